@@ -196,6 +196,19 @@ fn nobody_descends_to_a_deck_that_the_crew_has_closed() {
     let before = fleet.visited.clone();
     fleet.fly(60.0, |_| false);
     assert!(fleet.using_the_deck().is_empty());
+    for k in 0..2 {
+        println!(
+            "DBG {k} {:?} first {first} {:?}",
+            fleet.place(k),
+            fleet.drone(k).mission_state
+        );
+        for _ in 0..10 {
+            fleet.fly(5.0, |_| false);
+            let d = fleet.world.linked(k).unwrap();
+            let (p, c, m) = (d.autopilot.position(), d.control_authority(), d.autopilot.mode());
+            println!("DBG {k} {:?} {:?} {:?} {}", fleet.place(k), p, c, m);
+        }
+    }
     (0..2).for_each(|k| fleet.assert_waits_aside(k));
     let descents = |visited: &[State]| visited.iter().filter(|s| **s == State::Descent).count();
     for k in [first, second] {
@@ -287,20 +300,16 @@ fn drones_with_random_orders_aborts_and_outages_meet_neither_each_other_nor_an_o
     }
 }
 
-/// A drone whose battery reaches its reserve, 0.5 s after it has first entered a state.
+/// A drone whose battery reaches its reserve 0.5 s after it has first entered a state.
 fn low_battery_in(state: State, nodes: &NodeConfigs, seed: u64) -> Fleet {
-    let scenario = Scenario {
-        sea: "slight".parse().unwrap(),
-        ..Scenario::default()
-    };
-    let mut full = Fleet::of(scenario.clone(), nodes, seed);
-    full.fly(120.0, |f| f.state(0) == state);
-    full.assert_state(0, state);
-    let from_start_s = full.world.physics().time_since_start().secs() + scenario.start.hover_s + 0.5;
-    let mut low = scenario;
-    let autopilot = &mut low.drone.autopilot;
-    autopilot.battery = nodes.drone.mission.battery_reserve + from_start_s / autopilot.endurance_s;
-    Fleet::of(low, nodes, seed)
+    let mut fleet = Fleet::new(1, nodes, seed);
+    fleet.fly(120.0, |f| f.state(0) == state);
+    fleet.assert_state(0, state);
+    fleet.fly(0.5, |_| false);
+    let linked = fleet.world.linked(0).unwrap();
+    // Reported in whole percents.
+    linked.autopilot.battery = nodes.drone.mission.battery_reserve - 0.01;
+    fleet
 }
 
 #[test]

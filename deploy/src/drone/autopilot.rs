@@ -32,11 +32,6 @@ const IDLE_WAIT: Duration = Duration::from_millis(2);
 /// A step is due after this long without input, ns.
 const MAX_STEP_PERIOD_NS: i64 = 10_000_000;
 
-/// Whether its pilot sends attitude set-points.
-pub fn sends_attitudes(computer: &DroneComputer) -> bool {
-    computer.drone.pilot.output == Output::Attitude
-}
-
 /// The node of this computer, for a start with this boot id.
 pub fn node(computer: &DroneComputer, boot: u32) -> AutopilotLink {
     let drone = &computer.drone;
@@ -44,7 +39,7 @@ pub fn node(computer: &DroneComputer, boot: u32) -> AutopilotLink {
         &computer.autopilot,
         &drone.odometry,
         &drone.airframe,
-        sends_attitudes(computer),
+        drone.pilot.output == Output::Attitude,
         drone.predictor.datum,
         computer.bridge.drone_id,
         boot,

@@ -46,6 +46,15 @@ impl Planner {
     }
 }
 
+/// Autopilots.
+#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
+pub enum Autopilot {
+    /// PX4.
+    Px4,
+    /// ArduPilot's copter.
+    Ardupilot,
+}
+
 /// What the vessel does.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum Course {
@@ -172,6 +181,9 @@ pub struct SceneArgs {
     /// Planner that flies [default: what the configuration says, alight]
     #[arg(long, value_enum)]
     pub planner: Option<Planner>,
+    /// Autopilot whose character the simulated one has [default: what the scenario says, px4]
+    #[arg(long, value_enum)]
+    pub autopilot: Option<Autopilot>,
     /// What the vessel does [default: drift]
     #[arg(long, value_enum)]
     pub vessel: Option<Course>,

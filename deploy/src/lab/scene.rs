@@ -9,10 +9,11 @@ use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
 use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::sea::SeaConfig;
 use alight_sim::physics::vessel;
+use alight_uav::autopilot::modes::Firmware;
 
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Exit};
-use crate::lab::args::{Course, SceneArgs, WindArg};
+use crate::lab::args::{Autopilot, Course, SceneArgs, WindArg};
 use crate::terminal;
 
 /// Prints the simulated world's configuration with every default.
@@ -73,6 +74,7 @@ impl Scene {
             vessel: vessel.vessel,
             deck: vessel.deck,
             bridge: drone.bridge,
+            autopilot: drone.autopilot,
             drone: drone.drone,
             baseline: None,
         };
@@ -96,6 +98,13 @@ impl Scene {
             nodes.select(planner.kind());
         }
         flags.take("planner", Some(nodes.bench_planner().name()));
+        if let Some(autopilot) = args.autopilot {
+            flags.take("autopilot", Some(format!("{autopilot:?}").to_lowercase()));
+            scenario.drone.autopilot.firmware = match autopilot {
+                Autopilot::Px4 => Firmware::Px4,
+                Autopilot::Ardupilot => Firmware::ArduCopter,
+            };
+        }
         if let Some(course) = args.vessel {
             flags.take("vessel", Some(format!("{course:?}").to_lowercase()));
             scenario.vessel.course = match course {

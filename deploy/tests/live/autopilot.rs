@@ -1,17 +1,22 @@
-//! `alight autopilot` as a process on real sockets and shared memory, the protocol-level autopilot at
+//! `alight autopilot` as a process on real sockets and shared memory, the simulated autopilot at
 //! the other end. Nothing here asserts a time: bounds on waiting are only against tests that never end.
 use std::net::UdpSocket;
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
+use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, DroneState, Header, MissionState, SetPoint, SetPointKind, State,
 };
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::transport::clock::ProcessClock;
 use alight_shared::transport::memory;
-use alight_sim::autopilots::fake::FakeAutopilot;
+use alight_sim::autopilots::simulated::{SimulatedAutopilot, mode_number};
+use alight_sim::physics::drone::{AutopilotConfig, NavigationConfig, PlantState};
+use alight_sim::physics::streams::Streams;
 use alight_uav::autopilot::modes::Firmware;
+
+use nalgebra::Vector3;
 
 use crate::common::{alight, errors};
 
@@ -24,7 +29,7 @@ struct Scene {
     _services: memory::Services,
     child: Child,
     socket: UdpSocket,
-    autopilot: FakeAutopilot,
+    autopilot: SimulatedAutopilot,
     began: Instant,
     to_it: Vec<Vec<u8>>,
     odometry: memory::Subscriber<DroneState>,
@@ -36,6 +41,23 @@ struct Scene {
     newest: Option<DroneState>,
     state: AutopilotState,
     received: u32,
+}
+
+/// A drone that stands still in the air.
+fn still() -> PlantState {
+    PlantState {
+        position: Vector3::new(0.0, 0.0, -5.0),
+        specific_force: Vector3::new(0.0, 0.0, -GRAVITY),
+        ..PlantState::default()
+    }
+}
+fn hovering(firmware: Firmware) -> SimulatedAutopilot {
+    let c = AutopilotConfig {
+        firmware,
+        ..AutopilotConfig::default()
+    };
+    let (n, streams) = (NavigationConfig::default(), Streams::new(1));
+    SimulatedAutopilot::new(&c, &n, &DroneGeometry::default(), &streams, &still(), 0.4)
 }
 
 impl Drop for Scene {
@@ -79,7 +101,7 @@ impl Scene {
             _services: services,
             child,
             socket,
-            autopilot: FakeAutopilot::new(firmware, 5.0),
+            autopilot: hovering(firmware),
             began: Instant::now(),
             to_it: Vec::new(),
             sequence: 0,
@@ -96,8 +118,15 @@ impl Scene {
         while let Ok(n) = self.socket.recv(&mut buffer) {
             self.to_it.push(buffer[..n].to_vec());
         }
-        let t_s = 1000.0 + self.began.elapsed().as_secs_f64();
-        for bytes in self.autopilot.step(t_s, &std::mem::take(&mut self.to_it)) {
+        let t_s = self.began.elapsed().as_secs_f64();
+        let truth = PlantState {
+            at: Time::from_secs(t_s),
+            ..still()
+        };
+        let (_, sent) = self
+            .autopilot
+            .step_bytes(&truth, &std::mem::take(&mut self.to_it));
+        for bytes in sent {
             // The program may not listen yet.
             let _lost = self.socket.send(&bytes);
         }
@@ -146,7 +175,7 @@ fn pilot_on_the_ground_hands_the_drone_over_and_takes_it_back_over_udp() {
         s.until("odometry", |s| s.received > 100);
         // PX4 refuses until set-points were offered long enough: a person tries again.
         for _ in 0..MOST_ROUNDS {
-            if s.autopilot.choose(FakeAutopilot::offboard_mode(firmware)) {
+            if s.autopilot.choose(mode_number(firmware, AutopilotMode::Offboard)) {
                 break;
             }
             s.round();
@@ -154,16 +183,16 @@ fn pilot_on_the_ground_hands_the_drone_over_and_takes_it_back_over_udp() {
         s.until("our mode", |s| s.state.mode == AutopilotMode::Offboard);
         // A landing is commanded: in flight nothing is offered, and GUIDED is no longer left to itself.
         s.mission = State::Tracking;
-        let n = s.autopilot.set_points.len();
-        s.until("set-points", |s| s.autopilot.set_points.len() > n + 100);
-        s.autopilot.choose(FakeAutopilot::manual_mode(firmware));
+        let n = s.autopilot.set_points;
+        s.until("set-points", |s| s.autopilot.set_points > n + 100);
+        s.autopilot.choose(mode_number(firmware, AutopilotMode::Other));
         s.until("the other mode", |s| s.state.mode == AutopilotMode::Other);
         // What was under way arrives; then nothing more, although the pilot goes on.
         (0..25).for_each(|_| s.round());
-        let n = s.autopilot.set_points.len();
+        let n = s.autopilot.set_points;
         (0..100).for_each(|_| s.round());
-        assert_eq!(s.autopilot.set_points.len(), n, "{firmware:?}");
-        assert_eq!(s.autopilot.mode, FakeAutopilot::manual_mode(firmware));
+        assert_eq!(s.autopilot.set_points, n, "{firmware:?}");
+        assert_eq!(s.autopilot.mode(), mode_number(firmware, AutopilotMode::Other));
     }
 }
 

@@ -34,7 +34,7 @@ fn is_safe(flown: &Flown) -> bool {
         .iter()
         .any(|f| fault.starts_with(f));
     let landed = flown.entered("Landed")
-        && !flown.autopilot.armed
+        && !flown.autopilot.armed()
         && o["rest_position_error_m"].as_f64().is_some_and(|e| e < 1.0)
         && o["live"]["motors_on_deck_s"]
             .as_f64()

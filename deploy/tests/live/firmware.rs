@@ -9,10 +9,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use alight_shared::frames::Datum;
+use alight_shared::geometry::{DroneGeometry, GRAVITY};
+use alight_shared::msg::AutopilotMode;
 use alight_shared::time::{Time, TrueTime};
-use alight_sim::autopilots::fake::FakeAutopilot;
+use alight_sim::autopilots::simulated::{SimulatedAutopilot, mode_number};
 use alight_sim::autopilots::stand_in;
-use alight_sim::physics::drone::PlantState;
+use alight_sim::physics::drone::{AutopilotConfig, NavigationConfig, PlantState};
+use alight_sim::physics::streams::Streams;
 use alight_uav::autopilot::message::{CommandResult, Message, command};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::wire::Decoder;
@@ -30,8 +33,6 @@ const FIELD_DECLINATION: f64 = 0.0807;
 const GYROSCOPES_HZ: f64 = 1.8 * 400.0;
 /// PX4 answers every so many samples, as it does with its own IMU_GYRO_RATEMAX.
 const PX4_ANSWERS: u32 = 2;
-/// What its own clock reads at the world's time zero, s.
-const BOOTED_S: f64 = 1000.0;
 /// Height above its pad that the person takes off to, m.
 const TAKE_OFF_M: f64 = 8.0;
 /// Commanded thrust below this fraction of hover presses the drone onto the deck: in the air no wave asks for it.
@@ -113,10 +114,11 @@ impl Link {
 
 /// A firmware and the person at its controls.
 struct Controls {
-    a: FakeAutopilot,
+    a: Option<SimulatedAutopilot>,
     link: Link,
     flight: Flight,
-    pad: Option<Vector3<f64>>,
+    pad: Vector3<f64>,
+    taken_off: bool,
     slice: Option<Time<TrueTime>>,
     /// When the pilot first pressed the drone onto the deck, s.
     pressed_s: Option<f64>,
@@ -125,69 +127,75 @@ struct Controls {
     tilt_beyond: f64,
 }
 
+/// A firmware that stands on its pad, with good sensors: the stand-in that feeds it has its own errors.
+fn on_pad(firmware: Firmware, at: &PlantState) -> SimulatedAutopilot {
+    let c = AutopilotConfig {
+        firmware,
+        loss_after_s: 0.5,
+        ..AutopilotConfig::default()
+    };
+    let (g, n) = (DroneGeometry::default(), NavigationConfig::without_errors());
+    let hover = g.mass_kg * GRAVITY / g.max_thrust_n;
+    let mut a = SimulatedAutopilot::new(&c, &n, &g, &Streams::new(1), at, hover);
+    a.origin = ORIGIN;
+    a.arm(false);
+    a
+}
+
 impl Controls {
     fn new(flight: Flight, link: Link) -> Controls {
-        let mut a = FakeAutopilot::new(flight.firmware, 0.0);
-        a.fly_plant();
-        (a.origin, a.armed) = (ORIGIN, false);
         Controls {
-            a,
+            a: None,
             link,
             flight,
-            pad: None,
+            pad: Vector3::zeros(),
+            taken_off: false,
             slice: None,
             pressed_s: None,
             commanded_tilt: 0.0,
             tilt_beyond: 0.0,
         }
     }
-    /// Follows what is commanded from when the drone was given.
-    fn observe(&mut self, t_s: f64, dt: f64) {
-        let tilt = |q: &UnitQuaternion<f64>| (q * Vector3::z()).angle(&Vector3::z());
-        let (wanted, thrust) = self.a.wanted();
-        self.commanded_tilt = (self.commanded_tilt * (-dt / TILT_MEMORY_S).exp()).max(tilt(&wanted));
-        if self.a.mode != FakeAutopilot::offboard_mode(self.a.firmware) || self.pressed_s.is_some() {
-            return;
+    /// One slice with the drone's motion in this firmware's own NED: rotor outputs, or motors off.
+    fn step(&mut self, f: &PlantState) -> Option<[f64; 4]> {
+        if self.a.is_none() {
+            self.pad = f.position;
         }
-        self.tilt_beyond = self.tilt_beyond.max(tilt(&self.a.attitude) - self.commanded_tilt);
-        if thrust < PRESSES * self.a.hover {
-            self.pressed_s = Some(t_s);
-        }
-    }
-    /// One slice with the drone's motion in this firmware's own NED: rotor outputs.
-    fn step(&mut self, f: &PlantState) -> [f64; 4] {
-        let (a, t_s) = (&mut self.a, f.at.secs());
-        a.set_motion(f.position, f.velocity, f.attitude, f.rates, f.specific_force);
+        let firmware = self.flight.firmware;
+        let a = self.a.get_or_insert_with(|| on_pad(firmware, f));
+        let t_s = f.at.secs();
         // The person: arms, takes off, and gives the drone once it is up.
-        let pad = *self.pad.get_or_insert(f.position);
         let dt = (f.at - self.slice.replace(f.at).unwrap_or_default()).secs();
-        let hz = 1.0 / dt;
-        let armable = a.firmware == Firmware::Px4 || hz >= GYROSCOPES_HZ;
-        if t_s > 3.0 && armable && a.manual_hold_position.is_none() {
-            a.armed = true;
-            a.manual_hold_position = Some(pad - Vector3::z() * TAKE_OFF_M);
+        let armable = firmware == Firmware::Px4 || 1.0 / dt >= GYROSCOPES_HZ;
+        if t_s > 3.0 && armable && !self.taken_off {
+            a.arm(true);
+            a.hold_at(self.pad - Vector3::z() * TAKE_OFF_M);
+            self.taken_off = true;
         }
-        if t_s > 12.0 && a.chosen == FakeAutopilot::manual_mode(a.firmware) {
+        if t_s > 12.0 && a.chosen() == mode_number(firmware, AutopilotMode::Other) {
             // PX4 refuses until an offer has lasted: a person tries again.
-            let _refused = a.choose(FakeAutopilot::offboard_mode(a.firmware));
+            let _refused = a.choose(mode_number(firmware, AutopilotMode::Offboard));
         }
         let mut received = self.link.receive();
         let out = self.flight.cable_out && self.pressed_s.is_some_and(|at| t_s < at + CABLE_OUT_S);
         if out {
             received.clear();
         }
-        let now_s = t_s + BOOTED_S;
         let first = a.commands.iter().find(|(_, c)| c.command == command::ARM_DISARM);
-        let denied = first.is_none_or(|(at, _)| now_s < at + self.flight.denies_s);
+        let denied = first.is_none_or(|(at, _)| t_s < at.secs() + self.flight.denies_s);
         a.answer = (denied && self.pressed_s.is_some() && self.flight.denies_s > 0.0)
             .then_some(CommandResult::Denied);
-        for bytes in a.step(now_s, &received) {
-            if !out {
-                self.link.send(&bytes);
-            }
+        let (motors, sent) = a.step_bytes(f, &received);
+        for bytes in sent.iter().filter(|_| !out) {
+            self.link.send(bytes);
         }
-        let motors = a.motors();
-        self.observe(t_s, dt);
+        // What is commanded from when the drone was given.
+        let tilt = |q: &UnitQuaternion<f64>| (q * Vector3::z()).angle(&Vector3::z());
+        self.commanded_tilt = (self.commanded_tilt * (-dt / TILT_MEMORY_S).exp()).max(tilt(&a.wanted()));
+        if a.in_offboard() && self.pressed_s.is_none() {
+            self.tilt_beyond = self.tilt_beyond.max(tilt(&f.attitude) - self.commanded_tilt);
+            self.pressed_s = (a.thrust() < PRESSES * a.hover_thrust()).then_some(t_s);
+        }
         motors
     }
 }
@@ -218,7 +226,7 @@ fn fly_json(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
         }
         (asked, frame) = (false, frame + 1);
         sensed.position += local;
-        outputs = flown.step(&sensed);
+        outputs = flown.step(&sensed).unwrap_or_default();
     }
     flown
 }
@@ -266,12 +274,13 @@ fn fly_hil(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
                         continue;
                     }
                     stand_in::advance(b, &s, dt);
-                    let u = flown.step(b);
+                    let motors = flown.step(b);
                     sample += 1;
                     if !sample.is_multiple_of(PX4_ANSWERS) {
                         continue;
                     }
-                    let _gone = link.write_all(&stand_in::motor_answer(s.time_us, u, flown.a.armed));
+                    let (armed, u) = (motors.is_some(), motors.unwrap_or_default());
+                    let _gone = link.write_all(&stand_in::motor_answer(s.time_us, u, armed));
                 }
                 _ => {}
             }
@@ -285,7 +294,7 @@ pub struct Flown {
     /// What `alight land` says.
     pub outcome: Value,
     pub errors: String,
-    pub autopilot: FakeAutopilot,
+    pub autopilot: SimulatedAutopilot,
     /// Farthest beyond the commanded tilt until the drone touched the deck, rad.
     pub tilt_beyond: f64,
 }
@@ -346,7 +355,7 @@ pub fn fly(name: &str, flight: &Flight) -> Flown {
         })
     };
     let out = run(format!(
-        "land --autopilot {kind} --connect {connect} --firmware {} --scenario {} --warm-up 20 --json --instance {name} {}",
+        "land --autopilot {kind} --external --connect {connect} --firmware {} --scenario {} --warm-up 20 --json --instance {name} {}",
         config.display(),
         scene.display(),
         flight.flags
@@ -357,7 +366,7 @@ pub fn fly(name: &str, flight: &Flight) -> Flown {
     Flown {
         outcome: serde_json::from_str(printed(&out).lines().last().unwrap_or("null")).unwrap(),
         errors: errors(&out),
-        autopilot: controls.a,
+        autopilot: controls.a.expect("it never flew"),
         tilt_beyond: controls.tilt_beyond,
     }
 }
@@ -369,8 +378,8 @@ fn land(firmware: Firmware) {
     let (a, why) = (&flown.autopilot, flown.show());
     println!("{}", flown.outcome);
     assert_eq!(
-        a.chosen,
-        FakeAutopilot::offboard_mode(firmware),
+        a.chosen(),
+        mode_number(firmware, AutopilotMode::Offboard),
         "the mode was changed"
     );
     let landed = flown.entered("Landed");
@@ -378,7 +387,7 @@ fn land(firmware: Firmware) {
         assert_eq!(flown.disarms(), 0, "disarmed without a landing\n{why}");
     }
     assert!(landed, "{why}");
-    assert!(!a.armed, "it was not disarmed\n{why}");
+    assert!(!a.armed(), "it was not disarmed\n{why}");
     // Motors off by one command or two, and by nothing else than the forced disarm.
     assert!((1..=2).contains(&flown.disarms()), "{why}");
     assert_eq!(flown.outcome["outcome"], "success", "{why}");

@@ -101,13 +101,16 @@ impl Installed {
         radio(&mut drone, "drone-1", &["vessel-1"], "connect");
         vessel.insert("sensors".into(), sensors.clone().into());
         drone.insert("instance".into(), instance.clone().into());
-        // The simulated vehicles speak for the autopilot.
-        table(&mut drone, "supervision").insert("autopilot".into(), false.into());
+        // The simulated autopilot sends its MAVLink there.
+        let mavlink = format!("127.0.0.1:{}", free_port());
+        let connect = format!("udpin://{mavlink}");
+        table(&mut drone, "autopilot").insert("connect".into(), connect.into());
         change(&mut vessel, &mut drone);
 
         let mut world = Table::new();
         world.insert("instance".into(), instance.clone().into());
         world.insert("sensors".into(), sensors.into());
+        world.insert("mavlink".into(), mavlink.into());
         world.insert("epoch_ns".into(), epoch_ns.into());
         world.insert("seed".into(), i64::try_from(seed).expect("small").into());
         world.insert("sea".into(), "moderate".into());

@@ -296,7 +296,7 @@ fn flight(firmware: Firmware, program: &Path) -> bool {
         std::thread::spawn(move || Person::new(firmware, link).fly(&end))
     };
     let out = run(format!(
-        "land --autopilot {kind} --connect {connect} --sea moderate --warm-up {WARM_UP_S} --seed 1 --json \
+        "land --autopilot {kind} --external --connect {connect} --sea moderate --warm-up {WARM_UP_S} --seed 1 --json \
          --instance {name} --firmware {}",
         config.display()
     ));

@@ -1,15 +1,15 @@
 //! The simulated drone as the plant of a real firmware (PX4, ArduPilot): what its sensors feel out, its
 //! motors in. Pure: bytes are made and read here, sockets belong to the process around it.
 //!
-//! [`px4`] speaks PX4's simulator API (MAVLink HIL messages), [`ardupilot`] ArduPilot's JSON backend; [`fake`]
-//! is an autopilot at protocol level in the place of a firmware.
+//! [`px4`] speaks PX4's simulator API (MAVLink HIL messages), [`ardupilot`] ArduPilot's JSON backend. [`simulated`] is
+//! an autopilot of our own with the character of either, in the place of a firmware.
 //! Sea, deck, contact, wind, camera and rangefinder are those of every other landing.
 
 pub mod ardupilot;
 mod config;
-pub mod fake;
 pub mod px4;
 mod sensors;
+pub mod simulated;
 pub mod stand_in;
 
 pub use config::FirmwareConfig;

@@ -9,12 +9,13 @@ use proptest::prelude::*;
 
 use super::px4::Px4Plant;
 use super::{FirmwareConfig, FirmwareSensors, ardupilot, motors, stand_in};
-use crate::harness::physics::{EXCHANGES_PER_TICK, Physics, TICK};
+use crate::harness::physics::{Physics, TICK};
 use crate::harness::scenario::Scenario;
 use crate::physics::drone::{NavigationConfig, PlantState};
 use crate::physics::sea::SeaConfig;
 
-/// Exchanges a second.
+/// Exchanges in a tick, and a second.
+const EXCHANGES_PER_TICK: u32 = 4;
 const RATE_HZ: f64 = 400.0;
 
 /// Rotor outputs (linear in thrust) that fly to `place`: position, attitude and rate loops in cascade.
@@ -87,7 +88,7 @@ fn fly(
     for tick in 0..3500_u32 {
         let t_s = TICK.secs() * f64::from(tick);
         let deck = physics.deck().position.0;
-        physics.advance_with_firmware(EXCHANGES_PER_TICK, |_, truth| exchange(truth, t_s, &start, &deck));
+        physics.advance_with(EXCHANGES_PER_TICK, |_, truth| exchange(truth, t_s, &start, &deck));
         let drone = physics.drone(0).unwrap_or_default().position.0;
         if (14.0..18.0).contains(&t_s) {
             hover = hover.max((drone - (deck - Vector3::z() * 4.0)).norm());
@@ -225,7 +226,7 @@ fn drone_without_a_firmware_stands_on_its_pad_while_the_sea_goes_on() {
     let before = physics.drone(0).unwrap_or_default().position.0;
     let mut exchanges = 0;
     for _ in 0..500 {
-        physics.advance_with_firmware(EXCHANGES_PER_TICK, |_, truth| {
+        physics.advance_with(EXCHANGES_PER_TICK, |_, truth| {
             exchanges += 1;
             assert!((truth.specific_force - Vector3::new(0.0, 0.0, -GRAVITY)).norm() < 1e-6);
             None
@@ -255,7 +256,7 @@ fn px4_plant_waits_for_the_samples_that_px4_answers() {
     // As seen of PX4: at first each sample, then, where its rate loop runs half as often, every second.
     let (mut slice, mut waits) = (0_u32, Vec::new());
     for _ in 0..100 {
-        physics.advance_with_firmware(EXCHANGES_PER_TICK, |_, truth| {
+        physics.advance_with(EXCHANGES_PER_TICK, |_, truth| {
             plant.encode_sensors(truth, RATE_HZ);
             let every = if slice < 200 { 1 } else { 2 };
             slice += 1;

@@ -2,6 +2,7 @@
 
 pub mod age;
 pub mod cameras;
+pub mod link;
 pub mod outcome;
 pub mod physics;
 pub mod scenario;

@@ -1,5 +1,4 @@
-//! The simulated world without any of Alight's nodes: sea, vessel, drones with their autopilots, the
-//! sensors of all. The lock-step [`super::world::World`] and the process of the simulated vehicles share it.
+//! The simulated world without any of Alight's nodes: sea, vessel, drones, the sensors of all. The lock-step [`super::world::World`] and the process of the simulated vehicles share it.
 //!
 //! Each drone meets the deck and the water alone. Two whose spans overlap have collided: that is counted, and they fly on.
 //! Drones fly through keep-out volumes, which the judge counts.
@@ -8,7 +7,7 @@ use core::f64::consts::TAU;
 
 use alight_shared::config::{Check, Keys};
 use alight_shared::frames::{Deck, DroneBody, VesselBody, wrap_angle};
-use alight_shared::msg::{AutopilotState, DroneState, Header, MissionState, Seq, SetPoint, State};
+use alight_shared::msg::{Header, MissionState, Seq, State};
 use alight_shared::surroundings::{KeepOut, MAX_KEEP_OUT};
 use alight_shared::time::{DroneClock, Span, Time, TrueTime, VesselClock};
 use alight_usv::sensors::Readings;
@@ -17,9 +16,12 @@ use nalgebra::Vector3;
 use super::outcome::{ContactEvent, Observation};
 use super::scenario::{Scenario, SetupError};
 use super::trace::TracePoint;
+use crate::autopilots::simulated::SimulatedAutopilot;
 use crate::physics::body::RigidState;
 use crate::physics::deck_motion::DeckCarrier;
-use crate::physics::drone::{DroneStart, Part, PlantState, ROTORS, SimulatedDrone, wind_to_deg};
+use crate::physics::drone::{
+    AutopilotConfig, DroneStart, Part, PlantState, ROTORS, SimulatedDrone, wind_to_deg,
+};
 use crate::physics::sea::Sea;
 use crate::physics::streams::Streams;
 use crate::physics::vessel::response::{HullFiles, ResponseVessel};
@@ -30,10 +32,6 @@ use crate::sensors::{DroneReadings, DroneSensors, VesselSensors};
 
 /// The world's tick.
 pub const TICK: Span = Span::from_millis(10);
-/// The autopilot publishes its state every so many ticks.
-const AUTOPILOT_TICKS: u64 = 10;
-/// A firmware and the drone under it exchange this often in a tick, if it wants no other rate: 400 Hz.
-pub const EXCHANGES_PER_TICK: u32 = 4;
 /// Identity of the simulated vessel.
 pub const VESSEL_ID: u32 = 1;
 /// Identity of the first simulated drone; the others count on.
@@ -43,25 +41,12 @@ pub const BOOT: u32 = 1;
 /// A contact further below the deck's surface than this is with its side, m.
 const BELOW_SURFACE_M: f64 = 0.05;
 
-/// What autopilot, camera and rangefinder of a drone measure in one tick.
-#[derive(Clone, Debug)]
-pub struct DroneMeasurements {
-    /// The autopilot's odometry.
-    pub odometry: DroneState,
-    /// The autopilot's state, when due.
-    pub autopilot: Option<AutopilotState>,
-    /// Camera and rangefinder.
-    pub readings: DroneReadings,
-}
-
-/// One drone: its body with the autopilot once it has appeared, its sensors, what it has met.
+/// One drone: its body once it has appeared, its sensors, what it has met.
 struct Plant {
     identity: Identity,
     streams: Streams,
     sensors: DroneSensors,
     drone: Option<SimulatedDrone>,
-    /// A firmware turns its rotors in place of the simulated autopilot.
-    under_firmware: bool,
     sequence: u32,
     contacts: Vec<ContactEvent>,
     in_water: bool,
@@ -86,7 +71,6 @@ impl Plant {
             sensors: DroneSensors::new(&scenario.sensors, drone, deck, identity, &streams),
             streams,
             drone: None,
-            under_firmware: false,
             sequence: 0,
             contacts: Vec::new(),
             in_water: false,
@@ -112,11 +96,7 @@ impl Plant {
         let Some(drone) = &mut self.drone else { return };
         let at = drone.truth().position.0;
         let water_z = water(at.x, at.y);
-        let reports = if self.under_firmware {
-            drone.step_with_firmware(t, TICK, deck, water_z, exchanges.max(1), motors)
-        } else {
-            vec![drone.step(t.secs(), TICK.secs(), &deck[0], &deck[1], water_z)]
-        };
+        let reports = drone.step(t, TICK, deck, water_z, exchanges.max(1), motors);
         for report in reports {
             self.in_water |= report.in_water;
             self.motors_on = report.armed;
@@ -137,7 +117,6 @@ impl Plant {
 /// and gives nothing for a number that no drone has.
 pub struct Physics {
     t: Time<TrueTime>,
-    ticks: u64,
     started: Time<TrueTime>,
     sea: Sea,
     carrier: DeckCarrier,
@@ -179,7 +158,6 @@ impl Physics {
         };
         Ok(Physics {
             t: Time::EPOCH,
-            ticks: 0,
             started: Time::EPOCH + Span::from_secs(scenario.start.warm_up_s),
             sea,
             carrier,
@@ -227,58 +205,56 @@ impl Physics {
         plant.drone = Some(SimulatedDrone::new(&config, drone, deck, &plant.streams, start));
         (plant.in_water, plant.motors_on) = (false, true);
     }
-    /// A drone stands on a pad where the scenario places it, to be flown by a firmware.
+    /// A drone stands on a pad where the scenario places it, motors off.
     pub fn place_drone_on_pad(&mut self, k: usize) {
         self.place_drone(k);
-        self.fly_by_firmware(k);
         if let Some(drone) = self.drones.get_mut(k).and_then(|p| p.drone.as_mut()) {
             drone.stand();
         }
     }
-    /// A firmware turns a drone's rotors from now on.
-    pub fn fly_by_firmware(&mut self, k: usize) {
-        if let Some(plant) = self.drones.get_mut(k) {
-            plant.under_firmware = true;
-        }
+    /// The simulated autopilot of a drone that is in the air, in a person's mode, with its configuration.
+    pub fn autopilot(&self, k: usize) -> Option<(&AutopilotConfig, SimulatedAutopilot)> {
+        let plant = self.drones.get(k)?;
+        let drone = plant.drone.as_ref()?;
+        let (c, state, hover) = (
+            &self.scenario.drone,
+            drone.plant_state(self.t),
+            drone.hover_thrust(),
+        );
+        let geometry = &self.scenario.airframe;
+        let mut autopilot = SimulatedAutopilot::new(
+            &c.autopilot,
+            &c.navigation,
+            geometry,
+            &plant.streams,
+            &state,
+            hover,
+        );
+        autopilot.origin = self.scenario.sensors.vessel_gnss.datum;
+        Some((&c.autopilot, autopilot))
     }
 
     /// The vessel's sensors, now.
     pub fn vessel_readings(&mut self) -> Readings {
         self.vessel_sensors.step(self.t, &self.carrier.state())
     }
-    /// What a drone's instruments measure now; None before it is in the air.
-    pub fn drone_measurements(&mut self, k: usize) -> Option<DroneMeasurements> {
+    /// What a drone's camera and rangefinder measure now; None before it has appeared.
+    pub fn drone_readings(&mut self, k: usize) -> Option<DroneReadings> {
         let (t, deck, sea, lift) = (self.t, self.deck(), &self.sea, self.carrier.water_lift());
         let plant = self.drones.get_mut(k)?;
-        plant.drone.as_ref()?;
-        let header = plant.header(t);
-        let drone = plant.drone.as_ref()?;
-        Some(DroneMeasurements {
-            odometry: drone.odometry(header),
-            autopilot: (self.ticks.is_multiple_of(AUTOPILOT_TICKS)).then(|| drone.autopilot_state(header)),
-            readings: plant.sensors.step(t, &drone.truth(), &deck, |north, east| {
-                sea.surface(t, north, east).surface_z() - lift
-            }),
-        })
-    }
-    /// A drone's autopilot takes a set-point.
-    pub fn apply(&mut self, k: usize, set_point: &SetPoint) {
-        let Some(drone) = self.drones.get_mut(k).and_then(|p| p.drone.as_mut()) else {
-            return;
-        };
-        drone.apply(set_point);
-        self.hash(&set_point.attitude);
-        self.hash(&[set_point.thrust, set_point.position[0], set_point.position[2]]);
+        let truth = plant.truth()?;
+        Some(plant.sensors.step(t, &truth, &deck, |north, east| {
+            sea.surface(t, north, east).surface_z() - lift
+        }))
     }
 
-    /// Vessel, autopilots, drones and contacts move on by one tick.
+    /// Vessel and contacts move on by one tick; drones with their motors off.
     pub fn advance(&mut self) {
-        self.advance_with_firmware(EXCHANGES_PER_TICK, |_, _| None);
+        self.advance_with(1, |_, _| None);
     }
-    /// The same where firmwares turn rotors: `motors` is given the number and the state of a drone under a
-    /// firmware, so many times a tick ([`EXCHANGES_PER_TICK`]), and gives its motors as fractions of a rotor's
-    /// maximum thrust; None with all off.
-    pub fn advance_with_firmware(
+    /// The same with motors: so many times a tick `motors` is given the number and the state of each drone, and gives
+    /// its motors as fractions of a rotor's maximum thrust; None with all off.
+    pub fn advance_with(
         &mut self,
         exchanges: u32,
         mut motors: impl FnMut(usize, &PlantState) -> Option<[f64; ROTORS]>,
@@ -301,7 +277,6 @@ impl Physics {
         self.collide();
         self.hash(self.carrier.state().position.0.as_slice());
         self.t += TICK;
-        self.ticks += 1;
     }
 
     /// Counts the collisions that begin: spheres as wide as rotors and arms.
@@ -400,7 +375,7 @@ impl Physics {
     pub fn collisions(&self) -> u32 {
         self.drones.iter().map(|p| p.collisions).sum::<u32>().div_ceil(2)
     }
-    /// Hash of all true states and set-points so far.
+    /// Hash of all true states so far.
     pub fn digest(&self) -> u64 {
         self.digest
     }

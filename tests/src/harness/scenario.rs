@@ -8,6 +8,7 @@ use alight_shared::config::{Check, ConfigError, Keys};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::State;
 use alight_shared::time::{Clock, Span, Time};
+use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::planner::{Planner, PlannerKind};
 use alight_uav::settings::DroneSettings;
 use alight_usv::{DeckConfig, VesselNodeConfig};
@@ -71,8 +72,8 @@ config! {
         /// Source: it works from an unknown sea within 60 s.
         pub warm_up_s: f64 = 60.0, in 0.0..=600.0;
         /// The drone hovers this long before the landing is commanded, s.
-        /// Source: ours, the autopilot's own estimator has settled.
-        pub hover_s: f64 = 3.0, in 1.0..=60.0;
+        /// Source: ours, the link has found the autopilot, and a person has given it the mode.
+        pub hover_s: f64 = 5.0, in 1.0..=60.0;
     }
     check |this, at| {
         at.require(
@@ -199,6 +200,8 @@ pub struct NodeConfigs {
     pub deck: DeckConfig,
     /// The drone's bridge.
     pub bridge: BridgeConfig,
+    /// The drone's link to its autopilot.
+    pub autopilot: AutopilotLinkConfig,
     /// The drone's other processes.
     pub drone: DroneSettings,
     /// What flies in place of the drone's planner.

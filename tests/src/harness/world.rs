@@ -1,24 +1,26 @@
 //! The simulated world in lock-step with the nodes. [`World::tick`] is the architecture diagram:
 //! the vessel's computer ([`VesselComputer`]), radio; then on each drone's computer ([`DroneComputer`]) bridge,
-//! predictor, mission, planner, pilot; autopilots and physics at last, in the order data flow.
+//! predictor, mission, planner, pilot, autopilot link; autopilots and physics at last, in the order data flow.
 //!
 //! Delays belong here (radio, clocks, solve time, attitude lag), not to the nodes.
+
+use std::rc::Rc;
 
 use alight_bridge::{Bridge, BridgeConfig, BridgeIn, Packet, PacketKind};
 use alight_shared::admission::{Arrival, Sender};
 use alight_shared::checkpoint::Keeper;
 use alight_shared::msg::{
-    AutopilotState, Command, CommandKind, DeckForecast, DroneState, DroneStatus, Header, MissionState,
+    AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DroneStatus, Header, MissionState,
     OperatorCommand, Plan, SetPoint, TimeRequest,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock};
 use alight_shared::topics::TIME_REQUEST;
 use alight_shared::wire;
+use alight_uav::autopilot::{AutopilotIn, AutopilotLink};
 use alight_uav::camera::node::CameraIdentity;
 use alight_uav::mission::{Mission, MissionConfig, MissionIn, MissionOut};
-use alight_uav::odometry::Odometry;
-use alight_uav::pilot::{Pilot, PilotIn};
+use alight_uav::pilot::{Output, Pilot, PilotIn};
 use alight_uav::planner::{Planner, PlannerIn, PlannerOut};
 use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
 use alight_usv::deck::{DeckInputs, DeckOrder};
@@ -26,11 +28,12 @@ use alight_usv::{ComputerIn, VesselComputer, VesselIn, VesselNode};
 use serde::Serialize;
 
 use super::cameras::SimulatedCameras;
+use super::link::{LinkedAutopilot, MakeLink};
 use super::outcome::Observation;
-use super::physics::{BOOT, DRONE_ID, DroneMeasurements, EXCHANGES_PER_TICK, Physics, VESSEL_ID};
+use super::physics::{BOOT, DRONE_ID, Physics, VESSEL_ID};
 use super::scenario::{NodeConfigs, Scenario, SetupError, StateOutage};
 use super::tap::{NoTap, Tap};
-use crate::physics::drone::{PlantState, ROTORS};
+use crate::autopilots::simulated::{INNER_PER_OUTER, mode_number};
 use crate::radio::{ChannelCounts, Session};
 use crate::sensors::delay::DelayLine;
 
@@ -38,36 +41,6 @@ use crate::sensors::delay::DelayLine;
 const MAX_PLANS: usize = 64;
 /// Time between two of a drone's status messages (the bridge's process sends them so).
 const STATUS_PERIOD: Span = Span::from_millis(500);
-
-/// A firmware and the link to it, in the place of the simulated autopilot.
-pub trait FirmwareLink {
-    /// Rotor outputs for the drone's true state, [`EXCHANGES_PER_TICK`] times a tick; None: all off.
-    fn motors(&mut self, truth: &PlantState) -> Option<[f64; ROTORS]>;
-    /// Once a tick: what came over the link until now, as the drone's computer has it.
-    fn receive(&mut self, now: Time<DroneClock>) -> FirmwareOutputs;
-    /// What the drone's nodes published in this tick.
-    fn send(&mut self, now: Time<DroneClock>, outputs: &NodeOutputs);
-}
-
-/// What a link gives to the drone's nodes.
-#[derive(Clone, Debug, Default)]
-pub struct FirmwareOutputs {
-    /// Odometry, smooth; None: nothing new.
-    pub odometry: Option<DroneState>,
-    /// The autopilot's state, when due.
-    pub state: Option<AutopilotState>,
-}
-
-/// What the drone's nodes give to a link.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct NodeOutputs {
-    /// The pilot's set-point.
-    pub set_point: Option<SetPoint>,
-    /// The mission's state.
-    pub mission: Option<MissionState>,
-    /// The deck's forecast.
-    pub forecast: Option<DeckForecast>,
-}
 
 /// From a drone to the vessel.
 #[derive(Clone, Debug)]
@@ -109,12 +82,6 @@ impl World {
             physics,
         })
     }
-    /// A drone is flown by a firmware from now on.
-    pub fn attach_firmware(&mut self, k: usize, firmware: Box<dyn FirmwareLink>) {
-        self.physics.fly_by_firmware(k);
-        self.drones[k].firmware = Some(firmware);
-    }
-
     /// Runs the vessel's side until the start; the drones appear in the air a little before.
     pub fn warm_up(&mut self, tap: &mut impl Tap) {
         while self.warm_up_tick(tap) {}
@@ -123,7 +90,9 @@ impl World {
     pub fn warm_up_tick(&mut self, tap: &mut impl Tap) -> bool {
         let now = self.physics.now();
         if now >= self.physics.hover_from() && self.physics.drone(0).is_none() {
-            (0..self.drones.len()).for_each(|k| self.physics.place_drone(k));
+            for drone in &mut self.drones {
+                drone.appear(&mut self.physics);
+            }
         }
         let warms_up = now < self.physics.started();
         if warms_up {
@@ -160,7 +129,6 @@ impl World {
     }
     /// A person takes a drone away and starts it anew, its computer too: it appears in the air where it began.
     pub fn restart_drone(&mut self, k: usize, scenario: &Scenario, nodes: &NodeConfigs) {
-        self.physics.place_drone(k);
         let before = &self.drones[k];
         let radio = before.radio.clone();
         let boot = before.boot + 1;
@@ -168,6 +136,11 @@ impl World {
             radio,
             ..DroneComputer::new(k, scenario, nodes, &self.physics, boot)
         };
+        self.drones[k].appear(&mut self.physics);
+    }
+    /// A drone's autopilot with the link to it; None before it has appeared.
+    pub fn linked(&mut self, k: usize) -> Option<&mut LinkedAutopilot> {
+        self.drones[k].linked.as_mut()
     }
 
     /// A drone's mission process dies; the others live on.
@@ -201,6 +174,7 @@ impl World {
     /// All processes of a drone's computer die, as with their supervisor.
     pub fn kill_computer(&mut self, k: usize) {
         self.drones[k].is_dead = true;
+        self.kill_link(k);
     }
     /// They start anew, with or without the checkpoints of the ones before them.
     pub fn start_computer(
@@ -215,7 +189,9 @@ impl World {
         let new = DroneComputer::new(k, scenario, nodes, &self.physics, boot);
         let before = core::mem::replace(before, new);
         let drone = &mut self.drones[k];
-        (drone.radio, drone.firmware, drone.keeper) = (before.radio, before.firmware, before.keeper);
+        (drone.radio, drone.linked, drone.keeper) = (before.radio, before.linked, before.keeper);
+        drone.handed_over = before.handed_over;
+        drone.linked.iter_mut().for_each(|l| l.start(checkpoints));
         drone.predictor = drone.predictor.take().map(Predictor::as_successor);
         drone.mission = drone.mission.take().map(Mission::as_successor);
     }
@@ -229,6 +205,17 @@ impl World {
         let (settings, boot) = (nodes.settings(), drone.next_boot(Checkpoints::Kept));
         let pilot = Pilot::new(&settings.pilot, &settings.airframe, DRONE_ID + k as u32, boot);
         drone.pilot = Some(pilot);
+    }
+    /// A drone's link to its autopilot dies.
+    pub fn kill_link(&mut self, k: usize) {
+        self.drones[k].linked.iter_mut().for_each(LinkedAutopilot::kill);
+    }
+    /// It starts anew, with or without the checkpoint of the one before it.
+    pub fn start_link(&mut self, k: usize, checkpoints: Checkpoints) {
+        self.drones[k]
+            .linked
+            .iter_mut()
+            .for_each(|l| l.start(checkpoints));
     }
     /// A drone's planner process dies for good.
     pub fn kill_planner(&mut self, k: usize) {
@@ -295,7 +282,7 @@ impl World {
             self.broadcast(t, PacketKind::Command, &output.commands);
         }
 
-        // Each drone's computer: bridge -> predictor -> mission -> planner -> pilot -> autopilot.
+        // Each drone's computer: bridge -> predictor -> mission -> planner -> pilot -> link to the autopilot.
         for (k, drone) in self.drones.iter_mut().enumerate() {
             match k {
                 0 => drone.tick(&mut self.physics, self.shares_deck, tap),
@@ -304,10 +291,9 @@ impl World {
         }
 
         // Sea, vessel, autopilots, drones, contact.
-        self.physics
-            .advance_with_firmware(EXCHANGES_PER_TICK, |k, truth| {
-                self.drones[k].firmware.as_mut().and_then(|f| f.motors(truth))
-            });
+        self.physics.advance_with(INNER_PER_OUTER, |k, truth| {
+            self.drones[k].linked.as_mut().and_then(|l| l.turn(truth))
+        });
     }
 
     fn received_at_vessel(
@@ -389,7 +375,11 @@ pub struct DroneComputer {
     radio: Session<Packet, Uplink>,
     bridge: Bridge,
     cameras: Option<SimulatedCameras>,
-    odometry: Odometry,
+    make_link: MakeLink,
+    /// The autopilot and the link to it; None before the drone has appeared.
+    linked: Option<LinkedAutopilot>,
+    /// A person has given it the mode once.
+    handed_over: bool,
     /// None: its process is dead.
     predictor: Option<Predictor>,
     /// None: its process is dead.
@@ -404,7 +394,6 @@ pub struct DroneComputer {
     pilot: Option<Pilot>,
     plans: DelayLine<Plan>,
     solve_delay: Span,
-    firmware: Option<Box<dyn FirmwareLink>>,
     commands: Vec<Command>,
     /// A test's set-point in place of the pilot's.
     external: Option<SetPoint>,
@@ -429,6 +418,24 @@ fn mission_config(scenario: &Scenario, nodes: &NodeConfigs) -> MissionConfig {
     }
 }
 
+/// Makes the link of a drone's computer.
+fn make_link(nodes: &NodeConfigs, id: u32) -> MakeLink {
+    let (config, drone) = (nodes.autopilot.clone(), nodes.drone.clone());
+    let attitudes = drone.pilot.output == Output::Attitude;
+    Rc::new(move |boot| {
+        let datum = drone.predictor.datum;
+        AutopilotLink::new(
+            &config,
+            &drone.odometry,
+            &drone.airframe,
+            attitudes,
+            datum,
+            id,
+            boot,
+        )
+    })
+}
+
 impl DroneComputer {
     fn new(k: usize, scenario: &Scenario, nodes: &NodeConfigs, physics: &Physics, boot: u32) -> Self {
         let (drone, id) = (&nodes.settings(), DRONE_ID + k as u32);
@@ -449,7 +456,9 @@ impl DroneComputer {
             radio: Session::new(&scenario.radio, &streams),
             bridge: Bridge::new(&bridge, boot),
             cameras: SimulatedCameras::new(scenario, &drone.camera, &drone.deck, identity, &streams),
-            odometry: Odometry::new(&drone.odometry),
+            make_link: make_link(nodes, id),
+            linked: None,
+            handed_over: false,
             predictor: Some(Predictor::new(&drone.predictor(), boot)),
             mission: Some(Mission::new(&mission, &drone.airframe, &drone.deck, id, boot)),
             keeper: Keeper::default(),
@@ -458,7 +467,6 @@ impl DroneComputer {
             pilot: Some(Pilot::new(&drone.pilot, &drone.airframe, id, boot)),
             plans: DelayLine::new(MAX_PLANS),
             solve_delay: Span::from_secs(scenario.solve_delay_s),
-            firmware: None,
             commands: Vec::new(),
             external: None,
             status_due: Time::EPOCH,
@@ -478,6 +486,14 @@ impl DroneComputer {
         self.boot += 1;
         self.boot
     }
+    /// The drone appears in the air, flown by a person.
+    fn appear(&mut self, physics: &mut Physics) {
+        physics.place_drone(self.k);
+        let (streams, make) = (physics.streams().of_drone(self.k), Rc::clone(&self.make_link));
+        self.linked = physics
+            .autopilot(self.k)
+            .map(|(config, autopilot)| LinkedAutopilot::new(config, &streams, autopilot, make, self.boot));
+    }
 
     /// What the radio carried and lost: to the drone, to the vessel.
     pub fn radio_counts(&self) -> [ChannelCounts; 2] {
@@ -494,8 +510,8 @@ impl DroneComputer {
         let packets = self.radio.at_drone(t).into_iter().map(stamped).collect();
         if self.is_dead {
             // What arrives is lost.
-            let _lost = physics.drone_measurements(k);
-            let _lost = self.firmware.as_mut().map(|firmware| firmware.receive(now));
+            let _lost = physics.drone_readings(k);
+            let _lost = self.linked.as_mut().map(|linked| linked.receive(t, now));
             return;
         }
         let input = BridgeIn { packets };
@@ -506,22 +522,19 @@ impl DroneComputer {
                 .send_to_vessel(t, TIME_REQUEST.bytes, Uplink::TimeRequest(request));
         }
 
-        // Odometry made smooth, cameras, rangefinder -> predictor.
-        let Some(DroneMeasurements {
-            odometry,
-            autopilot,
-            mut readings,
-        }) = physics.drone_measurements(k)
-        else {
+        // The autopilot over its link, cameras, rangefinder -> predictor.
+        let (Some(mut readings), Some(linked)) = (physics.drone_readings(k), &mut self.linked) else {
             return;
         };
-        let (odometry, autopilot) = match &mut self.firmware {
-            None => (Some(self.odometry.step(&odometry)), autopilot),
-            Some(firmware) => {
-                let outputs = firmware.receive(now);
-                (outputs.odometry, outputs.state)
-            }
-        };
+        if !self.handed_over {
+            // PX4 denies until set-points were streamed for long enough: the person tries again.
+            let autopilot = &mut linked.autopilot;
+            let offboard = mode_number(autopilot.firmware(), AutopilotMode::Offboard);
+            self.handed_over = autopilot.choose(offboard);
+        }
+        let flown = linked.receive(t, now);
+        let (odometry, autopilot) = (flown.odometry.last().copied(), flown.state);
+        readings.ranges.extend(flown.ranges);
         self.autopilot_state = autopilot.unwrap_or(self.autopilot_state);
         if let Some(cameras) = &mut self.cameras {
             cameras.step(t, now, &mut readings);
@@ -570,7 +583,10 @@ impl DroneComputer {
         if reports_status && t >= self.status_due {
             self.status_due = t + STATUS_PERIOD;
             let distance = DroneStatus::deck_distance_m(now, odometry.as_ref(), self.forecast.as_ref());
-            self.send_status(t, physics.header(k), distance);
+            let status = self.status(physics.header(k), distance);
+            if let Ok(bytes) = wire::encode(&status) {
+                self.radio.send_to_vessel(t, bytes.len(), Uplink::Status(status));
+            }
         }
 
         let input = PlannerIn {
@@ -589,15 +605,11 @@ impl DroneComputer {
             let _full = self.plans.push(t + self.solve_delay, plan);
         }
 
-        // Pilot -> autopilot.
+        // Pilot -> link to the autopilot.
         let stands_still = self
             .pilot_outage_window
             .is_some_and(|[from, until]| from <= t && t < until);
-        let mut outputs = NodeOutputs {
-            set_point: None,
-            mission,
-            forecast,
-        };
+        let mut set_point = None;
         if let Some(pilot) = self.pilot.as_mut().filter(|_| !stands_still) {
             let input = PilotIn {
                 plan,
@@ -609,19 +621,23 @@ impl DroneComputer {
             };
             let flown = pilot.step(now, &input);
             tap.pilot(t, now, &input, &flown);
-            outputs.set_point = self.external.or(flown.set_point);
-            self.last_set_point = outputs.set_point.or(self.last_set_point);
+            set_point = self.external.or(flown.set_point);
+            self.last_set_point = set_point.or(self.last_set_point);
         }
-        match (&mut self.firmware, &outputs.set_point) {
-            (Some(firmware), _) => firmware.send(now, &outputs),
-            (None, Some(set_point)) => physics.apply(k, &self.odometry.for_autopilot(set_point)),
-            (None, None) => {}
+        let input = AutopilotIn {
+            set_point,
+            mission,
+            forecast,
+            ..AutopilotIn::default()
+        };
+        if let Some(linked) = &mut self.linked {
+            linked.send(t, now, input);
         }
     }
 
-    fn send_status(&mut self, t: Time<TrueTime>, header: Header<DroneClock>, deck_distance_m: Option<f32>) {
+    fn status(&self, header: Header<DroneClock>, deck_distance_m: Option<f32>) -> DroneStatus {
         let (mission, autopilot) = (&self.mission_state, &self.autopilot_state);
-        let status = DroneStatus {
+        DroneStatus {
             header,
             state: mission.state,
             entered: mission.entered,
@@ -631,9 +647,6 @@ impl DroneComputer {
             landed: autopilot.landed,
             deck_distance_m,
             abort: mission.abort,
-        };
-        if let Ok(bytes) = wire::encode(&status) {
-            self.radio.send_to_vessel(t, bytes.len(), Uplink::Status(status));
         }
     }
 }

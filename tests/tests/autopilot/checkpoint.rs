@@ -1,11 +1,10 @@
 //! A link whose process ends in flight: the next one commands on, or begins anew.
 
 use alight_shared::frames::Datum;
-use alight_shared::msg::{LinkCheckpoint, State};
-use alight_sim::autopilots::fake::FakeAutopilot;
+use alight_shared::msg::{AutopilotMode, LinkCheckpoint, State};
 use nalgebra::Vector3;
 
-use crate::pair::{Pair, lead};
+use crate::rig::{Rig, lead};
 use crate::{BOTH, config};
 
 /// A restart takes so long, s.
@@ -14,8 +13,8 @@ const AWAY_S: f64 = 0.2;
 #[test]
 fn link_that_begins_with_a_checkpoint_commands_at_once_in_the_same_frame() {
     for firmware in BOTH {
-        let mut p = Pair::at(firmware, 5.0, &config(), Some(Datum::new(43.5, 16.3, 5.0)));
-        p.wired.autopilot.origin = Datum::new(43.5005, 16.2993, 5.0);
+        let mut p = Rig::at(firmware, 5.0, 0.0, &config(), Some(Datum::new(43.5, 16.3, 5.0)));
+        p.linked.autopilot.origin = Datum::new(43.5005, 16.2993, 5.0);
         p.run(5.0);
         p.give_the_mode();
         p.run(1.0);
@@ -48,14 +47,13 @@ fn link_that_begins_with_a_checkpoint_commands_at_once_in_the_same_frame() {
 #[test]
 fn link_that_begins_with_a_checkpoint_gives_way_to_who_took_the_drone_meanwhile() {
     for firmware in BOTH {
-        let mut p = Pair::commanding(firmware, 5.0, &config());
+        let mut p = Rig::commanding(firmware, 5.0, &config());
         p.mission = State::Tracking;
         // The report of the mode finds no link; the next one is due within half a second.
-        p.wired.cut = true;
-        let a = &mut p.wired.autopilot;
-        assert!(a.choose(FakeAutopilot::manual_mode(firmware)));
+        p.linked.cut = true;
+        assert!(p.choose(AutopilotMode::Other));
         p.restart_link(AWAY_S);
-        p.wired.cut = false;
+        p.linked.cut = false;
         let began_s = p.t_s;
         p.run(3.0);
         assert!(!p.authority().commands(), "{}", p.authority());
@@ -77,9 +75,9 @@ fn link_begins_anew_where_the_checkpoint_does_not_count() {
     ];
     for firmware in BOTH {
         for (what, away_s, change) in cases {
-            let mut p = Pair::commanding(firmware, 5.0, &config());
-            assert!(Vector3::from(p.wired.kept.origin).norm() < 1e-9 && p.wired.kept.commanding);
-            change(&mut p.wired.kept);
+            let mut p = Rig::commanding(firmware, 5.0, &config());
+            assert!(Vector3::from(p.linked.kept.origin).norm() < 1e-9 && p.linked.kept.commanding);
+            change(&mut p.linked.kept);
             p.restart_link(away_s);
             p.run(0.02);
             assert!(!p.authority().commands(), "{firmware:?}, {what}");

@@ -5,9 +5,8 @@ use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::autopilot::modes::Firmware;
 use nalgebra::{Quaternion, UnitQuaternion};
 
-use super::pair::{Pair, press};
+use super::rig::{Rig, hover, press};
 use super::{BOTH, config};
-use alight_sim::autopilots::fake::HOVER;
 
 /// A pilot that rocks the drone about its own axis at a heading of 180 degrees, as above a rocking deck.
 fn rock(d: &DroneState) -> SetPoint {
@@ -17,7 +16,7 @@ fn rock(d: &DroneState) -> SetPoint {
     SetPoint {
         attitude: [q.w, q.i, q.j, q.k],
         rates: [0.15 * turning * cos, 0.0, 0.0],
-        thrust: HOVER,
+        thrust: hover(),
         ..press(d)
     }
 }
@@ -30,8 +29,8 @@ fn ardu_copter_is_sent_no_body_rates() {
             send_rates,
             ..config()
         };
-        let mut p = Pair::commanding(firmware, 50.0, &c);
-        p.wired.autopilot.attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, core::f64::consts::PI);
+        let mut p = Rig::at(firmware, 50.0, core::f64::consts::PI, &c, None);
+        p.take_command();
         p.mission = State::Descent;
         p.pilot = Some(rock);
         p.run(1.5);
@@ -41,7 +40,7 @@ fn ardu_copter_is_sent_no_body_rates() {
             let state = p.odometry.last().expect("odometry").1;
             let [w, x, y, z] = rock(&state).attitude;
             let wanted = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-            sum += p.wired.autopilot.attitude.angle_to(&wanted).powi(2);
+            sum += p.truth().attitude.0.angle_to(&wanted).powi(2);
         }
         (sum / 450.0).sqrt()
     };
@@ -58,7 +57,7 @@ fn lean(d: &DroneState) -> SetPoint {
     let q = UnitQuaternion::from_euler_angles(0.4, 0.0, 0.0);
     SetPoint {
         attitude: [q.w, q.i, q.j, q.k],
-        thrust: HOVER,
+        thrust: hover(),
         ..press(d)
     }
 }
@@ -67,17 +66,17 @@ fn lean(d: &DroneState) -> SetPoint {
 fn tilted_drone_gets_the_thrust_that_the_pilot_commands() {
     // ArduCopter would add 9 % for the lean by itself.
     for firmware in BOTH {
-        let mut p = Pair::commanding(firmware, 50.0, &config());
+        let mut p = Rig::commanding(firmware, 50.0, &config());
         p.mission = State::Descent;
         p.pilot = Some(lean);
         p.run(2.0);
         assert!(
-            (p.wired.autopilot.thrust - HOVER).abs() < 0.005,
+            (p.linked.autopilot.thrust() - hover()).abs() < 0.005,
             "{firmware:?}: {}",
-            p.wired.autopilot.thrust
+            p.linked.autopilot.thrust()
         );
         // The thrust that is applied is reported.
         let reported = p.state().thrust;
-        assert!((reported - HOVER).abs() < 0.01, "{firmware:?}: {reported}");
+        assert!((reported - hover()).abs() < 0.01, "{firmware:?}: {reported}");
     }
 }

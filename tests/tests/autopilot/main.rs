@@ -1,4 +1,4 @@
-//! The link to an autopilot against one at protocol level that behaves as PX4 and ArduCopter do: every mode,
+//! The link to an autopilot against the simulated one with the characters of PX4 and ArduCopter: every mode,
 //! denial, loss, takeover and disarm; and whole landings over it.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -7,18 +7,17 @@ mod checkpoint;
 mod disarm;
 mod firmwares;
 mod landings;
-mod pair;
 mod restarts;
-mod wired;
+mod rig;
 
 use alight_shared::frames::{Datum, DroneNed};
 use alight_shared::msg::{AutopilotMode, BatteryPlace, Reason, ReasonCode, SetPoint, State};
 use alight_shared::time::Time;
-use alight_sim::autopilots::fake::{FakeAutopilot, HOVER, PX4_HOLD, PX4_LAND, PX4_OFFBOARD, PX4_RETURN};
+use alight_sim::autopilots::simulated::mode_number;
 use alight_uav::autopilot::message::{Address, CommandResult, Heartbeat, Message, command, id};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::{AutopilotLinkConfig, ControlAuthority, Diversion};
-use pair::{Pair, hold, lead, press};
+use rig::{Rig, hold, hover, lead, press};
 
 const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
 
@@ -29,9 +28,7 @@ fn config() -> AutopilotLinkConfig {
 #[test]
 fn odometry_comes_at_its_rate_with_the_time_at_which_it_was_true() {
     for firmware in BOTH {
-        let mut p = Pair::new(firmware, 5.0, &config());
-        // Moving, so that a wrong time shows as a wrong place.
-        p.wired.autopilot.velocity.x = 2.0;
+        let mut p = Rig::new(firmware, 5.0, &config());
         p.run(4.0);
         p.odometry.clear();
         p.ranges.clear();
@@ -47,13 +44,16 @@ fn odometry_comes_at_its_rate_with_the_time_at_which_it_was_true() {
         assert!(p.odometry.windows(2).all(|w| w[1].1.header.at > w[0].1.header.at));
         let first = p.odometry.first().unwrap().1.header.at.secs();
         assert!(first >= began - 0.02);
-        assert_eq!(p.wired.link.metrics(Time::from_secs(p.t_s)).rejected, 0);
+        assert_eq!(
+            p.linked.node().unwrap().metrics(Time::from_secs(p.t_s)).rejected,
+            0
+        );
     }
 }
 
 #[test]
 fn px4_accepts_offboard_only_after_set_points_were_streamed() {
-    let mut p = Pair::new(Firmware::Px4, 5.0, &config());
+    let mut p = Rig::new(Firmware::Px4, 5.0, &config());
     p.pilot = None;
     p.run(5.0);
     assert_eq!(
@@ -62,15 +62,12 @@ fn px4_accepts_offboard_only_after_set_points_were_streamed() {
             mode: AutopilotMode::Other
         }
     );
-    assert!(
-        !p.wired.autopilot.choose(PX4_OFFBOARD),
-        "accepted without set-points"
-    );
+    assert!(!p.choose(AutopilotMode::Offboard), "accepted without set-points");
     p.pilot = Some(hold);
     p.run(0.5);
-    assert!(!p.wired.autopilot.choose(PX4_OFFBOARD), "accepted too early");
+    assert!(!p.choose(AutopilotMode::Offboard), "accepted too early");
     p.run(1.5);
-    assert!(p.wired.autopilot.choose(PX4_OFFBOARD), "denied after the stream");
+    assert!(p.choose(AutopilotMode::Offboard), "denied after the stream");
     p.run(0.6);
     p.assert_commanding();
     let from = p.t_s;
@@ -82,7 +79,7 @@ fn px4_accepts_offboard_only_after_set_points_were_streamed() {
 
 #[test]
 fn set_points_before_offboard_hold_the_place_and_nothing_else() {
-    let mut p = Pair::new(Firmware::Px4, 5.0, &config());
+    let mut p = Rig::new(Firmware::Px4, 5.0, &config());
     p.run(4.0);
     let from = p.t_s;
     // Attitudes, far places and set-points of a mission that flies are not streamed.
@@ -98,7 +95,7 @@ fn set_points_before_offboard_hold_the_place_and_nothing_else() {
     p.run(1.0);
     assert!(p.sent_since(from + 0.05) <= 1, "{}", p.sent_since(from));
     // ArduCopter needs no stream.
-    let mut p = Pair::new(Firmware::ArduCopter, 5.0, &config());
+    let mut p = Rig::new(Firmware::ArduCopter, 5.0, &config());
     p.run(5.0);
     assert!(p.authority().may_offer() && p.sent.is_empty());
 }
@@ -107,13 +104,13 @@ fn set_points_before_offboard_hold_the_place_and_nothing_else() {
 fn takeover_by_a_person_ends_set_points_within_100_ms_for_good() {
     for firmware in BOTH {
         for phase in [State::Approach, State::Tracking, State::Descent, State::Flare] {
-            for mode in [FakeAutopilot::manual_mode(firmware), 0] {
-                let mut p = Pair::commanding(firmware, 5.0, &config());
+            for mode in [mode_number(firmware, AutopilotMode::Other), 0] {
+                let mut p = Rig::commanding(firmware, 5.0, &config());
                 p.mission = phase;
                 p.pilot = Some(if phase == State::Flare { press } else { lead });
                 p.run(0.3);
                 assert!(p.sent_since(p.t_s - 0.1) > 3);
-                p.wired.autopilot.choose(mode);
+                p.linked.autopilot.choose(mode);
                 let at = p.t_s;
                 // The pilot goes on and on; so does the mission.
                 p.run(20.0);
@@ -123,7 +120,7 @@ fn takeover_by_a_person_ends_set_points_within_100_ms_for_good() {
                     p.commands_of(command::SET_MODE).is_empty(),
                     "the mode was taken back"
                 );
-                assert_eq!(p.wired.autopilot.mode, mode);
+                assert_eq!(p.linked.autopilot.mode(), mode);
                 assert_eq!(p.state().mode, AutopilotMode::Other);
             }
         }
@@ -133,8 +130,8 @@ fn takeover_by_a_person_ends_set_points_within_100_ms_for_good() {
 #[test]
 fn authority_returns_only_when_a_person_gives_the_mode_again() {
     for firmware in BOTH {
-        let mut p = Pair::commanding(firmware, 5.0, &config());
-        p.wired.autopilot.choose(FakeAutopilot::manual_mode(firmware));
+        let mut p = Rig::commanding(firmware, 5.0, &config());
+        p.choose(AutopilotMode::Other);
         p.run(1.0);
         let quiet = p.sent.len();
         p.run(0.5);
@@ -148,33 +145,27 @@ fn authority_returns_only_when_a_person_gives_the_mode_again() {
 
 #[test]
 fn failsafes_of_the_autopilot_are_respected() {
-    for (firmware, mode, reported) in [
-        (Firmware::Px4, PX4_RETURN, AutopilotMode::Return),
-        (Firmware::Px4, PX4_LAND, AutopilotMode::Land),
-        (Firmware::Px4, PX4_HOLD, AutopilotMode::Hold),
-        (Firmware::ArduCopter, 6, AutopilotMode::Return),
-        (Firmware::ArduCopter, 9, AutopilotMode::Land),
-        (Firmware::ArduCopter, 17, AutopilotMode::Hold),
-    ] {
-        let mut p = Pair::commanding(firmware, 5.0, &config());
+    let modes = [AutopilotMode::Return, AutopilotMode::Land, AutopilotMode::Hold];
+    for (firmware, mode) in BOTH.into_iter().flat_map(|f| modes.map(|m| (f, m))) {
+        let mut p = Rig::commanding(firmware, 5.0, &config());
         p.mission = State::Descent;
         p.run(0.1);
-        p.wired.autopilot.choose(mode);
+        p.choose(mode);
         let at = p.t_s;
         p.run(30.0);
         assert!(p.silent_since() - at <= 0.1);
-        assert_eq!(p.state().mode, reported);
+        assert_eq!(p.state().mode, mode);
     }
 }
 
 #[test]
 fn silent_pilot_leaves_the_drone_to_the_failsafe_and_may_return() {
-    let mut p = Pair::commanding(Firmware::Px4, 5.0, &config());
+    let mut p = Rig::commanding(Firmware::Px4, 5.0, &config());
     p.pilot = None;
     let at = p.t_s;
     p.run(2.0);
     assert!(p.silent_since() - at <= 0.13, "stale set-points were repeated");
-    assert_eq!(p.wired.autopilot.mode, PX4_HOLD);
+    assert_eq!(p.mode(), AutopilotMode::Hold);
     assert_eq!(
         p.authority(),
         ControlAuthority::Standby {
@@ -184,17 +175,17 @@ fn silent_pilot_leaves_the_drone_to_the_failsafe_and_may_return() {
     // The person's choice is still OFFBOARD: PX4 returns to it with the stream.
     p.pilot = Some(hold);
     p.run(2.0);
-    assert_eq!(p.wired.autopilot.mode, PX4_OFFBOARD);
+    assert_eq!(p.mode(), AutopilotMode::Offboard);
     p.assert_commanding();
 }
 
 #[test]
 fn link_without_heartbeats_sends_no_set_points_and_reports_no_state() {
     for firmware in BOTH {
-        let mut p = Pair::commanding(firmware, 5.0, &config());
+        let mut p = Rig::commanding(firmware, 5.0, &config());
         p.mission = State::Tracking;
         p.run(0.1);
-        p.wired.autopilot.silent = true;
+        p.linked.autopilot.silent = true;
         let at = p.t_s;
         p.run(4.0);
         assert_eq!(p.authority(), ControlAuthority::LinkLost);
@@ -205,7 +196,7 @@ fn link_without_heartbeats_sends_no_set_points_and_reports_no_state() {
         assert_eq!(p.states.len(), reported, "a state without a heartbeat");
         // The mission waits again, as it does when the drone is not ours.
         p.mission = State::Idle;
-        p.wired.autopilot.silent = false;
+        p.linked.autopilot.silent = false;
         p.run(4.0);
         p.assert_commanding();
     }
@@ -214,9 +205,9 @@ fn link_without_heartbeats_sends_no_set_points_and_reports_no_state() {
 #[test]
 fn link_resynchronises_with_an_autopilot_that_restarts() {
     for firmware in BOTH {
-        let mut p = Pair::commanding(firmware, 5.0, &config());
+        let mut p = Rig::commanding(firmware, 5.0, &config());
         let resets = p.state().origin_resets;
-        p.wired.autopilot.restart();
+        p.linked.autopilot.restart();
         p.run(6.0);
         assert_ne!(p.state().origin_resets, resets);
         let (arrived, o) = p.odometry.last().unwrap();
@@ -228,19 +219,19 @@ fn link_resynchronises_with_an_autopilot_that_restarts() {
 
 #[test]
 fn link_recovers_after_a_cut_of_three_seconds() {
-    let mut p = Pair::commanding(Firmware::Px4, 5.0, &config());
-    p.wired.cut = true;
+    let mut p = Rig::commanding(Firmware::Px4, 5.0, &config());
+    p.linked.cut = true;
     p.run(3.0);
     assert_eq!(p.authority(), ControlAuthority::LinkLost);
-    p.wired.cut = false;
+    p.linked.cut = false;
     p.run(4.0);
     p.assert_commanding();
 }
 
 #[test]
 fn link_flies_nothing_without_timesync() {
-    let mut p = Pair::new(Firmware::Px4, 5.0, &config());
-    p.wired.autopilot.no_timesync = true;
+    let mut p = Rig::new(Firmware::Px4, 5.0, &config());
+    p.linked.autopilot.no_timesync = true;
     p.run(6.0);
     assert_eq!(p.authority(), ControlAuthority::NoClock);
     assert!(p.odometry.is_empty() && p.sent.is_empty());
@@ -248,8 +239,8 @@ fn link_flies_nothing_without_timesync() {
 
 #[test]
 fn ardu_copter_without_the_thrust_option_is_not_flown_and_explained() {
-    let mut p = Pair::new(Firmware::ArduCopter, 5.0, &config());
-    p.wired.autopilot.parameters.insert("GUID_OPTIONS", 0.0);
+    let mut p = Rig::new(Firmware::ArduCopter, 5.0, &config());
+    p.linked.autopilot.parameters.insert("GUID_OPTIONS", 0.0);
     p.run(5.0);
     assert_eq!(p.authority(), ControlAuthority::OptionMissing);
     assert!(
@@ -257,13 +248,13 @@ fn ardu_copter_without_the_thrust_option_is_not_flown_and_explained() {
         "{:?}",
         p.texts
     );
-    p.wired.autopilot.choose(4);
+    p.choose(AutopilotMode::Offboard);
     p.run(2.0);
     assert!(p.sent.is_empty());
     // The mission does not have the drone.
     assert_eq!(p.state().mode, AutopilotMode::Other);
     // The person sets it.
-    p.wired.autopilot.parameters.insert("GUID_OPTIONS", 8.0);
+    p.linked.autopilot.parameters.insert("GUID_OPTIONS", 8.0);
     p.run(2.0);
     p.assert_commanding();
 }
@@ -276,8 +267,8 @@ fn parameters_that_do_not_suit_are_reported_by_name_until_a_person_sets_them() {
         (Firmware::Px4, "MPC_ACC_UP_MAX", 4.0, 8.0),
         (Firmware::ArduCopter, "GUID_TIMEOUT", 3.0, 0.3),
     ] {
-        let mut p = Pair::new(firmware, 5.0, &config());
-        p.wired.autopilot.parameters.insert(name, wrong);
+        let mut p = Rig::new(firmware, 5.0, &config());
+        p.linked.autopilot.parameters.insert(name, wrong);
         p.run(3.0);
         let why = p.state().parameters;
         assert_eq!(why.code, ReasonCode::AutopilotParameter, "{firmware:?}: {why}");
@@ -293,12 +284,12 @@ fn parameters_that_do_not_suit_are_reported_by_name_until_a_person_sets_them() {
         p.give_the_mode();
         p.run(1.0);
         p.assert_commanding();
-        p.wired.autopilot.parameters.insert(name, good);
+        p.linked.autopilot.parameters.insert(name, good);
         p.run(1.5);
         assert_eq!(p.state().parameters, Reason::default(), "{firmware:?}");
         // It was not saved.
-        p.wired.autopilot.parameters.insert(name, wrong);
-        p.wired.autopilot.restart();
+        p.linked.autopilot.parameters.insert(name, wrong);
+        p.linked.autopilot.restart();
         p.run(5.0);
         assert_eq!(p.state().parameters, why, "{firmware:?}");
     }
@@ -311,8 +302,8 @@ fn parameter_that_an_autopilot_does_not_have_is_named_and_the_check_can_be_left_
             check_parameters,
             ..config()
         };
-        let mut p = Pair::new(Firmware::Px4, 5.0, &c);
-        p.wired.autopilot.parameters.remove("MPC_ACC_UP_MAX");
+        let mut p = Rig::new(Firmware::Px4, 5.0, &c);
+        p.linked.autopilot.parameters.remove("MPC_ACC_UP_MAX");
         p.run(8.0);
         assert!(
             p.texts.iter().any(|t| t.contains("MPC_ACC_UP_MAX")),
@@ -330,8 +321,8 @@ fn parameter_that_an_autopilot_does_not_have_is_named_and_the_check_can_be_left_
 
 #[test]
 fn parameter_that_warns_permits_a_landing_and_is_told() {
-    let mut p = Pair::new(Firmware::Px4, 5.0, &config());
-    p.wired.autopilot.parameters.insert("MC_AIRMODE", 0.0);
+    let mut p = Rig::new(Firmware::Px4, 5.0, &config());
+    p.linked.autopilot.parameters.insert("MC_AIRMODE", 0.0);
     p.run(3.0);
     assert_eq!(p.state().parameters, Reason::default());
     assert!(
@@ -343,15 +334,15 @@ fn parameter_that_warns_permits_a_landing_and_is_told() {
 
 #[test]
 fn link_works_without_messages_that_the_firmware_lacks() {
-    let mut p = Pair::new(Firmware::ArduCopter, 5.0, &config());
+    let mut p = Rig::new(Firmware::ArduCopter, 5.0, &config());
     p.run(5.0);
     // No ODOMETRY on ArduCopter: it is not requested, and odometry comes from 31 and 32.
     let asked = p.commands_of(command::MESSAGE_INTERVAL);
     assert!(asked.iter().all(|c| c.parameters[0] as u32 != id::ODOMETRY));
     assert!(p.odometry.len() > 200);
     // An autopilot that denies every rate: requested a bounded number of times, nothing flown.
-    let mut p = Pair::new(Firmware::Px4, 5.0, &config());
-    p.wired.autopilot.answer = Some(CommandResult::Denied);
+    let mut p = Rig::new(Firmware::Px4, 5.0, &config());
+    p.linked.autopilot.answer = Some(CommandResult::Denied);
     p.run(30.0);
     assert_eq!(p.authority(), ControlAuthority::NoOdometry);
     assert!(p.commands.len() <= 3 * 7, "{}", p.commands.len());
@@ -360,11 +351,11 @@ fn link_works_without_messages_that_the_firmware_lacks() {
 #[test]
 fn hover_thrust_is_identified_in_flight_and_reported() {
     for firmware in BOTH {
-        let mut p = Pair::commanding(firmware, 5.0, &config());
+        let mut p = Rig::commanding(firmware, 5.0, &config());
         p.run(6.0);
         let s = p.state();
         assert!(
-            (s.hover_thrust - HOVER).abs() < 0.01,
+            (s.hover_thrust - hover()).abs() < 0.01,
             "{firmware:?}: {}",
             s.hover_thrust
         );
@@ -376,16 +367,16 @@ fn hover_thrust_is_identified_in_flight_and_reported() {
 fn link_arms_only_when_configured() {
     for (may_arm, denied) in [(false, false), (true, false), (true, true)] {
         let c = AutopilotLinkConfig { may_arm, ..config() };
-        let mut p = Pair::new(Firmware::ArduCopter, 0.3, &c);
-        p.wired.autopilot.armed = false;
+        let mut p = Rig::new(Firmware::ArduCopter, 0.3, &c);
+        p.linked.autopilot.arm(false);
         p.waits_for_flight = true;
         p.run(5.0);
         assert!(
             p.commands_of(command::ARM_DISARM).is_empty(),
             "armed in a person's mode"
         );
-        p.wired.autopilot.answer = denied.then_some(CommandResult::Denied);
-        p.wired.autopilot.choose(4);
+        p.linked.autopilot.answer = denied.then_some(CommandResult::Denied);
+        p.choose(AutopilotMode::Offboard);
         p.run(20.0);
         let sent = p.commands_of(command::ARM_DISARM).len();
         let expected = match (may_arm, denied) {
@@ -394,9 +385,9 @@ fn link_arms_only_when_configured() {
             (true, true) => 3,
         };
         assert_eq!(sent, expected);
-        assert_eq!(p.wired.autopilot.armed, may_arm && !denied);
+        assert_eq!(p.linked.autopilot.armed(), may_arm && !denied);
         // A person disarms: it is not armed again.
-        p.wired.autopilot.armed = false;
+        p.linked.autopilot.arm(false);
         p.run(10.0);
         assert_eq!(p.commands_of(command::ARM_DISARM).len(), expected);
     }
@@ -405,18 +396,18 @@ fn link_arms_only_when_configured() {
 #[test]
 fn battery_reserve_diverts_the_drone_as_configured() {
     for (firmware, to, mode) in [
-        (Firmware::Px4, Diversion::Return, PX4_RETURN),
-        (Firmware::Px4, Diversion::Land, PX4_LAND),
-        (Firmware::ArduCopter, Diversion::Return, 6),
-        (Firmware::ArduCopter, Diversion::Land, 9),
+        (Firmware::Px4, Diversion::Return, AutopilotMode::Return),
+        (Firmware::Px4, Diversion::Land, AutopilotMode::Land),
+        (Firmware::ArduCopter, Diversion::Return, AutopilotMode::Return),
+        (Firmware::ArduCopter, Diversion::Land, AutopilotMode::Land),
     ] {
         let mut c = config();
         c.battery.diversion = to;
-        let mut p = Pair::commanding(firmware, 5.0, &c);
+        let mut p = Rig::commanding(firmware, 5.0, &c);
         p.mission = State::Tracking;
-        p.wired.autopilot.battery = 0.05;
+        p.linked.autopilot.battery = 0.05;
         p.run(6.0);
-        assert_eq!(p.wired.autopilot.mode, mode);
+        assert_eq!(p.mode(), mode);
         assert_eq!(p.commands_of(command::SET_MODE).len(), 1);
         let at = p.t_s;
         p.run(10.0);
@@ -424,8 +415,8 @@ fn battery_reserve_diverts_the_drone_as_configured() {
     }
     let mut none = config();
     none.battery.diversion = Diversion::None;
-    let mut p = Pair::commanding(Firmware::Px4, 5.0, &none);
-    p.wired.autopilot.battery = 0.05;
+    let mut p = Rig::commanding(Firmware::Px4, 5.0, &none);
+    p.linked.autopilot.battery = 0.05;
     p.run(10.0);
     assert!(p.authority().commands() && p.commands_of(command::SET_MODE).is_empty());
 }
@@ -433,30 +424,30 @@ fn battery_reserve_diverts_the_drone_as_configured() {
 #[test]
 fn autopilot_returns_or_lands_where_the_mission_says_so_on_a_low_battery() {
     for (place, mode) in [
-        (BatteryPlace::Home, PX4_RETURN),
-        (BatteryPlace::Here, PX4_LAND),
-        (BatteryPlace::Deck, PX4_OFFBOARD),
+        (BatteryPlace::Home, AutopilotMode::Return),
+        (BatteryPlace::Here, AutopilotMode::Land),
+        (BatteryPlace::Deck, AutopilotMode::Offboard),
     ] {
-        let mut p = Pair::commanding(Firmware::Px4, 5.0, &config());
+        let mut p = Rig::commanding(Firmware::Px4, 5.0, &config());
         p.mission = State::GaveUp;
         // Below the mission's reserve, then for the deck below the link's own.
-        p.wired.autopilot.battery = 0.15;
+        p.linked.autopilot.battery = 0.15;
         p.run(1.0);
         p.assert_commanding();
         p.low_battery = Some(place);
         p.run(1.0);
-        assert_eq!(p.wired.autopilot.mode, mode, "{place:?}");
-        p.wired.autopilot.battery = 0.05;
+        assert_eq!(p.mode(), mode, "{place:?}");
+        p.linked.autopilot.battery = 0.05;
         p.run(6.0);
-        assert_eq!(p.wired.autopilot.mode, mode, "{place:?}");
+        assert_eq!(p.mode(), mode, "{place:?}");
     }
 }
 
 #[test]
 fn denied_diversion_is_tried_a_bounded_number_of_times_without_set_points() {
-    let mut p = Pair::commanding(Firmware::ArduCopter, 5.0, &config());
-    p.wired.autopilot.battery = 0.05;
-    p.wired.autopilot.answer = Some(CommandResult::Denied);
+    let mut p = Rig::commanding(Firmware::ArduCopter, 5.0, &config());
+    p.linked.autopilot.battery = 0.05;
+    p.linked.autopilot.answer = Some(CommandResult::Denied);
     p.run(20.0);
     assert_eq!(p.commands_of(command::SET_MODE).len(), 3);
     assert_eq!(p.sent_since(p.t_s - 10.0), 0);
@@ -466,9 +457,9 @@ fn denied_diversion_is_tried_a_bounded_number_of_times_without_set_points() {
 #[test]
 fn battery_reserve_does_not_divert_in_descent_and_flare() {
     for state in [State::Descent, State::Flare] {
-        let mut p = Pair::commanding(Firmware::Px4, 5.0, &config());
+        let mut p = Rig::commanding(Firmware::Px4, 5.0, &config());
         p.mission = state;
-        p.wired.autopilot.battery = 0.05;
+        p.linked.autopilot.battery = 0.05;
         p.run(6.0);
         assert!(p.commands_of(command::SET_MODE).is_empty() && p.authority().commands());
         // Nor while the pilot goes on without the mission.
@@ -482,7 +473,7 @@ fn battery_reserve_does_not_divert_in_descent_and_flare() {
 
 #[test]
 fn other_systems_on_the_link_are_not_taken_for_the_autopilot() {
-    let mut p = Pair::commanding(Firmware::Px4, 5.0, &config());
+    let mut p = Rig::commanding(Firmware::Px4, 5.0, &config());
     let heartbeat = |autopilot, vehicle, custom_mode| {
         Message::Heartbeat(Heartbeat {
             autopilot,
@@ -491,7 +482,7 @@ fn other_systems_on_the_link_are_not_taken_for_the_autopilot() {
             custom_mode,
         })
     };
-    let flown_by_hand = heartbeat(12, 2, FakeAutopilot::manual_mode(Firmware::Px4));
+    let flown_by_hand = heartbeat(12, 2, mode_number(Firmware::Px4, AutopilotMode::Other));
     let empty = Message::Battery {
         number: 0,
         remaining: Some(0.0),
@@ -515,7 +506,7 @@ fn deck_is_published_to_the_autopilot_when_configured() {
         ..config()
     };
     for (c, some) in [(config(), false), (c, true)] {
-        let mut p = Pair::new(Firmware::Px4, 5.0, &c);
+        let mut p = Rig::new(Firmware::Px4, 5.0, &c);
         p.run(5.0);
         assert_eq!(p.deck_messages >= 20, some, "{}", p.deck_messages);
     }
@@ -523,14 +514,15 @@ fn deck_is_published_to_the_autopilot_when_configured() {
 
 #[test]
 fn autopilot_without_an_origin_in_our_mode_is_reported_as_not_ours_after_seconds() {
-    let mut p = Pair::at(
+    let mut p = Rig::at(
         Firmware::ArduCopter,
         5.0,
+        0.0,
         &config(),
         Some(Datum::new(43.5, 16.3, 40.0)),
     );
-    p.wired.autopilot.answer = Some(CommandResult::Denied);
-    p.wired.autopilot.no_origin = true;
+    p.linked.autopilot.answer = Some(CommandResult::Denied);
+    p.linked.autopilot.no_origin = true;
     p.run(3.0);
     p.give_the_mode();
     p.run(15.0);
@@ -557,30 +549,31 @@ fn positions_and_set_points_are_converted_to_the_datum_and_back() {
         })
         .0;
     for firmware in BOTH {
-        let mut p = Pair::at(firmware, 5.0, &c, Some(datum));
-        p.wired.autopilot.origin = origin;
-        p.wired.autopilot.answer = Some(CommandResult::Denied);
-        p.wired.autopilot.no_origin = true;
+        let mut p = Rig::at(firmware, 5.0, 0.0, &c, Some(datum));
+        p.linked.autopilot.origin = origin;
+        p.linked.autopilot.answer = Some(CommandResult::Denied);
+        p.linked.autopilot.no_origin = true;
         p.run(3.0);
         assert_eq!(p.authority(), ControlAuthority::NoOrigin);
         assert!(p.odometry.is_empty());
-        (p.wired.autopilot.answer, p.wired.autopilot.no_origin) = (None, false);
+        (p.linked.autopilot.answer, p.linked.autopilot.no_origin) = (None, false);
         p.run(65.0);
         let reported = p.odometry.last().unwrap().1;
         assert!(
-            (reported.position() - p.wired.autopilot.position - shift).norm() < 0.02,
+            (reported.position() - p.linked.autopilot.position() - shift).norm() < 0.02,
             "{reported:?}"
         );
         p.give_the_mode();
-        let before = p.wired.autopilot.position;
+        p.run(1.0);
+        let before = p.truth().position.0;
         p.mission = State::Hold;
         p.run(3.0);
         assert!(p.sent_since(p.t_s - 1.0) >= 50);
         // Held in its place, not kilometres away.
-        assert!((p.wired.autopilot.position - before).norm() < 0.1);
+        assert!((p.truth().position.0 - before).norm() < 0.1);
         // The estimator restarts elsewhere: the origin moves, and that is a jump for the other nodes.
         let resets = p.state().origin_resets;
-        p.wired.autopilot.origin.latitude_deg += 1e-4;
+        p.linked.autopilot.origin.latitude_deg += 1e-4;
         p.run(6.0);
         assert_ne!(p.state().origin_resets, resets);
     }
@@ -589,7 +582,7 @@ fn positions_and_set_points_are_converted_to_the_datum_and_back() {
 #[test]
 fn before_a_landing_guided_gets_no_set_points_and_offboard_holds() {
     for (firmware, some) in [(Firmware::ArduCopter, false), (Firmware::Px4, true)] {
-        let mut p = Pair::commanding(firmware, 5.0, &config());
+        let mut p = Rig::commanding(firmware, 5.0, &config());
         let from = p.t_s;
         p.run(2.0);
         assert_eq!(p.sent_since(from) > 0, some, "{firmware:?}");

@@ -1,8 +1,6 @@
 //! Mission, pilot, link, its cable or the supervisor fail between the descent and the disarm, with one order to land: the drone ends
 //! disarmed on the deck or flies on, and is disarmed nowhere else.
 
-use std::rc::Rc;
-
 use alight_shared::msg::{CommandKind, State};
 use alight_sim::harness::outcome::MAX_CONTACT_MPS;
 use alight_sim::harness::physics::TICK;
@@ -10,10 +8,10 @@ use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::tap::NoTap;
 use alight_sim::harness::world::{Checkpoints, World};
 use alight_sim::physics::sea::SeaConfig;
+use alight_uav::autopilot::message::CommandResult;
 use alight_uav::autopilot::modes::Firmware;
 
 use crate::BOTH;
-use crate::landings::Linked;
 
 /// What fails.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,12 +86,11 @@ fn flown(firmware: Firmware, failing: Failing, when: When, away_s: f64, seed: u6
         sea: SeaConfig::paper(0.5, 5.0),
         ..Scenario::default()
     };
-    scenario.start.hover_s = 8.0;
+    let a = &mut scenario.drone.autopilot;
+    // The longest that is permitted.
+    (a.firmware, a.loss_after_s) = (firmware, 0.5);
     let nodes = NodeConfigs::default();
     let mut world = World::new(&scenario, &nodes, seed).unwrap();
-    let linked = Linked::new(firmware, 0.005, &nodes);
-    let faults = Rc::clone(&linked.faults);
-    world.attach_firmware(0, Box::new(linked));
     world.warm_up(&mut NoTap);
     world.command(CommandKind::Land);
     let fail = |world: &mut World, failed: bool| match (failing, failed) {
@@ -101,16 +98,11 @@ fn flown(firmware: Firmware, failing: Failing, when: When, away_s: f64, seed: u6
         (Failing::Mission, false) => world.start_mission(0, &scenario, &nodes, Checkpoints::Kept),
         (Failing::Pilot, true) => world.kill_pilot(0),
         (Failing::Pilot, false) => world.start_pilot(0, &nodes),
-        (Failing::Link, _) => faults.dead.set(failed),
-        (Failing::Cable, _) => faults.cut.set(failed),
-        (Failing::Supervisor, true) => {
-            faults.dead.set(true);
-            world.kill_computer(0);
-        }
-        (Failing::Supervisor, false) => {
-            faults.dead.set(false);
-            world.start_computer(0, &scenario, &nodes, Checkpoints::Kept);
-        }
+        (Failing::Link, true) => world.kill_link(0),
+        (Failing::Link, false) => world.start_link(0, Checkpoints::Kept),
+        (Failing::Cable, _) => world.linked(0).unwrap().cut = failed,
+        (Failing::Supervisor, true) => world.kill_computer(0),
+        (Failing::Supervisor, false) => world.start_computer(0, &scenario, &nodes, Checkpoints::Kept),
     };
     let stubborn = matches!(when, When::In(State::Landed, _));
     let (mut entered_s, mut state, mut contact) = (0.0, State::Idle, false);
@@ -153,7 +145,8 @@ fn flown(firmware: Firmware, failing: Failing, when: When, away_s: f64, seed: u6
             water,
         });
         // The autopilot denies the first disarms: they have to go on.
-        faults.denies.set(stubborn && over_s.is_none());
+        let denies = stubborn && over_s.is_none();
+        world.linked(0).unwrap().autopilot.answer = denies.then_some(CommandResult::Denied);
         if due && failed_s.is_none() {
             failed_s = Some(t);
             fail(&mut world, true);
@@ -200,7 +193,7 @@ fn all_safe(failing: Failing, cases: &[When], away_s: &[f64]) -> (usize, usize) 
 
 #[test]
 fn mission_away_in_the_flare_until_after_the_contact_ends_disarmed() {
-    let late = [0.3, 0.5, 0.7, 0.9].map(|s| When::In(State::Flare, s));
+    let late = [0.3, 0.45, 0.6, 0.75].map(|s| When::In(State::Flare, s));
     let (landed, of) = all_safe(Failing::Mission, &late, &[0.7, 0.9, 2.0]);
     assert_eq!(landed, of);
 }

@@ -11,8 +11,10 @@ use super::message::{ARDUPILOT, PX4, ParameterValue};
 pub enum Firmware {
     /// PX4.
     #[default]
+    #[serde(rename = "px4")]
     Px4,
     /// ArduCopter.
+    #[serde(rename = "ardupilot")]
     ArduCopter,
 }
 

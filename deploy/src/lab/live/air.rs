@@ -67,7 +67,7 @@ impl RadioPath {
             "scenario" => scene.scenario.radio.clone(),
             name => profile::load(name)?,
         };
-        let firmware = args.autopilot != AutopilotKind::Internal;
+        let firmware = args.flown_by() != AutopilotKind::Internal;
         let spaces = match args.emulate {
             Emulate::Always if firmware => {
                 return Err(CliError(
@@ -150,8 +150,9 @@ impl RadioPath {
     /// What to put before a process's command: the way into its computer's namespace. The simulated
     /// vehicles are on the vessel's network, where its sensors are.
     pub fn enter(&self, kind: ProcessKind) -> Vec<String> {
-        use ProcessKind::{Link, Sensors, Vessel, World};
-        let side = usize::from(!matches!(kind, Vessel | Sensors | World | Link));
+        use ProcessKind::{Autopilot, Link, Sensors, Vessel, World};
+        // The cable to the simulated autopilot is no radio: its end is beside the world.
+        let side = usize::from(!matches!(kind, Vessel | Sensors | World | Link | Autopilot));
         self.spaces.as_ref().map_or_else(Vec::new, |s| s.enter(side))
     }
 }

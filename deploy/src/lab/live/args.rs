@@ -6,7 +6,7 @@ use alight_sim::radio::Transport;
 use clap::{Args, Parser, ValueEnum};
 
 use crate::exit::{CliError, Doing};
-use crate::lab::args::SceneArgs;
+use crate::lab::args::{Autopilot, SceneArgs};
 use crate::lab::live::config::AutopilotKind;
 use crate::lab::live::fault::FaultSpec;
 use crate::lab::live::follow::MAX_FOLLOW_S;
@@ -50,16 +50,16 @@ pub struct LandArgs {
     /// Name of this set of processes; several may run side by side
     #[arg(long, default_value = "land")]
     pub instance: String,
-    /// Who flies the simulated drone: internal, or the firmware of PX4 or ArduPilot, which is started
-    /// beside and flown from the pad by a person (see deploy/README.md)
-    #[arg(long, value_enum, default_value_t = AutopilotKind::Internal)]
-    pub autopilot: AutopilotKind,
+    /// The firmware of --autopilot itself flies: it is started beside, and flown from the pad by a person (see
+    /// deploy/docs/autopilots.md)
+    #[arg(long, requires = "autopilot")]
+    pub external: bool,
     /// Where that firmware's MAVLink is [default: udpin://0.0.0.0:14540 for PX4,
     /// tcpout://127.0.0.1:5760 for ArduPilot]
-    #[arg(long, value_name = "URL", requires = "autopilot")]
+    #[arg(long, value_name = "URL", requires = "external")]
     pub connect: Option<String>,
     /// Its plant's motors, sensors and port (TOML, keys of [firmware])
-    #[arg(long, value_name = "FILE", requires = "autopilot")]
+    #[arg(long, value_name = "FILE", requires = "external")]
     pub firmware: Option<PathBuf>,
     /// Plain Unix and UDP sockets carry the same messages beside the middlewares; the report compares
     #[arg(long)]
@@ -89,6 +89,17 @@ pub struct LandArgs {
     /// End when standard input closes
     #[arg(long, hide = true)]
     pub supervised: bool,
+}
+
+impl LandArgs {
+    /// Who flies the simulated drone.
+    pub fn flown_by(&self) -> AutopilotKind {
+        match self.scene.autopilot.filter(|_| self.external) {
+            None => AutopilotKind::Internal,
+            Some(Autopilot::Px4) => AutopilotKind::Px4,
+            Some(Autopilot::Ardupilot) => AutopilotKind::Ardupilot,
+        }
+    }
 }
 
 /// The flags of `alight land` alone.

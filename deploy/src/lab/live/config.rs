@@ -8,7 +8,6 @@ use alight_sim::autopilots::FirmwareConfig;
 use alight_sim::baselines::Baseline;
 use alight_sim::harness::scenario::{Scenario, StateOutage};
 use alight_sim::radio::RadioConfig;
-use alight_uav::odometry::OdometryConfig;
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
@@ -115,8 +114,8 @@ pub struct SimulatedWorld {
     pub autopilot: AutopilotKind,
     /// The plant of a firmware.
     pub firmware: FirmwareConfig,
-    /// How the autopilot's odometry is made smooth.
-    pub odometry: OdometryConfig,
+    /// Where the drone's link to the simulated autopilot listens, UDP.
+    pub mavlink: String,
     /// What is simulated.
     pub scenario: Scenario,
 }
@@ -124,7 +123,6 @@ pub struct SimulatedWorld {
 impl Check for SimulatedWorld {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
         self.firmware.check(&at.table("firmware"))?;
-        self.odometry.check(&at.table("odometry"))?;
         self.scenario.check(&at.table("scenario"))
     }
 }

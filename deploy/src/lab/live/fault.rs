@@ -71,7 +71,7 @@ impl Moment {
 }
 
 /// Processes that a fault can meet: all but the world, which stands for the vehicles and the laws
-/// of physics. The link to an autopilot is there with a firmware only.
+/// of physics.
 pub const PROCESSES: [ProcessKind; 7] = [
     ProcessKind::Vessel,
     ProcessKind::Bridge,

@@ -74,7 +74,7 @@ pub fn scene(args: &LandArgs) -> Result<Scene, CliError> {
         scene.scenario.start.warm_up_s = warm_up_s;
         scene.scenario.start.hover_s = scene.scenario.start.hover_s.min(warm_up_s);
     }
-    if args.autopilot != AutopilotKind::Internal {
+    if args.flown_by() != AutopilotKind::Internal {
         // A firmware has an origin of its own, and takes no place at 0 N 0 E.
         let datum = &mut scene.scenario.sensors.vessel_gnss.datum;
         if *datum == Datum::default() {
@@ -239,6 +239,7 @@ impl LandingSetup {
         let air = RadioPath::of(scene, args, owned, epoch_ns)?;
         let [vessel_tls, drone_tls] = air.tls.clone();
         let sensors = format!("127.0.0.1:{}", free_port()?);
+        let mavlink = format!("127.0.0.1:{}", free_port()?);
         let attachments = Attachments {
             impairment: air.impairment.clone(),
             relay: if args.relay {
@@ -265,8 +266,11 @@ impl LandingSetup {
             clock: clock(&clocks.drone),
             radio: RadioConfig::dialling(&air.dial, drone_tls),
             autopilot: AutopilotLinkConfig {
-                connect: args.connect.clone().unwrap_or(args.autopilot.connect().into()),
-                ..AutopilotLinkConfig::default()
+                connect: args.connect.clone().unwrap_or(match args.flown_by() {
+                    AutopilotKind::Internal => format!("udpin://{mavlink}"),
+                    kind @ (AutopilotKind::Px4 | AutopilotKind::Ardupilot) => kind.connect().into(),
+                }),
+                ..scene.nodes.autopilot.clone()
             },
             bridge: scene.nodes.bridge.clone(),
             camera: CameraSource::of_simulation(scene.scenario.sensors.render.on),
@@ -284,12 +288,12 @@ impl LandingSetup {
             follow_s: args.follow,
             truth: args.record.is_some(),
             plot: args.plot.clone(),
-            autopilot: args.autopilot,
+            autopilot: args.flown_by(),
             firmware: match &args.firmware {
                 Some(path) => config::load(path)?,
                 None => FirmwareConfig::default(),
             },
-            odometry: scene.nodes.drone.odometry,
+            mavlink,
             scenario: scene.scenario.drawn(args.seed),
         };
         Ok(LandingSetup {
@@ -383,7 +387,7 @@ impl<'a> Landing<'a> {
         let mut kinds = vec![ProcessKind::World, ProcessKind::Vessel];
         kinds.extend(ProcessKind::DRONE);
         kinds.extend(plan.drone.camera.is_there().then_some(ProcessKind::Camera));
-        kinds.extend((args.autopilot != AutopilotKind::Internal).then_some(ProcessKind::Autopilot));
+        kinds.push(ProcessKind::Autopilot);
         for kind in kinds {
             supervisor.start(kind, plan.arguments(kind), plan.air.enter(kind))?;
         }

@@ -1,4 +1,5 @@
-//! The world's end of a firmware's lock-step: sockets around [`alight_sim::autopilots`]. A firmware that
+//! Who turns the drone's rotors: the simulated autopilot, whose MAVLink goes to `alight autopilot` over UDP, or a
+//! firmware in lock-step, by sockets around [`alight_sim::autopilots`]. A firmware that
 //! is not there, or answers too late, is not waited for: the drone stands on its pad, or flies on with
 //! the motors of before, and the sea goes on in real time.
 
@@ -6,10 +7,12 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::time::Duration;
 
+use alight_shared::msg::AutopilotMode;
 use alight_shared::time::{Time, TrueTime};
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::memory::Memory;
 use alight_sim::autopilots::px4::Px4Plant;
+use alight_sim::autopilots::simulated::{INNER_PER_OUTER, SimulatedAutopilot, mode_number};
 use alight_sim::autopilots::{FirmwareConfig, FirmwareSensors, ardupilot, px4};
 use alight_sim::harness::physics::{Physics, TICK};
 use alight_sim::physics::drone::{PlantState, ROTORS};
@@ -37,6 +40,12 @@ pub fn wait_until(memory: &Memory, clock: &ProcessClock, t: Time<TrueTime>) {
 
 /// The link to one firmware.
 enum Link {
+    /// MAVLink bytes of the simulated autopilot, which a person gives to the drone's computer.
+    Simulated {
+        socket: UdpSocket,
+        autopilot: Option<Box<SimulatedAutopilot>>,
+        handed_over: bool,
+    },
     Px4 {
         door: TcpListener,
         stream: Option<TcpStream>,
@@ -71,49 +80,76 @@ pub struct Plant {
 }
 
 impl Plant {
-    /// Listens where the firmware looks for a simulator; None for the simulated autopilot.
+    /// Listens where the firmware looks for a simulator; the simulated autopilot sends its MAVLink to `mavlink`.
     pub fn open(
         kind: AutopilotKind,
+        mavlink: &str,
         config: &FirmwareConfig,
         sensors: FirmwareSensors,
-    ) -> Result<Option<Plant>, CliError> {
-        let (usual, hz) = match kind {
-            AutopilotKind::Internal => return Ok(None),
-            AutopilotKind::Px4 => (px4::PORT, px4::EXCHANGE_HZ),
-            AutopilotKind::Ardupilot => (ardupilot::PORT, ardupilot::EXCHANGE_HZ),
-        };
-        let port = if config.port == 0 { usual } else { config.port };
-        let doing = format_args!("listening for the firmware on port {port}");
-        let link = match kind {
-            AutopilotKind::Internal => return Ok(None),
+    ) -> Result<Plant, CliError> {
+        let port = |usual: u16| if config.port == 0 { usual } else { config.port };
+        let doing = |port: u16| format!("listening for the firmware on port {port}");
+        let (link, exchanges) = match kind {
+            AutopilotKind::Internal => {
+                let socket = UdpSocket::bind("127.0.0.1:0")
+                    .and_then(|s| s.connect(mavlink).map(|()| s))
+                    .and_then(|s| s.set_nonblocking(true).map(|()| s))
+                    .doing(format_args!("sending MAVLink to {mavlink}"))?;
+                let link = Link::Simulated {
+                    socket,
+                    autopilot: None,
+                    handed_over: false,
+                };
+                (link, INNER_PER_OUTER)
+            }
             AutopilotKind::Px4 => {
+                let port = port(px4::PORT);
                 let door = TcpListener::bind(("0.0.0.0", port))
                     .and_then(|door| door.set_nonblocking(true).map(|()| door))
-                    .doing(doing)?;
-                Link::Px4 {
+                    .doing(doing(port))?;
+                let link = Link::Px4 {
                     door,
                     stream: None,
                     plant: Box::new(Px4Plant::new(config, sensors)),
-                }
+                };
+                (link, config.exchanges(px4::EXCHANGE_HZ))
             }
             AutopilotKind::Ardupilot => {
+                let port = port(ardupilot::PORT);
                 let socket = UdpSocket::bind(("0.0.0.0", port))
                     .and_then(|s| s.set_read_timeout(Some(READ)).map(|()| s))
-                    .doing(doing)?;
-                Link::Ardupilot {
+                    .doing(doing(port))?;
+                let link = Link::Ardupilot {
                     socket,
                     asker: None,
                     motors: None,
-                }
+                };
+                (link, config.exchanges(ardupilot::EXCHANGE_HZ))
             }
         };
-        Ok(Some(Plant {
+        Ok(Plant {
             link,
             config: config.clone(),
-            exchanges: config.exchanges(hz),
+            exchanges,
             heard_ns: 0,
             late: 0,
-        }))
+        })
+    }
+    /// The drone appears when it is due: in the air under the simulated autopilot; a firmware wakes up on the ground, and
+    /// is flown from there by a person.
+    pub fn place(&mut self, physics: &mut Physics) {
+        if physics.drone(0).is_some() {
+            return;
+        }
+        match &mut self.link {
+            Link::Simulated { autopilot, .. } => {
+                if physics.now() >= physics.hover_from() {
+                    physics.place_drone(0);
+                    *autopilot = physics.autopilot(0).map(|(_, a)| Box::new(a));
+                }
+            }
+            Link::Px4 { .. } | Link::Ardupilot { .. } => physics.place_drone_on_pad(0),
+        }
     }
     /// Slices in which the firmware did not answer in time.
     pub fn late(&self) -> u64 {
@@ -121,7 +157,7 @@ impl Plant {
     }
     /// Moves the world on by one tick, each slice when the clock has come to it.
     pub fn advance(&mut self, physics: &mut Physics, memory: &Memory, clock: &ProcessClock) {
-        physics.advance_with_firmware(self.exchanges, |_, sensed| {
+        physics.advance_with(self.exchanges, |_, sensed| {
             wait_until(memory, clock, sensed.at);
             self.exchange(sensed)
         });
@@ -136,6 +172,28 @@ impl Plant {
         let until = |timeout_ns: i64| now + if present { timeout_ns } else { 0 };
         let rate_hz = f64::from(self.exchanges) / TICK.secs();
         let (turn, motors) = match &mut self.link {
+            Link::Simulated {
+                socket,
+                autopilot,
+                handed_over,
+            } => {
+                let autopilot = autopilot.as_mut()?;
+                if !*handed_over {
+                    // PX4 denies until set-points were streamed for long enough: the person tries again.
+                    let offboard = mode_number(autopilot.firmware(), AutopilotMode::Offboard);
+                    *handed_over = autopilot.choose(offboard);
+                }
+                let (mut buffer, mut received) = ([0_u8; 2048], Vec::new());
+                while received.len() < MAX_READS as usize
+                    && let Ok(n) = socket.recv(&mut buffer)
+                {
+                    received.push(buffer.get(..n).unwrap_or_default().to_vec());
+                }
+                let (motors, sent) = autopilot.step_bytes(sensed, &received);
+                // Nobody may listen yet.
+                sent.iter().for_each(|bytes| drop(socket.send(bytes)));
+                (Turn::Answered, motors)
+            }
             Link::Px4 { door, stream, plant } => {
                 if stream.is_none()
                     && let Ok((new, from)) = door.accept()
@@ -284,7 +342,7 @@ mod tests {
             ..FirmwareConfig::default()
         };
         let sensors = FirmwareSensors::new(&c, &Default::default(), Default::default(), &Streams::new(1));
-        Plant::open(kind, &c, sensors).unwrap().unwrap()
+        Plant::open(kind, "", &c, sensors).unwrap()
     }
     /// Exchanges until the motors are as `wanted`; the slice in which they were.
     fn until(plant: &mut Plant, from: i64, wanted: impl Fn(Option<[f64; ROTORS]>) -> bool) -> i64 {

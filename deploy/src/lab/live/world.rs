@@ -21,10 +21,10 @@ use crate::exit::{CliError, Doing, Exit};
 use crate::io::sensor_socket::{Readings, SensorSender};
 use crate::lab::live::args::WorldArgs;
 use crate::lab::live::config::SimulatedWorld;
+use crate::lab::live::detections::Detections;
 use crate::lab::live::follow::Followed;
-use crate::lab::live::plant::{Plant, wait_until};
+use crate::lab::live::plant::Plant;
 use crate::lab::live::render_thread::RenderThread;
-use crate::lab::live::simulated_autopilot::SimulatedAutopilot;
 use crate::lab::live::truth::Truth;
 use crate::lab::plot;
 use crate::process::instance::owner;
@@ -66,7 +66,8 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         let (scenario, firmware) = (&world.scenario, &world.firmware);
         let (navigation, datum) = (&scenario.drone.navigation, scenario.sensors.vessel_gnss.datum);
         let sensors = FirmwareSensors::new(firmware, navigation, datum, physics.streams());
-        Plant::open(kind.unwrap_or(world.autopilot), firmware, sensors)?
+        let kind = kind.unwrap_or(world.autopilot);
+        Plant::open(kind, &world.mavlink, firmware, sensors)?
     };
     let instance = Instance::new(&world.instance)?;
     let mut computer = DroneSide::join(&instance, &world)?;
@@ -102,7 +103,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         computer.rejoin(&instance, &world);
         let DroneSide {
             memory,
-            autopilot,
+            detections,
             mission,
             forecasts,
             state,
@@ -123,14 +124,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         late_ticks += u32::from(late_s > TICK.secs());
         let before = steady_ns();
 
-        if physics.drone(0).is_none() {
-            if plant.is_some() {
-                // A firmware wakes up on the ground, and is flown from there by a person.
-                physics.place_drone_on_pad(0);
-            } else if physics.now() >= physics.hover_from() {
-                physics.place_drone(0);
-            }
-        }
+        plant.place(&mut physics);
         if let Some(log) = &mut truth {
             log.write(before, physics.now().nanos(), &Truth::of(&physics), &());
         }
@@ -141,31 +135,18 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
             heading: readings.heading,
             ..Readings::default()
         });
-        if let Some(flight) = physics.drone_measurements(0) {
-            autopilot.publish_detections(&flight.readings);
+        if let Some(readings) = physics.drone_readings(0) {
+            detections.publish(&readings);
             if let Some(render_thread) = render_thread {
-                render_thread.take(&flight.readings.shots);
-            }
-            if plant.is_none() {
-                autopilot.publish(&flight);
+                render_thread.take(&readings.shots);
             }
         }
-        // Set-points have until the next tick to arrive: what the vehicle does in between follows
-        // from what it was told before.
         let drone_ns = physics.drone_now(0).nanos();
         life.stepped(Some((steady_ns() - before) as f64 * 1e-9));
-        if let Some(plant) = &mut plant {
-            plant.advance(&mut physics, memory, &clock);
-        } else {
-            wait_until(memory, &clock, physics.now() + TICK);
-            if let Some(set_point) = autopilot.set_point(drone_ns + TICK.nanos()) {
-                physics.apply(0, &set_point);
-            }
-            physics.advance();
-        }
+        plant.advance(&mut physics, memory, &clock);
 
         phase = mission.newest(drone_ns).unwrap_or(phase);
-        let unanswered = plant.as_ref().map_or(0, Plant::late);
+        let unanswered = plant.late();
         let t_s = physics.time_since_start().secs();
         let lost = render_thread.as_ref().map_or(0, RenderThread::lost);
         life.metrics = Seq::filled([
@@ -205,13 +186,8 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         if stays_until_s.is_some_and(|until| t_s >= until) {
             break;
         }
-        let inputs = || {
-            vec![
-                autopilot.set_points.statistics().state(drone_ns),
-                mission.statistics().state(drone_ns),
-            ]
-        };
-        if let Some(said) = life.state(inputs, autopilot.unsent()) {
+        let inputs = || vec![mission.statistics().state(drone_ns)];
+        if let Some(said) = life.state(inputs, detections.unsent()) {
             state.send(&said);
         }
     }
@@ -245,7 +221,7 @@ struct DroneSide {
     owner: Option<u32>,
     looked_ns: i64,
     memory: Memory,
-    autopilot: SimulatedAutopilot,
+    detections: Detections,
     mission: Subscriber<MissionState>,
     forecasts: Subscriber<DeckForecast>,
     state: Publisher<ProcessState>,
@@ -263,7 +239,7 @@ impl DroneSide {
         Ok(DroneSide {
             owner,
             looked_ns: steady_ns(),
-            autopilot: SimulatedAutopilot::join(&memory, &world.odometry)?,
+            detections: Detections::join(&memory)?,
             mission: memory.subscriber()?,
             forecasts: memory.subscriber()?,
             state: memory.publisher()?,

@@ -10,9 +10,9 @@ use alight_uav::autopilot::message::{
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::parameters::{Finding, Parameters};
 use alight_uav::autopilot::wire::{Decoder, encode};
+use alight_uav::pilot::Output;
 
 use crate::config::DroneComputer;
-use crate::drone::autopilot::sends_attitudes;
 use crate::io::byte_link::ByteLink;
 use crate::io::link_url::LinkUrl;
 use crate::process::supervisor::pause;
@@ -41,7 +41,12 @@ pub fn parameters(computer: &DroneComputer, url: &LinkUrl) -> Option<Vec<(&'stat
                 (Message::Heartbeat(h), None) if frame.from.component == AUTOPILOT_COMPONENT => {
                     found = Firmware::of(h.autopilot, h.vehicle)
                         .filter(|_| c.vehicle == 0 || c.vehicle == frame.from.system)
-                        .map(|f| (frame.from, Parameters::new(f, sends_attitudes(computer), now)));
+                        .map(|f| {
+                            (
+                                frame.from,
+                                Parameters::new(f, computer.drone.pilot.output == Output::Attitude, now),
+                            )
+                        });
                 }
                 (Message::Parameter { name, value }, Some((from, p))) if *from == frame.from => {
                     p.received(name, *value);

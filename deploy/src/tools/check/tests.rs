@@ -7,9 +7,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use alight_shared::autopilot_parameters::{Parameter, of_px4};
+use alight_shared::geometry::DroneGeometry;
+use alight_shared::time::Span;
 use alight_shared::transport::radio::TlsConfig;
-use alight_sim::autopilots::fake::FakeAutopilot;
-use alight_uav::autopilot::modes::Firmware;
+use alight_sim::autopilots::simulated::SimulatedAutopilot;
+use alight_sim::physics::drone::{AutopilotConfig, NavigationConfig, PlantState};
+use alight_sim::physics::streams::Streams;
 use alight_uav::autopilot::parameters::Finding as ParameterFinding;
 use alight_usv::sensors::{SourceConfig, SourceStatus};
 
@@ -469,14 +472,17 @@ fn parameter_check_reads_what_the_autopilot_at_the_link_has_and_finds_none_at_a_
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         socket.connect(at).unwrap();
         socket.set_read_timeout(Some(Duration::from_millis(5))).unwrap();
-        let mut px4 = FakeAutopilot::new(Firmware::Px4, 0.0);
+        let mut truth = PlantState::default();
+        let (c, n) = (AutopilotConfig::default(), NavigationConfig::default());
+        let geometry = DroneGeometry::default();
+        let mut px4 = SimulatedAutopilot::new(&c, &n, &geometry, &Streams::new(1), &truth, 0.4);
         px4.parameters.insert("MPC_ACC_UP_MAX", 4.0);
-        let (mut t_s, mut bytes) = (1000.0, [0; 1024]);
+        let mut bytes = [0; 1024];
         while !ended.load(Ordering::Relaxed) {
-            t_s += 0.005;
+            truth.at += Span::from_millis(5);
             let received = socket.recv(&mut bytes).map(|n| bytes[..n].to_vec());
             let received: Vec<Vec<u8>> = received.into_iter().collect();
-            for sent in px4.step(t_s, &received) {
+            for sent in px4.step_bytes(&truth, &received).1 {
                 // Nobody may listen yet.
                 let _lost = socket.send(&sent);
             }

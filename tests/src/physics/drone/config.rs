@@ -1,6 +1,7 @@
 //! The drone's true parameters, which no node sees.
 
 use alight_shared::config;
+use alight_uav::autopilot::modes::Firmware;
 use serde::{Deserialize, Serialize};
 
 config! {
@@ -99,12 +100,11 @@ pub enum LossAction {
 config! {
     /// The autopilot's control loops and failsafes, after PX4 1.16 (parameter names in comments).
     pub struct AutopilotConfig {
+        /// Whose character it has: px4 or ardupilot, which has position and velocity gains of its own.
+        pub firmware: Firmware = Firmware::Px4;
         /// Lag with which a tilt set-point is followed, s: the gain of the attitude loop is its inverse.
         /// Source: Issue; PX4 0.18 to 0.32 s, ArduCopter 0.21 s (measured).
         pub attitude_lag_s: f64 = 0.2, in 0.08..=1.0;
-        /// Uses the body rates of an attitude set-point as feed-forward.
-        /// Source: PX4 drops the rates when an attitude is given.
-        pub use_rates: bool = false;
         /// Gain of the heading loop, 1/s.
         /// Source: MC_YAW_P.
         pub yaw_gain_hz: f64 = 2.8, in 0.1..=10.0;
@@ -176,10 +176,32 @@ config! {
         pub hover_thrust_s: f64 = 2.0, in 0.1..=100.0;
         /// Hover thrust that it starts with, over the true one.
         pub initial_hover_factor: f64 = 1.0, in 0.4..=2.0;
+        /// One way on the wire to the drone's computer, s.
+        /// Source: An ODOMETRY of 244 bytes takes 2.6 ms at 921 600 baud.
+        pub wire_s: f64 = 0.003, in 0.0..=0.5;
+        /// Uniform addition to it, s.
+        pub wire_jitter_s: f64 = 0.001, in 0.0..=0.5;
         /// Battery at the start, 0 to 1.
         pub battery: f64 = 0.9, in 0.0..=1.0;
         /// Hover time that a full battery gives, s.
         pub endurance_s: f64 = 1500.0, in 10.0..=1e6;
+    }
+}
+
+impl AutopilotConfig {
+    /// With ArduCopter's own gains where it is ArduCopter (PSC_POSXY_P, PSC_VELXY_*, PSC_VELZ_P; in units of
+    /// acceleration).
+    pub fn with_gains_of_firmware(&self) -> AutopilotConfig {
+        match self.firmware {
+            Firmware::Px4 => self.clone(),
+            Firmware::ArduCopter => AutopilotConfig {
+                position_gain_hz: 1.0,
+                velocity_pid: [2.0, 1.0, 0.25],
+                climb_pid: [5.0, 2.0, 0.0],
+                decouple_vertical: false,
+                ..self.clone()
+            },
+        }
     }
 }
 
@@ -224,5 +246,25 @@ config! {
         pub heading_error_s: f64 = 300.0, in 0.1..=1e5;
         /// White error of each attitude angle, deg.
         pub attitude_noise_deg: f64 = 0.05, in 0.0..=5.0;
+    }
+}
+
+impl NavigationConfig {
+    /// Next to no errors, for tests of control alone.
+    pub fn without_errors() -> NavigationConfig {
+        NavigationConfig {
+            gnss_bias_m: 0.0,
+            gnss_noise_m: 0.001,
+            gnss_velocity_mps: 0.001,
+            gyro_noise_rps: 0.0,
+            gyro_bias_rps: 0.0,
+            accelerometer_noise_mps2: 0.001,
+            accelerometer_bias_mps2: 0.0,
+            vibration_mps2: 0.0,
+            tilt_error_deg: 0.0,
+            heading_error_deg: 0.0,
+            attitude_noise_deg: 0.0,
+            ..NavigationConfig::default()
+        }
     }
 }

@@ -1,16 +1,10 @@
-//! The drone as truth: rigid body, rotors, wind, contact, and the autopilot that flies it by its
-//! own imperfect estimate.
+//! The drone as truth: rigid body, rotors, wind, contact. Who turns its rotors is in [`crate::autopilots`].
 //!
-//! [`SimulatedDrone::step`] advances one tick in sub-steps of 2 ms: wind, autopilot, rotors, forces,
-//! contact. Free flight is integrated in double precision; near the deck rapier3d solves contact.
+//! [`SimulatedDrone::step`] advances one tick in sub-steps of at most 2 ms: wind, rotors, forces, contact. Free flight is integrated in double precision; near the deck rapier3d solves contact.
 
 mod airframe;
-mod attitude;
-mod autopilot;
 mod config;
 mod contact;
-mod estimator;
-mod mixer;
 pub(crate) mod noise;
 mod wind;
 
@@ -19,24 +13,21 @@ mod tests;
 
 use alight_shared::frames::{Deck, DroneBody, Point, Rotation, Vector};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
-use alight_shared::msg::{AutopilotMode, AutopilotState, DroneState, Header, SetPoint};
-use alight_shared::time::{DroneClock, Span, Time, TrueTime};
+use alight_shared::time::{Span, Time, TrueTime};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 use airframe::{Airframe, Motion};
-use autopilot::Autopilot;
 use contact::{Contact, DeckSpan};
-use estimator::Estimator;
 use wind::Wind;
 
+pub(crate) use airframe::LAYOUT;
 pub use airframe::ROTORS;
 pub use config::{
     AirframeConfig, AutopilotConfig, ContactConfig, DroneConfig, LossAction, NavigationConfig, WindConfig,
 };
 pub use contact::{Impact, Part};
-pub use mixer::Mixer;
 
 /// Longest sub-step, s.
 const SUB_STEP_S: f64 = 0.002;
@@ -76,12 +67,9 @@ pub struct SimulatedDrone {
     airframe: Airframe,
     contact: Contact,
     wind: Wind,
-    estimator: Estimator,
-    autopilot: Autopilot,
     motion: Motion,
     acceleration: Vector3<f64>,
     angular_acceleration: Vector3<f64>,
-    now_s: f64,
     nominal_max_n: f64,
     /// Height (NED z, m) of the pad that it stands on before a firmware takes off.
     pad: Option<f64>,
@@ -124,17 +112,8 @@ pub fn wind_to_deg(streams: &Streams) -> f64 {
     wind::drawn_direction(&mut streams.stream("wind")).to_degrees()
 }
 
-/// Who turns the rotors.
-enum FlownBy<'a> {
-    /// The simulated autopilot.
-    Autopilot,
-    /// A firmware: shares of a rotor's greatest thrust; None with the motors off.
-    Firmware(Option<&'a [f64; ROTORS]>),
-}
-
 impl SimulatedDrone {
-    /// A drone that hovers at `start`, armed, with its estimator converged. True mass and thrust,
-    /// sensor errors and wind come from named streams (`drone.*`, `wind`).
+    /// A drone that hovers at `start`. True mass and thrust and wind come from named streams (`drone.airframe`, `wind`).
     pub fn new(
         config: &DroneConfig,
         drone: &DroneGeometry,
@@ -150,20 +129,13 @@ impl SimulatedDrone {
             attitude: UnitQuaternion::from_euler_angles(0.0, 0.0, start.yaw),
             rates: Vector3::zeros(),
         };
-        let estimator = Estimator::new(&config.navigation, streams, &motion, 0.01);
-        let hover = airframe.mass * GRAVITY / (4.0 * airframe.rotor_max);
-        let believed = hover * config.autopilot.initial_hover_factor;
-        let autopilot = Autopilot::new(&config.autopilot, drone, estimator.now(), believed, streams);
         SimulatedDrone {
             contact: Contact::new(&config.contact, &airframe, drone, deck),
             wind: Wind::new(&config.wind, streams.stream("wind")),
             airframe,
-            estimator,
-            autopilot,
             motion,
             acceleration: Vector3::zeros(),
             angular_acceleration: Vector3::zeros(),
-            now_s: 0.0,
             nominal_max_n: drone.max_thrust_n,
             pad: None,
             specific_force: Vector3::new(0.0, 0.0, -GRAVITY),
@@ -175,7 +147,8 @@ impl SimulatedDrone {
         self.pad = Some(self.motion.position.z);
         self.airframe.stand_still();
     }
-    fn plant_state(&self, at: Time<TrueTime>) -> PlantState {
+    /// What sensors are moved by.
+    pub fn plant_state(&self, at: Time<TrueTime>) -> PlantState {
         PlantState {
             at,
             position: self.motion.position,
@@ -186,32 +159,11 @@ impl SimulatedDrone {
         }
     }
 
-    /// A set-point reaches the autopilot.
-    pub fn apply(&mut self, set_point: &SetPoint) {
-        self.autopilot.apply(set_point, self.now_s);
-    }
-    /// The operator chooses the autopilot's mode; it starts in `Offboard`.
-    pub fn command_mode(&mut self, mode: AutopilotMode) {
-        self.autopilot.command(mode, self.estimator.now());
-    }
-
-    /// Advances from `t_s` by `dt_s`, over which the deck's centre moves from `deck_start` to
-    /// `deck_end` (cubic between, by position and velocity). The water's surface below the drone
-    /// is at `water_z` (NED, down, m).
+    /// Advances from `t` by `dt`, over which the deck's centre moves from `deck[0]` to `deck[1]` (cubic between, by
+    /// position and velocity). The water's surface below the drone is at `water_z` (NED, down, m). `motors` is asked so
+    /// many times on the way, with the state at the beginning of each part, and gives fractions of a rotor's maximum
+    /// thrust; None with all off.
     pub fn step(
-        &mut self,
-        t_s: f64,
-        dt_s: f64,
-        deck_start: &RigidState<Deck>,
-        deck_end: &RigidState<Deck>,
-        water_z: f64,
-    ) -> StepReport {
-        self.integrate(t_s, dt_s, deck_start, deck_end, water_z, &FlownBy::Autopilot)
-    }
-
-    /// The same under a firmware that exchanges so many times on the way: `motors` is given the state at the
-    /// beginning of each part and gives fractions of a rotor's maximum thrust; None with all off.
-    pub fn step_with_firmware(
         &mut self,
         t: Time<TrueTime>,
         dt: Span,
@@ -227,49 +179,30 @@ impl SimulatedDrone {
                 let command = motors(&self.plant_state(at));
                 let fraction = |k: u32| f64::from(k) / f64::from(exchanges);
                 let [from, to] = [fraction(k), fraction(k + 1)].map(|s| between(deck, dt.secs(), s));
-                let flown = FlownBy::Firmware(command.as_ref());
-                self.integrate(at.secs(), length.secs(), &from, &to, water_z, &flown)
+                self.integrate(length.secs(), &from, &to, water_z, command.as_ref())
             })
             .collect()
     }
 
     fn integrate(
         &mut self,
-        t_s: f64,
         dt_s: f64,
         deck_start: &RigidState<Deck>,
         deck_end: &RigidState<Deck>,
         water_z: f64,
-        flown: &FlownBy<'_>,
+        command: Option<&[f64; ROTORS]>,
     ) -> StepReport {
         let mut report = StepReport::default();
-        self.now_s = t_s;
         let count = (dt_s / SUB_STEP_S - 1e-9).ceil().max(1.0) as u32;
         let dt = dt_s / f64::from(count);
         let height = water_z - self.motion.position.z;
         self.wind.step(dt_s, height, &self.motion.velocity);
-        if matches!(flown, FlownBy::Autopilot) {
-            self.autopilot.outer(self.estimator.now(), t_s, dt_s);
-        }
-
-        // What the attitude and rate loops see: the truth of the sub-step with the errors of the
-        // last estimate, since they are far slower than a tick.
-        let error = self.estimator.now().attitude * self.motion.attitude.inverse();
-        let rate_error = self.estimator.now().rates - self.motion.rates;
         let path = DeckPath::new(deck_start, deck_end, dt_s);
         let mut specific = Vector3::zeros();
         for k in 0..count {
             let span = path.span(f64::from(k) * dt, dt);
-            let command = match flown {
-                FlownBy::Autopilot => self.autopilot.inner(
-                    &(error * self.motion.attitude),
-                    &(self.motion.rates + rate_error),
-                    dt,
-                ),
-                FlownBy::Firmware(motors) => motors.copied(),
-            };
             let before = self.motion.velocity;
-            self.sub_step(command.as_ref(), &span, dt, &mut report.impacts);
+            self.sub_step(command, &span, dt, &mut report.impacts);
             self.rest_on_pad();
             self.acceleration = (self.motion.velocity - before) / dt;
             specific += self
@@ -277,21 +210,12 @@ impl SimulatedDrone {
                 .attitude
                 .inverse_transform_vector(&(self.acceleration - Vector3::z() * GRAVITY));
         }
-        self.now_s = t_s + dt_s;
-        let thrust = self.airframe.thrust();
         self.specific_force = specific / f64::from(count);
-        if matches!(flown, FlownBy::Autopilot) {
-            self.estimator
-                .step(&self.motion, &self.specific_force, thrust, dt_s);
-        }
 
         report.feet = self.contact.feet();
         report.other = self.contact.other();
         report.in_water = self.contact.soles().any(|s| self.motion.point(&s).z > water_z);
-        report.armed = match flown {
-            FlownBy::Autopilot => self.autopilot.armed(),
-            FlownBy::Firmware(motors) => motors.is_some(),
-        };
+        report.armed = command.is_some();
         report
     }
 
@@ -352,10 +276,6 @@ impl SimulatedDrone {
             angular_acceleration: Vector::from(self.angular_acceleration),
         }
     }
-    /// Displacement of the drone's NED from the true one as of now: its GNSS error, m.
-    pub fn frame_offset(&self) -> Vector3<f64> {
-        self.estimator.offset()
-    }
     /// Wind velocity now, NED, m/s.
     pub fn wind(&self) -> Vector3<f64> {
         self.wind.velocity()
@@ -376,42 +296,9 @@ impl SimulatedDrone {
         }
         soles
     }
-    /// Set-points that were refused.
-    pub fn rejected(&self) -> u64 {
-        self.autopilot.rejected()
-    }
-
-    /// The odometry message, 100 Hz.
-    pub fn odometry(&self, header: Header<DroneClock>) -> DroneState {
-        let e = self.estimator.now();
-        let (position_sd, velocity_sd) = self.estimator.sd();
-        let q = e.attitude;
-        DroneState {
-            header,
-            position: e.position.into(),
-            velocity: e.velocity.into(),
-            attitude: [q.w, q.i, q.j, q.k],
-            rates: e.rates.into(),
-            specific_force: e.specific_force.into(),
-            position_sd: [position_sd; 3],
-            velocity_sd: [velocity_sd; 3],
-            euler_sd: self.estimator.euler_sd(),
-        }
-    }
-    /// The autopilot's state message, 10 Hz.
-    pub fn autopilot_state(&self, header: Header<DroneClock>) -> AutopilotState {
-        let a = &self.autopilot;
-        AutopilotState {
-            header,
-            armed: a.armed(),
-            mode: a.mode(),
-            landed: a.landed(),
-            origin_resets: 0,
-            battery: a.battery(),
-            thrust: a.thrust(),
-            hover_thrust: a.hover_thrust(),
-            ..AutopilotState::default()
-        }
+    /// Collective thrust that hovers in still air, as a fraction of the true maximum.
+    pub fn hover_thrust(&self) -> f64 {
+        self.airframe.hover()
     }
     /// Greatest nominal thrust, N: what a normalised thrust of 1 commands.
     pub fn nominal_max_n(&self) -> f64 {

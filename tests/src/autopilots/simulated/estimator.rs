@@ -6,28 +6,34 @@ use rand_chacha::ChaCha8Rng;
 
 use alight_shared::geometry::GRAVITY;
 
-use super::airframe::Motion;
-use super::config::NavigationConfig;
-use super::noise::{GaussMarkov, normal};
+use crate::physics::drone::noise::{GaussMarkov, normal};
+use crate::physics::drone::{NavigationConfig, PlantState};
 use crate::physics::streams::Streams;
 
 /// The estimate at one tick.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Estimate {
-    pub(crate) position: Vector3<f64>,
-    pub(crate) velocity: Vector3<f64>,
-    pub(crate) attitude: UnitQuaternion<f64>,
-    pub(crate) rates: Vector3<f64>,
-    pub(crate) specific_force: Vector3<f64>,
+pub(super) struct Estimate {
+    pub(super) position: Vector3<f64>,
+    pub(super) velocity: Vector3<f64>,
+    pub(super) attitude: UnitQuaternion<f64>,
+    pub(super) rates: Vector3<f64>,
+    pub(super) specific_force: Vector3<f64>,
     /// Acceleration in NED, without gravity and accelerometer bias.
-    pub(crate) acceleration: Vector3<f64>,
+    pub(super) acceleration: Vector3<f64>,
+}
+
+/// What the estimate of attitude (NED, on the left) and rates adds to the truth.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Errors {
+    pub(super) attitude: UnitQuaternion<f64>,
+    pub(super) rates: Vector3<f64>,
 }
 
 /// Inertial sensors, GNSS and a Kalman filter over position, velocity and accelerometer bias.
 ///
 /// The three axes have the same covariance, so one 3x3 matrix serves all of them.
 #[derive(Clone, Debug)]
-pub(crate) struct Estimator {
+pub(super) struct Estimator {
     config: NavigationConfig,
     gnss_bias: [GaussMarkov; 3],
     attitude_error: [GaussMarkov; 3],
@@ -41,11 +47,12 @@ pub(crate) struct Estimator {
     covariance: Matrix3<f64>,
     until_fix_s: f64,
     estimate: Estimate,
+    errors: Errors,
 }
 
 impl Estimator {
     /// An estimator that has converged on a drone at rest in the air at `m`.
-    pub(crate) fn new(config: &NavigationConfig, streams: &Streams, m: &Motion, dt: f64) -> Self {
+    pub(super) fn new(config: &NavigationConfig, streams: &Streams, m: &PlantState, dt: f64) -> Self {
         let mut gnss_rng = streams.stream("drone.gnss");
         let mut imu_rng = streams.stream("drone.imu");
         let mut attitude_rng = streams.stream("drone.attitude");
@@ -86,6 +93,10 @@ impl Estimator {
                 specific_force: Vector3::new(0.0, 0.0, -GRAVITY),
                 acceleration: Vector3::zeros(),
             },
+            errors: Errors {
+                attitude: UnitQuaternion::identity(),
+                rates: Vector3::zeros(),
+            },
         };
         // Twenty seconds of hover before the start, for the biases to be known.
         let still = Vector3::new(0.0, 0.0, -GRAVITY);
@@ -96,21 +107,24 @@ impl Estimator {
     }
 
     /// Position of the drone's navigation frame relative to the true one, m: its GNSS error.
-    pub(crate) fn offset(&self) -> Vector3<f64> {
+    pub(super) fn offset(&self) -> Vector3<f64> {
         Vector3::from_fn(|i, _| self.gnss_bias[i].value)
     }
-    pub(crate) fn now(&self) -> &Estimate {
+    pub(super) fn now(&self) -> &Estimate {
         &self.estimate
+    }
+    pub(super) fn errors(&self) -> &Errors {
+        &self.errors
     }
     /// Standard deviations of position (relative to the slow GNSS error that all fixes of the last
     /// seconds share, m) and velocity (m/s).
-    pub(crate) fn sd(&self) -> (f64, f64) {
+    pub(super) fn sd(&self) -> (f64, f64) {
         let p = &self.covariance;
         (p[(0, 0)].max(0.0).sqrt(), p[(1, 1)].max(0.0).sqrt())
     }
 
     /// Standard deviations of roll, pitch, yaw, rad.
-    pub(crate) fn euler_sd(&self) -> [f64; 3] {
+    pub(super) fn euler_sd(&self) -> [f64; 3] {
         let c = &self.config;
         [c.tilt_error_deg, c.tilt_error_deg, c.heading_error_deg]
             .map(|slow| slow.hypot(c.attitude_noise_deg).to_radians())
@@ -118,7 +132,7 @@ impl Estimator {
 
     /// One tick of `dt` that ended at the true motion `m`, over which the mean specific force in
     /// the body frame was `force` and the collective thrust `thrust` (fraction of the greatest).
-    pub(crate) fn step(&mut self, m: &Motion, force: &Vector3<f64>, thrust: f64, dt: f64) {
+    pub(super) fn step(&mut self, m: &PlantState, force: &Vector3<f64>, thrust: f64, dt: f64) {
         let c = &self.config;
         let errors = [0, 1, 2].map(|i| {
             self.attitude_error[i].step(&mut self.attitude_rng)
@@ -146,6 +160,10 @@ impl Estimator {
         e.rates = rates;
         e.specific_force = specific_force;
         e.acceleration = acceleration;
+        self.errors = Errors {
+            attitude: wrong,
+            rates: rates - m.rates,
+        };
         self.predict(noise, dt);
 
         self.until_fix_s -= dt;
@@ -168,7 +186,7 @@ impl Estimator {
     }
 
     /// Position and velocity fix, one scalar at a time (Gelb 1974, section 4.2).
-    fn fuse(&mut self, m: &Motion) {
+    fn fuse(&mut self, m: &PlantState) {
         let (sd_p, sd_v) = (self.config.gnss_noise_m, self.config.gnss_velocity_mps);
         let offset = Vector3::from_fn(|i, _| self.gnss_bias[i].step(&mut self.gnss_rng));
         let mut noise = |sd: f64| Vector3::from_fn(|_, _| sd * normal(&mut self.gnss_rng));
@@ -207,11 +225,9 @@ mod tests {
         let (mut p2, mut v2, mut n) = (0.0, 0.0, 0.0);
         let (mut sp, mut sv) = (0.0, 0.0);
         for seed in 0..20 {
-            let mut m = Motion {
+            let mut m = PlantState {
                 position: Vector3::new(0.0, 0.0, -15.0),
-                velocity: Vector3::zeros(),
-                attitude: UnitQuaternion::identity(),
-                rates: Vector3::zeros(),
+                ..PlantState::default()
             };
             let mut e = Estimator::new(&config, &Streams::new(seed), &m, dt);
             for k in 0..3000 {

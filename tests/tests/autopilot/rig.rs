@@ -1,34 +1,58 @@
-//! The link's node and an autopilot at protocol level on one clock, with what a pilot, a mission and a
+//! The link's node and the simulated autopilot on one clock, above a deck at rest, with what a pilot, a mission and a
 //! predictor send it.
 
-use alight_shared::frames::Datum;
-use alight_shared::geometry::DroneGeometry;
-use alight_shared::msg::Seq;
+use std::rc::Rc;
+
+use alight_shared::frames::{Datum, Deck, Point};
+use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotState, BatteryPlace, DeckForecast, DeckStage, DroneState, Header, MissionState, Motors,
-    RangeSample, Reason, ReasonCode, SetPoint, SetPointKind, State,
+    AutopilotMode, AutopilotState, BatteryPlace, DeckForecast, DeckStage, DroneState, Header, MissionState,
+    Motors, RangeSample, Reason, ReasonCode, Seq, SetPoint, SetPointKind, State,
 };
-use alight_shared::time::{DroneClock, Span, Time};
-use alight_sim::autopilots::fake::{FEET_M, FakeAutopilot, HOVER};
+use alight_shared::time::{DroneClock, Span, Time, TrueTime};
+use alight_sim::autopilots::simulated::{SimulatedAutopilot, mode_number};
+use alight_sim::harness::link::LinkedAutopilot;
+use alight_sim::harness::world::Checkpoints;
+use alight_sim::physics::body::RigidState;
+use alight_sim::physics::drone::{DroneConfig, DroneStart, NavigationConfig, SimulatedDrone};
+use alight_sim::physics::streams::Streams;
 use alight_uav::autopilot::message::{Address, CommandLong, Message};
 use alight_uav::autopilot::modes::Firmware;
-use alight_uav::autopilot::wire::encode;
-use alight_uav::autopilot::{AutopilotLink, AutopilotLinkConfig, AutopilotOut, ControlAuthority};
+use alight_uav::autopilot::{
+    AutopilotIn, AutopilotLink, AutopilotLinkConfig, AutopilotOut, ControlAuthority,
+};
 use alight_uav::odometry::OdometryConfig;
+use nalgebra::Vector3;
 
-use crate::wired::Wired;
+/// A step of the link, of so many turns of the autopilot.
+pub const STEP: Span = Span::from_millis(5);
+const TURNS: u32 = 2;
 
-/// Step of both, s.
-pub const STEP_S: f64 = 0.005;
-/// Time that bytes take on the wire, s.
-const WIRE_S: f64 = 0.006;
+/// The thrust that hovers.
+pub fn hover() -> f64 {
+    let g = DroneGeometry::default();
+    g.mass_kg * GRAVITY / g.max_thrust_n
+}
+
+/// No noise, and no errors of mass and thrust.
+fn quiet(firmware: Firmware) -> DroneConfig {
+    let mut c = DroneConfig::default();
+    (c.airframe.mass_error, c.airframe.thrust_error) = (0.0, 0.0);
+    c.autopilot.firmware = firmware;
+    c.autopilot.wire_s = 0.006;
+    c.navigation = NavigationConfig::without_errors();
+    c
+}
 
 /// The pilot's set-point for a state of the drone.
 pub type Pilot = fn(&DroneState) -> SetPoint;
 
-pub struct Pair {
-    pub wired: Wired,
+pub struct Rig {
+    pub linked: LinkedAutopilot,
     pub t_s: f64,
+    drone: SimulatedDrone,
+    /// A foot touches the deck.
+    pub on_deck: bool,
     pub pilot: Option<Pilot>,
     pub mission: State,
     /// The mission says nothing any more.
@@ -49,7 +73,6 @@ pub struct Pair {
     pub deck_messages: usize,
     sequence: u32,
     newest: Option<DroneState>,
-    dead: bool,
 }
 
 /// A pilot that holds where the drone is.
@@ -72,7 +95,7 @@ pub fn lead(d: &DroneState) -> SetPoint {
 pub fn press(_: &DroneState) -> SetPoint {
     SetPoint {
         kind: SetPointKind::Attitude,
-        thrust: 0.6 * HOVER,
+        thrust: 0.6 * hover(),
         ..SetPoint::default()
     }
 }
@@ -86,23 +109,32 @@ pub fn stop(d: &DroneState) -> SetPoint {
     }
 }
 
-impl Pair {
-    pub fn new(firmware: Firmware, height_m: f64, config: &AutopilotLinkConfig) -> Pair {
-        Pair::at(firmware, height_m, config, None)
+impl Rig {
+    pub fn new(firmware: Firmware, height_m: f64, config: &AutopilotLinkConfig) -> Rig {
+        Rig::at(firmware, height_m, 0.0, config, None)
     }
-    /// With the other nodes' NED beginning at `datum`.
-    pub fn at(firmware: Firmware, height_m: f64, config: &AutopilotLinkConfig, datum: Option<Datum>) -> Pair {
-        let geometry = DroneGeometry {
-            feet_below_m: FEET_M,
-            ..DroneGeometry::default()
-        };
-        let odometry = OdometryConfig::default();
-        let config = config.clone();
-        let link = move |boot| AutopilotLink::new(&config, &odometry, &geometry, true, datum, 1, boot);
-        let autopilot = FakeAutopilot::new(firmware, height_m);
-        Pair {
-            wired: Wired::new(link, autopilot, WIRE_S),
-            t_s: 1000.0,
+    /// With this heading, and with the other nodes' NED beginning at `datum`.
+    pub fn at(
+        firmware: Firmware,
+        height_m: f64,
+        yaw: f64,
+        config: &AutopilotLinkConfig,
+        datum: Option<Datum>,
+    ) -> Rig {
+        let (geometry, streams, t_s) = (DroneGeometry::default(), Streams::new(1), 1000.0);
+        let (odometry, config, c) = (OdometryConfig::default(), config.clone(), quiet(firmware));
+        let position = Vector3::new(0.0, 0.0, -height_m);
+        let start = DroneStart { position, yaw };
+        let drone = SimulatedDrone::new(&c, &geometry, &DeckGeometry::default(), &streams, start);
+        let (state, hover) = (drone.plant_state(Time::from_secs(t_s)), drone.hover_thrust());
+        let make = move |boot| AutopilotLink::new(&config, &odometry, &geometry, true, datum, 1, boot);
+        let autopilot =
+            SimulatedAutopilot::new(&c.autopilot, &c.navigation, &geometry, &streams, &state, hover);
+        Rig {
+            linked: LinkedAutopilot::new(&c.autopilot, &streams, autopilot, Rc::new(make), 7),
+            t_s,
+            drone,
+            on_deck: false,
             pilot: Some(hold),
             mission: State::Idle,
             mission_silent: false,
@@ -118,34 +150,49 @@ impl Pair {
             deck_messages: 0,
             sequence: 0,
             newest: None,
-            dead: false,
         }
     }
     /// Ready, in our mode, flying under our command.
-    pub fn commanding(firmware: Firmware, height_m: f64, config: &AutopilotLinkConfig) -> Pair {
-        let mut p = Pair::new(firmware, height_m, config);
-        p.run(5.0);
-        p.give_the_mode();
-        p.run(1.0);
-        p.assert_commanding();
+    pub fn commanding(firmware: Firmware, height_m: f64, config: &AutopilotLinkConfig) -> Rig {
+        let mut p = Rig::new(firmware, height_m, config);
+        p.take_command();
         p
+    }
+    /// A person gives the mode once the link is ready.
+    pub fn take_command(&mut self) {
+        self.run(5.0);
+        self.give_the_mode();
+        self.run(1.0);
+        self.assert_commanding();
     }
 
     /// The link's process is dead for so long, s; then a new one begins.
     pub fn restart_link(&mut self, away_s: f64) {
-        self.dead = true;
+        self.linked.kill();
         self.run(away_s);
-        self.wired.restart_link();
-        self.dead = false;
+        self.linked.start(Checkpoints::Kept);
     }
     /// A person chooses the mode that takes set-points.
     pub fn give_the_mode(&mut self) {
-        let a = &mut self.wired.autopilot;
-        let accepted = a.choose(FakeAutopilot::offboard_mode(a.firmware));
+        let accepted = self.choose(AutopilotMode::Offboard);
         assert!(accepted, "the mode was denied: {}", self.authority());
     }
+    /// A person chooses a mode; true when it was entered.
+    pub fn choose(&mut self, mode: AutopilotMode) -> bool {
+        let a = &mut self.linked.autopilot;
+        a.choose(mode_number(a.firmware(), mode))
+    }
+    /// The autopilot's mode in force.
+    pub fn mode(&self) -> AutopilotMode {
+        let a = &self.linked.autopilot;
+        a.firmware().mode(a.mode())
+    }
+    /// Its true place and attitude.
+    pub fn truth(&self) -> RigidState<alight_shared::frames::DroneBody> {
+        self.drone.truth()
+    }
     pub fn authority(&self) -> ControlAuthority {
-        self.wired.link.control_authority()
+        self.linked.control_authority()
     }
     #[track_caller]
     pub fn assert_commanding(&self) {
@@ -161,20 +208,29 @@ impl Pair {
     }
 
     pub fn run(&mut self, seconds: f64) {
-        for _ in 0..(seconds / STEP_S).round() as u32 {
+        for _ in 0..(seconds / STEP.secs()).round() as u32 {
             self.step();
         }
     }
 
     fn step(&mut self) {
-        self.t_s += STEP_S;
-        self.wired.step_autopilot(self.t_s, 0.0);
-        let mut input = self.wired.received(self.t_s);
-        if self.dead {
-            return;
-        }
+        let deck = RigidState::<Deck> {
+            position: Point::new(0.0, 0.0, 0.0),
+            ..RigidState::default()
+        };
+        let t = Time::<TrueTime>::from_secs(self.t_s);
+        self.linked.autopilot.range_m = Some(-self.truth().position.0.z - 0.08);
+        let linked = &mut self.linked;
+        let reports = self
+            .drone
+            .step(t, STEP, &[deck; 2], 100.0, TURNS, |truth| linked.turn(truth));
+        self.on_deck = reports.iter().any(|r| r.feet.contains(&true));
+        self.t_s += STEP.secs();
+        let (t, now) = (Time::from_secs(self.t_s), Time::from_secs(self.t_s));
+        let out = self.linked.receive(t, now);
+        self.take(out);
+        let mut input = AutopilotIn::default();
         self.sequence += 1;
-        let now = Time::from_secs(self.t_s);
         let header = Header::new(1, 1, 1, self.sequence, now);
         if self.sequence.is_multiple_of(2) {
             input.set_point = self
@@ -195,20 +251,18 @@ impl Pair {
             input.mission = (!self.mission_silent).then_some(mission);
             input.forecast = self.forecast.then(|| self.deck(header));
         }
-        let out = self.wired.step_link(self.t_s, now, &input);
+        let out = self.linked.send(t, now, input);
         self.take(out);
     }
 
     fn deck(&self, header: Header<DroneClock>) -> DeckForecast {
-        let [z, speed] = self.wired.autopilot.deck;
         // Below the drone, wherever it is.
         let [x, y, _] = self.newest.map_or([0.0; 3], |d| d.position);
         DeckForecast {
             header,
             step: Span::from_millis(50),
-            stages: Seq::filled((0..41).map(|k| DeckStage {
-                position: [x, y, z + speed * 0.05 * f64::from(k)],
-                velocity: [0.0, 0.0, speed],
+            stages: Seq::filled((0..41).map(|_| DeckStage {
+                position: [x, y, 0.0],
                 ..DeckStage::default()
             })),
             ..DeckForecast::default()
@@ -245,9 +299,8 @@ impl Pair {
             .filter(|c| c.command == command)
             .collect()
     }
-    /// Bytes of somebody else on the same wire.
+    /// A message of somebody else on the same wire.
     pub fn inject(&mut self, from: Address, m: &Message) {
-        let bytes = encode(from, 0, m).expect("a message of this vocabulary");
-        self.wired.up.send(self.t_s, bytes);
+        self.linked.up.send(Time::from_secs(self.t_s), from, m);
     }
 }

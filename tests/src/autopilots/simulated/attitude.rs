@@ -3,21 +3,20 @@
 use alight_shared::geometry::DroneGeometry;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use super::airframe::{LAYOUT, ROTORS};
-use super::config::AutopilotConfig;
 use super::mixer::Mixer;
+use crate::physics::drone::{AutopilotConfig, LAYOUT, ROTORS};
 
 /// What the outer loop or a set-point asks of the attitude loop.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct AttitudeTarget {
+pub(super) struct AttitudeTarget {
     /// NED from body.
-    pub(crate) attitude: UnitQuaternion<f64>,
+    pub(super) attitude: UnitQuaternion<f64>,
     /// Rate about NED's down axis, rad/s.
-    pub(crate) yaw_rate: f64,
-    /// Body rates as feed-forward, rad/s.
-    pub(crate) rates: Vector3<f64>,
+    pub(super) yaw_rate: f64,
+    /// Body rates, rad/s.
+    pub(super) rates: Vector3<f64>,
     /// Collective thrust, 0 to 1 of the nominal maximum.
-    pub(crate) thrust: f64,
+    pub(super) thrust: f64,
 }
 
 /// Body-rate set-point of an attitude error: PX4's `AttitudeControl`, after Brescianini, Hehn,
@@ -25,7 +24,7 @@ pub(crate) struct AttitudeTarget {
 /// with a weight. `wanted` and `is` are NED from body; the result is in rad/s.
 ///
 /// About a small error this is `w = P e`, so a ramp is followed with the lag `1/P`.
-pub(crate) fn rate_set_point(
+pub(super) fn rate_set_point(
     config: &AutopilotConfig,
     target: &AttitudeTarget,
     is: &UnitQuaternion<f64>,
@@ -42,9 +41,6 @@ pub(crate) fn rate_set_point(
     let yaw_gain = config.yaw_gain_hz / config.yaw_weight;
     let mut rates = 2.0 * Vector3::new(gain * error.i, gain * error.j, yaw_gain * error.k);
     rates += is.inverse_transform_vector(&Vector3::new(0.0, 0.0, target.yaw_rate));
-    if config.use_rates {
-        rates += target.rates;
-    }
     let (tilt, yaw) = (config.max_rate_rps, config.max_yaw_rate_rps);
     Vector3::new(
         rates.x.clamp(-tilt, tilt),
@@ -63,18 +59,19 @@ fn canonical(q: &UnitQuaternion<f64>) -> Quaternion<f64> {
 
 /// Rate loop and mixer. It knows the nominal airframe only.
 #[derive(Clone, Debug)]
-pub(crate) struct RateLoop {
+pub(super) struct RateLoop {
     inertia: Vector3<f64>,
     side: f64,
     moment_per_force: f64,
     rotor_max: f64,
     integral: Vector3<f64>,
-    mixer: Mixer,
+    /// Whose mixer.
+    pub(super) mixer: Mixer,
     saturated: [bool; 3],
 }
 
 impl RateLoop {
-    pub(crate) fn new(drone: &DroneGeometry) -> Self {
+    pub(super) fn new(drone: &DroneGeometry) -> Self {
         RateLoop {
             inertia: Vector3::from(drone.inertia_kgm2),
             side: drone.arm_m / 2.0_f64.sqrt(),
@@ -85,14 +82,14 @@ impl RateLoop {
             saturated: [false; 3],
         }
     }
-    pub(crate) fn reset(&mut self) {
+    pub(super) fn reset(&mut self) {
         self.integral = Vector3::zeros();
     }
 
     /// Rotor commands (fractions of the nominal greatest thrust) that bring the body rates `is`
     /// to `wanted` at the collective `thrust`: `dw = K (w_c - w) + I`, moments by the nominal
     /// inertia, then [`Self::mix`].
-    pub(crate) fn step(
+    pub(super) fn step(
         &mut self,
         config: &AutopilotConfig,
         wanted: &Vector3<f64>,

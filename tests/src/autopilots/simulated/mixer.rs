@@ -1,7 +1,7 @@
 //! Mixers of PX4 and ArduCopter: rotor commands for a collective thrust and moments, and what gives way when
 //! rotors saturate. All are fractions of a rotor's greatest thrust.
 
-use super::airframe::{LAYOUT, ROTORS};
+use crate::physics::drone::{LAYOUT, ROTORS};
 
 /// More than a rotor has that yaw may ask for before it is reduced: thrust gives way to it at the upper end.
 const YAW_MARGIN: f64 = 0.15;

@@ -1,0 +1,477 @@
+//! The autopilot's flight: modes, failsafe of lost set-points, position control, land detector. It flies by its own
+//! estimate and knows the nominal airframe only.
+
+use std::collections::BTreeMap;
+
+use alight_shared::geometry::{DroneGeometry, GRAVITY};
+use alight_shared::msg::{AutopilotMode, LandedState};
+use alight_shared::time::{Span, Time, TrueTime};
+use alight_uav::autopilot::modes::Firmware;
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+
+use super::attitude::{AttitudeTarget, RateLoop, rate_set_point};
+use super::estimator::{Errors, Estimate};
+use super::mixer::Mixer;
+use super::protocol::mode_number;
+use crate::physics::drone::{AutopilotConfig, PlantState, ROTORS};
+
+/// PX4 wants set-points no further apart than this before OFFBOARD ...
+const OFFBOARD_GAP: Span = Span::from_millis(500);
+/// ... for so long.
+const OFFBOARD_STREAM: Span = Span::from_millis(800);
+
+/// What position control follows.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Track {
+    position: Vector3<f64>,
+    velocity: Vector3<f64>,
+    acceleration: Vector3<f64>,
+    yaw: f64,
+    yaw_rate: f64,
+}
+
+/// A set-point.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Reference {
+    Track(Track),
+    Attitude(AttitudeTarget),
+}
+
+impl Reference {
+    pub(super) fn track(
+        position: Vector3<f64>,
+        velocity: Vector3<f64>,
+        acceleration: Vector3<f64>,
+        yaw: f64,
+        yaw_rate: f64,
+    ) -> Reference {
+        Reference::Track(Track {
+            position,
+            velocity,
+            acceleration,
+            yaw,
+            yaw_rate,
+        })
+    }
+    pub(super) fn attitude(attitude: UnitQuaternion<f64>, rates: Vector3<f64>, thrust: f64) -> Reference {
+        Reference::Attitude(AttitudeTarget {
+            attitude,
+            yaw_rate: 0.0,
+            rates,
+            thrust,
+        })
+    }
+}
+
+/// The stream of set-points.
+#[derive(Clone, Copy, Debug)]
+struct Received {
+    newest: Reference,
+    at: Time<TrueTime>,
+    /// Since when they come often enough for OFFBOARD.
+    since: Time<TrueTime>,
+}
+
+/// Modes, position control and inner loops.
+#[derive(Clone, Debug)]
+pub(super) struct Flight {
+    config: AutopilotConfig,
+    rate_loop: RateLoop,
+    /// The mode that was chosen last.
+    chosen: u32,
+    /// The mode in force: the chosen one or the failsafe's.
+    mode: u32,
+    armed: bool,
+    landed: LandedState,
+    received: Option<Received>,
+    /// Where to hold in modes of its own and without a usable set-point.
+    hold: Track,
+    home: Vector3<f64>,
+    integral: Vector3<f64>,
+    hover_thrust: f64,
+    still_s: f64,
+    target: AttitudeTarget,
+}
+
+impl Flight {
+    /// Holds position in the air in a person's mode, armed, with a hover thrust estimate that has settled at
+    /// `hover_thrust`.
+    pub(super) fn new(
+        config: &AutopilotConfig,
+        drone: &DroneGeometry,
+        estimate: &Estimate,
+        hover_thrust: f64,
+    ) -> Flight {
+        let yaw = estimate.attitude.euler_angles().2;
+        let mode = mode_number(config.firmware, AutopilotMode::Other);
+        let still = Vector3::zeros();
+        Flight {
+            config: config.with_gains_of_firmware(),
+            rate_loop: RateLoop::new(drone),
+            chosen: mode,
+            mode,
+            armed: true,
+            landed: LandedState::InAir,
+            received: None,
+            hold: Track {
+                position: estimate.position,
+                velocity: still,
+                acceleration: still,
+                yaw,
+                yaw_rate: 0.0,
+            },
+            home: estimate.position,
+            integral: still,
+            hover_thrust,
+            still_s: 0.0,
+            target: AttitudeTarget {
+                attitude: UnitQuaternion::from_euler_angles(0.0, 0.0, yaw),
+                yaw_rate: 0.0,
+                rates: still,
+                thrust: hover_thrust,
+            },
+        }
+    }
+
+    pub(super) fn firmware(&self) -> Firmware {
+        self.config.firmware
+    }
+    pub(super) fn chosen(&self) -> u32 {
+        self.chosen
+    }
+    pub(super) fn mode(&self) -> u32 {
+        self.mode
+    }
+    pub(super) fn armed(&self) -> bool {
+        self.armed
+    }
+    pub(super) fn landed(&self) -> LandedState {
+        self.landed
+    }
+    /// Collective commanded now.
+    pub(super) fn thrust(&self) -> f64 {
+        if self.armed { self.target.thrust } else { 0.0 }
+    }
+    /// ArduCopter reports what was asked for before it compensated the tilt.
+    pub(super) fn reported_thrust(&self) -> f64 {
+        self.thrust() * self.tilt_compensation(&self.target.attitude)
+    }
+    pub(super) fn wanted(&self) -> UnitQuaternion<f64> {
+        self.target.attitude
+    }
+    pub(super) fn hover_thrust(&self) -> f64 {
+        self.hover_thrust
+    }
+    pub(super) fn hold_at(&mut self, position: Vector3<f64>) {
+        self.hold.position = position;
+    }
+    fn kind(&self) -> AutopilotMode {
+        self.firmware().mode(self.mode)
+    }
+
+    /// Somebody chooses a mode. PX4 denies OFFBOARD without a stream of set-points.
+    pub(super) fn choose(&mut self, mode: u32, estimate: &Estimate, now: Time<TrueTime>) -> bool {
+        let offboard = self.firmware().mode(mode) == AutopilotMode::Offboard;
+        let streamed = |r: Received| now - r.at <= OFFBOARD_GAP && now - r.since >= OFFBOARD_STREAM;
+        if offboard && self.firmware() == Firmware::Px4 && !self.received.is_some_and(streamed) {
+            return false;
+        }
+        if offboard && self.firmware() == Firmware::ArduCopter {
+            // It holds until the first set-point.
+            self.received = None;
+        }
+        self.chosen = mode;
+        self.enter(mode, estimate);
+        true
+    }
+    pub(super) fn arm(&mut self, armed: bool, estimate: &Estimate) {
+        if armed && !self.armed {
+            self.hold_here(estimate);
+        }
+        self.armed = armed;
+        if !armed {
+            self.landed = LandedState::OnGround;
+            self.rate_loop.reset();
+            self.integral = Vector3::zeros();
+        }
+    }
+
+    /// A set-point arrives. One of attitude is in force at once.
+    pub(super) fn take(&mut self, newest: Reference, now: Time<TrueTime>, estimate: &Estimate) {
+        let before = self.received.filter(|r| now - r.at <= OFFBOARD_GAP);
+        self.received = Some(Received {
+            newest,
+            at: now,
+            since: before.map_or(now, |r| r.since),
+        });
+        if let Reference::Attitude(target) = newest
+            && self.kind() == AutopilotMode::Offboard
+        {
+            self.follow_attitude(&target, estimate);
+        }
+    }
+    fn follow_attitude(&mut self, target: &AttitudeTarget, estimate: &Estimate) {
+        self.hold_here(estimate);
+        self.integral = Vector3::zeros();
+        self.target = *target;
+        if self.firmware() == Firmware::ArduCopter {
+            // ArduCopter 4.6 and 4.7 lead the attitude by the rates, but turn them by it once too often. PX4 drops them.
+            let ahead = target.attitude * target.rates * self.config.attitude_lag_s;
+            self.target.attitude *= UnitQuaternion::from_scaled_axis(ahead);
+            self.target.thrust = (target.thrust / self.tilt_compensation(&target.attitude)).min(1.0);
+        }
+    }
+    /// What ArduCopter divides the thrust of a set-point for a tilted drone by (ATC_ANGLE_BOOST).
+    fn tilt_compensation(&self, attitude: &UnitQuaternion<f64>) -> f64 {
+        match self.firmware() {
+            Firmware::Px4 => 1.0,
+            Firmware::ArduCopter => (attitude * Vector3::z()).z.clamp(0.1, 1.0),
+        }
+    }
+
+    fn enter(&mut self, mode: u32, estimate: &Estimate) {
+        if mode != self.mode {
+            self.mode = mode;
+            self.hold_here(estimate);
+        }
+    }
+    fn hold_here(&mut self, estimate: &Estimate) {
+        // Where it comes to rest: v² / (2 a).
+        let v = estimate.velocity;
+        let [across, along] = self.config.stop_mps2;
+        let (sideways, down) = (
+            v.xy() * (v.xy().norm() / (2.0 * across)),
+            v.z * v.z.abs() / (2.0 * along),
+        );
+        self.hold = Track {
+            position: estimate.position + Vector3::new(sideways.x, sideways.y, down),
+            velocity: Vector3::zeros(),
+            acceleration: Vector3::zeros(),
+            yaw: estimate.attitude.euler_angles().2,
+            yaw_rate: 0.0,
+        };
+    }
+
+    /// The outer loops, once per `dt`.
+    pub(super) fn outer(
+        &mut self,
+        estimate: &Estimate,
+        now: Time<TrueTime>,
+        parameters: &BTreeMap<&'static str, f64>,
+        dt: f64,
+    ) {
+        let parameter = |name| parameters.get(name).copied().unwrap_or(0.0);
+        self.rate_loop.mixer = match self.firmware() {
+            Firmware::Px4 => Mixer::Px4 {
+                airmode: parameter("MC_AIRMODE") > 0.0,
+            },
+            Firmware::ArduCopter => Mixer::ArduCopter {
+                hover: self.hover_thrust,
+                mix: parameter("ATC_THR_MIX_MIN"),
+            },
+        };
+        if !self.armed {
+            return;
+        }
+        let timeout_s = match self.firmware() {
+            Firmware::Px4 => parameter("COM_OF_LOSS_T"),
+            Firmware::ArduCopter => parameter("GUID_TIMEOUT"),
+        };
+        let received = self.received.filter(|r| (now - r.at).secs() <= timeout_s);
+        self.lose_set_points(received.is_some(), parameter("COM_OBL_RC_ACT"), estimate);
+        self.estimate_hover(estimate, dt);
+        let offboard = self.kind() == AutopilotMode::Offboard;
+        match received.filter(|_| offboard).map(|r| r.newest) {
+            // In force since it came.
+            Some(Reference::Attitude(_)) => self.hold_here(estimate),
+            Some(Reference::Track(track)) => {
+                self.hold_here(estimate);
+                self.target = self.follow(&track, estimate, dt);
+            }
+            None => {
+                self.move_hold(estimate, dt);
+                let hold = self.hold;
+                self.target = self.follow(&hold, estimate, dt);
+                // ArduCopter after one of attitude: UnitQuaternion::from_euler_angles(0.0, 0.0, yaw), no climb.
+                let last = self.received.filter(|_| offboard).map(|r| r.newest);
+                if let Some(Reference::Attitude(_)) = last {
+                    self.target.attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, hold.yaw);
+                }
+            }
+        }
+        self.detect_landing(estimate, dt);
+    }
+
+    /// PX4 without set-points for COM_OF_LOSS_T: the mode of COM_OBL_RC_ACT, back to OFFBOARD as soon as they come again.
+    /// ArduCopter stays in GUIDED and stops.
+    fn lose_set_points(&mut self, some: bool, action: f64, estimate: &Estimate) {
+        let offboard = self.firmware().mode(self.chosen) == AutopilotMode::Offboard;
+        if !offboard || self.firmware() == Firmware::ArduCopter {
+            return;
+        }
+        let mode = match (some, action as u32) {
+            (true, _) => self.chosen,
+            (false, 3) => mode_number(Firmware::Px4, AutopilotMode::Return),
+            (false, 4) => mode_number(Firmware::Px4, AutopilotMode::Land),
+            (false, 5) => mode_number(Firmware::Px4, AutopilotMode::Hold),
+            (false, _) => mode_number(Firmware::Px4, AutopilotMode::Other),
+        };
+        self.enter(mode, estimate);
+    }
+
+    /// Moves the hold point in the modes that go somewhere.
+    fn move_hold(&mut self, estimate: &Estimate, dt: f64) {
+        self.hold.velocity = Vector3::zeros();
+        match self.kind() {
+            AutopilotMode::Offboard | AutopilotMode::Other | AutopilotMode::Hold => {}
+            AutopilotMode::Land => self.sink(estimate, dt),
+            AutopilotMode::Return => {
+                let away = self.home.xy() - estimate.position.xy();
+                let up = -self.config.return_height_m;
+                if away.norm() < 1.0 {
+                    self.sink(estimate, dt);
+                } else if estimate.position.z > up + 1.0 {
+                    self.hold.position.z = self.hold.position.z.max(up) - 2.0 * dt;
+                    self.hold.velocity.z = -2.0;
+                } else {
+                    let speed = away.normalize() * away.norm().min(5.0);
+                    self.hold.velocity = Vector3::new(speed.x, speed.y, 0.0);
+                    self.hold.position += self.hold.velocity * dt;
+                }
+            }
+        }
+    }
+    fn sink(&mut self, estimate: &Estimate, dt: f64) {
+        self.hold.velocity.z = self.config.land_mps;
+        // The set-point leads by a metre at most, so that ground contact unloads the rotors.
+        self.hold.position.z =
+            (self.hold.position.z + self.config.land_mps * dt).min(estimate.position.z + 1.0);
+    }
+
+    /// PX4's `PositionControl`: position P, velocity PID with acceleration feed-forward, thrust
+    /// vector, attitude. Drone's NED, SI.
+    fn follow(&mut self, track: &Track, e: &Estimate, dt: f64) -> AttitudeTarget {
+        let c = &self.config;
+        let gains = Vector3::new(c.position_gain_hz, c.position_gain_hz, c.height_gain_hz);
+        let mut velocity = track.velocity + gains.component_mul(&(track.position - e.position));
+        let speed = velocity.xy().norm();
+        if speed > c.max_speed_mps {
+            let k = c.max_speed_mps / speed;
+            velocity.x *= k;
+            velocity.y *= k;
+        }
+        velocity.z = velocity.z.clamp(-c.max_climb_mps[0], c.max_climb_mps[1]);
+
+        let ([p, i, d], [pz, iz, dz]) = (c.velocity_pid, c.climb_pid);
+        let error = velocity - e.velocity;
+        let pid = |p: f64, d: f64, k: usize| p * error[k] - d * e.acceleration[k];
+        let wanted =
+            track.acceleration + Vector3::new(pid(p, d, 0), pid(p, d, 1), pid(pz, dz, 2)) + self.integral;
+
+        // Thrust along the body's down axis turned up: (g - a_z) against gravity, a_xy sideways.
+        let lift = (GRAVITY - wanted.z).max(0.05 * GRAVITY);
+        let vertical = if c.decouple_vertical { GRAVITY } else { lift };
+        let max_sideways = vertical * c.max_tilt_deg.to_radians().tan();
+        let mut sideways = Vector3::new(wanted.x, wanted.y, 0.0);
+        let limited = sideways.norm() > max_sideways;
+        if limited {
+            sideways *= max_sideways / sideways.norm();
+        }
+        let down = Vector3::new(-sideways.x, -sideways.y, vertical).normalize();
+        let collective = self.hover_thrust * lift / GRAVITY / down.z;
+        let thrust = collective.clamp(c.min_thrust, 1.0);
+
+        // Integrators stop where the output is limited in their direction.
+        let vertical_limited =
+            (thrust > collective && error.z > 0.0) || (thrust < collective && error.z < 0.0);
+        if !limited {
+            self.integral.x = (self.integral.x + i * error.x * dt).clamp(-5.0, 5.0);
+            self.integral.y = (self.integral.y + i * error.y * dt).clamp(-5.0, 5.0);
+        }
+        if !vertical_limited {
+            self.integral.z = (self.integral.z + iz * error.z * dt).clamp(-GRAVITY, GRAVITY);
+        }
+        AttitudeTarget {
+            attitude: attitude_of(&down, track.yaw),
+            yaw_rate: track.yaw_rate,
+            rates: Vector3::zeros(),
+            thrust,
+        }
+    }
+
+    /// Hover thrust from the lift that the present thrust gives: `T_h = T g / f_lift`, smoothed
+    /// (PX4's hover thrust estimator reduced to its fixed gain), in the air and without shocks.
+    fn estimate_hover(&mut self, e: &Estimate, dt: f64) {
+        let lift = -e.specific_force.z;
+        if self.landed == LandedState::OnGround
+            || !(0.5 * GRAVITY..1.5 * GRAVITY).contains(&lift)
+            || self.target.thrust < 0.5 * self.hover_thrust
+        {
+            return;
+        }
+        let sample = self.target.thrust * GRAVITY / lift;
+        let k = dt / self.config.hover_thrust_s;
+        self.hover_thrust = (self.hover_thrust + k * (sample - self.hover_thrust)).clamp(0.1, 0.9);
+    }
+
+    /// PX4's land detector reduced: little thrust, little speed, for a second. In its own landing
+    /// it then disarms.
+    fn detect_landing(&mut self, e: &Estimate, dt: f64) {
+        let quiet = self.target.thrust < 0.6 * self.hover_thrust
+            && e.velocity.z.abs() < 0.25
+            && e.velocity.xy().norm() < 0.5
+            && e.rates.norm() < 0.35;
+        self.still_s = if quiet { self.still_s + dt } else { 0.0 };
+        self.landed = if self.still_s >= 1.0 {
+            LandedState::OnGround
+        } else {
+            LandedState::InAir
+        };
+        let by_itself = matches!(self.kind(), AutopilotMode::Land | AutopilotMode::Return);
+        if by_itself && self.still_s >= 2.0 {
+            self.arm(false, e);
+        }
+    }
+
+    /// The inner loops, each turn of `dt`, on the truth with the errors of the last estimate, since they are far slower
+    /// than an outer period; None with the motors stopped.
+    pub(super) fn inner(&mut self, errors: &Errors, truth: &PlantState, dt: f64) -> Option<[f64; ROTORS]> {
+        if !self.armed {
+            return None;
+        }
+        let wanted = rate_set_point(&self.config, &self.target, &(errors.attitude * truth.attitude));
+        let rates = truth.rates + errors.rates;
+        let thrust = self.target.thrust;
+        Some(self.rate_loop.step(&self.config, &wanted, &rates, thrust, dt))
+    }
+}
+
+/// NED from body with the body's down axis along `down` and the heading `yaw` (PX4's
+/// `bodyzToAttitude`).
+fn attitude_of(down: &Vector3<f64>, yaw: f64) -> UnitQuaternion<f64> {
+    let right = Vector3::new(-yaw.sin(), yaw.cos(), 0.0);
+    let Some(forward) = right.cross(down).try_normalize(1e-6) else {
+        return UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
+    };
+    let right = down.cross(&forward);
+    let matrix = Matrix3::from_columns(&[forward, right, *down]);
+    UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn attitude_target_has_the_thrust_axis_and_the_heading() {
+        for (x, y, yaw) in [(0.2, -0.3, 1.0), (-0.5, 0.1, -2.5), (0.0, 0.0, 3.0)] {
+            let down = Vector3::new(x, y, 1.0).normalize();
+            let q = attitude_of(&down, yaw);
+            assert!((q * Vector3::z() - down).norm() < 1e-12);
+            let forward = q * Vector3::x();
+            assert!((forward.y.atan2(forward.x) - yaw).abs() < 0.2, "{forward}");
+        }
+        let level = attitude_of(&Vector3::z(), 0.7);
+        assert!((level.euler_angles().2 - 0.7).abs() < 1e-12);
+    }
+}

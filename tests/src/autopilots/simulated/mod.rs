@@ -1,0 +1,261 @@
+//! The simulated autopilot, with the character of PX4 or of ArduCopter: MAVLink messages in and out, rotor commands
+//! for the true motion of the drone that it flies by its own imperfect estimate. It serves trials, tests and the live
+//! stand-in.
+//!
+//! [`SimulatedAutopilot::step`] is one turn of the inner loops; every fifth estimates, decides and reports. [`protocol`]
+//! has messages, streams, commands and parameters, [`flight`] modes, failsafes, position control and the land detector,
+//! [`attitude`] and [`mixer`] the inner loops, [`estimator`] its sensors.
+
+mod attitude;
+mod estimator;
+mod flight;
+mod mixer;
+mod protocol;
+
+#[cfg(test)]
+mod tests;
+
+use std::collections::{BTreeMap, VecDeque};
+
+use alight_shared::frames::Datum;
+use alight_shared::geometry::DroneGeometry;
+use alight_shared::msg::AutopilotMode;
+use alight_shared::time::{DroneClock, Span, Time, TrueTime};
+use alight_uav::autopilot::message::{Address, CommandLong, CommandResult, Message};
+use alight_uav::autopilot::modes::Firmware;
+use alight_uav::autopilot::wire::{Decoder, encode};
+use nalgebra::{UnitQuaternion, Vector3};
+
+use crate::physics::drone::{AutopilotConfig, NavigationConfig, PlantState, ROTORS};
+use crate::physics::streams::Streams;
+use crate::sensors::clocks::ClockModel;
+use crate::sensors::noise::Noise;
+use estimator::Estimator;
+use flight::Flight;
+use protocol::Stream;
+
+pub use mixer::Mixer;
+pub use protocol::mode_number;
+
+/// Period of estimator, position control and reports.
+const OUTER: Span = Span::from_millis(10);
+/// Turns of the inner loops in that time.
+pub const INNER_PER_OUTER: u32 = 5;
+/// Into the first period the outer loops run: what they report arrives at a computer that works at the beginning of each
+/// period just before, as it does at one that the report wakes.
+const PHASE: Span = Span::from_millis(6);
+/// Commands kept for a test to look at, at most.
+const MAX_COMMANDS: usize = 1000;
+
+/// The autopilot; what a test changes is public.
+pub struct SimulatedAutopilot {
+    /// Its address.
+    pub address: Address,
+    /// Where its NED begins.
+    pub origin: Datum,
+    /// Its parameters; it does not answer for others.
+    pub parameters: BTreeMap<&'static str, f64>,
+    /// Its rangefinder's reading, m; None: it has none.
+    pub range_m: Option<f64>,
+    /// Jumps of its estimate.
+    pub resets: u8,
+    /// Charge, 0 to 1.
+    pub battery: f64,
+    /// Fault: sends nothing.
+    pub silent: bool,
+    /// Fault: answers every command with this instead of obeying.
+    pub answer: Option<CommandResult>,
+    /// Fault: answers no TIMESYNC.
+    pub no_timesync: bool,
+    /// Fault: does not report its origin.
+    pub no_origin: bool,
+    /// Fault: the remote control's signal is lost.
+    pub remote_control_lost: bool,
+    /// Fault: the ground station's heartbeats have ceased.
+    pub data_link_lost: bool,
+    /// The newest commands, with their time.
+    pub commands: VecDeque<(Time<TrueTime>, CommandLong)>,
+    /// Set-points that came.
+    pub set_points: u32,
+    /// Set-points rejected.
+    pub rejected: u32,
+    clock: ClockModel,
+    estimator: Estimator,
+    flight: Flight,
+    endurance_s: f64,
+    now: Time<TrueTime>,
+    outer_due: Time<TrueTime>,
+    force: (Vector3<f64>, f64),
+    streams: Vec<Stream>,
+    reported_mode: Option<(Time<TrueTime>, u32)>,
+    outbox: Vec<Message>,
+    decoder: Decoder,
+    sequence: u8,
+}
+
+impl SimulatedAutopilot {
+    /// An autopilot in a person's position mode, armed in the air at `truth`, with its estimator converged. `hover`: the
+    /// collective that hovers, fraction of the nominal maximum. Sensor errors come from streams `drone.*`, its clock from
+    /// `autopilot.clock`.
+    pub fn new(
+        config: &AutopilotConfig,
+        navigation: &NavigationConfig,
+        drone: &DroneGeometry,
+        streams: &Streams,
+        truth: &PlantState,
+        hover: f64,
+    ) -> SimulatedAutopilot {
+        let mut clock = Noise::new(streams, "autopilot.clock");
+        let ago_s = 100.0 + 900.0 * clock.uniform();
+        let drift = 20e-6 * (2.0 * clock.uniform() - 1.0);
+        let estimator = Estimator::new(navigation, streams, truth, OUTER.secs());
+        let flight = Flight::new(
+            config,
+            drone,
+            estimator.now(),
+            hover * config.initial_hover_factor,
+        );
+        SimulatedAutopilot {
+            address: Address::new(3, 1),
+            origin: Datum::default(),
+            parameters: protocol::parameters(config),
+            range_m: None,
+            resets: 0,
+            battery: config.battery,
+            silent: false,
+            answer: None,
+            no_timesync: false,
+            no_origin: false,
+            remote_control_lost: false,
+            data_link_lost: false,
+            commands: VecDeque::new(),
+            set_points: 0,
+            rejected: 0,
+            clock: ClockModel::new(ago_s - truth.at.secs(), drift),
+            estimator,
+            flight,
+            endurance_s: config.endurance_s,
+            now: truth.at,
+            outer_due: truth.at + PHASE,
+            force: (Vector3::zeros(), 0.0),
+            streams: protocol::first_streams(),
+            reported_mode: None,
+            outbox: Vec::new(),
+            decoder: Decoder::default(),
+            sequence: 0,
+        }
+    }
+
+    /// One turn at the drone's true state with the messages that have arrived until then: rotor commands, fractions of
+    /// the nominal maximum; None with the motors off.
+    pub fn step(&mut self, truth: &PlantState, arrived: &[Message]) -> Option<[f64; ROTORS]> {
+        let dt = (truth.at - self.now).secs();
+        self.now = truth.at;
+        for message in arrived {
+            self.receive(message);
+        }
+        self.force.0 += truth.specific_force;
+        self.force.1 += 1.0;
+        if truth.at >= self.outer_due {
+            self.outer_due += OUTER;
+            self.outer(truth);
+        }
+        self.flight.inner(self.estimator.errors(), truth, dt)
+    }
+    /// The same with the bytes of a wire, both ways.
+    pub fn step_bytes(
+        &mut self,
+        truth: &PlantState,
+        arrived: &[Vec<u8>],
+    ) -> (Option<[f64; ROTORS]>, Vec<Vec<u8>>) {
+        arrived.iter().for_each(|bytes| self.decoder.push(bytes));
+        let frames = core::iter::from_fn(|| self.decoder.next_frame());
+        let messages: Vec<_> = frames.map(|f| f.message).collect();
+        let motors = self.step(truth, &messages);
+        let sent = self.sent();
+        let encoded = sent.iter().filter_map(|message| {
+            self.sequence = self.sequence.wrapping_add(1);
+            encode(self.address, self.sequence, message)
+        });
+        (motors, encoded.collect())
+    }
+    /// What it has sent since the last call.
+    pub fn sent(&mut self) -> Vec<Message> {
+        let sent = core::mem::take(&mut self.outbox);
+        if self.silent { Vec::new() } else { sent }
+    }
+
+    fn outer(&mut self, truth: &PlantState) {
+        let dt = OUTER.secs();
+        let (sum, count) = core::mem::take(&mut self.force);
+        self.estimator
+            .step(truth, &(sum / count), self.flight.thrust(), dt);
+        self.battery = (self.battery - dt / self.endurance_s).max(0.0);
+        self.lose_connections();
+        let now = self.now;
+        self.flight.outer(self.estimator.now(), now, &self.parameters, dt);
+        self.report();
+    }
+
+    /// A person moves the switch. True when the mode was entered.
+    pub fn choose(&mut self, mode: u32) -> bool {
+        self.flight.choose(mode, self.estimator.now(), self.now)
+    }
+    /// The mode that was chosen last; the one in force may be a failsafe's.
+    pub fn chosen(&self) -> u32 {
+        self.flight.chosen()
+    }
+    /// The mode in force.
+    pub fn mode(&self) -> u32 {
+        self.flight.mode()
+    }
+    /// The firmware that it behaves as.
+    pub fn firmware(&self) -> Firmware {
+        self.flight.firmware()
+    }
+    /// Motors may turn.
+    pub fn armed(&self) -> bool {
+        self.flight.armed()
+    }
+    /// A person arms it, or disarms it.
+    pub fn arm(&mut self, armed: bool) {
+        self.flight.arm(armed, self.estimator.now());
+    }
+    /// In manual modes a person holds it here, its own NED, m.
+    pub fn hold_at(&mut self, position: Vector3<f64>) {
+        self.flight.hold_at(position);
+    }
+    /// Collective thrust commanded now, 0 to 1.
+    pub fn thrust(&self) -> f64 {
+        self.flight.thrust()
+    }
+    /// Attitude that its loops want.
+    pub fn wanted(&self) -> UnitQuaternion<f64> {
+        self.flight.wanted()
+    }
+    /// Hover thrust as it estimates it.
+    pub fn hover_thrust(&self) -> f64 {
+        self.flight.hover_thrust()
+    }
+    /// Where it believes to be, its own NED, m.
+    pub fn position(&self) -> Vector3<f64> {
+        self.estimator.now().position
+    }
+    /// Displacement of its NED from the true one as of now: its GNSS error, m.
+    pub fn frame_offset(&self) -> Vector3<f64> {
+        self.estimator.offset()
+    }
+    /// It was switched off and on again in the air.
+    pub fn restart(&mut self) {
+        self.clock = ClockModel::new(-self.now.secs(), self.clock.drift());
+        self.streams = protocol::first_streams();
+    }
+    /// Its own time.
+    fn own_time(&self) -> Time<DroneClock> {
+        self.clock.read(self.now)
+    }
+    /// In the mode that takes set-points.
+    pub fn in_offboard(&self) -> bool {
+        self.firmware().mode(self.mode()) == AutopilotMode::Offboard
+    }
+}

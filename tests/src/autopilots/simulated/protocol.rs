@@ -1,0 +1,344 @@
+//! The autopilot's end of MAVLink: what it makes of messages, and what it reports, as PX4 and ArduCopter do (denials,
+//! requested rates, parameters, forced disarm).
+
+use std::collections::BTreeMap;
+
+use alight_shared::msg::{AutopilotMode, LandedState};
+use alight_shared::time::{Span, Time, TrueTime};
+use alight_uav::autopilot::message::{
+    ARDUPILOT, ARMED, AttitudeReport, CUSTOM_MODE, CommandLong, CommandResult, DistanceReport, Heartbeat,
+    ImuReport, Message, OdometryReport, PX4, PositionReport, VelocityFrame, command, id,
+};
+use alight_uav::autopilot::modes::{Firmware, px4_mode};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+use super::flight::Reference;
+use super::{MAX_COMMANDS, SimulatedAutopilot};
+use crate::physics::drone::{AutopilotConfig, LossAction};
+
+/// CURRENT_MODE is sent at this period while the mode stays.
+const MODE_PERIOD: Span = Span::from_millis(500);
+/// PX4's parameters that are integers.
+const INTEGERS: [&str; 5] = [
+    "COM_OBL_RC_ACT",
+    "MC_AIRMODE",
+    "NAV_RCL_ACT",
+    "COM_RCL_EXCEPT",
+    "NAV_DLL_ACT",
+];
+/// Greatest value that a set-point may have.
+const MAX_VALUE: f64 = 1e5;
+
+/// A message that is sent at a rate.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Stream {
+    id: u32,
+    period: Span,
+    due: Time<TrueTime>,
+}
+
+impl Stream {
+    fn new(id: u32, hz: f64) -> Stream {
+        Stream {
+            id,
+            period: Span::from_secs(1.0 / hz.max(0.01)),
+            due: Time::EPOCH,
+        }
+    }
+}
+
+/// What an onboard link sends without being asked.
+pub(super) fn first_streams() -> Vec<Stream> {
+    vec![Stream::new(id::HEARTBEAT, 1.0)]
+}
+
+/// The firmware's number of a mode; `Other` is the position mode in which a person flies.
+pub const fn mode_number(firmware: Firmware, mode: AutopilotMode) -> u32 {
+    match (firmware, mode) {
+        (Firmware::Px4, AutopilotMode::Other) => px4_mode(3, 0),
+        (Firmware::Px4, AutopilotMode::Hold) => px4_mode(4, 3),
+        (Firmware::Px4, AutopilotMode::Return) => px4_mode(4, 5),
+        (Firmware::Px4, AutopilotMode::Land) => px4_mode(4, 6),
+        (Firmware::Px4, AutopilotMode::Offboard) => px4_mode(6, 0),
+        (Firmware::ArduCopter, AutopilotMode::Other) => 5,
+        (Firmware::ArduCopter, AutopilotMode::Hold) => 17,
+        (Firmware::ArduCopter, AutopilotMode::Return) => 6,
+        (Firmware::ArduCopter, AutopilotMode::Land) => 9,
+        (Firmware::ArduCopter, AutopilotMode::Offboard) => 4,
+    }
+}
+
+/// Parameters as a landing needs them, with the configured failsafe.
+pub(super) fn parameters(c: &AutopilotConfig) -> BTreeMap<&'static str, f64> {
+    let action = match c.loss_action {
+        LossAction::Hold => 5.0,
+        LossAction::Land => 4.0,
+        LossAction::Return => 3.0,
+    };
+    BTreeMap::from_iter(match c.firmware {
+        Firmware::Px4 => vec![
+            ("COM_OF_LOSS_T", c.loss_after_s),
+            ("COM_OBL_RC_ACT", action),
+            ("MPC_ACC_UP_MAX", 8.0),
+            ("MC_AIRMODE", 0.0),
+            // A lost remote control returns, but not out of OFFBOARD; a lost data link does nothing.
+            ("NAV_RCL_ACT", 2.0),
+            ("COM_RCL_EXCEPT", 4.0),
+            ("NAV_DLL_ACT", 0.0),
+        ],
+        Firmware::ArduCopter => vec![
+            ("GUID_TIMEOUT", c.loss_after_s),
+            ("GUID_OPTIONS", 8.0),
+            ("ATC_THR_MIX_MIN", 0.1),
+            ("FS_THR_ENABLE", 1.0),
+            ("FS_GCS_ENABLE", 0.0),
+            // Goes on in GUIDED without remote control.
+            ("FS_OPTIONS", 4.0),
+        ],
+    })
+}
+
+fn rotation(q: [f64; 4]) -> Option<UnitQuaternion<f64>> {
+    let [w, x, y, z] = q;
+    UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 0.5)
+        .filter(|q| q.coords.iter().all(|v| v.is_finite()))
+}
+fn is_sane(values: &[f64]) -> bool {
+    values.iter().all(|v| v.abs() < MAX_VALUE)
+}
+
+impl SimulatedAutopilot {
+    pub(super) fn parameter(&self, name: &str) -> f64 {
+        self.parameters.get(name).copied().unwrap_or(0.0)
+    }
+
+    pub(super) fn receive(&mut self, message: &Message) {
+        match message {
+            Message::Timesync {
+                remote_ns: 0,
+                local_ns,
+            } if !self.no_timesync => self.outbox.push(Message::Timesync {
+                remote_ns: self.own_time().nanos(),
+                local_ns: *local_ns,
+            }),
+            Message::Command(c) if c.to == self.address => {
+                if self.commands.len() >= MAX_COMMANDS {
+                    self.commands.pop_front();
+                }
+                self.commands.push_back((self.now, *c));
+                if c.command == command::REQUEST_MESSAGE && !self.no_origin {
+                    self.outbox.push(Message::Origin(self.origin));
+                }
+                let result = self.answer.unwrap_or_else(|| self.obey(c));
+                self.outbox.push(Message::CommandAck {
+                    command: c.command,
+                    result,
+                });
+            }
+            Message::ParameterRequest { to, name } if *to == self.address => {
+                let integer = INTEGERS.contains(&name.as_str());
+                let value = self.parameters.get(name.as_str());
+                let value = value.map(|v| self.firmware().parameter_value(*v, integer));
+                self.outbox.extend(value.map(|value| Message::Parameter {
+                    name: name.clone(),
+                    value,
+                }));
+            }
+            Message::Position(p) if p.to == self.address => {
+                let numbers = [p.position, p.velocity, p.acceleration, [p.yaw, p.yaw_rate, 0.0]];
+                let reference = is_sane(numbers.as_flattened()).then(|| {
+                    let [position, velocity, acceleration] =
+                        [p.position, p.velocity, p.acceleration].map(Vector3::from);
+                    Reference::track(position, velocity, acceleration, p.yaw, p.yaw_rate)
+                });
+                self.take(reference);
+            }
+            Message::AttitudeThrust(a) if a.to == self.address => {
+                let rates = a.rates.unwrap_or_default();
+                let reference = rotation(a.attitude)
+                    .filter(|_| is_sane(&rates) && (0.0..=1.0).contains(&a.thrust))
+                    .map(|q| Reference::attitude(q, rates.into(), a.thrust));
+                self.take(reference);
+            }
+            _ => {}
+        }
+    }
+    fn take(&mut self, reference: Option<Reference>) {
+        self.set_points += 1;
+        match reference {
+            None => self.rejected += 1,
+            Some(reference) => self.flight.take(reference, self.now, self.estimator.now()),
+        }
+    }
+
+    fn obey(&mut self, c: &CommandLong) -> CommandResult {
+        let p = c.parameters;
+        match c.command {
+            command::MESSAGE_INTERVAL => {
+                let which = p[0] as u32;
+                match (self.firmware(), which) {
+                    (Firmware::Px4, id::SCALED_IMU) => return CommandResult::Failed,
+                    (Firmware::ArduCopter, id::ODOMETRY) => return CommandResult::Denied,
+                    // Its heartbeats keep their own rate although it accepts.
+                    (Firmware::Px4, id::HEARTBEAT) => return CommandResult::Accepted,
+                    (Firmware::Px4 | Firmware::ArduCopter, _) => {}
+                }
+                self.streams.retain(|s| s.id != which);
+                self.streams.push(Stream::new(which, 1e6 / p[1].max(1.0)));
+                CommandResult::Accepted
+            }
+            command::ARM_DISARM => {
+                let forced = (p[1] - command::FORCE).abs() < 0.5;
+                let arms = p[0] > 0.5;
+                if !arms && !forced && self.flight.landed() != LandedState::OnGround {
+                    return CommandResult::Denied;
+                }
+                self.arm(arms);
+                CommandResult::Accepted
+            }
+            command::SET_MODE => {
+                let custom = match self.firmware() {
+                    Firmware::Px4 => px4_mode(p[1] as u32, p[2] as u32),
+                    Firmware::ArduCopter => p[1] as u32,
+                };
+                if self.choose(custom) {
+                    CommandResult::Accepted
+                } else {
+                    CommandResult::Denied
+                }
+            }
+            command::REQUEST_MESSAGE => CommandResult::Accepted,
+            _ => CommandResult::Unsupported,
+        }
+    }
+
+    /// Remote control and data link, when they are lost: the mode that the firmware's own failsafe enters stays until
+    /// somebody chooses another.
+    pub(super) fn lose_connections(&mut self) {
+        let offboard = self.in_offboard();
+        let mode = match self.firmware() {
+            Firmware::Px4 => {
+                // Exempt in OFFBOARD: bit 2.
+                let exempt = offboard && self.parameter("COM_RCL_EXCEPT") as u32 & 4 != 0;
+                let mode = |action: f64| match action as u32 {
+                    1 => Some(AutopilotMode::Hold),
+                    2 => Some(AutopilotMode::Return),
+                    3 => Some(AutopilotMode::Land),
+                    _ => None,
+                };
+                let remote =
+                    mode(self.parameter("NAV_RCL_ACT")).filter(|_| self.remote_control_lost && !exempt);
+                remote.or(mode(self.parameter("NAV_DLL_ACT")).filter(|_| self.data_link_lost))
+            }
+            Firmware::ArduCopter => {
+                // Continue in GUIDED: bit 2.
+                let exempt = offboard && self.parameter("FS_OPTIONS") as u32 & 4 != 0;
+                let mode = |action: f64| match action as u32 {
+                    1 | 2 | 4 => Some(AutopilotMode::Return),
+                    3 | 5 => Some(AutopilotMode::Land),
+                    7 => Some(AutopilotMode::Hold),
+                    _ => None,
+                };
+                let remote =
+                    mode(self.parameter("FS_THR_ENABLE")).filter(|_| self.remote_control_lost && !exempt);
+                remote.or(mode(self.parameter("FS_GCS_ENABLE")).filter(|_| self.data_link_lost))
+            }
+        };
+        if let Some(mode) = mode.filter(|_| self.armed()) {
+            self.choose(mode_number(self.firmware(), mode));
+        }
+    }
+
+    /// What is due of its streams.
+    pub(super) fn report(&mut self) {
+        for k in 0..self.streams.len() {
+            let Some(stream) = self.streams.get_mut(k).filter(|s| self.now >= s.due) else {
+                continue;
+            };
+            let which = stream.id;
+            stream.due = (stream.due + stream.period).max(self.now);
+            if which == id::CURRENT_MODE {
+                // When it changes, and with the vehicle's state twice a second.
+                let mode = self.mode();
+                let recent = |(at, reported)| reported == mode && self.now - at < MODE_PERIOD;
+                if self.reported_mode.is_some_and(recent) {
+                    continue;
+                }
+                self.reported_mode = Some((self.now, mode));
+            }
+            let message = self.message(which);
+            self.outbox.extend(message);
+        }
+    }
+
+    fn message(&self, which: u32) -> Option<Message> {
+        let time_us = (self.own_time().nanos() / 1000).max(0).unsigned_abs();
+        let time_ms = (time_us / 1000) as u32;
+        let e = self.estimator.now();
+        let attitude = [e.attitude.w, e.attitude.i, e.attitude.j, e.attitude.k];
+        Some(match which {
+            id::HEARTBEAT => Message::Heartbeat(Heartbeat {
+                autopilot: match self.firmware() {
+                    Firmware::Px4 => PX4,
+                    Firmware::ArduCopter => ARDUPILOT,
+                },
+                vehicle: 2,
+                base_mode: CUSTOM_MODE | if self.armed() { ARMED } else { 0 },
+                custom_mode: self.mode(),
+            }),
+            id::CURRENT_MODE => Message::Mode {
+                custom_mode: self.mode(),
+            },
+            id::ODOMETRY => {
+                let (position, velocity) = self.estimator.sd();
+                let variances = [[position; 3], self.estimator.euler_sd(), [velocity; 3]];
+                Message::Odometry(OdometryReport {
+                    time_us,
+                    position: e.position.into(),
+                    attitude,
+                    velocity: (e.attitude.inverse() * e.velocity).into(),
+                    frame: VelocityFrame::Body,
+                    rates: e.rates.into(),
+                    variances: Some(variances.map(|sd| sd.map(|s| s * s))),
+                    resets: self.resets,
+                })
+            }
+            id::LOCAL_POSITION_NED => Message::LocalPosition(PositionReport {
+                time_ms,
+                position: e.position.into(),
+                velocity: e.velocity.into(),
+            }),
+            id::ATTITUDE_QUATERNION => Message::Attitude(AttitudeReport {
+                time_ms,
+                attitude,
+                rates: e.rates.into(),
+            }),
+            id::HIGHRES_IMU | id::SCALED_IMU => Message::Imu(ImuReport {
+                time_us,
+                accelerometer: e.specific_force.into(),
+                gyro: e.rates.into(),
+            }),
+            id::DISTANCE_SENSOR => Message::Distance(DistanceReport {
+                time_ms,
+                range_m: self.range_m?,
+                limits_m: [0.1, 12.0],
+                variance: None,
+            }),
+            id::EXTENDED_SYS_STATE => Message::Landed {
+                state: match self.flight.landed() {
+                    LandedState::Unknown => 0,
+                    LandedState::OnGround => 1,
+                    LandedState::InAir => 2,
+                },
+            },
+            id::BATTERY_STATUS => Message::Battery {
+                number: 0,
+                remaining: Some(self.battery),
+            },
+            id::ATTITUDE_TARGET => Message::AttitudeTargetThrust {
+                thrust: self.flight.reported_thrust(),
+            },
+            _ => return None,
+        })
+    }
+}

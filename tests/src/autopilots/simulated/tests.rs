@@ -1,0 +1,451 @@
+//! The autopilot flies the simulated drone: control, failsafes, character.
+
+use alight_shared::frames::{Deck, Point};
+use alight_shared::geometry::{DeckGeometry, GRAVITY};
+use alight_shared::msg::LandedState;
+use alight_uav::autopilot::message::{AttitudeTarget, PositionTarget, command, id};
+use proptest::prelude::*;
+
+use super::*;
+use crate::physics::body::RigidState;
+use crate::physics::drone::{DroneConfig, DroneStart, Impact, LossAction, SimulatedDrone};
+
+const TICK: Span = Span::from_millis(10);
+const DT: f64 = 0.01;
+const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
+
+/// No errors and no noise: control alone.
+fn ideal(firmware: Firmware) -> DroneConfig {
+    let mut c = DroneConfig::default();
+    c.airframe.mass_error = 0.0;
+    c.airframe.thrust_error = 0.0;
+    c.autopilot.firmware = firmware;
+    c.navigation = NavigationConfig::without_errors();
+    c
+}
+
+/// A drone, its autopilot, and a deck at rest.
+struct Flown {
+    drone: SimulatedDrone,
+    a: SimulatedAutopilot,
+    t: Time<TrueTime>,
+    deck: RigidState<Deck>,
+    arrived: Vec<Message>,
+    impacts: Vec<Impact>,
+}
+
+impl Flown {
+    fn new(c: &DroneConfig, seed: u64, position: Vector3<f64>) -> Flown {
+        let (geometry, streams) = (DroneGeometry::default(), Streams::new(seed));
+        let start = DroneStart { position, yaw: 0.0 };
+        let drone = SimulatedDrone::new(c, &geometry, &DeckGeometry::default(), &streams, start);
+        let (state, hover) = (drone.plant_state(Time::EPOCH), drone.hover_thrust());
+        let a = SimulatedAutopilot::new(&c.autopilot, &c.navigation, &geometry, &streams, &state, hover);
+        Flown {
+            drone,
+            a,
+            t: Time::EPOCH,
+            deck: RigidState {
+                position: Point::new(0.0, 0.0, 500.0),
+                ..RigidState::default()
+            },
+            arrived: Vec::new(),
+            impacts: Vec::new(),
+        }
+    }
+    /// Under set-points, which hold it where it is at first.
+    fn offboard(c: &DroneConfig, seed: u64, position: Vector3<f64>) -> Flown {
+        let mut f = Flown::new(c, seed, position);
+        f.fly(1.2, |_| Some(track(position, [0.0; 3], [0.0; 3])));
+        assert!(f.a.choose(mode_number(f.a.firmware(), AutopilotMode::Offboard)));
+        f
+    }
+    fn tick(&mut self) {
+        let (a, arrived, deck) = (&mut self.a, &mut self.arrived, [self.deck; 2]);
+        let reports = self
+            .drone
+            .step(self.t, TICK, &deck, 100.0, INNER_PER_OUTER, |truth| {
+                a.step(truth, &core::mem::take(arrived))
+            });
+        self.impacts.extend(reports.into_iter().flat_map(|r| r.impacts));
+        self.t += TICK;
+    }
+    /// For so long, with a set-point each tick.
+    fn fly(&mut self, seconds: f64, mut set_point: impl FnMut(f64) -> Option<Message>) {
+        for _ in 0..(seconds / DT).round() as usize {
+            self.arrived.extend(set_point(self.t.secs()));
+            self.tick();
+        }
+    }
+    fn rest(&mut self, seconds: f64) {
+        self.fly(seconds, |_| None);
+    }
+    fn command(&mut self, command: u16, parameters: [f64; 2]) {
+        let c = CommandLong::new(self.a.address, command, parameters);
+        self.arrived.push(Message::Command(c));
+    }
+    fn position(&self) -> Vector3<f64> {
+        self.drone.truth().position.0
+    }
+    fn velocity(&self) -> Vector3<f64> {
+        self.drone.truth().velocity.0
+    }
+    fn kind(&self) -> AutopilotMode {
+        self.a.firmware().mode(self.a.mode())
+    }
+}
+
+const TO: Address = Address::new(3, 1);
+
+fn track(position: Vector3<f64>, velocity: [f64; 3], acceleration: [f64; 3]) -> Message {
+    Message::Position(PositionTarget {
+        to: TO,
+        position: position.into(),
+        velocity,
+        acceleration,
+        yaw: 0.0,
+        yaw_rate: 0.0,
+    })
+}
+fn attitude(roll: f64, thrust: f64) -> Message {
+    let q = UnitQuaternion::from_euler_angles(roll, 0.0, 0.0);
+    Message::AttitudeThrust(AttitudeTarget {
+        to: TO,
+        attitude: [q.w, q.i, q.j, q.k],
+        rates: None,
+        thrust,
+    })
+}
+
+#[test]
+fn hover_with_default_errors_and_gusty_wind() {
+    for (seed, wind) in [(1, 0.0), (2, 0.0), (3, 8.0)] {
+        let mut c = DroneConfig::default();
+        c.wind.mean_mps = wind;
+        let start = Vector3::new(3.0, -2.0, -15.0);
+        let mut f = Flown::new(&c, seed, start);
+        let offset = f.a.frame_offset();
+        f.rest(20.0);
+        let mut worst: f64 = 0.0;
+        for _ in 0..4000 {
+            f.tick();
+            // In its own frame, which drifts with its GNSS.
+            let error = f.position() + f.a.frame_offset() - start - offset;
+            worst = worst.max(error.norm());
+        }
+        let limit = if wind > 0.0 { 2.0 } else { 1.0 };
+        assert!(
+            (0.01..limit).contains(&worst),
+            "seed {seed} wind {wind}: {worst} m"
+        );
+        // Hover thrust differs from the nominal by the hidden errors, and is found.
+        let (found, hover) = (f.a.hover_thrust(), f.drone.hover_thrust());
+        let near = (found / hover - 1.0).abs() < 0.03;
+        assert!(near || wind > 0.0, "{found} {hover}");
+        assert!(f.a.armed() && f.a.flight.landed() == LandedState::InAir);
+    }
+}
+
+#[test]
+fn estimate_with_its_stated_errors() {
+    let mut f = Flown::new(&DroneConfig::default(), 5, Vector3::new(0.0, 0.0, -10.0));
+    f.rest(5.0);
+    // The estimate is that of the last outer period.
+    let (p, v) = f.a.estimator.sd();
+    let error = f.a.position() - f.position() - f.a.frame_offset();
+    assert!(
+        error.norm() < 6.0 * p && (0.02..0.2).contains(&p),
+        "{error} sd {p}"
+    );
+    let error = f.velocity() - f.a.estimator.now().velocity;
+    assert!(
+        error.norm() < 6.0 * v && (0.01..0.1).contains(&v),
+        "{error} sd {v}"
+    );
+}
+
+#[test]
+fn position_step_without_much_overshoot() {
+    for firmware in BOTH {
+        let mut f = Flown::offboard(&ideal(firmware), 1, Vector3::new(0.0, 0.0, -10.0));
+        let goal = Vector3::new(2.0, -1.0, -11.0);
+        let mut peak = 0.0_f64;
+        for _ in 0..1500 {
+            f.fly(DT, |_| Some(track(goal, [0.0; 3], [0.0; 3])));
+            peak = peak.max(f.position().x);
+        }
+        assert!(peak < 2.5, "{firmware:?}: overshoot to {peak}");
+        assert!((f.position() - goal).norm() < 0.05, "{}", f.position());
+    }
+}
+
+#[test]
+fn circle_followed_as_the_firmwares_were_measured_to() {
+    // Circle of 4 m at 2 m/s plus heave 0.5 m / 5 s, with an external plant: PX4 0.146 m rms, ArduCopter 0.080 m.
+    for (firmware, limits) in [(Firmware::Px4, 0.01..0.3), (Firmware::ArduCopter, 0.01..0.2)] {
+        let mut f = Flown::offboard(&ideal(firmware), 1, Vector3::new(4.0, 0.0, -10.0));
+        let (omega, heave) = (0.5_f64, core::f64::consts::TAU / 5.0);
+        let at = |t: f64| {
+            let ((s, c), (hs, hc)) = ((omega * t).sin_cos(), (heave * t).sin_cos());
+            let p = Vector3::new(4.0 * c, 4.0 * s, -10.0 - 0.5 * hs);
+            let v = [-2.0 * s, 2.0 * c, -0.5 * heave * hc];
+            (p, track(p, v, [-c, -s, 0.5 * heave * heave * hs]))
+        };
+        f.fly(15.0, |t| Some(at(t).1));
+        let mut square = 0.0;
+        for _ in 0..2500 {
+            f.fly(DT, |t| Some(at(t).1));
+            square += (f.position() - at(f.t.secs()).0).norm_squared();
+        }
+        let rms = (square / 2500.0).sqrt();
+        println!("{firmware:?}: circle {rms} m rms");
+        assert!(limits.contains(&rms), "{firmware:?}: {rms}");
+    }
+}
+
+/// Lag that maximises the cross-correlation of a 0.5 Hz roll set-point and the true roll.
+fn measured_lag(lag_s: f64) -> f64 {
+    let mut c = ideal(Firmware::Px4);
+    c.autopilot.attitude_lag_s = lag_s;
+    let mut f = Flown::offboard(&c, 1, Vector3::new(0.0, 0.0, -50.0));
+    let hover = f.drone.hover_thrust();
+    let roll = |t: f64| 0.1 * (core::f64::consts::PI * t).sin();
+    let (mut asked, mut got) = (Vec::new(), Vec::new());
+    for _ in 0..2000 {
+        // The state at the time that the set-point is for, before the step.
+        asked.push(roll(f.t.secs()));
+        got.push(f.drone.truth().euler().x);
+        f.fly(DT, |t| Some(attitude(roll(t), hover)));
+    }
+    let correlation = |shift: f64| -> f64 {
+        (500..1900)
+            .map(|i| {
+                let x = i as f64 + shift / DT;
+                let (j, f) = (x as usize, x.fract());
+                asked[i] * (got[j] * (1.0 - f) + got[j + 1] * f)
+            })
+            .sum()
+    };
+    (0..600)
+        .map(|ms| f64::from(ms) * 1e-3)
+        .max_by(|a, b| correlation(*a).total_cmp(&correlation(*b)))
+        .unwrap()
+}
+
+#[test]
+fn attitude_lag_as_configured() {
+    for lag in [0.15, 0.2, 0.3] {
+        let measured = measured_lag(lag);
+        assert!((measured / lag - 1.0).abs() < 0.2, "{lag}: {measured}");
+    }
+}
+
+#[test]
+fn set_points_lost_and_back() {
+    for (firmware, action, expected) in [
+        (Firmware::Px4, LossAction::Hold, AutopilotMode::Hold),
+        (Firmware::Px4, LossAction::Land, AutopilotMode::Land),
+        (Firmware::Px4, LossAction::Return, AutopilotMode::Return),
+        (Firmware::ArduCopter, LossAction::Hold, AutopilotMode::Offboard),
+    ] {
+        let mut c = ideal(firmware);
+        c.autopilot.loss_action = action;
+        let mut f = Flown::offboard(&c, 1, Vector3::new(0.0, 0.0, -20.0));
+        let run = |t: f64| {
+            Some(track(
+                Vector3::new(3.0 * t, 0.0, -20.0),
+                [3.0, 0.0, 0.0],
+                [0.0; 3],
+            ))
+        };
+        f.fly(5.0, run);
+        assert!((f.velocity().x - 3.0).abs() < 0.3, "{}", f.velocity());
+        f.rest(c.autopilot.loss_after_s - 0.05);
+        assert_eq!(f.kind(), AutopilotMode::Offboard);
+        f.rest(0.15);
+        assert_eq!(f.kind(), expected);
+        if action == LossAction::Hold {
+            f.rest(8.0);
+            assert!(f.velocity().norm() < 0.1, "{}", f.velocity());
+            assert!((f.position().z + 20.0).abs() < 0.2, "{}", f.position());
+        }
+        f.fly(0.05, run);
+        assert_eq!(f.kind(), AutopilotMode::Offboard);
+    }
+}
+
+#[test]
+fn ardu_copter_levels_without_attitudes() {
+    let mut f = Flown::offboard(&ideal(Firmware::ArduCopter), 1, Vector3::new(0.0, 0.0, -20.0));
+    let thrust = 0.9 * f.drone.hover_thrust();
+    f.fly(1.0, |_| Some(attitude(0.2, thrust)));
+    f.rest(2.0);
+    let truth = f.drone.truth();
+    assert!(
+        truth.euler().xy().norm() < 0.01 && truth.velocity.0.z.abs() < 0.2,
+        "{:?}",
+        truth.velocity
+    );
+    // It drifts on.
+    assert!(truth.velocity.0.xy().norm() > 0.5);
+}
+
+#[test]
+fn remote_control_and_data_link_lost() {
+    type Change = fn(&mut SimulatedAutopilot);
+    let cases: [(Firmware, Change, AutopilotMode); 8] = [
+        (
+            Firmware::Px4,
+            |a| a.remote_control_lost = true,
+            AutopilotMode::Offboard,
+        ),
+        (
+            Firmware::Px4,
+            |a| (a.remote_control_lost, _) = (true, a.parameters.insert("COM_RCL_EXCEPT", 0.0)),
+            AutopilotMode::Return,
+        ),
+        (
+            Firmware::Px4,
+            |a| a.data_link_lost = true,
+            AutopilotMode::Offboard,
+        ),
+        (
+            Firmware::Px4,
+            |a| (a.data_link_lost, _) = (true, a.parameters.insert("NAV_DLL_ACT", 1.0)),
+            AutopilotMode::Hold,
+        ),
+        (
+            Firmware::ArduCopter,
+            |a| a.remote_control_lost = true,
+            AutopilotMode::Offboard,
+        ),
+        (
+            Firmware::ArduCopter,
+            |a| (a.remote_control_lost, _) = (true, a.parameters.insert("FS_OPTIONS", 0.0)),
+            AutopilotMode::Return,
+        ),
+        (
+            Firmware::ArduCopter,
+            |a| a.data_link_lost = true,
+            AutopilotMode::Offboard,
+        ),
+        (
+            Firmware::ArduCopter,
+            |a| (a.data_link_lost, _) = (true, a.parameters.insert("FS_GCS_ENABLE", 5.0)),
+            AutopilotMode::Land,
+        ),
+    ];
+    for (k, (firmware, change, expected)) in cases.into_iter().enumerate() {
+        let mut f = Flown::offboard(&ideal(firmware), 1, Vector3::new(0.0, 0.0, -20.0));
+        change(&mut f.a);
+        let hold = track(Vector3::new(0.0, 0.0, -20.0), [0.0; 3], [0.0; 3]);
+        f.fly(1.0, |_| Some(hold.clone()));
+        assert_eq!(f.kind(), expected, "case {k}");
+        // Set-points alone bring it back from no failsafe of that kind.
+        (f.a.remote_control_lost, f.a.data_link_lost) = (false, false);
+        f.fly(1.0, |_| Some(hold.clone()));
+        assert_eq!(f.kind(), expected, "case {k}");
+    }
+}
+
+#[test]
+fn own_landing_on_a_resting_deck() {
+    for firmware in BOTH {
+        let mut f = Flown::new(&ideal(firmware), 1, Vector3::new(0.1, 0.1, -5.0));
+        f.deck.position = Point::new(0.0, 0.0, 0.0);
+        assert!(f.a.choose(mode_number(firmware, AutopilotMode::Land)));
+        f.rest(20.0);
+        assert!(!f.a.armed() && f.a.flight.landed() == LandedState::OnGround);
+        assert!((f.impacts[0].normal_mps - 0.7).abs() < 0.15, "{:?}", f.impacts[0]);
+    }
+}
+
+#[test]
+fn disarm_in_the_air_only_by_force_and_for_good() {
+    for firmware in BOTH {
+        let mut f = Flown::offboard(&ideal(firmware), 1, Vector3::new(0.0, 0.0, -50.0));
+        f.command(command::ARM_DISARM, [0.0, 0.0]);
+        f.rest(0.1);
+        assert!(f.a.armed());
+        f.command(command::ARM_DISARM, [0.0, command::FORCE]);
+        f.rest(0.3);
+        assert!(
+            !f.a.armed() && f.drone.thrust_n() < 0.05,
+            "{}",
+            f.drone.thrust_n()
+        );
+        f.fly(0.5, |_| Some(attitude(0.0, 0.5)));
+        assert!(f.drone.thrust_n() < 0.05 && f.velocity().z > 4.0);
+    }
+}
+
+#[test]
+fn streams_at_their_rate_and_denials() {
+    for (firmware, which, denied) in [
+        (Firmware::Px4, id::ODOMETRY, id::SCALED_IMU),
+        (Firmware::ArduCopter, id::LOCAL_POSITION_NED, id::ODOMETRY),
+    ] {
+        let mut f = Flown::new(&ideal(firmware), 1, Vector3::new(0.0, 0.0, -20.0));
+        f.command(command::MESSAGE_INTERVAL, [f64::from(which), 2e4]);
+        f.command(command::MESSAGE_INTERVAL, [f64::from(denied), 2e4]);
+        f.rest(0.1);
+        let acks: Vec<_> = f.a.sent();
+        let denials = acks.iter().filter(
+            |m| matches!(m, Message::CommandAck { result, .. } if *result != CommandResult::Accepted),
+        );
+        assert_eq!(denials.count(), 1);
+        f.rest(2.0);
+        let positions = |m: &&Message| matches!(m, Message::Odometry(_) | Message::LocalPosition(_));
+        let sent = f.a.sent().iter().filter(positions).count();
+        assert!((99..=101).contains(&sent), "{sent} in 2 s at 50 Hz");
+    }
+}
+
+#[test]
+fn flight_identical_for_a_seed_and_different_between_seeds() {
+    let run = |seed: u64| {
+        let mut c = DroneConfig::default();
+        c.wind.mean_mps = 5.0;
+        let mut f = Flown::new(&c, seed, Vector3::new(0.0, 0.0, -1.5));
+        f.deck.position = Point::new(0.0, 0.0, 0.0);
+        f.a.choose(mode_number(Firmware::Px4, AutopilotMode::Land));
+        f.rest(6.0);
+        (f.position(), f.a.position(), f.a.thrust())
+    };
+    assert_eq!(run(11), run(11));
+    assert_ne!(run(11).0, run(12).0);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+    #[test]
+    fn arbitrary_set_points(values in proptest::array::uniform16(proptest::num::f64::ANY), attitudes: bool) {
+        let start = Vector3::new(0.0, 0.0, -30.0);
+        let mut f = Flown::offboard(&DroneConfig::default(), 9, start);
+        let v = |i: usize| [values[i], values[i + 1], values[i + 2]];
+        let message = if attitudes {
+            let attitude = [values[0], values[1], values[2], values[3]];
+            Message::AttitudeThrust(AttitudeTarget { to: TO, attitude, rates: Some(v(4)), thrust: values[7] })
+        } else {
+            Message::Position(PositionTarget {
+                to: TO, position: v(0), velocity: v(3), acceleration: v(6), yaw: values[9], yaw_rate: values[10],
+            })
+        };
+        f.fly(DT, |_| Some(message.clone()));
+        f.rest(1.0);
+        prop_assert!(f.a.position().iter().chain(f.position().iter()).all(|v| v.is_finite()));
+    }
+
+    #[test]
+    fn extreme_but_valid_set_points(
+        p in proptest::array::uniform3(-9e4_f64..9e4), v in proptest::array::uniform3(-99.0_f64..99.0),
+        a in proptest::array::uniform3(-199.0_f64..199.0),
+    ) {
+        let mut f = Flown::offboard(&DroneConfig::default(), 9, Vector3::new(0.0, 0.0, -30.0));
+        f.fly(3.0, |_| Some(track(Vector3::from(p), v, a)));
+        prop_assert_eq!(f.a.rejected, 0);
+        // Still upright: its own limits hold.
+        prop_assert!((f.drone.truth().attitude.0 * Vector3::z()).z > 0.4);
+        prop_assert!(f.drone.mass_kg() * GRAVITY > 0.0);
+    }
+}

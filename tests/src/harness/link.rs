@@ -1,0 +1,173 @@
+//! A drone's simulated autopilot, the computer's link to it, and the wire between them, byte by byte.
+
+use std::collections::VecDeque;
+use std::rc::Rc;
+
+use alight_shared::msg::{AutopilotState, LinkCheckpoint};
+use alight_shared::node::Node;
+use alight_shared::time::{DroneClock, Span, Time, TrueTime};
+use alight_uav::autopilot::message::{Address, Frame, Message};
+use alight_uav::autopilot::wire::{Decoder, encode};
+use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotOut, ControlAuthority};
+
+use super::world::Checkpoints;
+use crate::autopilots::simulated::SimulatedAutopilot;
+use crate::physics::drone::{AutopilotConfig, PlantState, ROTORS};
+use crate::physics::streams::Streams;
+use crate::sensors::noise::Noise;
+
+/// Makes the link's node for a boot.
+pub type MakeLink = Rc<dyn Fn(u32) -> AutopilotLink>;
+
+/// One way of the wire: bytes arrive in order, after a delay that varies.
+pub struct Wire {
+    delay: Span,
+    jitter: Span,
+    noise: Noise,
+    under_way: VecDeque<(Time<TrueTime>, Vec<u8>)>,
+    decoder: Decoder,
+    sequence: u8,
+}
+
+impl Wire {
+    fn new(config: &AutopilotConfig, streams: &Streams, name: &str) -> Wire {
+        Wire {
+            delay: Span::from_secs(config.wire_s),
+            jitter: Span::from_secs(config.wire_jitter_s),
+            noise: Noise::new(streams, name),
+            under_way: VecDeque::new(),
+            decoder: Decoder::default(),
+            sequence: 0,
+        }
+    }
+    /// Puts a message onto the wire.
+    pub fn send(&mut self, t: Time<TrueTime>, from: Address, message: &Message) {
+        self.sequence = self.sequence.wrapping_add(1);
+        // What the dialect does not know is not sent.
+        let Some(bytes) = encode(from, self.sequence, message) else {
+            return;
+        };
+        let arrival = t + self.delay + Span::from_secs(self.jitter.secs() * self.noise.uniform());
+        let arrival = self
+            .under_way
+            .back()
+            .map_or(arrival, |(last, _)| arrival.max(*last));
+        self.under_way.push_back((arrival, bytes));
+    }
+    /// What has arrived by `t`; nothing of it where the cable is out.
+    fn received(&mut self, t: Time<TrueTime>, cut: bool) -> Vec<Frame> {
+        let arrived = self.under_way.iter().take_while(|(at, _)| *at <= t).count();
+        for (_, bytes) in self.under_way.drain(..arrived).filter(|_| !cut) {
+            self.decoder.push(&bytes);
+        }
+        core::iter::from_fn(|| self.decoder.next_frame()).collect()
+    }
+}
+
+/// Both ends of the wire.
+pub struct LinkedAutopilot {
+    /// The autopilot.
+    pub autopilot: SimulatedAutopilot,
+    /// The link's node; None: its process is dead.
+    link: Option<AutopilotLink>,
+    /// What its supervisor keeps of it.
+    pub kept: LinkCheckpoint,
+    /// The cable is out.
+    pub cut: bool,
+    /// To the link.
+    pub up: Wire,
+    down: Wire,
+    make: MakeLink,
+    boot: u32,
+    /// A state that was reported where only set-points were looked for.
+    state: Option<AutopilotState>,
+}
+
+impl LinkedAutopilot {
+    /// `make` makes the link of a boot; this is the first. The wire's delays come from the streams `link.up` and
+    /// `link.down`.
+    pub fn new(
+        config: &AutopilotConfig,
+        streams: &Streams,
+        autopilot: SimulatedAutopilot,
+        make: MakeLink,
+        boot: u32,
+    ) -> LinkedAutopilot {
+        LinkedAutopilot {
+            autopilot,
+            link: Some(make(boot)),
+            kept: LinkCheckpoint::default(),
+            cut: false,
+            up: Wire::new(config, streams, "link.up"),
+            down: Wire::new(config, streams, "link.down"),
+            make,
+            boot,
+            state: None,
+        }
+    }
+    /// The link's process dies.
+    pub fn kill(&mut self) {
+        self.link = None;
+    }
+    /// Another takes its place, with or without what was kept of it.
+    pub fn start(&mut self, checkpoints: Checkpoints) {
+        if checkpoints == Checkpoints::Lost {
+            self.kept = LinkCheckpoint::default();
+        }
+        self.boot += 1;
+        self.link = Some((self.make)(self.boot));
+    }
+    /// The link's node; None: its process is dead.
+    pub fn node(&self) -> Option<&AutopilotLink> {
+        self.link.as_ref()
+    }
+    /// Who commands, as the link has it.
+    pub fn control_authority(&self) -> ControlAuthority {
+        self.link
+            .as_ref()
+            .map_or(ControlAuthority::Searching, AutopilotLink::control_authority)
+    }
+
+    /// A turn of the autopilot: rotor commands for the drone's true state; None: motors off.
+    pub fn turn(&mut self, truth: &PlantState) -> Option<[f64; ROTORS]> {
+        let arrived = self.down.received(truth.at, self.cut);
+        let arrived: Vec<_> = arrived.into_iter().map(|f| f.message).collect();
+        let motors = self.autopilot.step(truth, &arrived);
+        for message in self.autopilot.sent() {
+            self.up.send(truth.at, self.autopilot.address, &message);
+        }
+        motors
+    }
+    /// A step of the link with what has arrived from the autopilot: for the drone's other nodes.
+    pub fn receive(&mut self, t: Time<TrueTime>, now: Time<DroneClock>) -> AutopilotOut {
+        let received = self.up.received(t, self.cut);
+        let mut out = self.step(
+            t,
+            now,
+            AutopilotIn {
+                received,
+                ..AutopilotIn::default()
+            },
+        );
+        out.state = out.state.or(self.state.take());
+        out
+    }
+    /// A step of the link with what those published. A state that it reports is given with what is received next.
+    pub fn send(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, input: AutopilotIn) -> AutopilotOut {
+        let mut out = self.step(t, now, input);
+        self.state = out.state.take();
+        out
+    }
+    fn step(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, input: AutopilotIn) -> AutopilotOut {
+        let Some(link) = &mut self.link else {
+            return AutopilotOut::default();
+        };
+        let checkpoint = Some(self.kept);
+        let out = link.step(now, &AutopilotIn { checkpoint, ..input });
+        self.kept = out.checkpoint.unwrap_or(self.kept);
+        for message in &out.messages {
+            self.down.send(t, out.from, message);
+        }
+        out
+    }
+}
