@@ -196,19 +196,6 @@ fn nobody_descends_to_a_deck_that_the_crew_has_closed() {
     let before = fleet.visited.clone();
     fleet.fly(60.0, |_| false);
     assert!(fleet.using_the_deck().is_empty());
-    for k in 0..2 {
-        println!(
-            "DBG {k} {:?} first {first} {:?}",
-            fleet.place(k),
-            fleet.drone(k).mission_state
-        );
-        for _ in 0..10 {
-            fleet.fly(5.0, |_| false);
-            let d = fleet.world.linked(k).unwrap();
-            let (p, c, m) = (d.autopilot.position(), d.control_authority(), d.autopilot.mode());
-            println!("DBG {k} {:?} {:?} {:?} {}", fleet.place(k), p, c, m);
-        }
-    }
     (0..2).for_each(|k| fleet.assert_waits_aside(k));
     let descents = |visited: &[State]| visited.iter().filter(|s| **s == State::Descent).count();
     for k in [first, second] {

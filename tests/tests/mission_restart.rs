@@ -52,9 +52,9 @@ impl End {
         !self.motors_on && self.height_m.abs() < 0.1 && self.off_m < 1.5
     }
     fn holds_above(&self) -> bool {
-        // Idle: not lower than it followed, give or take the waves.
+        // Idle: not lower than it followed, give or take the waves and the drift of its own height.
         self.motors_on
-            && self.height_m > 4.0
+            && self.height_m > 3.0
             && matches!(self.state, State::GaveUp | State::Hold | State::Idle)
     }
     fn is_safe(&self) -> bool {

@@ -148,25 +148,10 @@ fn disarm_goes_on_without_the_pilot_through_the_hold_of_the_autopilot() {
             assert_eq!(p.mode() == AutopilotMode::Hold, held, "{firmware:?}");
             p.linked.cut = false;
             p.run(1.0);
-            println!(
-                "DBG {firmware:?} {cut_s} {} {:?} {:?} {}",
-                p.on_deck,
-                p.truth().position.0,
-                p.truth().velocity.0,
-                p.linked.autopilot.thrust()
-            );
             assert!(p.linked.autopilot.armed());
             p.linked.autopilot.answer = None;
             p.run(3.0);
             let armed = p.linked.autopilot.armed();
-            println!(
-                "DBG {firmware:?} {cut_s} {armed} {} {:?} {:?} {}",
-                p.on_deck,
-                p.truth().position.0,
-                p.truth().velocity.0,
-                p.linked.autopilot.thrust()
-            );
-            println!("DBG {:?} {:?}", p.texts, p.authority());
             assert!(!armed && p.on_deck, "{firmware:?}, {cut_s} s");
         }
     }

@@ -80,6 +80,7 @@ pub fn hold(d: &DroneState) -> SetPoint {
     SetPoint {
         kind: SetPointKind::Trajectory,
         position: d.position,
+        yaw: d.euler().z,
         ..SetPoint::default()
     }
 }

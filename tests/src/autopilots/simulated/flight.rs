@@ -72,6 +72,31 @@ struct Received {
     since: Time<TrueTime>,
 }
 
+/// Which of PX4's controllers run: the Commander publishes it (`vehicle_control_mode`) at 2 Hz only, and at once when the
+/// status changes (arming, mode), so another kind of set-point is known to them up to 0.5 s late. Measured with PX4 main
+/// of March 2026. ArduCopter knows at once.
+#[derive(Clone, Copy, Debug)]
+struct ControlMode {
+    /// Position control runs; None: not published yet.
+    positions: Option<bool>,
+    due: Time<TrueTime>,
+}
+
+/// Time between two publications of the control mode.
+const CONTROL_MODE: Span = Span::from_millis(500);
+
+impl ControlMode {
+    /// Whether position control runs while set-points of position are sent, or others.
+    fn at(&mut self, now: Time<TrueTime>, positions: bool) -> bool {
+        while now >= self.due {
+            self.due += CONTROL_MODE;
+            self.positions = Some(positions);
+        }
+        // The first set-points are those with which the mode was entered.
+        *self.positions.get_or_insert(positions)
+    }
+}
+
 /// Modes, position control and inner loops.
 #[derive(Clone, Debug)]
 pub(super) struct Flight {
@@ -84,6 +109,11 @@ pub(super) struct Flight {
     armed: bool,
     landed: LandedState,
     received: Option<Received>,
+    control_mode: ControlMode,
+    /// The newest set-point of position.
+    track: Option<Track>,
+    /// Outer periods so far.
+    period: u32,
     /// Where to hold in modes of its own and without a usable set-point.
     hold: Track,
     home: Vector3<f64>,
@@ -95,12 +125,13 @@ pub(super) struct Flight {
 
 impl Flight {
     /// Holds position in the air in a person's mode, armed, with a hover thrust estimate that has settled at
-    /// `hover_thrust`.
+    /// `hover_thrust`. PX4 publishes its control mode from `control_mode` on.
     pub(super) fn new(
         config: &AutopilotConfig,
         drone: &DroneGeometry,
         estimate: &Estimate,
         hover_thrust: f64,
+        control_mode: Time<TrueTime>,
     ) -> Flight {
         let yaw = estimate.attitude.euler_angles().2;
         let mode = mode_number(config.firmware, AutopilotMode::Other);
@@ -113,6 +144,12 @@ impl Flight {
             armed: true,
             landed: LandedState::InAir,
             received: None,
+            control_mode: ControlMode {
+                positions: None,
+                due: control_mode,
+            },
+            track: None,
+            period: 0,
             hold: Track {
                 position: estimate.position,
                 velocity: still,
@@ -196,7 +233,7 @@ impl Flight {
         }
     }
 
-    /// A set-point arrives. One of attitude is in force at once.
+    /// A set-point arrives. One of attitude is in force at once where position control does not run.
     pub(super) fn take(&mut self, newest: Reference, now: Time<TrueTime>, estimate: &Estimate) {
         let before = self.received.filter(|r| now - r.at <= OFFBOARD_GAP);
         self.received = Some(Received {
@@ -204,7 +241,9 @@ impl Flight {
             at: now,
             since: before.map_or(now, |r| r.since),
         });
+        let alone = self.firmware() == Firmware::ArduCopter || self.control_mode.positions == Some(false);
         if let Reference::Attitude(target) = newest
+            && alone
             && self.kind() == AutopilotMode::Offboard
         {
             self.follow_attitude(&target, estimate);
@@ -212,7 +251,6 @@ impl Flight {
     }
     fn follow_attitude(&mut self, target: &AttitudeTarget, estimate: &Estimate) {
         self.hold_here(estimate);
-        self.integral = Vector3::zeros();
         self.target = *target;
         if self.firmware() == Firmware::ArduCopter {
             // ArduCopter 4.6 and 4.7 lead the attitude by the rates, but turn them by it once too often. PX4 drops them.
@@ -232,6 +270,8 @@ impl Flight {
     fn enter(&mut self, mode: u32, estimate: &Estimate) {
         if mode != self.mode {
             self.mode = mode;
+            // The control mode is published with it.
+            self.control_mode.positions = None;
             self.hold_here(estimate);
         }
     }
@@ -282,12 +322,7 @@ impl Flight {
         self.estimate_hover(estimate, dt);
         let offboard = self.kind() == AutopilotMode::Offboard;
         match received.filter(|_| offboard).map(|r| r.newest) {
-            // In force since it came.
-            Some(Reference::Attitude(_)) => self.hold_here(estimate),
-            Some(Reference::Track(track)) => {
-                self.hold_here(estimate);
-                self.target = self.follow(&track, estimate, dt);
-            }
+            Some(newest) => self.offboard(newest, estimate, now, dt),
             None => {
                 self.move_hold(estimate, dt);
                 let hold = self.hold;
@@ -300,6 +335,35 @@ impl Flight {
             }
         }
         self.detect_landing(estimate, dt);
+    }
+
+    /// What the control mode makes of a set-point: where position control has not been told to end, it and the set-points
+    /// write attitudes by turns; where it has not been told to begin, the last attitude stays.
+    fn offboard(&mut self, newest: Reference, estimate: &Estimate, now: Time<TrueTime>, dt: f64) {
+        self.hold_here(estimate);
+        self.period = self.period.wrapping_add(1);
+        let sent = matches!(newest, Reference::Track(_));
+        let known = match self.firmware() {
+            Firmware::Px4 => self.control_mode.at(now, sent),
+            Firmware::ArduCopter => sent,
+        };
+        if !known {
+            self.integral = Vector3::zeros();
+        }
+        match newest {
+            Reference::Track(track) => {
+                self.track = Some(track);
+                if known {
+                    self.target = self.follow(&track, estimate, dt);
+                }
+            }
+            Reference::Attitude(target) => match self.track {
+                Some(track) if known && self.period.is_multiple_of(2) => {
+                    self.target = self.follow(&track, estimate, dt);
+                }
+                Some(_) | None => self.follow_attitude(&target, estimate),
+            },
+        }
     }
 
     /// PX4 without set-points for COM_OF_LOSS_T: the mode of COM_OBL_RC_ACT, back to OFFBOARD as soon as they come again.

@@ -114,6 +114,7 @@ impl SimulatedAutopilot {
             drone,
             estimator.now(),
             hover * config.initial_hover_factor,
+            truth.at + Span::from_secs(0.5 * clock.uniform()),
         );
         SimulatedAutopilot {
             address: Address::new(3, 1),

@@ -240,6 +240,36 @@ fn attitude_lag_as_configured() {
     }
 }
 
+/// Tilt (rad) of a drone 0.3 s after it was asked to lean by 0.2 rad, least and most over seeds; before it was sent `first`
+/// for 3 s.
+fn lean_after(firmware: Firmware, first: &Message) -> [f64; 2] {
+    let tilts = (0..12).map(|seed| {
+        let mut f = Flown::offboard(&ideal(firmware), seed, Vector3::new(0.0, 0.0, -10.0));
+        f.fly(3.0, |_| Some(first.clone()));
+        let lean = attitude(0.2, f.a.hover_thrust());
+        f.fly(0.3, |_| Some(lean.clone()));
+        f.drone.truth().attitude.0.angle()
+    });
+    tilts.fold([f64::INFINITY, 0.0], |[least, most], t| {
+        [least.min(t), most.max(t)]
+    })
+}
+
+#[test]
+fn kind_of_set_point_changed_between_two_publications_of_the_control_mode() {
+    let hover = track(Vector3::new(0.0, 0.0, -10.0), [0.0; 3], [0.0; 3]);
+    for (firmware, first, late) in [
+        (Firmware::Px4, attitude(0.0, 0.34), false),
+        (Firmware::ArduCopter, hover.clone(), false),
+        // Position control writes attitudes, too, until it learns of the change: at once, or 0.5 s later.
+        (Firmware::Px4, hover, true),
+    ] {
+        let [least, most] = lean_after(firmware, &first);
+        assert!(most > 0.12, "{firmware:?}: {least} {most}");
+        assert_eq!(least < 0.1, late, "{firmware:?}: {least} {most}");
+    }
+}
+
 #[test]
 fn set_points_lost_and_back() {
     for (firmware, action, expected) in [

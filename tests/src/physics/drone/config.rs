@@ -260,6 +260,7 @@ impl NavigationConfig {
             gyro_bias_rps: 0.0,
             accelerometer_noise_mps2: 0.001,
             accelerometer_bias_mps2: 0.0,
+            accelerometer_range_mps2: 1e3,
             vibration_mps2: 0.0,
             tilt_error_deg: 0.0,
             heading_error_deg: 0.0,
