@@ -91,6 +91,15 @@ pub enum VesselEvent {
 }
 
 impl VesselEvent {
+    /// A drone's new state.
+    fn of(status: &DroneStatus) -> VesselEvent {
+        VesselEvent::DroneState {
+            drone: status.header.drone,
+            state: status.state,
+            entered: status.entered,
+            battery: status.battery,
+        }
+    }
     /// Somebody has to do something about it.
     pub fn is_warning(&self) -> bool {
         match self {
@@ -226,7 +235,8 @@ impl Node for VesselComputer {
         let statuses = self.authentic(&input.statuses, of_drone);
         // A command names no operator.
         let commands = self.authentic(&input.commands, |sender, _| matches!(sender, Sender::Operator(_)));
-        events.extend(statuses.iter().filter_map(|s| self.drones.observe(s)));
+        let changed = statuses.iter().filter(|s| self.drones.observe(s));
+        events.extend(changed.map(|s| VesselEvent::of(&s.message)));
         let statuses: Vec<DroneStatus> = statuses.iter().map(|s| s.message).collect();
         let left = input.checkpoint.as_ref();
 

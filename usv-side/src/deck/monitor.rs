@@ -7,7 +7,6 @@ use alight_shared::msg::DroneStatus;
 use alight_shared::time::VesselClock;
 
 use super::MAX_DRONES;
-use crate::computer::VesselEvent;
 
 /// The newest status of each drone, with its arrival.
 #[derive(Clone, Debug)]
@@ -30,8 +29,8 @@ impl DroneMonitor {
             rejected: 0,
         }
     }
-    /// A status arrived; an event when the mission's state changed.
-    pub(crate) fn observe(&mut self, status: &Arrival<VesselClock, DroneStatus>) -> Option<VesselEvent> {
+    /// A status arrived; true when the mission's state is another than before.
+    pub(crate) fn observe(&mut self, status: &Arrival<VesselClock, DroneStatus>) -> bool {
         let new = &status.message;
         let header = &new.header;
         let before = self.drones.get(&header.drone).map(|s| &s.message);
@@ -39,18 +38,13 @@ impl DroneMonitor {
         let full = before.is_none() && self.drones.len() >= MAX_DRONES;
         if check_message(new).is_err() || header.vessel != self.vessel || repeated || full {
             self.rejected += 1;
-            return None;
+            return false;
         }
         let changed = before.is_none_or(|s| s.state != new.state);
         self.received += 1;
         self.newest = Some(header.drone);
         self.drones.insert(header.drone, *status);
-        changed.then_some(VesselEvent::DroneState {
-            drone: header.drone,
-            state: new.state,
-            entered: new.entered,
-            battery: new.battery,
-        })
+        changed
     }
     /// Every drone's newest status, with its arrival.
     pub fn statuses(&self) -> impl Iterator<Item = &Arrival<VesselClock, DroneStatus>> {
@@ -94,8 +88,8 @@ mod tests {
     #[test]
     fn drone_monitor_counts_and_reports_each_state_once() {
         let mut monitor = DroneMonitor::new(1);
-        assert!(monitor.observe(&status(1, 4, 1, State::Tracking)).is_some());
-        assert_eq!(monitor.observe(&status(1, 4, 2, State::Tracking)), None);
+        assert!(monitor.observe(&status(1, 4, 1, State::Tracking)));
+        assert!(!monitor.observe(&status(1, 4, 2, State::Tracking)));
         let mut nan = status(1, 4, 3, State::Landed);
         nan.message.battery = f64::NAN;
         let mut version = status(1, 4, 3, State::Landed);
@@ -103,12 +97,12 @@ mod tests {
         let foreign = status(2, 4, 3, State::Landed);
         let repeated = status(1, 4, 2, State::Landed);
         for bad in [foreign, repeated, nan, version] {
-            assert_eq!(monitor.observe(&bad), None);
+            assert!(!monitor.observe(&bad));
         }
         // Another drone between two statuses of one is no change of state.
-        assert!(monitor.observe(&status(1, 5, 1, State::Idle)).is_some());
-        assert_eq!(monitor.observe(&status(1, 4, 3, State::Tracking)), None);
-        assert!(monitor.observe(&status(1, 4, 4, State::Landed)).is_some());
+        assert!(monitor.observe(&status(1, 5, 1, State::Idle)));
+        assert!(!monitor.observe(&status(1, 4, 3, State::Tracking)));
+        assert!(monitor.observe(&status(1, 4, 4, State::Landed)));
         assert_eq!((monitor.received(), monitor.rejected()), (5, 4));
         let newest = monitor.newest().map(|s| (s.at, s.message.header.drone));
         assert_eq!(newest, Some((Time::from_secs(4.0), 4)));
