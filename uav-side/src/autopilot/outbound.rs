@@ -2,8 +2,8 @@
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{
-    AutopilotMode, BatteryPlace, Header, LandedState, MissionState, Motors, Phase, PlanStage, ReasonCode,
-    SetPoint, SetPointKind, State,
+    AutopilotMode, BatteryPlace, Header, LandedState, MissionState, Motors, PlanStage, ReasonCode, SetPoint,
+    SetPointKind, State,
 };
 use alight_shared::time::Span;
 use alight_shared::topics;
@@ -297,10 +297,7 @@ impl AutopilotLink {
 
     /// A hold before a landing is commanded; `unknown` while no mission was received.
     fn holds_before_landing(&self, wanted: &SetPoint, unknown: bool) -> bool {
-        let idle = self
-            .mission
-            .get()
-            .map_or(unknown, |m| m.state.phase() == Phase::None);
+        let idle = self.mission.get().map_or(unknown, |m| m.state == State::Idle);
         idle && wanted.kind != SetPointKind::None && wanted.motors == Motors::Run
     }
     /// A hold in the drone's place, at which a person may hand over.
