@@ -1,10 +1,9 @@
 //! Typed frames: a vector, point or rotation carries the frame it is expressed in, and mixing
 //! frames does not compile.
 //!
-//! World frames are NED tangent planes. Alight has three of them because nobody measures the true
-//! one: [`VesselNed`] and [`DroneNed`] are displaced by each craft's own GNSS error (a metre or
-//! more), and [`TrueNed`] exists in the simulated world only. Bodies are FRD (forward, right,
-//! down).
+//! World frames are north, east, down about a place ([`Datum`]). Alight has three of them: [`VesselNed`] begins at the
+//! vessel's first GNSS fix, [`DroneNed`] where the drone's autopilot began, and each is displaced by its craft's own
+//! GNSS error (a metre or more); [`TrueNed`] exists in the simulated world only. Bodies are FRD (forward, right, down).
 //!
 //! ```compile_fail
 //! use alight_shared::frames::{Vector, VesselNed, DroneNed};
@@ -16,6 +15,8 @@ use core::marker::PhantomData;
 use core::ops::{Add, Mul, Neg, Sub};
 
 use nalgebra::{UnitQuaternion, Vector3};
+
+pub use crate::geodesy::Datum;
 
 /// A coordinate frame.
 pub trait Frame: Copy + PartialEq + 'static {
@@ -32,9 +33,9 @@ macro_rules! frames {
     )*};
 }
 frames! {
-    /// NED tangent plane as the vessel's GNSS sees it.
+    /// NED about the vessel's datum as its GNSS sees it.
     VesselNed = "vessel NED";
-    /// NED tangent plane as the drone's navigation sees it.
+    /// NED about the autopilot's origin as its navigation sees it.
     DroneNed = "drone NED";
     /// The simulated world's NED tangent plane.
     TrueNed = "true NED";
@@ -198,45 +199,6 @@ impl<A, B, C> Mul<Rotation<B, C>> for Rotation<A, B> {
     }
 }
 
-/// WGS-84 position of a NED tangent plane's origin.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-#[repr(C)]
-#[serde(deny_unknown_fields)]
-pub struct Datum {
-    /// Geodetic latitude, deg, north positive.
-    pub latitude_deg: f64,
-    /// Longitude, deg, east positive.
-    pub longitude_deg: f64,
-    /// Height above the ellipsoid, m.
-    pub height_m: f64,
-}
-
-impl Datum {
-    /// From geodetic latitude and longitude, deg, and the height above the ellipsoid, m.
-    pub const fn new(latitude_deg: f64, longitude_deg: f64, height_m: f64) -> Self {
-        Datum {
-            latitude_deg,
-            longitude_deg,
-            height_m,
-        }
-    }
-    /// NED displacement (m) of `other`'s origin seen from `self`'s, by the local radii of the
-    /// WGS-84 ellipsoid (Groves 2013, eq. 2.105 and 2.106); exact to millimetres within 10 km.
-    pub fn offset_to<F>(&self, other: &Datum) -> Vector<F> {
-        const A: f64 = 6_378_137.0;
-        const E2: f64 = 6.694_379_990_14e-3;
-        let lat = self.latitude_deg.to_radians();
-        let w = (1.0 - E2 * lat.sin().powi(2)).sqrt();
-        let meridian = A * (1.0 - E2) / w.powi(3);
-        let prime = A / w;
-        Vector::new(
-            (other.latitude_deg - self.latitude_deg).to_radians() * (meridian + self.height_m),
-            (other.longitude_deg - self.longitude_deg).to_radians() * (prime + self.height_m) * lat.cos(),
-            self.height_m - other.height_m,
-        )
-    }
-}
-
 /// Wraps an angle to (-pi, pi], rad. A non-finite angle stays non-finite.
 pub fn wrap_angle(a: f64) -> f64 {
     use core::f64::consts::{PI, TAU};
@@ -301,16 +263,5 @@ mod tests {
         assert!((wrap_angle(-PI) - PI).abs() < 1e-12);
         assert!((wrap_angle(0.1) - 0.1).abs() < 1e-15);
         assert!(wrap_angle(f64::NAN).is_nan());
-    }
-
-    #[test]
-    fn datum_offset_of_a_millidegree_of_latitude_is_111_m() {
-        let a = Datum::new(45.0, 7.0, 0.0);
-        let b = Datum {
-            latitude_deg: 45.001,
-            ..a
-        };
-        let d = a.offset_to::<TrueNed>(&b);
-        assert!((d.0.x - 111.13).abs() < 0.02, "{d:?}");
     }
 }

@@ -9,6 +9,7 @@ pub mod checkpoint;
 pub mod config;
 pub mod estimation;
 pub mod frames;
+mod geodesy;
 pub mod geometry;
 #[cfg(feature = "mavlink")]
 pub mod mavlink;

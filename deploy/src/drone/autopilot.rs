@@ -40,7 +40,6 @@ pub fn node(computer: &DroneComputer, boot: u32) -> AutopilotLink {
         &drone.odometry,
         &drone.airframe,
         drone.pilot.output == Output::Attitude,
-        drone.predictor.datum,
         computer.bridge.drone_id,
         boot,
     )

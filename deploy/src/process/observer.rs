@@ -1,6 +1,6 @@
 //! Receives the reports of an instance's processes.
 
-use alight_shared::msg::{AutopilotState, LinkState, MissionState, Plan};
+use alight_shared::msg::{AutopilotState, DeckForecast, DroneState, LinkState, MissionState, Plan};
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Memory, Subscriber};
 use alight_shared::transport::process::ProcessState;
@@ -13,6 +13,8 @@ pub struct Observer {
     processes: Subscriber<ProcessState>,
     mission: Subscriber<MissionState>,
     autopilot: Subscriber<AutopilotState>,
+    drone: Subscriber<DroneState>,
+    forecast: Subscriber<DeckForecast>,
     link: Subscriber<LinkState>,
     plan: Subscriber<Plan>,
     /// What was seen.
@@ -28,6 +30,8 @@ impl Observer {
             processes: memory.subscriber()?,
             mission: memory.subscriber()?,
             autopilot: memory.subscriber()?,
+            drone: memory.subscriber()?,
+            forecast: memory.subscriber()?,
             link: memory.subscriber()?,
             plan: memory.subscriber()?,
             snapshot: Snapshot::default(),
@@ -43,6 +47,8 @@ impl Observer {
         let t = drone_ns.unwrap_or(now);
         self.snapshot.mission = self.mission.newest(t).or(self.snapshot.mission);
         self.snapshot.autopilot = self.autopilot.newest(t).or(self.snapshot.autopilot);
+        self.snapshot.drone = self.drone.newest(t).or(self.snapshot.drone);
+        self.snapshot.forecast = self.forecast.newest(t).or(self.snapshot.forecast);
         let links = self.link.all(t);
         // Who does not take them does not keep them.
         self.ages_s.truncate(64);

@@ -2,9 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use alight_shared::msg::{AutopilotState, LinkState, MissionState, Plan};
+use alight_shared::frames::Datum;
+use alight_shared::msg::{AutopilotState, DeckForecast, DroneState, LinkState, MissionState, Plan};
 use alight_shared::topics::{self, Topic};
 use alight_shared::transport::process::{InputState, ProcessKind, ProcessState};
+use nalgebra::Vector3;
 
 use crate::cells;
 use crate::table::{Cell, Table};
@@ -31,6 +33,10 @@ pub struct Snapshot {
     pub mission: Option<MissionState>,
     /// The autopilot's state.
     pub autopilot: Option<AutopilotState>,
+    /// Odometry.
+    pub drone: Option<DroneState>,
+    /// The deck's forecast.
+    pub forecast: Option<DeckForecast>,
     /// Link.
     pub link: Option<LinkState>,
     /// Plan, and its age when it was looked at, s.
@@ -38,6 +44,13 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
+    /// Where the drone's frame begins, and how far away the deck is by the newest forecast, m.
+    pub fn frame(&self) -> Option<(Datum, Option<f64>)> {
+        let drone = self.drone?;
+        let deck = self.forecast.and_then(|f| f.stages.first().copied());
+        let apart = deck.map(|d| (drone.position() - Vector3::from(d.position)).norm());
+        Some((drone.datum, apart))
+    }
     /// One line of at most 100 columns.
     pub fn line(&self) -> String {
         let state = self.mission.map_or("-", |m| m.state.name());

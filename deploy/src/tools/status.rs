@@ -154,9 +154,18 @@ fn show(args: &StatusArgs, name: &str, snapshot: &Snapshot) -> Result<(), CliErr
         terminal::line(format_args!("  waiting   {}", m.waiting));
     }
     if let Some(a) = &snapshot.autopilot
-        && a.parameters.code != ReasonCode::None
+        && a.rejection.code != ReasonCode::None
     {
-        terminal::line(format_args!("  autopilot no landing: {}", a.parameters));
+        terminal::line(format_args!("  autopilot no landing: {}", a.rejection));
+    }
+    if let Some((origin, apart)) = snapshot.frame() {
+        let deck = apart.map_or("no forecast of the deck".into(), |m| {
+            format!("deck {m:.0} m away")
+        });
+        terminal::line(format_args!(
+            "  frame     begins at {:.6}, {:.6}, {:.1} m above the ellipsoid; {deck}",
+            origin.latitude_deg, origin.longitude_deg, origin.height_m
+        ));
     }
     if let Some(l) = &snapshot.link {
         terminal::line(format_args!(

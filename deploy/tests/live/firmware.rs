@@ -202,7 +202,7 @@ impl Controls {
 
 /// ArduPilot's JSON backend, until `end`.
 fn fly_json(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
-    let local = ORIGIN.offset_to::<alight_shared::frames::TrueNed>(&SEA).0;
+    let local = ORIGIN.to::<alight_shared::frames::TrueNed>(&SEA).0;
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
     socket.connect(("127.0.0.1", plant)).unwrap();
     socket.set_read_timeout(Some(Duration::from_millis(100))).unwrap();

@@ -7,7 +7,7 @@ use super::{
     FRACTION, Header, MAX_ACCELERATION_MPS2, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS,
     Reason, Seq, deviations, within,
 };
-use crate::frames::wrap_angle;
+use crate::frames::{Datum, wrap_angle};
 use crate::time::{DroneClock, Span, Time};
 
 /// Stages of a plan.
@@ -19,6 +19,8 @@ pub const PLAN_STAGES: usize = 41;
 pub struct DroneState {
     /// Identity and time of validity.
     pub header: Header<DroneClock>,
+    /// Where the drone's NED begins: its autopilot's origin.
+    pub datum: Datum,
     /// Centre of mass in the drone's NED, m.
     pub position: [f64; 3],
     /// Velocity in NED, m/s.
@@ -41,6 +43,7 @@ impl Default for DroneState {
     fn default() -> Self {
         DroneState {
             header: Header::default(),
+            datum: Datum::default(),
             position: [0.0; 3],
             velocity: [0.0; 3],
             attitude: [1.0, 0.0, 0.0, 0.0],
@@ -128,8 +131,8 @@ pub struct AutopilotState {
     pub thrust: f64,
     /// Its own estimate of the collective thrust that hovers, 0 to 1.
     pub hover_thrust: f64,
-    /// Why no landing is permitted with its parameters as they are; without a code: they suit.
-    pub parameters: Reason,
+    /// Why no landing is permitted with it as it is (no origin, a parameter); without a code: it suits.
+    pub rejection: Reason,
 }
 
 /// Checkpoint of the link to the autopilot: a successor goes on commanding before the autopilot's own failsafe begins.
@@ -152,8 +155,10 @@ pub struct LinkCheckpoint {
     pub clock_offset_ns: i64,
     /// By how much that errs at most, s.
     pub clock_error_s: f64,
-    /// Where the autopilot's NED begins, drone's NED, m.
-    pub origin: [f64; 3],
+    /// Where its NED begins.
+    pub datum: Datum,
+    /// Height of the sea above the ellipsoid by which it was found, m.
+    pub geoid_m: f64,
     /// Jumps of its position estimate, as reported to the other nodes.
     pub origin_resets: u8,
     /// The same as it counts them, where it does.
@@ -188,6 +193,8 @@ pub struct PredictorCheckpoint {
     pub offset: [f64; 6],
     /// Its standard deviations.
     pub offset_sd: [f64; 6],
+    /// Where the drone's NED began: about another place the offset is void.
+    pub datum: Datum,
     /// Where the drone was by its odometry, NED, m: an origin that moves since makes the offset void.
     pub position: [f64; 3],
     /// Its velocity, m/s.
@@ -375,6 +382,7 @@ pub(super) fn is_unit(q: &[f64; 4]) -> bool {
 }
 
 message!(DroneState, DroneClock, |m| {
+    m.datum.is_on_earth() => "datum",
     within(&m.position, MAX_POSITION_M) => "position",
     within(&m.velocity, MAX_SPEED_MPS) => "velocity",
     is_unit(&m.attitude) => "attitude",
@@ -388,12 +396,14 @@ message!(AutopilotState, DroneClock, |m| {
     FRACTION.contains(&m.hover_thrust) => "hover_thrust",
 });
 message!(LinkCheckpoint, DroneClock, |m| {
+    within([&m.geoid_m], 1e3) => "geoid_m",
     (0.0..=1.0).contains(&m.clock_error_s) => "clock_error_s",
-    within(&m.origin, MAX_POSITION_M) => "origin",
+    m.datum.is_on_earth() => "datum",
     m.smoothing.iter().all(|s| within(s, MAX_SPEED_MPS)) => "smoothing",
     FRACTION.contains(&m.hover_thrust) && m.hover_learned_s >= 0.0 => "hover_thrust or hover_learned_s",
 });
 message!(PredictorCheckpoint, DroneClock, |m| {
+    m.datum.is_on_earth() => "datum",
     within(&m.offset, MAX_POSITION_M) => "offset",
     m.offset_sd.iter().all(|s| (0.0..=1e3).contains(s)) => "offset_sd",
     within(&m.position, MAX_POSITION_M) && within(&m.velocity, MAX_SPEED_MPS) => "position or velocity",

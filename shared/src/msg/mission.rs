@@ -10,6 +10,7 @@ use super::{
     within,
 };
 use crate::autopilot_parameters::{REQUESTS, numbered};
+use crate::frames::Datum;
 use crate::time::{Clock, DroneClock, Time};
 use crate::topics;
 
@@ -170,6 +171,12 @@ pub enum ReasonCode {
     CompletesLanding,
     /// The deck's vertical speed may change too much before the drone has reacted, m/s.
     SpeedUncertain,
+    /// The autopilot has not reported where its NED begins.
+    NoOrigin,
+    /// The drone's origin or its position estimate has jumped, and no forecast has come since; by so much the origin, m.
+    OriginMoved,
+    /// The vessel is too far away, m.
+    VesselTooFar,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -222,7 +229,7 @@ impl fmt::Display for Reason {
             ReasonCode::Reached => write!(f, "reached"),
             ReasonCode::NotCommanded => write!(f, "no landing commanded"),
             ReasonCode::NotFlying => write!(f, "not flying, not armed or not in offboard mode"),
-            ReasonCode::NoVessel => write!(f, "no vessel state received"),
+            ReasonCode::NoVessel => write!(f, "no vessel state received from within 100 km"),
             ReasonCode::OdometryStale => write!(f, "own odometry {v:.2} s old (limit {l:.2})"),
             ReasonCode::ForecastStale => write!(f, "deck forecast {v:.2} s old (limit {l:.2})"),
             ReasonCode::NoVision => write!(f, "deck not seen yet"),
@@ -309,6 +316,16 @@ impl fmt::Display for Reason {
                     f,
                     "; for a firmware without it set autopilot.check_parameters = false"
                 )
+            }
+            ReasonCode::NoOrigin => {
+                write!(f, "the autopilot has not reported its origin (GPS_GLOBAL_ORIGIN)")
+            }
+            ReasonCode::OriginMoved if v == 0.0 => {
+                write!(f, "the autopilot's estimate of position or heading has jumped")
+            }
+            ReasonCode::OriginMoved => write!(f, "the autopilot's origin has moved by {v:.1} m"),
+            ReasonCode::VesselTooFar => {
+                write!(f, "the vessel is {:.1} km away (limit {:.0})", v / 1e3, l / 1e3)
             }
             ReasonCode::TooWindy => write!(f, "wind pushes with up to {v:.1} m/s² (limit {l:.1})"),
         }
@@ -401,6 +418,8 @@ pub struct MissionCheckpoint {
     pub abort: Option<Header<DroneClock>>,
     /// The autopilot's count of origin resets: another count, another frame.
     pub origin_resets: u8,
+    /// Where the drone's NED begins: another place, another frame.
+    pub datum: Datum,
     /// The deck's mean level, drone's NED z, m.
     pub mean_deck_z: Option<f64>,
     /// The deck's steepest tilt recently, rad.
@@ -522,6 +541,7 @@ message!(MissionState, DroneClock, |m| {
 });
 message!(MissionCheckpoint, DroneClock, |m| {
     m.state.header.version == m.header.version && super::Message::check(&m.state).is_ok() => "state",
+    m.datum.is_on_earth() => "datum",
     m.mean_deck_z.is_none_or(|z| within([&z], MAX_POSITION_M)) => "mean_deck_z",
     within([&m.recent_tilt_rad], MAX_ANGLE_RAD) => "recent_tilt_rad",
 });

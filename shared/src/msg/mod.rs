@@ -68,7 +68,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 15;
+pub const MESSAGE_VERSION: u16 = 16;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -157,11 +157,6 @@ pub(crate) fn deviations<const N: usize>(lists: [&[f64]; N], limit: f64) -> bool
 pub(crate) fn positive<'a>(values: impl IntoIterator<Item = &'a f64>, limit: f64) -> bool {
     values.into_iter().all(|v| *v > 0.0 && *v < limit)
 }
-/// A place on the Earth.
-pub(crate) fn on_earth(d: &crate::frames::Datum) -> bool {
-    within([&d.latitude_deg], 90.0) && within([&d.longitude_deg], 360.0) && within([&d.height_m], 1e4)
-}
-
 /// A charge or a thrust as autopilots report it: rounding and a boost allowed.
 pub(crate) const FRACTION: core::ops::RangeInclusive<f64> = -0.01..=1.5;
 /// Largest angle that a message may carry, rad.

@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Header, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, MAX_TILT_RAD, on_earth, positive, within};
+use super::{Header, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, MAX_TILT_RAD, positive, within};
 use crate::frames::Datum;
 use crate::time::VesselClock;
 
@@ -106,7 +106,7 @@ message!(ImuSample, VesselClock, |m| {
 message!(GnssFix, VesselClock, |m| {
     within(&m.position, MAX_POSITION_M) => "position",
     within(&m.velocity, MAX_SPEED_MPS) => "velocity",
-    on_earth(&m.datum) => "datum",
+    m.datum.is_on_earth() => "datum",
     positive(&m.position_sd, 1e4) && positive(&m.velocity_sd, 1e4) => "standard deviations",
     is_source(m.source) => "source",
     is_lever_arm(&m.lever_arm) => "lever_arm",

@@ -50,8 +50,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Header, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, MAX_TILT_RAD, Seq, f16, on_earth,
-    within,
+    Header, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, MAX_TILT_RAD, Seq, f16, within,
 };
 use crate::frames::{Datum, wrap_angle};
 use crate::surroundings::Surroundings;
@@ -280,7 +279,7 @@ message!(@C VesselEstimate<C>, C, |m| {
     }) => "uncertainty",
     within(&m.deck_centre, 100.0) => "deck_centre",
     within(&m.mean_velocity, MAX_SPEED_MPS) && within(&m.mean_heading, 50.0) => "mean motion",
-    on_earth(&m.datum) => "datum",
+    m.datum.is_on_earth() => "datum",
 });
 message!(@C WaveModel<C>, C, |m| {
     (0.0..=50.0).contains(&m.significant_height_m) => "significant_height_m",

@@ -1,6 +1,6 @@
 //! A firmware's inertial sensors, magnetometer, barometer and GNSS.
 
-use alight_shared::frames::Datum;
+use alight_shared::frames::{Datum, TrueNed, Vector};
 use alight_shared::time::{Time, TrueTime};
 use alight_uav::autopilot::message::{HilGps, HilSensor};
 use nalgebra::Vector3;
@@ -106,13 +106,13 @@ impl FirmwareSensors {
         let wrong: [f64; 3] =
             core::array::from_fn(|i| self.gnss_bias[i].step(gnss) + n.gnss_noise_m * normal(gnss));
         let velocity = truth.velocity.map(|v| v + n.gnss_velocity_mps * normal(gnss));
-        let [latitude, longitude, altitude_m] =
-            geodetic(&self.datum, &(truth.position + Vector3::from(wrong)));
+        let place = truth.position + Vector3::from(wrong);
+        let at = self.datum.at(&Vector::<TrueNed>::from(place));
         Some(HilGps {
             time_us: micros(truth.at),
-            latitude,
-            longitude,
-            altitude_m,
+            latitude: at.latitude_deg.to_radians(),
+            longitude: at.longitude_deg.to_radians(),
+            altitude_m: at.height_m,
             velocity: velocity.into(),
             sd_m: [
                 n.gnss_bias_m.hypot(n.gnss_noise_m),
@@ -136,40 +136,9 @@ fn altitude_m(pressure_hpa: f64) -> f64 {
     SEA_LEVEL_K / LAPSE * (1.0 - (pressure_hpa / SEA_LEVEL_HPA).max(1e-3).powf(1.0 / EXPONENT))
 }
 
-/// Latitude and longitude (rad) and height (m) of a NED position: the inverse of
-/// [`Datum::offset_to`] by the same local radii.
-fn geodetic(datum: &Datum, position: &Vector3<f64>) -> [f64; 3] {
-    // One degree further is so many metres.
-    let north = Datum {
-        latitude_deg: datum.latitude_deg + 1e-3,
-        longitude_deg: datum.longitude_deg + 1e-3,
-        ..*datum
-    };
-    let per = datum.offset_to::<alight_shared::frames::TrueNed>(&north).0 / 1e-3;
-    [
-        (datum.latitude_deg + position.x / per.x).to_radians(),
-        (datum.longitude_deg + position.y / per.y).to_radians(),
-        datum.height_m - position.z,
-    ]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::frames::TrueNed;
-
-    #[test]
-    fn geodetic_position_inverts_the_datum_offset() {
-        let datum = Datum::new(43.5, 16.3, 0.0);
-        let there = Vector3::new(120.0, -80.0, -15.0);
-        let [latitude, longitude, height_m] = geodetic(&datum, &there);
-        let back = datum.offset_to::<TrueNed>(&Datum::new(
-            latitude.to_degrees(),
-            longitude.to_degrees(),
-            height_m,
-        ));
-        assert!((back.0 - there).norm() < 1e-6, "{:?}", back.0);
-    }
 
     #[test]
     fn standard_atmosphere_pressure_inverts_to_its_height() {

@@ -62,7 +62,7 @@ pub fn place(fix: &HilGps, origin: &Datum) -> Vector3<f64> {
         fix.longitude.to_degrees(),
         fix.altitude_m,
     );
-    origin.offset_to::<TrueNed>(&at).0
+    origin.to::<TrueNed>(&at).0
 }
 
 /// Draws what a poor estimator believes to a fix at `place`.

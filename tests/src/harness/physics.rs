@@ -6,7 +6,7 @@
 use core::f64::consts::TAU;
 
 use alight_shared::config::{Check, Keys};
-use alight_shared::frames::{Deck, DroneBody, VesselBody, wrap_angle};
+use alight_shared::frames::{Datum, Deck, DroneBody, TrueNed, Vector, VesselBody, wrap_angle};
 use alight_shared::msg::{Header, MissionState, Seq, State};
 use alight_shared::surroundings::{KeepOut, MAX_KEEP_OUT};
 use alight_shared::time::{DroneClock, Span, Time, TrueTime, VesselClock};
@@ -47,6 +47,8 @@ struct Plant {
     streams: Streams,
     sensors: DroneSensors,
     drone: Option<SimulatedDrone>,
+    /// Where its autopilot's NED begins.
+    origin: Datum,
     sequence: u32,
     contacts: Vec<ContactEvent>,
     in_water: bool,
@@ -71,6 +73,7 @@ impl Plant {
             sensors: DroneSensors::new(&scenario.sensors, drone, deck, identity, &streams),
             streams,
             drone: None,
+            origin: Datum::default(),
             sequence: 0,
             contacts: Vec::new(),
             in_water: false,
@@ -120,6 +123,8 @@ pub struct Physics {
     started: Time<TrueTime>,
     sea: Sea,
     carrier: DeckCarrier,
+    /// Where the true NED begins; None: that of vessel and drones is the true one.
+    place: Option<Datum>,
     vessel_clock: ClockModel,
     vessel_sensors: VesselSensors,
     drones: Vec<Plant>,
@@ -149,6 +154,7 @@ impl Physics {
                 (sea, carrier)
             }
         };
+        let place = scenario.place.drawn(&streams);
         let vessel_clock = Clocks::new(&scenario.sensors.clocks, &streams).vessel;
         let identity = Identity {
             vessel: VESSEL_ID,
@@ -161,8 +167,9 @@ impl Physics {
             started: Time::EPOCH + Span::from_secs(scenario.start.warm_up_s),
             sea,
             carrier,
+            place,
             vessel_clock,
-            vessel_sensors: VesselSensors::new(&scenario.sensors, identity, &streams),
+            vessel_sensors: VesselSensors::new(&scenario.sensors, place, identity, &streams),
             drones: (0..scenario.drones as usize)
                 .map(|k| Plant::new(k, scenario, &streams))
                 .collect(),
@@ -191,6 +198,19 @@ impl Physics {
             vessel.y + distance * bearing.sin(),
             -height,
         );
+        if let Some(place) = &self.place {
+            let c = &self.scenario.place;
+            let mut draw = Noise::new(&plant.streams, "drone.origin");
+            let mut between = |[low, high]: [f64; 2]| low + (high - low) * draw.uniform();
+            let (distance, height) = (between(c.origin_m), between(c.origin_height_m));
+            let (south, west) = between([0.0, TAU]).sin_cos();
+            let from = Vector::<TrueNed>::new(
+                position.x - distance * south,
+                position.y - distance * west,
+                -height,
+            );
+            plant.origin = place.at(&from);
+        }
         let mut config = self.scenario.drone.clone();
         if config.wind.with_waves {
             config.wind.to_deg = Some(self.sea.mean_direction().to_degrees());
@@ -230,7 +250,10 @@ impl Physics {
             &state,
             hover,
         );
-        autopilot.origin = self.scenario.sensors.vessel_gnss.datum;
+        if let Some(place) = self.place {
+            // Still water is at the place's height.
+            autopilot.begin_at(place, plant.origin, place.height_m);
+        }
         Some((&c.autopilot, autopilot))
     }
 
@@ -358,6 +381,15 @@ impl Physics {
     /// What the vessel's GNSS displaces its NED plane by now, m.
     pub fn vessel_gnss_bias(&self) -> Vector3<f64> {
         self.vessel_sensors.gnss_bias()
+    }
+    /// Where the true NED begins; None: that of vessel and drones is the true one.
+    pub fn place(&self) -> Option<Datum> {
+        self.place
+    }
+    /// How far a drone is from the deck's centre, m.
+    pub fn deck_distance_m(&self, k: usize) -> f64 {
+        let apart = self.drone(k).map(|d| d.position - self.deck().position);
+        apart.map_or(f64::INFINITY, |apart| apart.norm())
     }
     /// The deck.
     pub fn deck(&self) -> RigidState<Deck> {

@@ -5,6 +5,7 @@ pub mod draws;
 use alight_bridge::BridgeConfig;
 use alight_shared::config;
 use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::frames::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::State;
 use alight_shared::time::{Clock, Span, Time};
@@ -20,10 +21,12 @@ use crate::baselines::{Baseline, BenchPlanner};
 use crate::physics::deck_motion::{DeckMotionConfig, DeckMotionError};
 use crate::physics::drone::DroneConfig;
 use crate::physics::sea::SeaConfig;
+use crate::physics::streams::Streams;
 use crate::physics::vessel::VesselConfig;
 use crate::physics::vessel::response::{HullConfig, HullError, HullFiles};
 use crate::radio::RadioConfig;
 use crate::sensors::SensorConfig;
+use crate::sensors::noise::Noise;
 
 /// An outage of the radio, both directions, that a state of the mission brings about.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -86,6 +89,55 @@ config! {
 }
 
 config! {
+    /// Where on Earth the scene is, and where the drones' frames begin. The vessel's begins at her first fix.
+    pub struct PlaceConfig {
+        /// Where the scene's own NED begins: one of these by the seed. None: both craft's frames are the scene's.
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        pub among: Vec<Datum> = Vec::new();
+        /// A drone's autopilot began so far from where the drone starts, drawn uniformly between these, m.
+        /// Chosen: switched on ashore, or aboard some time before.
+        pub origin_m: [f64; 2] = [0.0, 2000.0], in 0.0..=5000.0;
+        /// The same for its height above the still water, m.
+        pub origin_height_m: [f64; 2] = [0.0, 30.0], in 0.0..=1000.0;
+    }
+    check |this, at| {
+        for d in &this.among {
+            let at = at.table("among");
+            at.range("latitude_deg", d.latitude_deg, -89.0, 89.0)?;
+            at.range("longitude_deg", d.longitude_deg, -180.0, 180.0)?;
+            at.range("height_m", d.height_m, -1e3, 1e4)?;
+        }
+        at.require(
+            this.origin_m[0] <= this.origin_m[1] && this.origin_height_m[0] <= this.origin_height_m[1],
+            "origin_m, origin_height_m",
+            format!("{:?}, {:?}", this.origin_m, this.origin_height_m),
+            "lower bound first",
+        )?;
+    }
+}
+
+impl PlaceConfig {
+    /// Four seas: south, west, at the date line, far north; heights of the sea above the ellipsoid as EGM96 has them
+    /// there, within metres.
+    pub fn four_seas() -> Self {
+        PlaceConfig {
+            among: vec![
+                Datum::new(-33.9, 18.3, 31.0),
+                Datum::new(47.6, -122.4, -21.0),
+                Datum::new(-16.8, 179.999, 55.0),
+                Datum::new(70.1, 19.2, 30.0),
+            ],
+            ..PlaceConfig::default()
+        }
+    }
+    /// The one of this seed.
+    pub(crate) fn drawn(&self, streams: &Streams) -> Option<Datum> {
+        let k = (Noise::new(streams, "place").uniform() * self.among.len() as f64) as usize;
+        self.among.get(k).or(self.among.last()).copied()
+    }
+}
+
+config! {
     /// A simulated scene. True figures; no node reads them.
     pub struct Scenario {
         /// The sea.
@@ -107,6 +159,8 @@ config! {
         pub airframe: DroneGeometry;
         /// The drone's physics and autopilot.
         pub drone: DroneConfig;
+        /// Where on Earth it is.
+        pub place: PlaceConfig;
         /// What differs from what the nodes know.
         pub draws: DrawConfig;
         /// Where the drone starts.

@@ -226,6 +226,12 @@ impl World {
     pub fn fly_by_set_point(&mut self, k: usize, set_point: SetPoint) {
         self.drones[k].external = Some(set_point);
     }
+    /// The estimator of a drone's autopilot begins its heading anew, wrong by this much more, rad.
+    pub fn reset_heading(&mut self, k: usize, by_rad: f64) {
+        if let Some(linked) = self.linked(k) {
+            linked.autopilot.reset_heading(by_rad);
+        }
+    }
     /// The vessel's computer starts anew, with what it kept.
     pub fn restart_vessel(&mut self, nodes: &NodeConfigs) {
         self.vessel_boot += 1;
@@ -422,18 +428,7 @@ fn mission_config(scenario: &Scenario, nodes: &NodeConfigs) -> MissionConfig {
 fn make_link(nodes: &NodeConfigs, id: u32) -> MakeLink {
     let (config, drone) = (nodes.autopilot.clone(), nodes.drone.clone());
     let attitudes = drone.pilot.output == Output::Attitude;
-    Rc::new(move |boot| {
-        let datum = drone.predictor.datum;
-        AutopilotLink::new(
-            &config,
-            &drone.odometry,
-            &drone.airframe,
-            attitudes,
-            datum,
-            id,
-            boot,
-        )
-    })
+    Rc::new(move |boot| AutopilotLink::new(&config, &drone.odometry, &drone.airframe, attitudes, id, boot))
 }
 
 impl DroneComputer {
@@ -532,6 +527,7 @@ impl DroneComputer {
             let offboard = mode_number(autopilot.firmware(), AutopilotMode::Offboard);
             self.handed_over = autopilot.choose(offboard);
         }
+        linked.autopilot.steel_m = physics.deck_distance_m(k);
         let flown = linked.receive(t, now);
         let (odometry, autopilot) = (flown.odometry.last().copied(), flown.state);
         readings.ranges.extend(flown.ranges);

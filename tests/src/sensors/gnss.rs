@@ -1,7 +1,7 @@
 //! GNSS: a bias that wanders slowly, white noise, an antenna on its lever arm.
 
 use alight_shared::config;
-use alight_shared::frames::{Datum, VesselBody};
+use alight_shared::frames::{Datum, TrueNed, Vector, VesselBody};
 use alight_shared::msg::GnssFix;
 use alight_shared::time::{Time, TrueTime, VesselClock};
 use nalgebra::Vector3;
@@ -87,20 +87,10 @@ config! {
         pub dropout: f64 = 0.01, in 0.0..=1.0;
         /// Windows `[start, end)` without fixes, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
-        /// Origin of the NED plane that fixes are expressed in.
-        pub datum: Datum = Datum::default();
         /// What it states of its white noise, over the true one.
         pub stated_factor: f64 = 1.0, in 0.1..=10.0;
         /// Its errors.
         pub error: GnssErrorConfig;
-    }
-    check |this, at| {
-        at.table("datum")
-            .range("latitude_deg", this.datum.latitude_deg, -90.0, 90.0)?;
-        at.table("datum")
-            .range("longitude_deg", this.datum.longitude_deg, -180.0, 180.0)?;
-        at.table("datum")
-            .range("height_m", this.datum.height_m, -1e3, 1e4)?;
     }
 }
 
@@ -108,6 +98,8 @@ config! {
 #[derive(Clone, Debug)]
 pub(super) struct VesselGnss {
     config: VesselGnssConfig,
+    /// Where the true NED begins; None: the vessel's own is the true one.
+    place: Option<Datum>,
     antenna: Vector3<f64>,
     error: GnssError,
     dropout: Noise,
@@ -115,9 +107,15 @@ pub(super) struct VesselGnss {
 }
 
 impl VesselGnss {
-    pub(super) fn new(config: &VesselGnssConfig, identity: Identity, streams: &Streams) -> Self {
+    pub(super) fn new(
+        config: &VesselGnssConfig,
+        place: Option<Datum>,
+        identity: Identity,
+        streams: &Streams,
+    ) -> Self {
         let mut mount = Noise::new(streams, "vessel.gnss.mount");
         VesselGnss {
+            place,
             antenna: Vector3::from(config.antenna_m) + mount.normal3() * config.antenna_error_sd_m,
             error: GnssError::new(&config.error, streams, "vessel"),
             dropout: Noise::new(streams, "vessel.gnss.dropout"),
@@ -134,13 +132,19 @@ impl VesselGnss {
             // Drawn even when the fix is lost, so that an outage does not shift the noise.
             let (dp, dv) = (self.error.position(), self.error.velocity());
             let lost = self.dropout.chance(self.config.dropout);
-            let config = &self.config;
+            let (config, place) = (&self.config, self.place);
             self.outlet.send(t, lost, |header| {
                 let antenna = vessel.at::<VesselBody>(self.antenna);
+                let position = antenna.position.0 + dp;
+                // A receiver reports latitude, longitude and height.
+                let (datum, position) = match place {
+                    Some(place) => (place.at(&Vector::<TrueNed>::from(position)), Vector3::zeros()),
+                    None => (Datum::default(), position),
+                };
                 Some(GnssFix {
                     header,
-                    datum: config.datum,
-                    position: (antenna.position.0 + dp).into(),
+                    datum,
+                    position: position.into(),
                     velocity: (antenna.velocity.0 + dv).into(),
                     position_sd: [(config.error.white_sd_m * config.stated_factor).max(1e-3); 3],
                     velocity_sd: [(config.error.velocity_sd_mps * config.stated_factor).max(1e-3); 3],

@@ -21,7 +21,7 @@ pub mod tag;
 pub mod uvdar;
 
 use alight_shared::config;
-use alight_shared::frames::{Deck, DroneBody, VesselBody};
+use alight_shared::frames::{Datum, Deck, DroneBody, VesselBody};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{RangeSample, TagPose, UvdarFix};
 use alight_shared::time::{DroneClock, Time, TrueTime};
@@ -82,11 +82,11 @@ pub struct VesselSensors {
 }
 
 impl VesselSensors {
-    /// The sensors of this seed.
-    pub fn new(config: &SensorConfig, identity: Identity, streams: &Streams) -> Self {
+    /// The sensors of this seed, at a place on Earth where it matters.
+    pub fn new(config: &SensorConfig, place: Option<Datum>, identity: Identity, streams: &Streams) -> Self {
         VesselSensors {
             imu: imu::VesselImu::new(&config.vessel_imu, identity, streams),
-            gnss: gnss::VesselGnss::new(&config.vessel_gnss, identity, streams),
+            gnss: gnss::VesselGnss::new(&config.vessel_gnss, place, identity, streams),
             heading: heading::VesselHeading::new(&config.vessel_heading, identity, streams),
         }
     }

@@ -177,7 +177,6 @@ proptest! {
             &OdometryConfig::default(),
             &DroneGeometry::default(),
             true,
-            None,
             1,
             1,
         );

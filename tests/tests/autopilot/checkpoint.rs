@@ -2,7 +2,6 @@
 
 use alight_shared::frames::Datum;
 use alight_shared::msg::{AutopilotMode, LinkCheckpoint, State};
-use nalgebra::Vector3;
 
 use crate::rig::{Rig, lead};
 use crate::{BOTH, config};
@@ -13,7 +12,7 @@ const AWAY_S: f64 = 0.2;
 #[test]
 fn link_that_begins_with_a_checkpoint_commands_at_once_in_the_same_frame() {
     for firmware in BOTH {
-        let mut p = Rig::at(firmware, 5.0, 0.0, &config(), Some(Datum::new(43.5, 16.3, 5.0)));
+        let mut p = Rig::new(firmware, 5.0, &config());
         p.linked.autopilot.origin = Datum::new(43.5005, 16.2993, 5.0);
         p.run(5.0);
         p.give_the_mode();
@@ -69,14 +68,14 @@ fn link_begins_anew_where_the_checkpoint_does_not_count() {
         ("not commanding", AWAY_S, |m| m.commanding = false),
         ("another drone's", AWAY_S, |m| m.header.drone = 2),
         ("another version", AWAY_S, |m| m.header.version += 1),
-        ("damaged", AWAY_S, |m| m.origin[0] = f64::NAN),
+        ("damaged", AWAY_S, |m| m.datum.latitude_deg = f64::NAN),
         ("another firmware", AWAY_S, |m| m.autopilot = 0),
         ("nothing kept", AWAY_S, |m| *m = LinkCheckpoint::default()),
     ];
     for firmware in BOTH {
         for (what, away_s, change) in cases {
             let mut p = Rig::commanding(firmware, 5.0, &config());
-            assert!(Vector3::from(p.linked.kept.origin).norm() < 1e-9 && p.linked.kept.commanding);
+            assert!(p.linked.kept.datum == p.linked.autopilot.origin && p.linked.kept.commanding);
             change(&mut p.linked.kept);
             p.restart_link(away_s);
             p.run(0.02);

@@ -29,7 +29,7 @@ fn ardu_copter_is_sent_no_body_rates() {
             send_rates,
             ..config()
         };
-        let mut p = Rig::at(firmware, 50.0, core::f64::consts::PI, &c, None);
+        let mut p = Rig::at(firmware, 50.0, core::f64::consts::PI, &c);
         p.take_command();
         p.mission = State::Descent;
         p.pilot = Some(rock);

@@ -10,7 +10,7 @@ mod landings;
 mod restarts;
 mod rig;
 
-use alight_shared::frames::{Datum, DroneNed};
+use alight_shared::frames::Datum;
 use alight_shared::msg::{AutopilotMode, BatteryPlace, Reason, ReasonCode, SetPoint, State};
 use alight_shared::time::Time;
 use alight_sim::autopilots::simulated::mode_number;
@@ -270,7 +270,7 @@ fn parameters_that_do_not_suit_are_reported_by_name_until_a_person_sets_them() {
         let mut p = Rig::new(firmware, 5.0, &config());
         p.linked.autopilot.parameters.insert(name, wrong);
         p.run(3.0);
-        let why = p.state().parameters;
+        let why = p.state().rejection;
         assert_eq!(why.code, ReasonCode::AutopilotParameter, "{firmware:?}: {why}");
         let text = format!("{name} is {wrong}");
         assert!(why.to_string().starts_with(&text), "{firmware:?}: {why}");
@@ -286,12 +286,12 @@ fn parameters_that_do_not_suit_are_reported_by_name_until_a_person_sets_them() {
         p.assert_commanding();
         p.linked.autopilot.parameters.insert(name, good);
         p.run(1.5);
-        assert_eq!(p.state().parameters, Reason::default(), "{firmware:?}");
+        assert_eq!(p.state().rejection, Reason::default(), "{firmware:?}");
         // It was not saved.
         p.linked.autopilot.parameters.insert(name, wrong);
         p.linked.autopilot.restart();
         p.run(5.0);
-        assert_eq!(p.state().parameters, why, "{firmware:?}");
+        assert_eq!(p.state().rejection, why, "{firmware:?}");
     }
 }
 
@@ -310,7 +310,7 @@ fn parameter_that_an_autopilot_does_not_have_is_named_and_the_check_can_be_left_
             "{:?}",
             p.texts
         );
-        let why = p.state().parameters;
+        let why = p.state().rejection;
         assert_eq!(
             why.to_string().contains("has not reported MPC_ACC_UP_MAX"),
             check_parameters,
@@ -324,7 +324,7 @@ fn parameter_that_warns_permits_a_landing_and_is_told() {
     let mut p = Rig::new(Firmware::Px4, 5.0, &config());
     p.linked.autopilot.parameters.insert("MC_AIRMODE", 0.0);
     p.run(3.0);
-    assert_eq!(p.state().parameters, Reason::default());
+    assert_eq!(p.state().rejection, Reason::default());
     assert!(
         p.texts.iter().any(|t| t.contains("MC_AIRMODE is 0")),
         "{:?}",
@@ -345,7 +345,11 @@ fn link_works_without_messages_that_the_firmware_lacks() {
     p.linked.autopilot.answer = Some(CommandResult::Denied);
     p.run(30.0);
     assert_eq!(p.authority(), ControlAuthority::NoOdometry);
-    assert!(p.commands.len() <= 3 * 7, "{}", p.commands.len());
+    let rates = p.commands_of(command::MESSAGE_INTERVAL).len();
+    assert!(rates <= 3 * 7, "{rates}");
+    // The origin is asked for once a second, with the receiver's heights until they are known.
+    let single = p.commands_of(command::REQUEST_MESSAGE).len();
+    assert!(single <= 2 * 31 && p.commands.len() == rates + single, "{single}");
 }
 
 #[test]
@@ -514,13 +518,7 @@ fn deck_is_published_to_the_autopilot_when_configured() {
 
 #[test]
 fn autopilot_without_an_origin_in_our_mode_is_reported_as_not_ours_after_seconds() {
-    let mut p = Rig::at(
-        Firmware::ArduCopter,
-        5.0,
-        0.0,
-        &config(),
-        Some(Datum::new(43.5, 16.3, 40.0)),
-    );
+    let mut p = Rig::new(Firmware::ArduCopter, 5.0, &config());
     p.linked.autopilot.answer = Some(CommandResult::Denied);
     p.linked.autopilot.no_origin = true;
     p.run(3.0);
@@ -534,33 +532,36 @@ fn autopilot_without_an_origin_in_our_mode_is_reported_as_not_ours_after_seconds
 }
 
 #[test]
-fn positions_and_set_points_are_converted_to_the_datum_and_back() {
-    let datum = Datum::new(43.5, 16.3, 40.0);
-    let origin = Datum::new(43.5005, 16.2993, 5.0);
+fn odometry_about_the_autopilots_origin() {
+    let origin = Datum::new(-16.8, 179.9993, 5.0);
     // The autopilot reports heights above the sea, here 40 m above the ellipsoid.
     let c = AutopilotLinkConfig {
         geoid_m: 40.0,
         ..config()
     };
-    let shift = datum
-        .offset_to::<DroneNed>(&Datum {
-            height_m: 45.0,
-            ..origin
-        })
-        .0;
     for firmware in BOTH {
-        let mut p = Rig::at(firmware, 5.0, 0.0, &c, Some(datum));
+        let mut p = Rig::new(firmware, 5.0, &c);
         p.linked.autopilot.origin = origin;
+        // One receiver gives both heights, the other does not.
+        p.linked.autopilot.geoid_m = (firmware == Firmware::Px4).then_some(41.0);
         p.linked.autopilot.answer = Some(CommandResult::Denied);
         p.linked.autopilot.no_origin = true;
         p.run(3.0);
         assert_eq!(p.authority(), ControlAuthority::NoOrigin);
+        assert_eq!(p.state().rejection.code, ReasonCode::NoOrigin);
         assert!(p.odometry.is_empty());
         (p.linked.autopilot.answer, p.linked.autopilot.no_origin) = (None, false);
         p.run(65.0);
-        let reported = p.odometry.last().unwrap().1;
+        let (_, reported) = *p.odometry.last().unwrap();
+        let height_m = if firmware == Firmware::Px4 { 46.0 } else { 45.0 };
+        let by_message = Datum { height_m, ..origin };
         assert!(
-            (reported.position() - p.linked.autopilot.position() - shift).norm() < 0.02,
+            reported.datum.distance_m(&by_message) < 0.02,
+            "{:?}",
+            reported.datum
+        );
+        assert!(
+            (reported.position() - p.linked.autopilot.position()).norm() < 0.02,
             "{reported:?}"
         );
         p.give_the_mode();
@@ -576,6 +577,8 @@ fn positions_and_set_points_are_converted_to_the_datum_and_back() {
         p.linked.autopilot.origin.latitude_deg += 1e-4;
         p.run(6.0);
         assert_ne!(p.state().origin_resets, resets);
+        let (_, reported) = *p.odometry.last().unwrap();
+        assert!((reported.datum.latitude_deg - p.linked.autopilot.origin.latitude_deg).abs() < 1e-7);
     }
 }
 

@@ -3,7 +3,7 @@
 
 use std::rc::Rc;
 
-use alight_shared::frames::{Datum, Deck, Point};
+use alight_shared::frames::{Deck, Point};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, BatteryPlace, DeckForecast, DeckStage, DroneState, Header, MissionState,
@@ -112,23 +112,17 @@ pub fn stop(d: &DroneState) -> SetPoint {
 
 impl Rig {
     pub fn new(firmware: Firmware, height_m: f64, config: &AutopilotLinkConfig) -> Rig {
-        Rig::at(firmware, height_m, 0.0, config, None)
+        Rig::at(firmware, height_m, 0.0, config)
     }
-    /// With this heading, and with the other nodes' NED beginning at `datum`.
-    pub fn at(
-        firmware: Firmware,
-        height_m: f64,
-        yaw: f64,
-        config: &AutopilotLinkConfig,
-        datum: Option<Datum>,
-    ) -> Rig {
+    /// With this heading.
+    pub fn at(firmware: Firmware, height_m: f64, yaw: f64, config: &AutopilotLinkConfig) -> Rig {
         let (geometry, streams, t_s) = (DroneGeometry::default(), Streams::new(1), 1000.0);
         let (odometry, config, c) = (OdometryConfig::default(), config.clone(), quiet(firmware));
         let position = Vector3::new(0.0, 0.0, -height_m);
         let start = DroneStart { position, yaw };
         let drone = SimulatedDrone::new(&c, &geometry, &DeckGeometry::default(), &streams, start);
         let (state, hover) = (drone.plant_state(Time::from_secs(t_s)), drone.hover_thrust());
-        let make = move |boot| AutopilotLink::new(&config, &odometry, &geometry, true, datum, 1, boot);
+        let make = move |boot| AutopilotLink::new(&config, &odometry, &geometry, true, 1, boot);
         let autopilot =
             SimulatedAutopilot::new(&c.autopilot, &c.navigation, &geometry, &streams, &state, hover);
         Rig {

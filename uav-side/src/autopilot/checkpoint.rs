@@ -63,7 +63,8 @@ impl AutopilotLink {
         });
         peer.parameters.trust_thrust();
         self.clock.resume(now, m.clock_offset_ns, m.clock_error_s);
-        self.shift.get_or_insert(m.origin.into());
+        self.datum.get_or_insert(m.datum);
+        self.geoid_m.get_or_insert(m.geoid_m);
         self.drone_state.resume(m.origin_resets, m.reported_resets);
         self.smooth.resume(m.smoothing);
         self.hover.resume(m.hover_thrust, m.hover_learned_s);
@@ -87,7 +88,8 @@ impl AutopilotLink {
             landed: peer.landed,
             clock_offset_ns,
             clock_error_s: clock_error_s.min(1.0),
-            origin: self.shift?.into(),
+            datum: self.datum?,
+            geoid_m: self.geoid_m?,
             origin_resets: self.drone_state.resets,
             reported_resets: self.drone_state.reported_resets,
             smoothing: self.smooth.difference(),

@@ -1,6 +1,7 @@
 //! The drone's state from what the autopilot reports: PX4 in one `ODOMETRY`, ArduCopter in
 //! `LOCAL_POSITION_NED` with `ATTITUDE_QUATERNION`, both with separate inertial samples.
 
+use alight_shared::frames::Datum;
 use alight_shared::msg::{DroneState, Header, Message as _, RangeSample};
 use alight_shared::time::Span;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -8,6 +9,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use super::DroneTime;
 use super::config::AutopilotLinkConfig;
 use super::message::{DistanceReport, OdometryReport, VelocityFrame};
+use crate::odometry::origin::yaw_jump;
 
 /// An inertial sample further than this from the pose does not belong to it.
 const MAX_IMU_OFFSET: Span = Span::from_millis(50);
@@ -74,10 +76,17 @@ impl DroneStateAssembler {
             i.count += 1;
         }
     }
-    /// An attitude with its rates.
+    /// An attitude with its rates. ArduCopter counts no resets of its heading: one is seen.
     pub(crate) fn attitude(&mut self, at: DroneTime, attitude: [f64; 4], rates: [f64; 3]) {
         match rotation(attitude) {
-            Some(q) => self.attitude = Some((at, q, rates.into())),
+            Some(q) => {
+                if let Some((then, before, turning)) = &self.attitude
+                    && yaw_jump((before, *turning), (&q, rates.into()), (at - *then).secs()).is_some()
+                {
+                    self.resets = self.resets.wrapping_add(1);
+                }
+                self.attitude = Some((at, q, rates.into()));
+            }
             None => self.rejected = self.rejected.saturating_add(1),
         }
     }
@@ -161,6 +170,7 @@ impl DroneStateAssembler {
         };
         let state = DroneState {
             header: Header::new(0, 0, 0, 0, at),
+            datum: Datum::default(),
             position,
             velocity,
             attitude: [q.w, q.i, q.j, q.k],
@@ -294,6 +304,12 @@ mod tests {
             f.position(at, [x, 0.0, 0.0], [1.0, 0.0, 0.0], &c);
         }
         assert_eq!(f.resets, 1);
+        // A heading that jumps by 15 deg.
+        for (k, yaw) in [0.0, 0.002, 0.262, 0.264].into_iter().enumerate() {
+            let q = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
+            f.attitude(t(2.0 + 0.01 * k as f64), [q.w, q.i, q.j, q.k], [0.0, 0.0, 0.2]);
+        }
+        assert_eq!(f.resets, 2);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Messages received on the link: heartbeats, clocks, samples, answers.
 
-use alight_shared::frames::{Datum, DroneNed};
+use alight_shared::frames::Datum;
 use alight_shared::msg::{DroneState, LandedState};
 
 use super::message::{self, Address, CommandResult, Frame, Heartbeat, Message, command};
@@ -8,9 +8,11 @@ use super::modes::Firmware;
 use super::peer::Peer;
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output, drone_state, thrust};
 
-/// An origin further from the datum than this is none of this landing, m.
-const MAX_ORIGIN_DISTANCE_M: f64 = 5.0e4;
-/// An origin that moved by more than this is another, m.
+/// No sea is further from the ellipsoid, m (EGM2008: -107 to 86).
+const MAX_GEOID_M: f64 = 120.0;
+/// Reports of the origin that are waited for a receiver's two heights.
+const ORIGINS_WITHOUT_GEOID: u8 = 3;
+/// An origin that moved by more than this is another, m: the message has centimetres.
 const ORIGIN_MOVED_M: f64 = 0.05;
 /// Time constant of the specific force in the evidence for a disarm, s.
 const SPECIFIC_FORCE_TIME_S: f64 = 0.03;
@@ -44,6 +46,8 @@ impl AutopilotLink {
                         .answered(now, *local_ns, *remote_ns, c.timesync_limit_s);
                     if self.clock.restarts != before {
                         self.drone_state.restart();
+                        // Its origin is another, too.
+                        (self.datum, self.geoid_m, self.origins, self.timers.origin) = Default::default();
                         peer.parameters.read_again();
                     }
                 }
@@ -109,6 +113,7 @@ impl AutopilotLink {
             }
             Message::Parameter { name, value } => peer.parameters.received(name, *value),
             Message::Origin(origin) => self.on_origin(origin),
+            Message::GnssHeights { sea_m, ellipsoid_m } => self.on_heights(*sea_m, *ellipsoid_m),
             Message::CommandAck { command, result } => {
                 if *command == command::MESSAGE_INTERVAL {
                     peer.streams.answered(now, *result);
@@ -161,6 +166,7 @@ impl AutopilotLink {
                 *peer = Some(Peer::new(from, firmware, now, &self.config, self.attitudes));
                 self.clock.forget();
                 self.drone_state.restart();
+                (self.datum, self.geoid_m, self.origins, self.timers.origin) = Default::default();
             }
         }
         if let Some(p) = &mut self.peer {
@@ -170,29 +176,50 @@ impl AutopilotLink {
         true
     }
 
-    /// The origin of the autopilot's own NED.
+    /// Both heights of the autopilot's receiver. What they differ by is held: it changes by centimetres in a flight, and the
+    /// origin must not.
+    fn on_heights(&mut self, sea_m: f64, ellipsoid_m: f64) {
+        let geoid_m = ellipsoid_m - sea_m;
+        if ellipsoid_m != 0.0 && geoid_m.abs() <= MAX_GEOID_M {
+            self.geoid_m.get_or_insert(geoid_m);
+        }
+    }
+
+    /// The origin of the autopilot's own NED, its height above the sea: without the receiver's heights the
+    /// configured height of the sea counts from its third report on.
     fn on_origin(&mut self, reported: &Datum) {
-        let Some(datum) = &self.datum else { return };
-        let origin = Datum {
-            height_m: reported.height_m + self.config.geoid_m,
-            ..*reported
-        };
-        let shift = datum.offset_to::<DroneNed>(&origin).0;
-        if !(shift.norm() < MAX_ORIGIN_DISTANCE_M) {
+        self.origins = self.origins.saturating_add(1);
+        if self.geoid_m.is_none() && self.origins < ORIGINS_WITHOUT_GEOID {
             return;
         }
-        if self.shift.is_some_and(|s| (s - shift).norm() > ORIGIN_MOVED_M) {
-            self.drone_state.restart();
+        let geoid_m = *self.geoid_m.get_or_insert(self.config.geoid_m);
+        let origin = Datum {
+            height_m: reported.height_m + geoid_m,
+            ..*reported
+        };
+        if !origin.is_on_earth() {
+            return;
         }
-        self.shift = Some(shift);
+        match &self.datum {
+            Some(known) if !(known.distance_m(&origin) > ORIGIN_MOVED_M) => return,
+            Some(_) => self.drone_state.restart(),
+            None => {}
+        }
+        self.datum = Some(origin);
     }
 
     /// New odometry: smooths it, learns the hover thrust from it and publishes it.
     fn on_odometry(&mut self, now: DroneTime, reported: Option<DroneState>, out: &mut AutopilotOut) {
-        let (Some(mut reported), Some(shift)) = (reported, self.shift) else {
+        if self.drone_state.resets != self.resets {
+            // Its origin may be another.
+            self.timers.origin = Default::default();
+            self.resets = self.drone_state.resets;
+        }
+        let (Some(mut reported), Some(datum)) = (reported, self.datum) else {
             return;
         };
-        reported.position = (reported.position() + shift).into();
+        reported.datum = datum;
+        reported.position = reported.position().component_mul(&self.map_scale()).into();
         let dt = self
             .state
             .map_or(0.01, |s| (reported.header.at - s.header.at).secs());

@@ -50,6 +50,8 @@ pub mod id {
     pub const ATTITUDE_TARGET: u32 = 83;
     /// `HIGHRES_IMU`.
     pub const HIGHRES_IMU: u32 = 105;
+    /// `GPS_RAW_INT`.
+    pub const GPS_RAW_INT: u32 = 24;
     /// `GPS_GLOBAL_ORIGIN`.
     pub const GPS_GLOBAL_ORIGIN: u32 = 49;
     /// `DISTANCE_SENSOR`.
@@ -317,6 +319,14 @@ pub enum Message {
     },
     /// `GPS_GLOBAL_ORIGIN`: where the autopilot's NED begins; height above mean sea level.
     Origin(Datum),
+    /// `GPS_RAW_INT`: the receiver's height above mean sea level and above the ellipsoid, m; the latter 0 where it is not
+    /// known.
+    GnssHeights {
+        /// `alt`.
+        sea_m: f64,
+        /// `alt_ellipsoid`.
+        ellipsoid_m: f64,
+    },
     /// `COMMAND_LONG`.
     Command(CommandLong),
     /// `COMMAND_ACK`.

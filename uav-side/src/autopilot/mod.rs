@@ -39,7 +39,7 @@ use alight_shared::frames::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, DeckForecast, DroneState, Header, LandedState, LinkCheckpoint,
-    MissionState, RangeSample, Reason, SetPoint,
+    MissionState, RangeSample, Reason, ReasonCode, SetPoint,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -153,8 +153,6 @@ pub struct AutopilotLink {
     geometry: DroneGeometry,
     /// Attitude set-points will be sent.
     attitudes: bool,
-    /// Origin of the NED that the other nodes mean; None: the autopilot's own.
-    datum: Option<Datum>,
     drone_id: u32,
     boot: u32,
     sequences: [u32; 4],
@@ -167,10 +165,16 @@ pub struct AutopilotLink {
     clock: RemoteClock,
     timesync_requests: VecDeque<i64>,
     drone_state: DroneStateAssembler,
+    /// Jumps of its estimate after which the origin was asked for.
+    resets: u8,
     smooth: Odometry,
     state: Option<DroneState>,
-    /// The autopilot's origin relative to the datum, NED, m.
-    shift: Option<Vector3<f64>>,
+    /// Where the autopilot's NED begins, which is the drone's; None until it has reported that.
+    datum: Option<Datum>,
+    /// Height of the sea above the ellipsoid that counts, m; None until that is decided.
+    geoid_m: Option<f64>,
+    /// Reports of the origin so far.
+    origins: u8,
     hover: HoverThrust,
     force: Option<f64>,
     range: Option<RangeSample>,
@@ -197,14 +201,12 @@ pub struct AutopilotLink {
 }
 
 impl AutopilotLink {
-    /// A link for the drone `geometry`. `attitudes`: the pilot will send attitude set-points. `datum`:
-    /// where the other nodes' NED begins; None: where the autopilot's does.
+    /// A link for the drone `geometry`. `attitudes`: the pilot will send attitude set-points.
     pub fn new(
         config: &AutopilotLinkConfig,
         odometry: &OdometryConfig,
         geometry: &DroneGeometry,
         attitudes: bool,
-        datum: Option<Datum>,
         drone_id: u32,
         boot: u32,
     ) -> Self {
@@ -212,11 +214,9 @@ impl AutopilotLink {
             config: config.clone(),
             geometry: *geometry,
             attitudes,
-            datum,
             drone_id,
             boot,
             smooth: Odometry::new(odometry),
-            shift: datum.is_none().then(Vector3::zeros),
             hover: HoverThrust::new(config.hover_thrust),
             ..AutopilotLink::default()
         }
@@ -243,6 +243,16 @@ impl AutopilotLink {
         };
         Address::new(system, self.config.component)
     }
+    /// Metres per metre in the autopilot's map, north, east and down: 0.994 to 1.004, 5 m at a kilometre.
+    fn map_scale(&self) -> Vector3<f64> {
+        match (&self.datum, &self.peer) {
+            (Some(datum), Some(peer)) => {
+                let [north, east] = datum.metres_per_map_metre(peer.firmware.map_radius_m());
+                Vector3::new(north, east, 1.0)
+            }
+            (_, _) => Vector3::repeat(1.0),
+        }
+    }
     fn header(&mut self, output: Output, at: DroneTime) -> Header<DroneClock> {
         let s = &mut self.sequences[output as usize];
         *s = s.wrapping_add(1);
@@ -256,7 +266,7 @@ impl AutopilotLink {
             found: p.is_some(),
             alive: p.is_some_and(|p| recent(p.heartbeat_at, self.config.heartbeat_loss_s)),
             clock: self.clock.is_synchronised(),
-            origin: self.shift.is_some(),
+            origin: self.datum.is_some(),
             odometry: self
                 .state
                 .is_some_and(|s| recent(s.header.at, self.config.odometry_loss_s)),
@@ -295,14 +305,19 @@ impl AutopilotLink {
         }
         out.messages.extend(peer.streams.ask(now, peer.address));
         out.messages.extend(peer.parameters.ask(now, peer.address));
-        let period = match self.shift {
+        let period = match self.datum {
             Some(_) => ORIGIN,
             None => UNKNOWN_ORIGIN,
         };
-        if self.datum.is_some() && timers.origin.is_due_spaced(now, period) {
-            let origin = [f64::from(message::id::GPS_GLOBAL_ORIGIN)];
-            let request = CommandLong::new(peer.address, command::REQUEST_MESSAGE, origin);
-            out.messages.push(Message::Command(request));
+        if timers.origin.is_due_spaced(now, period) {
+            let mut request = |id: u32| {
+                let request = CommandLong::new(peer.address, command::REQUEST_MESSAGE, [f64::from(id)]);
+                out.messages.push(Message::Command(request));
+            };
+            if self.geoid_m.is_none() {
+                request(message::id::GPS_RAW_INT);
+            }
+            request(message::id::GPS_GLOBAL_ORIGIN);
         }
     }
 
@@ -330,10 +345,10 @@ impl AutopilotLink {
                 .thrust_now(now)
                 .map_or(0.0, |t| thrust::fraction(t, self.config.thrust_curve)),
             hover_thrust: if settled { self.hover.value() } else { 0.0 },
-            parameters: if self.config.check_parameters {
-                p.parameters.rejection()
-            } else {
-                Reason::default()
+            rejection: match self.datum {
+                None => ReasonCode::NoOrigin.into(),
+                Some(_) if self.config.check_parameters => p.parameters.rejection(),
+                Some(_) => Reason::default(),
             },
         })
     }
@@ -354,8 +369,9 @@ impl AutopilotLink {
             )
     }
     /// What of the autopilot is reported at once when it changes.
-    fn mode_and_arming(&self) -> Option<(AutopilotMode, bool, LandedState)> {
-        self.peer.as_ref().map(|p| (p.mode, p.armed, p.landed))
+    fn mode_and_frame(&self) -> Option<(AutopilotMode, bool, LandedState, u8)> {
+        let resets = self.drone_state.resets;
+        self.peer.as_ref().map(|p| (p.mode, p.armed, p.landed, resets))
     }
 }
 
@@ -366,7 +382,7 @@ impl Node for AutopilotLink {
 
     fn step(&mut self, now: DroneTime, input: &AutopilotIn) -> AutopilotOut {
         let mut out = AutopilotOut::default();
-        let before = (self.mode_and_arming(), self.control_authority());
+        let before = (self.mode_and_frame(), self.control_authority());
         let mut heartbeat = false;
         self.begin(now, input.checkpoint.as_ref(), &mut out);
         for frame in input.received.iter().take(MAX_FRAMES) {
@@ -392,7 +408,7 @@ impl Node for AutopilotLink {
         self.send_periodic(now, &mut out);
         self.publish_deck(now, &mut out);
 
-        let after = (self.mode_and_arming(), self.control_authority());
+        let after = (self.mode_and_frame(), self.control_authority());
         if after.1 != before.1 {
             out.texts.push(after.1.to_string());
         }

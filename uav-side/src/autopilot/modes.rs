@@ -45,6 +45,14 @@ impl Firmware {
             Firmware::ArduCopter => ARDUPILOT,
         }
     }
+    /// Radius of the sphere for which it takes the Earth where it maps latitude and longitude to its NED, m.
+    /// Source: PX4's `CONSTANTS_RADIUS_OF_EARTH`; ArduPilot's `LATLON_TO_M`.
+    pub const fn map_radius_m(self) -> f64 {
+        match self {
+            Firmware::Px4 => 6_371_000.0,
+            Firmware::ArduCopter => 6_378_100.0,
+        }
+    }
     /// Its name.
     pub const fn name(self) -> &'static str {
         match self {

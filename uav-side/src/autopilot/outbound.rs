@@ -358,9 +358,8 @@ impl AutopilotLink {
     /// A set-point in the autopilot's own frame.
     pub(super) fn in_its_frame(&self, s: &SetPoint) -> SetPoint {
         let s = self.smooth.for_autopilot(s);
-        let shift = self.shift.unwrap_or_default();
         SetPoint {
-            position: (Vector3::from(s.position) - shift).into(),
+            position: Vector3::from(s.position).component_div(&self.map_scale()).into(),
             ..s
         }
     }

@@ -18,13 +18,13 @@ pub mod regression;
 mod tests;
 
 pub use alight_shared::estimation::ValueWithSd;
-use alight_shared::frames::DroneNed;
-use alight_shared::msg::{DroneState, MAX_POSITION_M, Message, TagPose, VesselEstimate};
+use alight_shared::msg::{DroneState, Message, TagPose, VesselEstimate};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use thiserror::Error;
 
 use crate::predictor::observation::body_from_camera;
+use crate::predictor::placement::placed;
 use crate::predictor::track::Track;
 use crate::predictor::{PredictorConfig, PredictorIn};
 use regression::{Information, mean, regress};
@@ -228,17 +228,12 @@ impl DeckCalibration {
         if e.check().is_err() || self.newest.is_some_and(|t| e.header.at <= t) {
             return;
         }
-        let origin = self
-            .config
-            .datum
-            .as_ref()
-            .map_or_else(Vector3::zeros, |d| d.offset_to::<DroneNed>(&e.datum).0);
         let Some(pose) = self.track.at(e.header.at) else {
             return;
         };
-        if !(origin.norm() < MAX_POSITION_M) {
+        let Some(e) = self.track.newest().and_then(|d| placed(e, &d.datum)) else {
             return;
-        }
+        };
         self.newest = Some(e.header.at);
         self.count += 1;
         if !self.count.is_multiple_of(self.every) {
@@ -257,7 +252,7 @@ impl DeckCalibration {
         let feet = pose.position + pose.attitude * Vector3::z() * self.config.drone.feet_below_m;
         self.samples.push(Sample {
             t_s: e.header.at.secs(),
-            apart: feet - e.position() - origin,
+            apart: feet - e.position(),
             vessel: vessel.to_rotation_matrix().into_inner(),
             relative: vessel.inverse() * pose.attitude,
             stated: pose.variance + Vector3::from([0, 1, 2].map(|i| e.covariance(i)[0])),

@@ -26,6 +26,7 @@ pub use alight_shared::checkpoint::CheckpointRejection;
 pub use config::MissionConfig;
 
 use alight_shared::admission::{CommandAdmission, Latest};
+use alight_shared::frames::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header,
@@ -38,10 +39,11 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
-use crate::odometry::origin::OriginResets;
+use crate::odometry::origin::DroneFrame;
 use checkpoint::{Beginning, Begun};
 use phase::{MissionPhase, Progress, gave_up, hold_height, moving_place, stands_aside};
 use situation::{ControlState, Deck, OwnState, Reservation, Situation, rotors_carry};
+pub use states::MAX_VESSEL_DISTANCE_M;
 use states::blind_limit;
 use staying::Staying;
 use tilt::TiltMonitor;
@@ -112,7 +114,9 @@ pub struct Mission {
     set_point: Latest<SetPoint>,
     grant: Latest<DeckGrant<DroneClock>>,
     commands: CommandAdmission<DroneClock>,
-    origin: OriginResets,
+    frame: DroneFrame,
+    /// When it moved, until a forecast has come since, and by how much.
+    moved: Option<(Time<DroneClock>, f64)>,
     mean_deck_z: MeanDeckHeight,
     wind: WindMonitor,
     tilt: TiltMonitor,
@@ -170,28 +174,37 @@ impl Mission {
     }
 
     fn receive(&mut self, now: Time<DroneClock>, input: &MissionIn) {
+        let mut moved_m = None;
         if let Some(m) = &input.autopilot
             && self.autopilot.offer(now, m)
+            && self.frame.has_jumped(m)
         {
-            // The origin jumped: forecast, plan and level are of another frame.
-            if self.origin.moved(m.origin_resets) {
-                self.forecast.forget();
-                self.plan.forget();
-                self.mean_deck_z.forget();
-            }
+            moved_m = Some(0.0);
         }
         if let Some(m) = &input.drone
             && self.drone.offer(now, m)
         {
             self.wind.update(m, self.follows);
+            moved_m = self.frame.moved_m(m).or(moved_m);
         }
-        if let Some(m) = &input.forecast
-            && self.forecast.offer(now, m)
+        if let Some(by_m) = moved_m {
+            // Forecast, plan and level are of another frame.
+            self.forecast.forget();
+            self.plan.forget();
+            self.mean_deck_z.forget();
+            self.moved = Some((now, self.moved.map_or(by_m, |(_, before)| by_m.max(before))));
+        }
+        let since = self.moved.map(|(at, _)| at);
+        if let Some(m) = input
+            .forecast
+            .filter(|m| since.is_none_or(|at| m.header.at >= at))
+            && self.forecast.offer(now, &m)
         {
+            self.moved = None;
             let lowest = m.surroundings.wait_height_m();
             self.config.tracking_height_m = self.heights_m[0].max(lowest);
             self.config.approach_height_m = self.heights_m[1].max(lowest);
-            if let Some(z) = forecast_mean(m) {
+            if let Some(z) = forecast_mean(&m) {
                 self.mean_deck_z
                     .follow(m.header.at, z, LEVEL_TIME_S, LEVEL_STEP_M);
             }
@@ -241,9 +254,12 @@ impl Mission {
         Situation {
             now,
             flight: ControlState::of(autopilot),
-            parameters: autopilot
-                .map(|a| a.parameters)
+            rejection: autopilot
+                .map(|a| a.rejection)
                 .filter(|why| why.code != ReasonCode::None),
+            moved: self
+                .moved
+                .map(|(_, by_m)| Reason::new(ReasonCode::OriginMoved, by_m, 0.0)),
             // A link that does not report it gives zero, at which nothing flies.
             battery: autopilot.map(|a| a.battery).filter(|b| *b > 0.0),
             own,
@@ -340,7 +356,8 @@ impl Mission {
             let same_frame = self
                 .autopilot
                 .get()
-                .is_none_or(|a| a.origin_resets == m.origin_resets);
+                .is_none_or(|a| a.origin_resets == m.origin_resets)
+                && self.drone.get().is_none_or(|d| d.datum == m.datum);
             let (phase, changed) = checkpoint::restored(m, same_frame, s, &self.config);
             self.phase = phase;
             self.progress = checkpoint::progress(m);
@@ -402,6 +419,7 @@ impl Mission {
             command: self.commands.newest(),
             abort: self.commands.abort(),
             origin_resets: self.autopilot.get().map_or(0, |a| a.origin_resets),
+            datum: self.drone.get().map_or(Datum::default(), |d| d.datum),
             mean_deck_z: self.mean_deck_z.value(),
             recent_tilt_rad: self.steepest.map_or(0.0, |(_, tilt)| tilt),
         }

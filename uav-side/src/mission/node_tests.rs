@@ -432,7 +432,7 @@ fn drone_given_back_after_a_lapse_low_above_the_deck_climbs_also_without_radio_o
             let a = input.autopilot.as_mut().unwrap();
             a.mode = mode;
             if unfit {
-                a.parameters = Reason::plain(ReasonCode::AutopilotParameterUnknown);
+                a.rejection = Reason::plain(ReasonCode::AutopilotParameterUnknown);
             }
             m.step(t, &input);
             m.phase.state()

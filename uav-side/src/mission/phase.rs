@@ -173,8 +173,9 @@ pub(super) enum Transition {
 /// What is too old to go on.
 pub(super) fn old_data(s: &Situation) -> Option<Reason> {
     exceeds(ReasonCode::OdometryStale, s.odometry_age_s, s.odometry_limit_s)
+        .or(s.moved)
         .or_else(|| exceeds(ReasonCode::ForecastStale, s.forecast_age_s, s.forecast_limit_s))
-        .or_else(|| s.deck.is_none().then_some(ReasonCode::NoVessel.into()))
+        .or_else(|| s.deck.is_none().then(|| s.no_deck()))
 }
 
 /// Since when `holds` has been true, and for how long, s.

@@ -277,8 +277,10 @@ pub struct Situation {
     pub now: Time<DroneClock>,
     /// Whether the drone flies and who controls it.
     pub flight: ControlState,
-    /// Why the autopilot's parameters permit no landing; None when they do.
-    pub parameters: Option<Reason>,
+    /// Why the autopilot as it is permits no landing; None when it does.
+    pub rejection: Option<Reason>,
+    /// The drone's frame has moved, and no forecast has come since.
+    pub moved: Option<Reason>,
     /// Remaining battery; None when not reported.
     pub battery: Option<f64>,
     /// The newest odometry.
@@ -337,6 +339,10 @@ pub fn rotors_carry(a: &AutopilotState, drone: &DroneGeometry) -> bool {
 }
 
 impl Situation {
+    /// Why there is no deck.
+    pub fn no_deck(&self) -> Reason {
+        self.moved.unwrap_or(ReasonCode::NoVessel.into())
+    }
     /// Why a touchdown that was detected is none: the rotors carry the drone, above the deck when that is known.
     pub fn false_touchdown(&self) -> Option<Reason> {
         let clearance = self.fresh_deck().map_or(f64::INFINITY, |d| d.clearance_m);

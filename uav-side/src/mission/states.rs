@@ -4,7 +4,7 @@ use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::ReasonCode::{
     Commanded, Deviated, Infeasible, Missed, NoPlace, NoPlan, NoVessel, NoVision, NotCommanded, NotFlying,
     NotSteady, Operator, Reached, SpeedUncertain, TiltExcess, TooFar, TooFast, TooSteep, TooWindy, Uncertain,
-    VisionLost,
+    VesselTooFar, VisionLost,
 };
 use alight_shared::msg::{PLACES, Reason};
 use nalgebra::Vector3;
@@ -55,13 +55,21 @@ pub(super) fn step(
     }
 }
 
+/// Nobody flies to a vessel further away than this, m: an origin that is wrong lies anywhere.
+pub const MAX_VESSEL_DISTANCE_M: f64 = 5e3;
+
+/// The vessel is further away than anybody means to fly.
+fn too_far(deck: &Deck) -> Option<Reason> {
+    exceeds(VesselTooFar, deck.distance_m, MAX_VESSEL_DISTANCE_M)
+}
+
 /// Idle: waits for command, flight and the vessel's state by radio.
 fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition {
     let idle = MissionPhase::Idle;
     if !progress.landing {
         return idle.stay(if progress.stopped { Operator } else { NotCommanded });
     }
-    if let Some(why) = s.parameters {
+    if let Some(why) = s.rejection {
         return idle.stay(why);
     }
     if s.flight != ControlState::Ours {
@@ -80,6 +88,9 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
     }
     match (s.fresh_deck(), s.own) {
         (Some(deck), Some(own)) if deck.radio_age_s <= c.radio_fresh_s => {
+            if let Some(why) = too_far(deck) {
+                return idle.stay(why);
+            }
             progress.started = s.now;
             let from = [own.position.x, own.position.y];
             MissionPhase::GetAltitude { from }.enter(Commanded)
@@ -91,7 +102,7 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
 /// Get altitude: until the approach height is reached.
 fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> Transition {
     let (Some(own), Some(mean)) = (s.own, s.mean_deck_z) else {
-        return MissionPhase::GetAltitude { from }.stay(NoVessel);
+        return MissionPhase::GetAltitude { from }.stay(s.no_deck());
     };
     let z = mean - s.approach_height_m(c);
     let error = (own.position.z - z).abs();
@@ -117,8 +128,11 @@ fn leave(s: &Situation, why: Reason) -> Transition {
 /// Approach: to its waiting place until the deck is its own, then until visual contact is confirmed.
 fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Transition {
     let Some(deck) = s.fresh_deck() else {
-        return MissionPhase::APPROACH.stay(NoVessel);
+        return MissionPhase::APPROACH.stay(s.no_deck());
     };
+    if let Some(why) = too_far(deck) {
+        return holding(HoldCause::Data, s, c).enter(why);
+    }
     let blind = deck.vision_age_s > c.vision_fresh_s;
     if blind && deck.radio_age_s > c.radio_lost_s {
         return holding(HoldCause::Data, s, c).enter(NoVessel);
@@ -181,7 +195,7 @@ fn widening(progress: &Progress, c: &MissionConfig) -> f64 {
 /// Tracking: until stably above the deck.
 fn tracking(steady: Option<DroneTime>, progress: &Progress, s: &Situation, c: &MissionConfig) -> Transition {
     let Some(deck) = s.fresh_deck() else {
-        return MissionPhase::TRACKING.stay(NoVessel);
+        return MissionPhase::TRACKING.stay(s.no_deck());
     };
     if let Some(lost) = vision_lost(deck, s, c).or_else(|| deck_lost(s, c)) {
         return lost;
@@ -200,7 +214,7 @@ fn tracking(steady: Option<DroneTime>, progress: &Progress, s: &Situation, c: &M
 fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition {
     let stable = MissionPhase::TrackingStable;
     let Some(deck) = s.fresh_deck() else {
-        return stable.stay(NoVessel);
+        return stable.stay(s.no_deck());
     };
     if let Some(lost) = vision_lost(deck, s, c).or_else(|| deck_lost(s, c)) {
         return lost;
@@ -231,7 +245,7 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
             return None;
         }
         let turns = exceeds(Infeasible, deck.turn_radps, c.deck_turn_radps);
-        s.parameters.or(turns).or_else(|| s.staying.rejection())
+        s.rejection.or(turns).or_else(|| s.staying.rejection())
     });
     if let Some(why) = rejection {
         return stable.stay(why);
@@ -310,7 +324,7 @@ fn descent(
 ) -> Transition {
     let wide = widening(progress, c);
     let Some(deck) = s.fresh_deck() else {
-        return Transition::BreakOff(NoVessel.into());
+        return Transition::BreakOff(s.no_deck());
     };
     if let Some(why) = attitude_lost(deck, s) {
         return Transition::BreakOff(why);
@@ -355,7 +369,7 @@ fn flare(
     c: &MissionConfig,
 ) -> Transition {
     let Some(deck) = s.fresh_deck() else {
-        return Transition::BreakOff(NoVessel.into());
+        return Transition::BreakOff(s.no_deck());
     };
     // The deck may fall away again: half a metre above the commit clearance there is time to judge.
     let committed = deck.clearance_m < c.commit_clearance_m + if committed { 0.5 } else { 0.0 };
@@ -433,8 +447,11 @@ fn held(
         return hold(None).stay(why);
     }
     let (Some(deck), Some(own)) = (s.fresh_deck(), s.own) else {
-        return hold(None).stay(NoVessel);
+        return hold(None).stay(s.no_deck());
     };
+    if let Some(why) = too_far(deck) {
+        return hold(None).stay(why);
+    }
     if deck.vision_age_s > c.vision_fresh_s && deck.radio_age_s > c.radio_fresh_s {
         return hold(None).stay(Reason::new(VisionLost, deck.vision_age_s, c.vision_fresh_s));
     }

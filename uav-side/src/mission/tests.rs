@@ -2,9 +2,9 @@
 
 use alight_shared::msg::ReasonCode::{
     AutopilotParameter, Commanded, DeckGrantStale, DeckReserved, Deviated, DriftPredicted, ForecastStale,
-    Infeasible, Missed, NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotSteady, Reached,
+    Infeasible, Missed, NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotSteady, OriginMoved, Reached,
     SlidePredicted, SpeedUncertain, TiltExcess, TooFar, TooFast, TooSteep, TooWindy, Touchdown, Uncertain,
-    VisionLost,
+    VesselTooFar, VisionLost,
 };
 use alight_shared::msg::{AutopilotMode, DECK_CLOSED};
 use nalgebra::{Vector2, Vector3};
@@ -32,7 +32,8 @@ pub(super) fn fair() -> Situation {
     Situation {
         now: at(10.0),
         flight: ControlState::Ours,
-        parameters: None,
+        rejection: None,
+        moved: None,
         battery: Some(0.9),
         own: Some(OwnState {
             position: Vector3::new(0.0, 0.0, -8.3),
@@ -174,14 +175,39 @@ fn idle_waits_for_command_flight_and_vessel() {
         let s = with(|s| s.flight = flight);
         waits(&step(idle, &s), State::Idle, NotFlying);
     }
-    let s = with(|s| s.parameters = Some(AutopilotParameter.into()));
+    let s = with(|s| s.rejection = Some(AutopilotParameter.into()));
     waits(&step(idle, &s), State::Idle, AutopilotParameter);
     let s = with(|s| (s.deck, s.forecast_age_s) = (None, f64::INFINITY));
     waits(&step(idle, &s), State::Idle, ForecastStale);
     let s = with_deck(|d| d.radio_age_s = f64::INFINITY);
     waits(&step(idle, &s), State::Idle, NoVessel);
+    let s = with_deck(|d| d.distance_m = 5100.0);
+    let d = step(idle, &s);
+    waits(&d, State::Idle, VesselTooFar);
+    assert_eq!(d.waiting.to_string(), "the vessel is 5.1 km away (limit 5)");
     let d = commanded((idle, Progress::default()), CommandKind::Land, &fair());
     goes(&d, State::GetAltitude, Commanded);
+}
+
+#[test]
+fn vessel_beyond_5_km_in_the_approach() {
+    let s = with_deck(|d| d.distance_m = 5100.0);
+    let d = run(MissionPhase::APPROACH, &s, 1.0);
+    goes(&d, State::Hold, VesselTooFar);
+    waits(&run(&d, &s, 20.0), State::Hold, VesselTooFar);
+}
+
+#[test]
+fn moved_origin_without_a_forecast_since() {
+    let moved = with(|s| {
+        (s.deck, s.forecast_age_s) = (None, f64::INFINITY);
+        s.moved = Some(Reason::new(OriginMoved, 120.0, 0.0));
+    });
+    waits(&step(MissionPhase::Idle, &moved), State::Idle, OriginMoved);
+    for phase in [MissionPhase::TRACKING, DESCENT, FREE_FLARE] {
+        let d = step(phase, &moved);
+        assert_eq!(d.entered.map(|why| why.code), Some(OriginMoved), "{phase:?}");
+    }
 }
 
 #[test]
@@ -252,7 +278,7 @@ fn tracking_stable_reports_each_reason_not_to_descend() {
         (with(|s| s.staying.used = 1.1), SlidePredicted),
         (with(|s| s.staying.drift_m = 0.3), DriftPredicted),
         (
-            with(|s| s.parameters = Some(AutopilotParameter.into())),
+            with(|s| s.rejection = Some(AutopilotParameter.into())),
             AutopilotParameter,
         ),
         (with(|s| s.reservation = Reservation::Others(2)), DeckReserved),

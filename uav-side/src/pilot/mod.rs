@@ -35,7 +35,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::escape::{BELOW_M, Climb, contact_speed};
-use crate::odometry::origin::OriginResets;
+use crate::odometry::origin::DroneFrame;
 use crate::surroundings::{escape_velocity, ring_m};
 use attitude::{attitude_of_thrust, rates_of, upright};
 use delay::Delay;
@@ -111,7 +111,7 @@ pub struct Pilot {
     drone: Latest<DroneState>,
     autopilot: Latest<AutopilotState>,
     range: Latest<RangeSample>,
-    origin: OriginResets,
+    frame: DroneFrame,
 
     estimate: FlightEstimator,
     lag: AttitudeLagEstimator,
@@ -153,7 +153,7 @@ impl Pilot {
             drone: Latest::default(),
             autopilot: Latest::default(),
             range: Latest::default(),
-            origin: OriginResets::default(),
+            frame: DroneFrame::default(),
             estimate: FlightEstimator::new(hover),
             lag: AttitudeLagEstimator::new(geometry.attitude_lag_s, &config.lag),
             delay: Delay::default(),
@@ -170,15 +170,15 @@ impl Pilot {
 
     /// Takes the inputs; gives the odometry when it is new.
     fn receive(&mut self, now: Time<DroneClock>, input: &PilotIn) -> Option<DroneState> {
+        let drone = input.drone.filter(|m| self.drone.offer(now, m));
+        if drone.is_some_and(|m| self.frame.moved_m(&m).is_some()) {
+            self.forget_frame();
+        }
         if let Some(m) = &input.autopilot
             && self.autopilot.offer(now, m)
         {
-            // The origin jumped: plan, forecast, hold and integral are of another frame.
-            if self.origin.moved(m.origin_resets) {
-                self.plan.forget();
-                self.forecast.forget();
-                self.hold = None;
-                self.tracker.reset();
+            if self.frame.has_jumped(m) {
+                self.forget_frame();
             }
             self.estimate.use_reported_hover(m.hover_thrust);
             self.disarmed_since_stop |= self.stopped_at.is_some() && !m.armed;
@@ -197,7 +197,15 @@ impl Pilot {
                 self.detector.range(m.header.at, m.range_m);
             }
         }
-        input.drone.filter(|m| self.drone.offer(now, m))
+        drone
+    }
+
+    /// Plan, forecast, hold and integral are of another frame.
+    fn forget_frame(&mut self) {
+        self.plan.forget();
+        self.forecast.forget();
+        self.hold = None;
+        self.tracker.reset();
     }
 
     /// The deck under the drone, when forecast and odometry reach `now`.

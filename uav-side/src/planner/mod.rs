@@ -44,7 +44,7 @@ use serde::{Deserialize, Serialize};
 
 pub use config::{PlannerConfig, PlannerKind};
 
-use crate::odometry::origin::OriginResets;
+use crate::odometry::origin::DroneFrame;
 use kind::Kind;
 use law::{Law, View};
 use model::{INPUTS, State, clearance, tilt_of, up_of};
@@ -93,7 +93,7 @@ pub struct Planner {
     mission: Latest<MissionState>,
     drone: Latest<DroneState>,
     autopilot: Latest<AutopilotState>,
-    origin: OriginResets,
+    frame: DroneFrame,
     /// Starts from the measured state.
     resets: u32,
 }
@@ -132,7 +132,7 @@ impl Planner {
             mission: Latest::default(),
             drone: Latest::default(),
             autopilot: Latest::default(),
-            origin: OriginResets::default(),
+            frame: DroneFrame::default(),
             resets: 0,
         }
     }
@@ -150,9 +150,9 @@ impl Planner {
         offer(&mut self.drone, now, c.odometry_age_s, &input.drone);
         // Any age will do for a counter of jumps.
         offer(&mut self.autopilot, now, 10.0, &input.autopilot);
-        if let Some(autopilot) = self.autopilot.get()
-            && self.origin.moved(autopilot.origin_resets)
-        {
+        let jumped = self.autopilot.get().is_some_and(|a| self.frame.has_jumped(a));
+        let moved = self.drone.get().is_some_and(|d| self.frame.moved_m(d).is_some());
+        if jumped || moved {
             self.solved = None;
             self.generator.forget();
         }

@@ -33,6 +33,9 @@ pub(super) fn variances(
 
 /// The odometry's origin is where it was: the drone has moved as its velocities say.
 fn same_frame(drone: &DroneState, given: &PredictorCheckpoint) -> bool {
+    if drone.datum != given.datum {
+        return false;
+    }
     let dt = (drone.header.at - given.odometry_at).secs();
     let moved = drone.position() - Vector3::from(given.position);
     let mean = 0.5 * (drone.velocity() + Vector3::from(given.velocity));
@@ -68,6 +71,11 @@ mod tests {
         assert!(same_frame(&later(5.6), &given));
         assert!(!same_frame(&later(1.0), &given));
         assert!(!same_frame(&later(6.0), &given));
+        let elsewhere = DroneState {
+            datum: alight_shared::frames::Datum::new(1e-6, 0.0, 0.0),
+            ..later(5.0)
+        };
+        assert!(!same_frame(&elsewhere, &given));
     }
 
     #[test]

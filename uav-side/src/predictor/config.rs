@@ -1,7 +1,6 @@
 //! Parameters of the predictor.
 
 use alight_shared::config;
-use alight_shared::frames::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 
 /// Three lengths (m) and three angles from degrees.
@@ -26,8 +25,6 @@ config! {
         /// The drone; from the drone's common settings.
         #[serde(skip)]
         pub drone: DroneGeometry;
-        /// Origin of the drone's NED plane; without it the vessel's is meant.
-        pub datum: Option<Datum> = None;
         /// Spread of the radio's slow error.
         /// Source: GNSS of the vessel: 1 m; tilt: trim of its inertial unit; compass: 1 deg. Ours.
         pub radio_bias_sd_m_rad: [f64; 6] = six([1.0, 1.0, 1.0], [0.3, 0.3, 1.5]), in 0.0..=100.0;
@@ -112,12 +109,5 @@ config! {
         pub fresh_s: f64 = 1.0, in 0.1..=10.0;
         /// Without radio and vision for this long there is no forecast, s.
         pub silence_s: f64 = 30.0, in 1.0..=600.0;
-    }
-    check |this, at| {
-            if let Some(d) = &this.datum {
-                at.range("datum.latitude_deg", d.latitude_deg, -90.0, 90.0)?;
-                at.range("datum.longitude_deg", d.longitude_deg, -360.0, 360.0)?;
-                at.range("datum.height_m", d.height_m, -1e4, 1e4)?;
-            }
     }
 }

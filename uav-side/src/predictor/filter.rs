@@ -10,6 +10,7 @@ use nalgebra::Vector3;
 use super::axis::{Axis, AxisNoise, HEAD, MEAN, MeasurementRow, RATE, Step, TURN, VISION};
 use super::forecast::STEERAGE_MPS;
 use super::observation::{Kind, Observation};
+use super::track::Jump;
 use super::waves::{AXES, Waves};
 
 /// Observations that can be put in order.
@@ -330,19 +331,25 @@ impl Filter {
         }
     }
 
-    /// The drone's origin has moved by `jump` (m): vision has moved along.
-    pub fn shift(&mut self, jump: &Vector3<f64>) {
+    /// The drone's estimate has jumped: vision has moved and turned along.
+    pub fn shift(&mut self, jump: &Jump) {
         for e in &mut self.entries {
+            let seen: [f64; 3] = core::array::from_fn(|i| e.after[i].project(MeasurementRow::Vision).0);
+            let by = jump.of(&seen.into()) - Vector3::from(seen);
             for i in 0..3 {
-                e.after[i].x[VISION] += jump[i];
+                e.after[i].x[VISION] += by[i];
             }
+            e.after[5].x[VISION] += jump.yaw;
             if let Some(o) = &mut e.observation
                 && o.kind != Kind::Estimate
             {
                 for i in 0..3 {
                     if let Some(v) = &mut o.value[i] {
-                        v.0 += jump[i];
+                        v.0 += by[i];
                     }
+                }
+                if let Some(v) = &mut o.value[5] {
+                    v.0 += jump.yaw;
                 }
             }
         }

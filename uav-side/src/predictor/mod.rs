@@ -4,6 +4,7 @@
 //! - [`waves`]: the vessel's modes, rolled on.
 //! - [`axis`]: the Kalman filter of one degree of freedom.
 //! - [`filter`]: the six of them, and how late observations are fused at their own time.
+//! - [`placement`]: the vessel's estimate in the drone's frame.
 //! - [`observation`]: each message as a measurement of the six degrees of freedom.
 //! - [`track`]: where the drone was at the time of exposure.
 //! - [`lever_arm_heave`]: the deck's height due to its tilt.
@@ -22,6 +23,7 @@ pub mod forecast;
 pub mod lever_arm_heave;
 mod node;
 pub mod observation;
+pub mod placement;
 pub mod track;
 pub mod waves;
 

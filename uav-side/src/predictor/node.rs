@@ -23,6 +23,7 @@ use super::filter::{Filter, Fused};
 use super::forecast::Horizon;
 use super::lever_arm_heave::lever_arm_heave;
 use super::observation::{self, MountRotation, Observation, Plane};
+use super::placement::placed;
 use super::track::Track;
 use super::waves::{AXES, Waves};
 use alight_shared::checkpoint::Recovery;
@@ -177,6 +178,9 @@ impl Predictor {
             if s.header.at < last.header.at {
                 return Err(RejectionReason::Stale);
             }
+            if s.datum != last.datum {
+                self.forget_frame();
+            }
         }
         if let Some(jump) = self.track.push(s)
             && let Some(f) = &mut self.filter
@@ -184,6 +188,14 @@ impl Predictor {
             f.shift(&jump);
         }
         Ok(())
+    }
+
+    /// The drone's origin is another: what was known of the deck's place was about the one before.
+    fn forget_frame(&mut self) {
+        self.track = Track::default();
+        self.filter = None;
+        (self.radio_at, self.radio_sequence) = (None, None);
+        (self.vision_at, self.tag_at, self.range_at) = (None, None, None);
     }
 
     fn wave(&mut self, now: Time<DroneClock>, m: &WaveModel<DroneClock>) -> Result<(), RejectionReason> {
@@ -204,18 +216,13 @@ impl Predictor {
         e: &VesselEstimate<DroneClock>,
     ) -> Result<(), RejectionReason> {
         Self::admit(now, e)?;
-        let origin = match &self.config.datum {
-            Some(d) => d.offset_to::<alight_shared::frames::DroneNed>(&e.datum).0,
-            None => Vector3::zeros(),
-        };
-        if !(origin.norm() < alight_shared::msg::MAX_POSITION_M) {
-            return Err(RejectionReason::OutOfRange);
-        }
+        let origin = self.track.newest().ok_or(RejectionReason::NoDroneState)?.datum;
+        let e = &placed(e, &origin).ok_or(RejectionReason::OutOfRange)?;
         let known = (e.header.boot, e.header.sequence);
         if self.radio_sequence == Some(known) {
             return Err(RejectionReason::Duplicate);
         }
-        let o = observation::estimate(e, &origin, self.clock_sd_s);
+        let o = observation::estimate(e, self.clock_sd_s);
         self.fuse(&o)?;
         if self.radio_at.is_none_or(|t| e.header.at > t) {
             self.radio_at = Some(e.header.at);
@@ -334,6 +341,7 @@ impl Predictor {
             tag_at: self.tag_at,
             offset: offset.map(|(value, _)| value),
             offset_sd: offset.map(|(_, variance)| variance.sqrt()),
+            datum: drone.datum,
             position: drone.position,
             velocity: drone.velocity,
             odometry_at: drone.header.at,

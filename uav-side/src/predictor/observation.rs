@@ -110,10 +110,9 @@ pub fn stated(e: &VesselEstimate<DroneClock>) -> [(f64, f64); AXES] {
     [own(0), own(1), own(2), tilt, tilt, own(5)]
 }
 
-/// The vessel's estimate. `origin` is the vessel's NED origin in the drone's (m), `clock_sd` the
-/// clock offset's standard deviation (s): a value that changes at a rate is that much less certain. In tilt, modes and
+/// The vessel's estimate in the drone's frame; `clock_sd` is the clock offset's standard deviation (s): a value that changes at a rate is that much less certain. In tilt, modes and
 /// estimate err alike, and the filter holds their difference.
-pub fn estimate(e: &VesselEstimate<DroneClock>, origin: &Vector3<f64>, clock_sd: f64) -> Observation {
+pub fn estimate(e: &VesselEstimate<DroneClock>, clock_sd: f64) -> Observation {
     let [roll, pitch, yaw] = [e.eta[3], e.eta[4], e.eta[5]];
     let rotation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
     let dot = e.eta_dot.map(f64::from);
@@ -121,7 +120,7 @@ pub fn estimate(e: &VesselEstimate<DroneClock>, origin: &Vector3<f64>, clock_sd:
     let spin = rotation * body_rates(roll, pitch, Vector3::new(dot[3], dot[4], dot[5]));
     let lever_arm = rotation * e.deck_centre();
     // Height as of a level vessel: what the tilt takes off it is no wave.
-    let position = e.position() + origin + Vector3::new(lever_arm.x, lever_arm.y, e.deck_centre().z);
+    let position = e.position() + Vector3::new(lever_arm.x, lever_arm.y, e.deck_centre().z);
     let swing = spin.cross(&lever_arm);
     let velocity = Vector3::new(dot[0] + swing.x, dot[1] + swing.y, dot[2]);
     let tilt = turn_tilt(roll, pitch, -yaw);

@@ -6,6 +6,8 @@ use alight_shared::msg::DroneState;
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{UnitQuaternion, Vector3};
 
+use crate::odometry::origin::yaw_jump;
+
 /// States kept: more than a second at 100 Hz.
 const MAX_STATES: usize = 128;
 /// A state may be rolled on by this much, s.
@@ -13,6 +15,25 @@ const MAX_AHEAD_S: f64 = 0.1;
 /// A position that is further than this from where velocity would have brought it is a reset of
 /// the autopilot's origin, m.
 pub(super) const JUMP_M: f64 = 0.7;
+
+/// A jump of the autopilot's estimate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Jump {
+    /// Of the position, m.
+    pub moved: Vector3<f64>,
+    /// Of the heading, rad.
+    pub yaw: f64,
+    /// Where the drone is after it, m: what it sees has turned about there.
+    pub about: Vector3<f64>,
+}
+
+impl Jump {
+    /// Where that is now what the drone saw at `place` (m) before.
+    pub fn of(&self, place: &Vector3<f64>) -> Vector3<f64> {
+        let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, self.yaw);
+        self.about + turn * (place + self.moved - self.about)
+    }
+}
 
 /// The drone's pose at some instant, in its NED.
 #[derive(Clone, Copy, Debug)]
@@ -40,21 +61,34 @@ impl Default for Track {
 }
 
 impl Track {
-    /// Takes a newer state; false when it is not newer. `Some` jump (m) when the autopilot has
-    /// moved its origin: the earlier states are moved along.
-    pub fn push(&mut self, s: &DroneState) -> Option<Vector3<f64>> {
+    /// Takes a newer state. `Some` when the autopilot's estimate has jumped: the earlier states are moved and turned along.
+    pub fn push(&mut self, s: &DroneState) -> Option<Jump> {
         let mut jump = None;
         if let Some(last) = self.states.back() {
             let dt = (s.header.at - last.header.at).secs();
             let expected = last.position() + (last.velocity() + s.velocity()) * (0.5 * dt);
             let moved = s.position() - expected;
-            if dt < 0.2 && moved.norm() > JUMP_M {
+            let moved = if dt < 0.2 && moved.norm() > JUMP_M {
+                moved
+            } else {
+                Vector3::zeros()
+            };
+            let rates = |d: &DroneState| Vector3::from(d.rates);
+            let yaw = yaw_jump((&last.attitude(), rates(last)), (&s.attitude(), rates(s)), dt).unwrap_or(0.0);
+            if moved != Vector3::zeros() || yaw != 0.0 {
+                let by = Jump {
+                    moved,
+                    yaw,
+                    about: s.position(),
+                };
+                let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
                 for old in &mut self.states {
-                    for (p, m) in old.position.iter_mut().zip(moved.iter()) {
-                        *p += m;
-                    }
+                    // Its path is true; which way it looked is not.
+                    old.position = (old.position() + moved).into();
+                    let q = turn * old.attitude();
+                    old.attitude = [q.w, q.i, q.j, q.k];
                 }
-                jump = Some(moved);
+                jump = Some(by);
             }
         }
         if self.states.len() == MAX_STATES {
@@ -128,7 +162,27 @@ mod tests {
         let mut t = Track::default();
         t.push(&state(1.0, 1.0));
         let jump = t.push(&state(1.01, 6.01)).unwrap();
-        assert!((jump.x - 5.0).abs() < 1e-6);
+        assert!((jump.moved.x - 5.0).abs() < 1e-6 && jump.yaw == 0.0);
         assert!((t.at(Time::from_secs(1.0)).unwrap().position.x - 6.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn past_looks_the_same_way_after_a_yaw_reset() {
+        let mut t = Track::default();
+        t.push(&state(1.0, 1.0));
+        let q = UnitQuaternion::from_euler_angles(0.0, 0.0, 0.3);
+        let jump = t
+            .push(&DroneState {
+                attitude: [q.w, q.i, q.j, q.k],
+                ..state(1.01, 1.01)
+            })
+            .unwrap();
+        assert!((jump.yaw - 0.3).abs() < 1e-9 && jump.moved == Vector3::zeros());
+        let before = t.at(Time::from_secs(1.0)).unwrap();
+        assert!((before.attitude.euler_angles().2 - 0.3).abs() < 1e-9);
+        assert!((before.position.x - 1.0).abs() < 1e-9);
+        // Two metres north of the drone is now where the camera sees it.
+        let seen = jump.of(&Vector3::new(3.01, 0.0, 1.0));
+        assert!((seen - Vector3::new(1.01 + 2.0 * 0.3_f64.cos(), 2.0 * 0.3_f64.sin(), 1.0)).norm() < 1e-9);
     }
 }

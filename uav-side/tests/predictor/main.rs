@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used)] // Helpers of a test may.
 
 mod arbitrary;
+mod frames;
 mod kernels;
 mod world;
 

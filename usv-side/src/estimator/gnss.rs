@@ -23,7 +23,7 @@ impl Filter {
     /// Fuses a fix; returns the number of its rejected components.
     pub(super) fn fuse_gnss(&mut self, config: &VesselNodeConfig, fix: &GnssFix) -> u64 {
         let late = (self.at - fix.header.at).secs();
-        let shift = self.datum.offset_to::<VesselNed>(&fix.datum).0;
+        let shift = self.datum.to::<VesselNed>(&fix.datum).0;
         let turn = Rotation2::new(-self.reference);
         let flat = |v: Vector3<f64>| {
             let h = turn * Vector2::new(v.x, v.y);

@@ -76,11 +76,10 @@ pub fn scene(args: &LandArgs) -> Result<Scene, CliError> {
     }
     if args.flown_by() != AutopilotKind::Internal {
         // A firmware has an origin of its own, and takes no place at 0 N 0 E.
-        let datum = &mut scene.scenario.sensors.vessel_gnss.datum;
-        if *datum == Datum::default() {
-            *datum = AT_SEA;
+        let among = &mut scene.scenario.place.among;
+        if among.is_empty() {
+            among.push(AT_SEA);
         }
-        scene.nodes.drone.predictor.datum = Some(*datum);
     }
     if args.follow.is_some() {
         follow::disable_landing(&mut scene);

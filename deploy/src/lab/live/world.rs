@@ -64,7 +64,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     let mut physics = Physics::new(&world.scenario, world.seed).doing("setting up the simulated world")?;
     let mut plant = {
         let (scenario, firmware) = (&world.scenario, &world.firmware);
-        let (navigation, datum) = (&scenario.drone.navigation, scenario.sensors.vessel_gnss.datum);
+        let (navigation, datum) = (&scenario.drone.navigation, physics.place().unwrap_or_default());
         let sensors = FirmwareSensors::new(firmware, navigation, datum, physics.streams());
         let kind = kind.unwrap_or(world.autopilot);
         Plant::open(kind, &world.mavlink, firmware, sensors)?

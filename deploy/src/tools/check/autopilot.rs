@@ -1,14 +1,15 @@
-//! Reads the autopilot's parameters as the link does before a landing. It sends heartbeats and requests, nothing else.
+//! Reads the autopilot's parameters, origin and heights as the link does before a landing. It sends heartbeats and
+//! requests, nothing else.
 
 use alight_shared::admission::Periodic;
-use alight_shared::autopilot_parameters::Parameter;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::transport::clock::steady_ns;
 use alight_uav::autopilot::message::{
-    AUTOPILOT_COMPONENT, Address, COMPANION_TYPE, CUSTOM_MODE, Heartbeat, Message, NO_AUTOPILOT,
+    AUTOPILOT_COMPONENT, Address, COMPANION_TYPE, CUSTOM_MODE, CommandLong, Heartbeat, Message, NO_AUTOPILOT,
+    command, id,
 };
 use alight_uav::autopilot::modes::Firmware;
-use alight_uav::autopilot::parameters::{Finding, Parameters};
+use alight_uav::autopilot::parameters::Parameters;
 use alight_uav::autopilot::wire::{Decoder, encode};
 use alight_uav::pilot::Output;
 
@@ -16,6 +17,7 @@ use crate::config::DroneComputer;
 use crate::io::byte_link::ByteLink;
 use crate::io::link_url::LinkUrl;
 use crate::process::supervisor::pause;
+use crate::tools::check::facts::AutopilotReport;
 
 /// Time between two looks at the link.
 const ROUND: std::time::Duration = std::time::Duration::from_millis(10);
@@ -27,12 +29,14 @@ const ROUNDS_WITHOUT: u32 = 300;
 const HEARTBEAT: Span = Span::from_millis(1000);
 
 /// What the autopilot reports; None when no heartbeat of one came.
-pub fn parameters(computer: &DroneComputer, url: &LinkUrl) -> Option<Vec<(&'static Parameter, Finding)>> {
+pub fn report(computer: &DroneComputer, url: &LinkUrl) -> Option<AutopilotReport> {
     let c = &computer.autopilot;
     let mut link = ByteLink::new(url.clone(), steady_ns()).ok()?;
     let (mut decoder, mut sequence) = (Decoder::default(), 0_u8);
     let mut heartbeat = Periodic::<DroneClock>::default();
+    let mut origin_due = Periodic::<DroneClock>::default();
     let mut found: Option<(Address, Parameters)> = None;
+    let mut report = AutopilotReport::default();
     for round in 0..ROUNDS {
         let now = Time::from_nanos(steady_ns());
         link.read(now.nanos(), |bytes| decoder.push(bytes));
@@ -51,6 +55,12 @@ pub fn parameters(computer: &DroneComputer, url: &LinkUrl) -> Option<Vec<(&'stat
                 (Message::Parameter { name, value }, Some((from, p))) if *from == frame.from => {
                     p.received(name, *value);
                 }
+                (Message::Origin(origin), Some((from, _))) if *from == frame.from => {
+                    report.origin = Some(*origin);
+                }
+                (Message::GnssHeights { sea_m, ellipsoid_m }, Some((from, _))) if *from == frame.from => {
+                    report.geoid_m = (*ellipsoid_m != 0.0).then_some(ellipsoid_m - sea_m);
+                }
                 (_, _) => {}
             }
         }
@@ -67,14 +77,26 @@ pub fn parameters(computer: &DroneComputer, url: &LinkUrl) -> Option<Vec<(&'stat
             (0, None) => 1,
             (configured, _) => configured,
         };
-        for message in alive.iter().chain(&request) {
+        let asks = found
+            .as_ref()
+            .filter(|_| report.origin.is_none() && origin_due.is_due_spaced(now, HEARTBEAT));
+        let wanted = asks.map(|(to, _)| {
+            [id::GPS_RAW_INT, id::GPS_GLOBAL_ORIGIN].map(|message| {
+                Message::Command(CommandLong::new(
+                    *to,
+                    command::REQUEST_MESSAGE,
+                    [f64::from(message)],
+                ))
+            })
+        });
+        for message in alive.iter().chain(&request).chain(wanted.iter().flatten()) {
             sequence = sequence.wrapping_add(1);
             if let Some(bytes) = encode(Address::new(system, c.component), sequence, message) {
                 link.write(now.nanos(), &bytes);
             }
         }
         let done = match &found {
-            Some((_, p)) => p.complete(),
+            Some((_, p)) => p.complete() && (report.origin.is_some() || round >= ROUNDS_WITHOUT),
             None => round >= ROUNDS_WITHOUT,
         };
         if done {
@@ -82,5 +104,8 @@ pub fn parameters(computer: &DroneComputer, url: &LinkUrl) -> Option<Vec<(&'stat
         }
         pause(ROUND);
     }
-    found.map(|(_, p)| p.findings().collect())
+    found.map(|(_, p)| AutopilotReport {
+        parameters: p.findings().collect(),
+        ..report
+    })
 }

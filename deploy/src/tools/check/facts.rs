@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use alight_shared::autopilot_parameters::Parameter;
+use alight_shared::frames::Datum;
 use alight_uav::autopilot::parameters::Finding;
 use alight_usv::sensors::SourceStatus;
 
@@ -116,8 +117,16 @@ pub struct DeckInputCheck {
     pub level: Result<bool, String>,
 }
 
-/// What an autopilot reported of its parameters; None when no heartbeat of one came.
-pub type AutopilotParameters = Option<Vec<(&'static Parameter, Finding)>>;
+/// What an autopilot reported.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct AutopilotReport {
+    /// The parameters that a landing relies on.
+    pub parameters: Vec<(&'static Parameter, Finding)>,
+    /// Where its NED begins, the height above the sea.
+    pub origin: Option<Datum>,
+    /// Height of the sea above the ellipsoid by its receiver, m.
+    pub geoid_m: Option<f64>,
+}
 
 /// The place for shared memory.
 #[derive(Clone, Debug, PartialEq)]
@@ -168,8 +177,10 @@ pub struct Facts {
     pub dialled: Vec<(String, Reach)>,
     /// The autopilot's link as configured, and whether it can be had; None where none is.
     pub autopilot: Option<(String, Result<Reach, String>)>,
-    /// The autopilot's parameters that a landing relies on; None when the link is another's or cannot be had.
-    pub parameters: Option<AutopilotParameters>,
+    /// What the autopilot reported, None when no heartbeat of one came; None when the link is another's or cannot be had.
+    pub reported: Option<Option<AutopilotReport>>,
+    /// Where the frame of a running drone begins, and how far away the deck is, m; None while nothing runs or is known.
+    pub frame: Option<(Datum, Option<f64>)>,
     /// Each camera that is configured.
     pub cameras: Vec<CameraCheck>,
     /// What the sensors sent; None when it was not listened to.

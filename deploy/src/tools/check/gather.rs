@@ -9,7 +9,8 @@ use std::process::Command;
 use std::time::Duration;
 
 use alight_shared::config;
-use alight_shared::transport::memory::Instance;
+use alight_shared::frames::Datum;
+use alight_shared::transport::memory::{Instance, Memory};
 use alight_shared::transport::radio::{RadioConfig, TlsConfig};
 use alight_uav::camera::Lens;
 use alight_uav::camera::uvdar::Fisheye;
@@ -19,6 +20,7 @@ use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Doing};
 use crate::io::link_url::LinkUrl;
 use crate::io::sensor_socket::SensorSocket;
+use crate::process::observer::Observer;
 use crate::process::{instance, scheduling};
 use crate::tools::check::facts::{
     CameraCheck, ClockSync, Computer, DeckInputCheck, Facts, Identity, Port, PortState, Reach,
@@ -49,7 +51,8 @@ pub fn gather(path: &Path) -> Facts {
         ports: Vec::new(),
         dialled: Vec::new(),
         autopilot: None,
-        parameters: None,
+        reported: None,
+        frame: None,
         cameras: Vec::new(),
         sensors: None,
         sources: None,
@@ -97,9 +100,9 @@ pub fn gather(path: &Path) -> Facts {
                 let name = d.autopilot.connect.clone();
                 let url: Result<LinkUrl, String> = name.parse();
                 let reach = url.as_ref().map(reach_autopilot).map_err(Clone::clone);
-                facts.parameters = match (&url, &reach) {
+                facts.reported = match (&url, &reach) {
                     (Ok(url), Ok(Reach::Answers | Reach::Routed)) if !facts.running => {
-                        Some(autopilot::parameters(d, url))
+                        Some(autopilot::report(d, url))
                     }
                     (_, _) => None,
                 };
@@ -134,12 +137,22 @@ pub fn gather(path: &Path) -> Facts {
                     calibrated,
                 });
             }
+            facts.frame = instance.as_ref().ok().filter(|_| facts.running).and_then(frame);
             facts.memory = Some(memory(instance.map_err(|e| e.to_string())));
         }
         Err(_) => {}
     }
     facts.computer = computer;
     facts
+}
+
+/// What a running drone publishes of its frame.
+fn frame(instance: &Instance) -> Option<(Datum, Option<f64>)> {
+    let memory = Memory::join(instance, "check").ok()?;
+    let mut observer = Observer::join(&memory).ok()?;
+    memory.wait(LISTEN_TIME * LISTEN_ROUNDS);
+    observer.poll(None);
+    observer.snapshot.frame()
 }
 
 /// Whether a camera's source is there and may be read. Looked at only: a pipe without a writer would block.

@@ -1,14 +1,16 @@
 //! What is fine, what is worth a warning and what is broken: pure rules over gathered facts.
 
 use alight_shared::autopilot_parameters::Severity;
+use alight_shared::frames::Datum;
 use alight_shared::transport::radio::RadioConfig;
 use alight_uav::autopilot::parameters::Finding as ParameterFinding;
+use alight_uav::mission::MAX_VESSEL_DISTANCE_M;
 use serde::Serialize;
 
 use crate::certificates::{Certificate, RENEWAL_DAYS, common_name};
 use crate::exit::Exit;
 use crate::tools::check::facts::{
-    AutopilotParameters, CameraCheck, Computer, DeckInputCheck, Facts, Identity, Port, PortState, Reach,
+    AutopilotReport, CameraCheck, Computer, DeckInputCheck, Facts, Identity, Port, PortState, Reach,
     SharedMemory, SourceCheck,
 };
 use crate::vessel::deck_inputs;
@@ -118,9 +120,18 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     all.extend(facts.dialled.iter().map(|(to, reach)| dialled(to, reach)));
     all.extend(facts.memory.as_ref().map(memory).into_iter().flatten());
     all.extend(facts.autopilot.as_ref().map(|a| autopilot(a, facts.running)));
-    if let (Computer::Drone(d), Some(reported)) = (computer, &facts.parameters) {
-        all.extend(parameters(reported, d.autopilot.check_parameters));
+    match (computer, &facts.reported) {
+        (Computer::Drone(d), Some(Some(reported))) => {
+            all.extend(parameters(reported, d.autopilot.check_parameters));
+            all.push(origin(reported, d.autopilot.geoid_m));
+        }
+        (Computer::Drone(_), Some(None)) => all.push(Topic("parameters").warning(
+            "no heartbeat of an autopilot came while listening: neither they nor its origin were read",
+            "is it powered, and does it send to this link?",
+        )),
+        (Computer::Drone(_), None) | (Computer::Vessel(_), _) => {}
     }
+    all.extend(facts.frame.map(frame));
     all.extend(facts.cameras.iter().map(camera));
     if matches!(computer, Computer::Vessel(_)) {
         all.extend(sensors(facts));
@@ -317,15 +328,50 @@ fn autopilot((url, reach): &(String, Result<Reach, String>), running: bool) -> F
     }
 }
 
-fn parameters(reported: &AutopilotParameters, refuses: bool) -> Vec<Finding> {
-    const TOPIC: Topic = Topic("parameters");
-    let Some(reported) = reported else {
-        return vec![TOPIC.warning(
-            "no heartbeat of an autopilot came while listening: they were not read",
-            "is it powered, and does it send to this link?",
-        )];
+/// Where the drone's frame begins, and what its height is above the ellipsoid, as the vessel's is.
+fn origin(reported: &AutopilotReport, configured_geoid_m: f64) -> Finding {
+    const TOPIC: Topic = Topic("origin");
+    let Some(o) = &reported.origin else {
+        return TOPIC.warning(
+            "the autopilot has not reported where its frame begins (GPS_GLOBAL_ORIGIN): nothing is flown without",
+            "it begins with the first GNSS fix: wait for it under open sky, and check again",
+        );
     };
+    let at = format!(
+        "the drone's frame begins at {:.6}, {:.6}, {:.1} m above the sea, which is",
+        o.latitude_deg, o.longitude_deg, o.height_m
+    );
+    match reported.geoid_m {
+        Some(g) => TOPIC.fine(format!("{at} {g:.1} m above the ellipsoid by its receiver")),
+        None if configured_geoid_m == 0.0 => TOPIC.warning(
+            format!("{at} at the ellipsoid by autopilot.geoid_m = 0: its receiver does not give both heights"),
+            "set autopilot.geoid_m to the geoid's height at this place (EGM2008): up to 100 m of the deck's height",
+        ),
+        None => TOPIC.fine(format!("{at} {configured_geoid_m:.1} m above the ellipsoid by autopilot.geoid_m")),
+    }
+}
+
+/// The frame of a drone that runs, and the vessel in it.
+fn frame((origin, deck_m): (Datum, Option<f64>)) -> Finding {
+    const TOPIC: Topic = Topic("origin");
+    let begins = format!(
+        "the drone's frame begins at {:.6}, {:.6}, {:.1} m above the ellipsoid",
+        origin.latitude_deg, origin.longitude_deg, origin.height_m
+    );
+    match deck_m {
+        Some(m) if m > MAX_VESSEL_DISTANCE_M => TOPIC.warning(
+            format!("{begins}, the vessel is {m:.0} m away"),
+            "the mission flies to none beyond 5 km: compare what the autopilot and her receiver report with a chart",
+        ),
+        Some(m) => TOPIC.fine(format!("{begins}, the vessel is {m:.0} m away")),
+        None => TOPIC.fine(format!("{begins}; no vessel is known")),
+    }
+}
+
+fn parameters(reported: &AutopilotReport, refuses: bool) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("parameters");
     let mut all: Vec<Finding> = reported
+        .parameters
         .iter()
         .filter_map(|(p, found)| {
             let (found, remedy) = match found {

@@ -7,12 +7,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use alight_shared::autopilot_parameters::{Parameter, of_px4};
+use alight_shared::frames::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::time::Span;
 use alight_shared::transport::radio::TlsConfig;
 use alight_sim::autopilots::simulated::SimulatedAutopilot;
 use alight_sim::physics::drone::{AutopilotConfig, NavigationConfig, PlantState};
 use alight_sim::physics::streams::Streams;
+use alight_uav::autopilot::message::command;
 use alight_uav::autopilot::parameters::Finding as ParameterFinding;
 use alight_usv::sensors::{SourceConfig, SourceStatus};
 
@@ -20,7 +22,7 @@ use crate::certificates::{self, Certificate};
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::Exit;
 use crate::tools::check::facts::{
-    AutopilotParameters, CameraCheck, ClockSync, Computer, DeckInputCheck, Facts, Identity, Port, PortState,
+    AutopilotReport, CameraCheck, ClockSync, Computer, DeckInputCheck, Facts, Identity, Port, PortState,
     Reach, SensorReadings, SharedMemory, SourceCheck,
 };
 use crate::tools::check::rules::{Finding, Level, judge};
@@ -74,7 +76,8 @@ fn vessel() -> Facts {
         }],
         dialled: Vec::new(),
         autopilot: None,
-        parameters: None,
+        reported: None,
+        frame: None,
         cameras: Vec::new(),
         sensors: Some(SensorReadings {
             imu: 300,
@@ -111,7 +114,7 @@ fn drone() -> Facts {
 }
 
 /// PX4 reports this of one parameter, and of all others what suits.
-fn reported(name: &str, value: f64) -> Option<AutopilotParameters> {
+fn reported(name: &str, value: f64) -> Option<Option<AutopilotReport>> {
     let finding = |p: &Parameter| {
         let of_it = p.name == name;
         if of_it {
@@ -120,7 +123,20 @@ fn reported(name: &str, value: f64) -> Option<AutopilotParameters> {
             ParameterFinding::Suits
         }
     };
-    Some(Some(of_px4().map(|(_, p)| (p, finding(p))).collect()))
+    Some(Some(AutopilotReport {
+        parameters: of_px4().map(|(_, p)| (p, finding(p))).collect(),
+        origin: Some(Datum::new(70.1, 19.2, 3.0)),
+        geoid_m: Some(30.0),
+    }))
+}
+/// The same with an origin and a geoid as given.
+fn begun(origin: Option<Datum>, geoid_m: Option<f64>) -> Option<Option<AutopilotReport>> {
+    let all = reported("none", 0.0)??;
+    Some(Some(AutopilotReport {
+        origin,
+        geoid_m,
+        ..all
+    }))
 }
 
 fn worst(findings: &[Finding]) -> Level {
@@ -246,14 +262,23 @@ fn check_finds_each_fault_alone_with_its_remedy() {
                     |f| f.cameras.push(camera("/dev/video0", Ok(()), false)),
                     "simulated camera's",
                 ),
-                (|f| f.parameters = Some(None), "no heartbeat"),
                 (
-                    |f| f.parameters = reported("MC_AIRMODE", 0.0),
+                    |f| f.frame = Some((Datum::new(70.1, 19.2, 33.0), Some(7200.0))),
+                    "7200 m away",
+                ),
+                (|f| f.reported = Some(None), "no heartbeat"),
+                (|f| f.reported = begun(None, Some(30.0)), "GPS_GLOBAL_ORIGIN"),
+                (
+                    |f| f.reported = begun(Some(Datum::new(70.1, 19.2, 3.0)), None),
+                    "autopilot.geoid_m = 0",
+                ),
+                (
+                    |f| f.reported = reported("MC_AIRMODE", 0.0),
                     "MC_AIRMODE is 0, 1 to 2 is needed",
                 ),
                 (
                     |f| {
-                        f.parameters = reported("COM_OF_LOSS_T", 1.0);
+                        f.reported = reported("COM_OF_LOSS_T", 1.0);
                         let mut d = DroneComputer::default();
                         d.radio.connect = vec!["quic/192.168.7.1:7447".into()];
                         d.radio.tls = tls(&["vessel-1"]);
@@ -274,7 +299,7 @@ fn check_finds_each_fault_alone_with_its_remedy() {
                 (|f| shared(f).writable = Err("read-only".into()), "read-only"),
                 (|f| shared(f).directory = Err("another's".into()), "another's"),
                 (
-                    |f| f.parameters = reported("COM_OF_LOSS_T", 1.0),
+                    |f| f.reported = reported("COM_OF_LOSS_T", 1.0),
                     "COM_OF_LOSS_T is 1 s, 0.1 to 0.5 s is needed",
                 ),
                 (
@@ -459,11 +484,11 @@ fn check_of_a_broken_configuration_exits_with_code_2() {
 }
 
 #[test]
-fn parameter_check_reads_what_the_autopilot_at_the_link_has_and_finds_none_at_a_silent_one() {
+fn report_of_the_autopilot_at_the_link_and_of_a_silent_one() {
     let free = || UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let computer = DroneComputer::default();
     let silent = format!("udpin://{}", free()).parse().unwrap();
-    assert_eq!(autopilot::parameters(&computer, &silent), None);
+    assert_eq!(autopilot::report(&computer, &silent), None);
 
     let at = free();
     let done = Arc::new(AtomicBool::new(false));
@@ -476,6 +501,7 @@ fn parameter_check_reads_what_the_autopilot_at_the_link_has_and_finds_none_at_a_
         let (c, n) = (AutopilotConfig::default(), NavigationConfig::default());
         let geometry = DroneGeometry::default();
         let mut px4 = SimulatedAutopilot::new(&c, &n, &geometry, &Streams::new(1), &truth, 0.4);
+        (px4.origin, px4.geoid_m) = (Datum::new(43.5, 16.3, 12.0), Some(38.0));
         px4.parameters.insert("MPC_ACC_UP_MAX", 4.0);
         let mut bytes = [0; 1024];
         while !ended.load(Ordering::Relaxed) {
@@ -489,11 +515,19 @@ fn parameter_check_reads_what_the_autopilot_at_the_link_has_and_finds_none_at_a_
         }
         px4.commands
     });
-    let found = autopilot::parameters(&computer, &format!("udpin://{at}").parse().unwrap());
+    let found = autopilot::report(&computer, &format!("udpin://{at}").parse().unwrap());
     done.store(true, Ordering::Relaxed);
-    assert!(flown.join().unwrap().is_empty(), "commanded something");
+    let commands = flown.join().unwrap();
+    let requests_only = commands
+        .iter()
+        .all(|(_, c)| c.command == command::REQUEST_MESSAGE);
+    assert!(requests_only, "commanded {commands:?}");
+    let found = found.unwrap();
+    let origin = Datum::new(43.5, 16.3, 12.0);
+    assert!(found.origin.unwrap().distance_m(&origin) < 0.02);
+    assert!((found.geoid_m.unwrap() - 38.0).abs() < 1e-3);
     let wrong: Vec<_> = found
-        .unwrap()
+        .parameters
         .into_iter()
         .filter(|(_, f)| *f != ParameterFinding::Suits)
         .map(|(p, f)| (p.name, f))

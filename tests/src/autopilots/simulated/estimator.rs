@@ -10,6 +10,11 @@ use crate::physics::drone::noise::{GaussMarkov, normal};
 use crate::physics::drone::{NavigationConfig, PlantState};
 use crate::physics::streams::Streams;
 
+/// Correlation time of the barometer's drift, s.
+const BAROMETER_S: f64 = 600.0;
+/// The heading follows the magnetometer within this, s (PX4 and ArduPilot weigh it against the gyroscopes so).
+const STEEL_S: f64 = 5.0;
+
 /// The estimate at one tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Estimate {
@@ -36,10 +41,16 @@ pub(super) struct Errors {
 pub(super) struct Estimator {
     config: NavigationConfig,
     gnss_bias: [GaussMarkov; 3],
+    /// Drift of the height by the barometer, which it is held to.
+    barometer: GaussMarkov,
     attitude_error: [GaussMarkov; 3],
+    /// Further errors of heading: by the hull's steel, and by a reset of the estimate, rad.
+    steel: f64,
+    reset: f64,
     gyro_bias: Vector3<f64>,
     accelerometer_bias: Vector3<f64>,
     gnss_rng: ChaCha8Rng,
+    barometer_rng: ChaCha8Rng,
     imu_rng: ChaCha8Rng,
     attitude_rng: ChaCha8Rng,
     /// Bias in NED, as the filter sees it, m/s².
@@ -60,6 +71,13 @@ impl Estimator {
         let gnss_bias = core::array::from_fn(|_| {
             GaussMarkov::new(c.gnss_bias_m, c.gnss_bias_s, 1.0 / c.gnss_hz, &mut gnss_rng)
         });
+        let mut barometer_rng = streams.stream("drone.barometer");
+        let barometer = GaussMarkov::new(
+            c.barometer_drift_m,
+            BAROMETER_S,
+            1.0 / c.gnss_hz,
+            &mut barometer_rng,
+        );
         let attitude_error = [
             (c.tilt_error_deg, c.tilt_error_s),
             (c.tilt_error_deg, c.tilt_error_s),
@@ -68,14 +86,18 @@ impl Estimator {
         .map(|(sd, time)| GaussMarkov::new(sd.to_radians(), time, dt, &mut attitude_rng));
         let mut draw = |sd: f64| Vector3::from_fn(|_, _| sd * normal(&mut imu_rng));
         let (gyro_bias, accelerometer_bias) = (draw(c.gyro_bias_rps), draw(c.accelerometer_bias_mps2));
-        let offset = Vector3::from_fn(|i, _| gnss_bias[i].value);
+        let offset = Vector3::from_fn(|i, _| gnss_bias[i].value) + Vector3::z() * barometer.value;
         let mut e = Estimator {
             config: config.clone(),
             gnss_bias,
+            barometer,
             attitude_error,
+            steel: 0.0,
+            reset: 0.0,
             gyro_bias,
             accelerometer_bias,
             gnss_rng,
+            barometer_rng,
             imu_rng,
             attitude_rng,
             bias: Vector3::zeros(),
@@ -106,9 +128,9 @@ impl Estimator {
         e
     }
 
-    /// Position of the drone's navigation frame relative to the true one, m: its GNSS error.
+    /// Position of the drone's navigation frame relative to the true one, m: its GNSS and barometer error.
     pub(super) fn offset(&self) -> Vector3<f64> {
-        Vector3::from_fn(|i, _| self.gnss_bias[i].value)
+        Vector3::from_fn(|i, _| self.gnss_bias[i].value) + Vector3::z() * self.barometer.value
     }
     pub(super) fn now(&self) -> &Estimate {
         &self.estimate
@@ -121,6 +143,16 @@ impl Estimator {
     pub(super) fn sd(&self) -> (f64, f64) {
         let p = &self.covariance;
         (p[(0, 0)].max(0.0).sqrt(), p[(1, 1)].max(0.0).sqrt())
+    }
+
+    /// The drone is so far from the hull's steel for `dt` (s), m.
+    pub(super) fn near_steel(&mut self, distance_m: f64, dt: f64) {
+        let error = self.config.steel_heading_deg.to_radians() / distance_m.max(0.5).powi(3);
+        self.steel += (error - self.steel) * (dt / STEEL_S).min(1.0);
+    }
+    /// The estimator begins its heading anew, wrong by this much more, rad.
+    pub(super) fn reset_heading(&mut self, by_rad: f64) {
+        self.reset += by_rad;
     }
 
     /// Standard deviations of roll, pitch, yaw, rad.
@@ -141,7 +173,8 @@ impl Estimator {
         // Tilt errors about the level axes, heading error about the vertical: NED on the left.
         let (_, _, yaw) = m.attitude.euler_angles();
         let level = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
-        let wrong = UnitQuaternion::from_scaled_axis(level * Vector3::from(errors));
+        let further = Vector3::z() * (self.steel + self.reset);
+        let wrong = UnitQuaternion::from_scaled_axis(level * Vector3::from(errors) + further);
         let attitude = wrong * m.attitude;
 
         let gyro = |rng: &mut ChaCha8Rng| c.gyro_noise_rps * normal(rng);
@@ -188,7 +221,9 @@ impl Estimator {
     /// Position and velocity fix, one scalar at a time (Gelb 1974, section 4.2).
     fn fuse(&mut self, m: &PlantState) {
         let (sd_p, sd_v) = (self.config.gnss_noise_m, self.config.gnss_velocity_mps);
-        let offset = Vector3::from_fn(|i, _| self.gnss_bias[i].step(&mut self.gnss_rng));
+        let barometer = self.barometer.step(&mut self.barometer_rng);
+        let offset =
+            Vector3::from_fn(|i, _| self.gnss_bias[i].step(&mut self.gnss_rng)) + Vector3::z() * barometer;
         let mut noise = |sd: f64| Vector3::from_fn(|_, _| sd * normal(&mut self.gnss_rng));
         let position = m.position + offset + noise(sd_p);
         let velocity = m.velocity + noise(sd_v);

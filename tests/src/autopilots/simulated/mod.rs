@@ -51,8 +51,14 @@ const MAX_COMMANDS: usize = 1000;
 pub struct SimulatedAutopilot {
     /// Its address.
     pub address: Address,
-    /// Where its NED begins.
+    /// Where its NED begins, the height above the sea.
     pub origin: Datum,
+    /// Height of the sea above the ellipsoid, where its receiver gives both heights, m.
+    pub geoid_m: Option<f64>,
+    /// How far the hull's steel is, m.
+    pub steel_m: f64,
+    /// Where the true NED begins; None: its own is the true one.
+    place: Option<Datum>,
     /// Its parameters; it does not answer for others.
     pub parameters: BTreeMap<&'static str, f64>,
     /// Its rangefinder's reading, m; None: it has none.
@@ -119,6 +125,9 @@ impl SimulatedAutopilot {
         SimulatedAutopilot {
             address: Address::new(3, 1),
             origin: Datum::default(),
+            geoid_m: Some(0.0),
+            steel_m: f64::INFINITY,
+            place: None,
             parameters: protocol::parameters(config),
             range_m: None,
             resets: 0,
@@ -145,6 +154,21 @@ impl SimulatedAutopilot {
             decoder: Decoder::default(),
             sequence: 0,
         }
+    }
+
+    /// Its NED begins at `origin` (height above the ellipsoid), the true one at `place`; the sea is so high above the
+    /// ellipsoid, m.
+    pub fn begin_at(&mut self, place: Datum, origin: Datum, geoid_m: f64) {
+        (self.place, self.geoid_m) = (Some(place), Some(geoid_m));
+        self.origin = Datum {
+            height_m: origin.height_m - geoid_m,
+            ..origin
+        };
+    }
+    /// Its estimator begins its heading anew, wrong by this much more (rad), and counts that.
+    pub fn reset_heading(&mut self, by_rad: f64) {
+        self.estimator.reset_heading(by_rad);
+        self.resets = self.resets.wrapping_add(1);
     }
 
     /// One turn at the drone's true state with the messages that have arrived until then: rotor commands, fractions of
@@ -189,6 +213,7 @@ impl SimulatedAutopilot {
     fn outer(&mut self, truth: &PlantState) {
         let dt = OUTER.secs();
         let (sum, count) = core::mem::take(&mut self.force);
+        self.estimator.near_steel(self.steel_m, dt);
         self.estimator
             .step(truth, &(sum / count), self.flight.thrust(), dt);
         self.battery = (self.battery - dt / self.endurance_s).max(0.0);

@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use alight_shared::frames::{Datum, DroneNed, TrueNed, Vector};
 use alight_shared::msg::{AutopilotMode, LandedState};
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_uav::autopilot::message::{
@@ -112,6 +113,35 @@ impl SimulatedAutopilot {
         self.parameters.get(name).copied().unwrap_or(0.0)
     }
 
+    fn ellipsoid_origin(&self) -> Datum {
+        Datum {
+            height_m: self.origin.height_m + self.geoid_m.unwrap_or(0.0),
+            ..self.origin
+        }
+    }
+    fn map_scale(&self) -> Vector3<f64> {
+        let [north, east] = self
+            .ellipsoid_origin()
+            .metres_per_map_metre(self.firmware().map_radius_m());
+        Vector3::new(north, east, 1.0)
+    }
+    /// A true position (m) as the firmware reports it: about its origin, on its map of a spherical Earth.
+    fn on_map(&self, position: &Vector3<f64>) -> Vector3<f64> {
+        let at = self
+            .place
+            .map(|place| place.at(&Vector::<TrueNed>::from(*position)));
+        let local = at.map_or(*position, |at| self.ellipsoid_origin().to::<DroneNed>(&at).0);
+        local.component_div(&self.map_scale())
+    }
+    /// Its inverse.
+    fn off_map(&self, reported: &Vector3<f64>) -> Vector3<f64> {
+        let local = reported.component_mul(&self.map_scale());
+        self.place.map_or(local, |place| {
+            let at = self.ellipsoid_origin().at(&Vector::<DroneNed>::from(local));
+            place.to::<TrueNed>(&at).0
+        })
+    }
+
     pub(super) fn receive(&mut self, message: &Message) {
         match message {
             Message::Timesync {
@@ -127,7 +157,12 @@ impl SimulatedAutopilot {
                 }
                 self.commands.push_back((self.now, *c));
                 if c.command == command::REQUEST_MESSAGE && !self.no_origin {
-                    self.outbox.push(Message::Origin(self.origin));
+                    let sea_m = self.origin.height_m - self.on_map(&self.estimator.now().position).z;
+                    let ellipsoid_m = self.geoid_m.map_or(0.0, |g| sea_m + g);
+                    self.outbox.push(match c.parameters[0] as u32 {
+                        id::GPS_RAW_INT => Message::GnssHeights { sea_m, ellipsoid_m },
+                        _ => Message::Origin(self.origin),
+                    });
                 }
                 let result = self.answer.unwrap_or_else(|| self.obey(c));
                 self.outbox.push(Message::CommandAck {
@@ -149,6 +184,7 @@ impl SimulatedAutopilot {
                 let reference = is_sane(numbers.as_flattened()).then(|| {
                     let [position, velocity, acceleration] =
                         [p.position, p.velocity, p.acceleration].map(Vector3::from);
+                    let position = self.off_map(&position);
                     Reference::track(position, velocity, acceleration, p.yaw, p.yaw_rate)
                 });
                 self.take(reference);
@@ -294,7 +330,7 @@ impl SimulatedAutopilot {
                 let variances = [[position; 3], self.estimator.euler_sd(), [velocity; 3]];
                 Message::Odometry(OdometryReport {
                     time_us,
-                    position: e.position.into(),
+                    position: self.on_map(&e.position).into(),
                     attitude,
                     velocity: (e.attitude.inverse() * e.velocity).into(),
                     frame: VelocityFrame::Body,
@@ -305,7 +341,7 @@ impl SimulatedAutopilot {
             }
             id::LOCAL_POSITION_NED => Message::LocalPosition(PositionReport {
                 time_ms,
-                position: e.position.into(),
+                position: self.on_map(&e.position).into(),
                 velocity: e.velocity.into(),
             }),
             id::ATTITUDE_QUATERNION => Message::Attitude(AttitudeReport {

@@ -212,6 +212,9 @@ config! {
         pub gnss_bias_m: f64 = 1.0, in 0.0..=100.0;
         /// Correlation time of the slow GNSS error, s.
         pub gnss_bias_s: f64 = 300.0, in 1.0..=1e5;
+        /// Standard deviation of the barometer's drift against GNSS height, m, in ten minutes.
+        /// Source: static pressure drifts by 0.1 to 0.3 hPa in ten minutes (8 m per hPa) and errs in wind by as much.
+        pub barometer_drift_m: f64 = 0.0, in 0.0..=100.0;
         /// White GNSS position error, m.
         pub gnss_noise_m: f64 = 0.3, in 0.001..=50.0;
         /// White GNSS velocity error, m/s.
@@ -244,6 +247,10 @@ config! {
         pub heading_error_deg: f64 = 1.0, in 0.0..=45.0;
         /// Correlation time of the heading error, s.
         pub heading_error_s: f64 = 300.0, in 0.1..=1e5;
+        /// Error of heading by the hull's steel, 1 m from the deck's centre, deg; it falls with the third power of the
+        /// distance, within seconds: gyroscopes carry the heading.
+        /// Source: field of a dipole (Jackson 1999, eq. 5.56): a hull's plates of 100 A m² turn a compass by 20 deg at 1 m.
+        pub steel_heading_deg: f64 = 0.0, in 0.0..=90.0;
         /// White error of each attitude angle, deg.
         pub attitude_noise_deg: f64 = 0.05, in 0.0..=5.0;
     }

@@ -35,7 +35,7 @@ fn sensors(config: &SensorConfig, seed: u64) -> Rig {
     };
     Rig {
         clocks,
-        vessel: VesselSensors::new(config, id(0, clocks.vessel), &streams),
+        vessel: VesselSensors::new(config, None, id(0, clocks.vessel), &streams),
         drone: DroneSensors::new(config, &geometry, &deck, id(1, clocks.drone), &streams),
     }
 }

@@ -8,7 +8,7 @@ use super::super::message::{
     HilSensor, ImuReport, Message, OdometryReport, ParameterValue, PositionReport, PositionTarget,
     VelocityFrame,
 };
-use super::extension::RESET_COUNTER_AT;
+use super::extension::{ELLIPSOID_HEIGHT_AT, RESET_COUNTER_AT};
 use super::{text, wide};
 
 /// Standard gravity as `SCALED_IMU` means it, m/s² per mG.
@@ -98,6 +98,10 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
             f64::from(d.longitude) * 1e-7,
             f64::from(d.altitude) * 1e-3,
         )),
+        M::GPS_RAW_INT(d) => Message::GnssHeights {
+            sea_m: f64::from(d.alt) * 1e-3,
+            ellipsoid_m: payload.i32(ELLIPSOID_HEIGHT_AT) * 1e-3,
+        },
         M::COMMAND_LONG(d) => Message::Command(CommandLong {
             to: Address::new(d.target_system, d.target_component),
             command: d.command as u16,

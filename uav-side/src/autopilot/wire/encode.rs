@@ -151,7 +151,10 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             M::SET_ATTITUDE_TARGET(d)
         }
         // Made byte by byte.
-        Message::Odometry(_) | Message::LandingTarget { .. } | Message::Deck { .. } => return None,
+        Message::Odometry(_)
+        | Message::GnssHeights { .. }
+        | Message::LandingTarget { .. }
+        | Message::Deck { .. } => return None,
         Message::Text { severity, text } => M::STATUSTEXT(m::STATUSTEXT_DATA {
             severity: m::MavSeverity::from_u8(*severity)?,
             text: chars(text),

@@ -26,6 +26,7 @@ impl Row {
 
 /// Places of extension fields in their payloads.
 pub(super) const RESET_COUNTER_AT: usize = 230;
+pub(super) const ELLIPSOID_HEIGHT_AT: usize = 30;
 const TARGET_SIZE_AT: usize = 20;
 const TARGET_PLACE_AT: usize = 30;
 const LIST_AT: usize = 20;
@@ -50,6 +51,18 @@ pub(super) fn deck(time_us: u64, values: &[[f64; 3]; 5]) -> Vec<u8> {
         .bytes(&[0, 0])
         .bytes(&*name)
         .floats(values.as_flattened())
+        .0
+}
+/// `GPS_RAW_INT`: time, latitude, longitude, height, four figures not used, fix and satellites; then the extension: height
+/// above the ellipsoid.
+pub(super) fn gnss_heights(sea_m: f64, ellipsoid_m: f64) -> Vec<u8> {
+    let mm = |m: f64| ((m * 1e3).round() as i32).to_le_bytes();
+    Row::default()
+        .bytes(&[0; 16])
+        .bytes(&mm(sea_m))
+        .bytes(&[0; 8])
+        .bytes(&[3, 10])
+        .bytes(&mm(ellipsoid_m))
         .0
 }
 /// `ODOMETRY`: time, position, attitude, velocity, rates, two covariances, frames; then the extension:

@@ -58,6 +58,9 @@ pub fn encode(from: Address, sequence: u8, message: &Message) -> Option<Vec<u8>>
     };
     Some(match message {
         Message::Odometry(o) => mavlink::encode_payload::<331, 91>(from, extension::odometry(o)),
+        Message::GnssHeights { sea_m, ellipsoid_m } => {
+            mavlink::encode_payload::<24, 24>(from, extension::gnss_heights(*sea_m, *ellipsoid_m))
+        }
         Message::LandingTarget {
             time_us,
             position,

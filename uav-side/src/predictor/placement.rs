@@ -1,0 +1,93 @@
+//! The vessel's estimate in the drone's frame: where the vessel is on the ellipsoid, seen from the drone's origin.
+
+use alight_shared::frames::{Datum, DroneNed, Vector, VesselNed, wrap_angle};
+use alight_shared::msg::{MAX_POSITION_M, VesselEstimate, f16};
+use alight_shared::time::DroneClock;
+use nalgebra::{Rotation2, Vector2};
+
+/// `e` about the drone's `origin`; None further than [`MAX_POSITION_M`] from it.
+///
+/// The vessel's sensors know north and down at the vessel, wherever its datum is: its directions are turned by the
+/// convergence of the meridians there, 2 mrad at 5 km and 70 deg of latitude. The modes of its motion are not: 2 mm/s of
+/// a motion of 1 m/s.
+pub fn placed(e: &VesselEstimate<DroneClock>, origin: &Datum) -> Option<VesselEstimate<DroneClock>> {
+    if e.datum == *origin {
+        return Some(*e);
+    }
+    let place = e.datum.at(&Vector::<VesselNed>::from(e.position()));
+    if !(origin.distance_m(&place) < MAX_POSITION_M) {
+        return None;
+    }
+    let turn = origin.convergence_rad(&place);
+    let turned = |[x, y]: [f64; 2]| <[f64; 2]>::from(Rotation2::new(turn) * Vector2::new(x, y));
+    let mut p = *e;
+    p.datum = *origin;
+    [p.eta[0], p.eta[1], p.eta[2]] = origin.to::<DroneNed>(&place).0.into();
+    p.eta[5] = wrap_angle(e.eta[5] + turn);
+    let [x, y] = turned([0, 1].map(|i| f64::from(e.eta_dot[i])));
+    (p.eta_dot[0], p.eta_dot[1]) = (x as f32, y as f32);
+    let [x, y] = turned([0, 1].map(|i| f64::from(e.eta_ddot[i])));
+    (p.eta_ddot[0], p.eta_ddot[1]) = (f16::from_f64(x), f16::from_f64(y));
+    p.mean_velocity = turned(e.mean_velocity.map(f64::from)).map(|v| v as f32);
+    p.mean_heading[0] = wrap_angle(f64::from(e.mean_heading[0]) + turn) as f32;
+    Some(p)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::Message;
+
+    /// A vessel that heads east at 3 m/s, `at` metres from its datum.
+    fn vessel(datum: Datum, at: [f64; 3]) -> VesselEstimate<DroneClock> {
+        VesselEstimate {
+            datum,
+            eta: [at[0], at[1], at[2], 0.1, -0.05, core::f64::consts::FRAC_PI_2],
+            eta_dot: [0.0, 3.0, 0.2, 0.0, 0.0, 0.0],
+            ..VesselEstimate::default()
+        }
+    }
+
+    #[test]
+    fn vessel_moves_as_its_estimates_of_two_instants() {
+        for [lat, lon] in [[-33.9, 18.4], [47.6, -122.4], [-16.8, 179.99], [70.1, 19.2]] {
+            let datum = Datum::new(lat, lon, 30.0);
+            let origin = datum.at(&Vector::<VesselNed>::new(-2900.0, 3900.0, -4.0));
+            let [a, b] = [0.0, 3.0].map(|east| placed(&vessel(datum, [200.0, east, 1.0]), &origin).unwrap());
+            let moved = b.position() - a.position();
+            let stated = nalgebra::Vector3::new(f64::from(a.eta_dot[0]), f64::from(a.eta_dot[1]), 0.0);
+            assert!((moved - stated).norm() < 1e-4, "{moved} {stated}");
+            let heading = stated.y.atan2(stated.x);
+            assert!((heading - a.eta[5]).abs() < 1e-6 && a.eta[5] != core::f64::consts::FRAC_PI_2);
+            assert!((a.eta[2] - 5.0).abs() < 1e-6, "height {}", a.eta[2]);
+            assert!(a.check().is_ok());
+        }
+    }
+
+    #[test]
+    fn restarted_vessel_stays_where_it_is() {
+        let (first, origin) = (
+            Datum::new(-16.8, 179.999, 30.0),
+            Datum::new(-16.79, -179.999, 12.0),
+        );
+        let before = placed(&vessel(first, [50.0, 300.0, 0.5]), &origin).unwrap();
+        let second = first.at(&Vector::<VesselNed>::new(48.0, 303.0, -1.5));
+        let at = second.to::<VesselNed>(&first.at(&Vector::<VesselNed>::new(50.0, 300.0, 0.5)));
+        let after = placed(&vessel(second, at.0.into()), &origin).unwrap();
+        assert!((after.position() - before.position()).norm() < 1e-6);
+        assert!((after.eta[5] - before.eta[5]).abs() < 1e-9);
+    }
+
+    #[test]
+    fn vessel_beyond_100_km_has_no_place() {
+        let at = |lat| {
+            placed(
+                &vessel(Datum::new(lat, 7.0, 0.0), [0.0; 3]),
+                &Datum::new(45.0, 7.0, 0.0),
+            )
+        };
+        assert!(at(45.8).is_some() && at(46.0).is_none());
+        let antipode = vessel(Datum::new(-45.0, -173.0, 0.0), [0.0; 3]);
+        assert!(placed(&antipode, &Datum::new(45.0, 7.0, 0.0)).is_none());
+    }
+}
