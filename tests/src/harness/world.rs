@@ -14,7 +14,7 @@ use alight_shared::msg::{
     OperatorCommand, Plan, SetPoint, TimeRequest,
 };
 use alight_shared::node::Node;
-use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock};
+use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime};
 use alight_shared::topics::TIME_REQUEST;
 use alight_shared::wire;
 use alight_uav::autopilot::{AutopilotIn, AutopilotLink};
@@ -24,7 +24,7 @@ use alight_uav::pilot::{Output, Pilot, PilotIn};
 use alight_uav::planner::{Planner, PlannerIn, PlannerOut};
 use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
 use alight_usv::deck::{DeckInputs, DeckOrder};
-use alight_usv::{ComputerIn, VesselComputer, VesselIn, VesselNode};
+use alight_usv::{ComputerIn, VesselComputer, VesselNode};
 use serde::Serialize;
 
 use super::cameras::SimulatedCameras;
@@ -263,19 +263,15 @@ impl World {
 
         // The vessel: sensors, drones' statuses, orders -> estimator, deck arbiter, operator relay -> broadcast.
         let (now, readings) = (self.physics.vessel_now(), self.physics.vessel_readings());
-        let (time_requests, statuses) = self.received_at_vessel(t);
         let given = ComputerIn {
             deck_inputs: self.given.deck_inputs,
             ..ComputerIn::default()
         };
-        let input = ComputerIn {
-            vessel: VesselIn {
-                time_requests,
-                ..readings.input()
-            },
-            statuses,
+        let mut input = ComputerIn {
+            vessel: readings.input(),
             ..core::mem::replace(&mut self.given, given)
         };
+        self.receive_at_vessel(t, &mut input);
         let output = self.vessel.step(now, &input);
         tap.vessel(t, now, &input, &output);
         self.broadcast(t, PacketKind::Estimate, &output.vessel.estimate);
@@ -302,26 +298,21 @@ impl World {
         });
     }
 
-    fn received_at_vessel(
-        &mut self,
-        t: Time<TrueTime>,
-    ) -> (
-        Vec<Arrival<VesselClock, TimeRequest<DroneClock>>>,
-        Vec<Arrival<VesselClock, DroneStatus>>,
-    ) {
+    /// What has come over the radios of the drones.
+    fn receive_at_vessel(&mut self, t: Time<TrueTime>, input: &mut ComputerIn) {
         let clock = self.physics.vessel_clock();
-        let (mut requests, mut statuses) = (Vec::new(), Vec::new());
         for drone in &mut self.drones {
             let sender = Sender::Drone(DRONE_ID + drone.k as u32);
             for (arrival, uplink) in drone.radio.at_vessel(t) {
                 let at = clock.read(arrival);
                 match uplink {
-                    Uplink::TimeRequest(message) => requests.push(Arrival { at, sender, message }),
-                    Uplink::Status(message) => statuses.push(Arrival { at, sender, message }),
+                    Uplink::TimeRequest(message) => {
+                        input.vessel.time_requests.push(Arrival { at, sender, message });
+                    }
+                    Uplink::Status(message) => input.statuses.push(Arrival { at, sender, message }),
                 }
             }
         }
-        (requests, statuses)
     }
 
     fn broadcast<'a, M: Serialize + 'a>(
