@@ -10,7 +10,6 @@ use alight_uav::autopilot::message::{Address, Frame, Message};
 use alight_uav::autopilot::wire::{Decoder, encode};
 use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotOut, ControlAuthority};
 
-use super::world::Checkpoints;
 use crate::autopilots::simulated::SimulatedAutopilot;
 use crate::physics::drone::{AutopilotConfig, PlantState, ROTORS};
 use crate::physics::streams::Streams;
@@ -18,6 +17,15 @@ use crate::sensors::noise::Noise;
 
 /// Makes the link's node for a boot.
 pub type MakeLink = Rc<dyn Fn(u32) -> AutopilotLink>;
+
+/// What a successor is given of its crashed predecessor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Checkpoints {
+    /// Its checkpoint.
+    Kept,
+    /// Nothing.
+    Lost,
+}
 
 /// One way of the wire: bytes arrive in order, after a delay that varies.
 pub struct Wire {

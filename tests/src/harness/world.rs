@@ -28,6 +28,7 @@ use alight_usv::{ComputerIn, VesselComputer, VesselNode};
 use serde::Serialize;
 
 use super::cameras::SimulatedCameras;
+pub use super::link::Checkpoints;
 use super::link::{LinkedAutopilot, MakeLink};
 use super::outcome::Observation;
 use super::physics::{BOOT, DRONE_ID, Physics, VESSEL_ID};
@@ -354,15 +355,6 @@ impl World {
     pub fn observation(&self) -> Observation<'_> {
         self.physics.observation(0, self.mission_state())
     }
-}
-
-/// What a successor is given of its crashed predecessor.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Checkpoints {
-    /// Its checkpoint.
-    Kept,
-    /// Nothing.
-    Lost,
 }
 
 /// A drone's end of the radio, its computer and what it flies.

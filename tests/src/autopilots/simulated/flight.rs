@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use super::attitude::{AttitudeTarget, RateLoop, rate_set_point};
 use super::estimator::{Errors, Estimate};
 use super::mixer::Mixer;
-use super::protocol::mode_number;
+use super::modes::mode_number;
 use crate::physics::drone::{AutopilotConfig, PlantState, ROTORS};
 
 /// PX4 wants set-points no further apart than this before OFFBOARD ...

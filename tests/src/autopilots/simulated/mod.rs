@@ -10,6 +10,7 @@ mod attitude;
 mod estimator;
 mod flight;
 mod mixer;
+mod modes;
 mod protocol;
 
 #[cfg(test)]
@@ -35,7 +36,7 @@ use flight::Flight;
 use protocol::Stream;
 
 pub use mixer::Mixer;
-pub use protocol::mode_number;
+pub use modes::mode_number;
 
 /// Period of estimator, position control and reports.
 const OUTER: Span = Span::from_millis(10);

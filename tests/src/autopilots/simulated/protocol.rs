@@ -14,6 +14,7 @@ use alight_uav::autopilot::modes::{Firmware, px4_mode};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::flight::Reference;
+use super::modes::mode_number;
 use super::{MAX_COMMANDS, SimulatedAutopilot};
 use crate::physics::drone::{AutopilotConfig, LossAction};
 
@@ -51,22 +52,6 @@ impl Stream {
 /// What an onboard link sends without being asked.
 pub(super) fn first_streams() -> Vec<Stream> {
     vec![Stream::new(id::HEARTBEAT, 1.0)]
-}
-
-/// The firmware's number of a mode; `Other` is the position mode in which a person flies.
-pub const fn mode_number(firmware: Firmware, mode: AutopilotMode) -> u32 {
-    match (firmware, mode) {
-        (Firmware::Px4, AutopilotMode::Other) => px4_mode(3, 0),
-        (Firmware::Px4, AutopilotMode::Hold) => px4_mode(4, 3),
-        (Firmware::Px4, AutopilotMode::Return) => px4_mode(4, 5),
-        (Firmware::Px4, AutopilotMode::Land) => px4_mode(4, 6),
-        (Firmware::Px4, AutopilotMode::Offboard) => px4_mode(6, 0),
-        (Firmware::ArduCopter, AutopilotMode::Other) => 5,
-        (Firmware::ArduCopter, AutopilotMode::Hold) => 17,
-        (Firmware::ArduCopter, AutopilotMode::Return) => 6,
-        (Firmware::ArduCopter, AutopilotMode::Land) => 9,
-        (Firmware::ArduCopter, AutopilotMode::Offboard) => 4,
-    }
 }
 
 /// Parameters as a landing needs them, with the configured failsafe.
