@@ -5,7 +5,7 @@
 
 use alight_bridge::{Bridge, BridgeConfig, BridgeIn, BridgeOut, Packet, PacketKind};
 use alight_shared::admission::{RejectionReason, Sender};
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
     CommandKind, Header, MESSAGE_VERSION, Message, OperatorCommand, PredictedStage, TimeReply, TimeRequest,

@@ -16,8 +16,6 @@ use core::ops::{Add, Mul, Neg, Sub};
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-pub use crate::geodesy::Datum;
-
 /// A coordinate frame.
 pub trait Frame: Copy + PartialEq + 'static {
     /// Name for messages to a person.

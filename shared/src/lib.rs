@@ -1,6 +1,6 @@
 //! The vocabulary of Alight: what vessel and drone agree on, without any middleware.
 //!
-//! Read in this order: [`time`], [`frames`], [`msg`], [`topics`], [`node`], [`config`], [`admission`], then
+//! Read in this order: [`time`], [`frames`], [`geodesy`], [`msg`], [`topics`], [`node`], [`config`], [`admission`], then
 //! what both computers estimate with: [`vessel_model`] and [`estimation`].
 
 pub mod admission;
@@ -9,7 +9,7 @@ pub mod checkpoint;
 pub mod config;
 pub mod estimation;
 pub mod frames;
-mod geodesy;
+pub mod geodesy;
 pub mod geometry;
 #[cfg(feature = "mavlink")]
 pub mod mavlink;

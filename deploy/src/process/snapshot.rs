@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotState, DeckForecast, DroneState, LinkState, MissionState, Plan};
 use alight_shared::topics::{self, Topic};
 use alight_shared::transport::process::{InputState, ProcessKind, ProcessState};

@@ -8,7 +8,7 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use alight_shared::config::{self, Check};
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
     CommandKind, DeckGrant, DroneStatus, Header, Message, OperatorCommand, PredictedStage, TimeReply,

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::AutopilotMode;
 use alight_shared::time::{Time, TrueTime};

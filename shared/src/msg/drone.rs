@@ -7,7 +7,8 @@ use super::{
     FRACTION, Header, MAX_ACCELERATION_MPS2, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS,
     Reason, Seq, deviations, within,
 };
-use crate::frames::{Datum, wrap_angle};
+use crate::frames::wrap_angle;
+use crate::geodesy::Datum;
 use crate::time::{DroneClock, Span, Time};
 
 /// Stages of a plan.

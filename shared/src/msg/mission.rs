@@ -10,7 +10,7 @@ use super::{
     within,
 };
 use crate::autopilot_parameters::{REQUESTS, numbered};
-use crate::frames::Datum;
+use crate::geodesy::Datum;
 use crate::time::{Clock, DroneClock, Time};
 use crate::topics;
 

@@ -4,7 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Header, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, MAX_TILT_RAD, positive, within};
-use crate::frames::Datum;
+use crate::geodesy::Datum;
 use crate::time::VesselClock;
 
 /// Most sources of one kind of measurement on a vessel.

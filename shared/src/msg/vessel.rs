@@ -52,7 +52,8 @@ use serde::{Deserialize, Serialize};
 use super::{
     Header, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, MAX_TILT_RAD, Seq, f16, within,
 };
-use crate::frames::{Datum, wrap_angle};
+use crate::frames::wrap_angle;
+use crate::geodesy::Datum;
 use crate::surroundings::Surroundings;
 use crate::time::{Clock, Time, VesselClock};
 

@@ -1,6 +1,7 @@
 //! A firmware's inertial sensors, magnetometer, barometer and GNSS.
 
-use alight_shared::frames::{Datum, TrueNed, Vector};
+use alight_shared::frames::{TrueNed, Vector};
+use alight_shared::geodesy::Datum;
 use alight_shared::time::{Time, TrueTime};
 use alight_uav::autopilot::message::{HilGps, HilSensor};
 use nalgebra::Vector3;

@@ -1,7 +1,8 @@
 //! The firmware's end of both protocols, for stand-ins of a firmware: what it sends, and what it makes of
 //! the plant's words.
 
-use alight_shared::frames::{Datum, TrueNed};
+use alight_shared::frames::TrueNed;
+use alight_shared::geodesy::Datum;
 use alight_shared::geometry::GRAVITY;
 use alight_shared::time::Time;
 use alight_uav::autopilot::message::{Address, HilGps, HilSensor, Message};

@@ -142,7 +142,7 @@ fn px4_plant_carries_a_take_off_hover_and_landing() {
         accelerometer_bias_mps2: 0.0,
         ..scenario.drone.navigation.clone()
     };
-    let datum = alight_shared::frames::Datum::new(43.5, 16.3, 0.0);
+    let datum = alight_shared::geodesy::Datum::new(43.5, 16.3, 0.0);
     let c = FirmwareConfig::default();
     let mut plant = Px4Plant::new(&c, FirmwareSensors::new(&c, &navigation, datum, &streams));
     let physics = Physics::new(&scenario, 3).expect("a world");

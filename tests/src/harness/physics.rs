@@ -6,7 +6,8 @@
 use core::f64::consts::TAU;
 
 use alight_shared::config::{Check, Keys};
-use alight_shared::frames::{Datum, Deck, DroneBody, TrueNed, Vector, VesselBody, wrap_angle};
+use alight_shared::frames::{Deck, DroneBody, TrueNed, Vector, VesselBody, wrap_angle};
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{Header, MissionState, Seq, State};
 use alight_shared::surroundings::{KeepOut, MAX_KEEP_OUT};
 use alight_shared::time::{DroneClock, Span, Time, TrueTime, VesselClock};

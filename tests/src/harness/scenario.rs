@@ -5,7 +5,7 @@ pub mod draws;
 use alight_bridge::BridgeConfig;
 use alight_shared::config;
 use alight_shared::config::{Check, ConfigError, Keys};
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::State;
 use alight_shared::time::{Clock, Span, Time};

@@ -1,7 +1,8 @@
 //! GNSS: a bias that wanders slowly, white noise, an antenna on its lever arm.
 
 use alight_shared::config;
-use alight_shared::frames::{Datum, TrueNed, Vector, VesselBody};
+use alight_shared::frames::{TrueNed, Vector, VesselBody};
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::GnssFix;
 use alight_shared::time::{Time, TrueTime, VesselClock};
 use nalgebra::Vector3;

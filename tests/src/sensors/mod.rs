@@ -21,7 +21,8 @@ pub mod tag;
 pub mod uvdar;
 
 use alight_shared::config;
-use alight_shared::frames::{Datum, Deck, DroneBody, VesselBody};
+use alight_shared::frames::{Deck, DroneBody, VesselBody};
+use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{RangeSample, TagPose, UvdarFix};
 use alight_shared::time::{DroneClock, Time, TrueTime};

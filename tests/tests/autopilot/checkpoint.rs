@@ -1,6 +1,6 @@
 //! A link whose process ends in flight: the next one commands on, or begins anew.
 
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotMode, LinkCheckpoint, State};
 
 use crate::rig::{Rig, lead};

@@ -10,7 +10,7 @@ mod landings;
 mod restarts;
 mod rig;
 
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotMode, BatteryPlace, Reason, ReasonCode, SetPoint, State};
 use alight_shared::time::Time;
 use alight_sim::autopilots::simulated::mode_number;

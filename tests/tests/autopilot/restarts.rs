@@ -167,11 +167,8 @@ fn flown(firmware: Firmware, failing: Failing, when: When, away_s: f64, seed: u6
 
 /// Flies all and fails with every flight that was not safe; gives how many landed, and of how many.
 fn all_safe(failing: Failing, cases: &[When], away_s: &[f64]) -> (usize, usize) {
-    all_safe_of(&BOTH, failing, cases, away_s)
-}
-fn all_safe_of(firmwares: &[Firmware], failing: Failing, cases: &[When], away_s: &[f64]) -> (usize, usize) {
     let (mut unsafe_ends, mut landed, mut flights) = (Vec::new(), 0, 0);
-    for &firmware in firmwares {
+    for firmware in BOTH {
         for (&when, seed) in cases.iter().zip(51..) {
             for &away_s in away_s {
                 let end = flown(firmware, failing, when, away_s, seed);
@@ -250,20 +247,7 @@ fn supervisor_restarted_in_the_air() {
 
 #[test]
 fn supervisor_restarted_after_the_stop() {
-    let away_s = [0.3, 0.6, 1.0];
-    let (landed, of) = all_safe_of(&[Firmware::Px4], Failing::Supervisor, &AFTER_THE_STOP, &away_s);
+    let (landed, of) = all_safe(Failing::Supervisor, &AFTER_THE_STOP, &[0.3, 0.6, 1.0]);
     // An autopilot whose own hold has taken off from a deck that sinks is not pressed back onto it.
     assert!(4 * landed >= 3 * of, "{landed} of {of}");
-}
-
-#[test]
-#[ignore = "known limit: ArduCopter only levels without set-points of attitude, and drifts on a deck until the pilot knows \
-            it (2.8 s): 3 of 12 end in the water"]
-fn supervisor_of_ardu_copter_restarted_after_the_stop() {
-    all_safe_of(
-        &[Firmware::ArduCopter],
-        Failing::Supervisor,
-        &AFTER_THE_STOP,
-        &[0.3, 0.6, 1.0],
-    );
 }

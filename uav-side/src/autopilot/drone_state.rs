@@ -1,7 +1,7 @@
 //! The drone's state from what the autopilot reports: PX4 in one `ODOMETRY`, ArduCopter in
 //! `LOCAL_POSITION_NED` with `ATTITUDE_QUATERNION`, both with separate inertial samples.
 
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{DroneState, Header, Message as _, RangeSample};
 use alight_shared::time::Span;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};

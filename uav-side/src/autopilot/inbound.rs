@@ -1,6 +1,6 @@
 //! Messages received on the link: heartbeats, clocks, samples, answers.
 
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{DroneState, LandedState};
 
 use super::message::{self, Address, CommandResult, Frame, Heartbeat, Message, command};

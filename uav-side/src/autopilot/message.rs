@@ -4,7 +4,7 @@
 //! [`super::wire`], so a new release of the crate, or another dialect, changes one file, and a test
 //! can play an autopilot without a byte. Numbers are those of MAVLink's `common` dialect.
 
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use serde::{Deserialize, Serialize};
 
 /// Sender or receiver: system and component.

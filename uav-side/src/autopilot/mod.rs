@@ -35,7 +35,7 @@ pub use disarm::DisarmInhibit;
 use std::collections::VecDeque;
 
 use alight_shared::admission::{Latest, Periodic};
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, DeckForecast, DroneState, Header, LandedState, LinkCheckpoint,

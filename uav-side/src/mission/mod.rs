@@ -26,7 +26,7 @@ pub use alight_shared::checkpoint::CheckpointRejection;
 pub use config::MissionConfig;
 
 use alight_shared::admission::{CommandAdmission, Latest};
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header,

@@ -323,6 +323,9 @@ pub struct Situation {
 
 /// Feet this far above the deck do not stand on it, m: several times the forecast's error.
 const ABOVE_DECK_M: f64 = 0.5;
+/// A drone whose feet are by more than this outside the deck's edges does not rest on it, m: the forecast's error where no
+/// camera sees the deck.
+const BESIDE_DECK_M: f64 = 0.6;
 /// Rotors that give this much of hover's thrust carry the drone, or most of it.
 const CARRYING_OF_HOVER: f64 = 0.7;
 
@@ -343,9 +346,12 @@ impl Situation {
     pub fn no_deck(&self) -> Reason {
         self.moved.unwrap_or(ReasonCode::NoVessel.into())
     }
-    /// Why a touchdown that was detected is none: the rotors carry the drone, above the deck when that is known.
+    /// Why a touchdown that was detected is none: the rotors carry the drone, above the deck when that is known, or beside it.
     pub fn false_touchdown(&self) -> Option<Reason> {
         let clearance = self.fresh_deck().map_or(f64::INFINITY, |d| d.clearance_m);
+        if self.rotors_carry && self.fresh_deck().is_some() && self.outside_m > BESIDE_DECK_M {
+            return Some(Reason::new(ReasonCode::Deviated, self.outside_m, BESIDE_DECK_M));
+        }
         (self.rotors_carry && clearance > ABOVE_DECK_M)
             .then(|| Reason::new(ReasonCode::FalseTouchdown, clearance.min(1e3), ABOVE_DECK_M))
     }

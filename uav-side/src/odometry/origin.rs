@@ -1,6 +1,6 @@
 //! Jumps of the autopilot's origin or its estimate of position and heading, which put everything in its frame elsewhere.
 
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotState, DroneState};
 use nalgebra::{UnitQuaternion, Vector3};
 

@@ -72,7 +72,7 @@ mod tests {
         assert!(!same_frame(&later(1.0), &given));
         assert!(!same_frame(&later(6.0), &given));
         let elsewhere = DroneState {
-            datum: alight_shared::frames::Datum::new(1e-6, 0.0, 0.0),
+            datum: alight_shared::geodesy::Datum::new(1e-6, 0.0, 0.0),
             ..later(5.0)
         };
         assert!(!same_frame(&elsewhere, &given));

@@ -1,6 +1,7 @@
 //! The vessel's estimate in the drone's frame: where the vessel is on the ellipsoid, seen from the drone's origin.
 
-use alight_shared::frames::{Datum, DroneNed, Vector, VesselNed, wrap_angle};
+use alight_shared::frames::{DroneNed, Vector, VesselNed, wrap_angle};
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{MAX_POSITION_M, VesselEstimate, f16};
 use alight_shared::time::DroneClock;
 use nalgebra::{Rotation2, Vector2};

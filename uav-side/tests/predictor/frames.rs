@@ -1,6 +1,7 @@
 //! The predictor where the frames of vessel and drone begin at different places, and move.
 
-use alight_shared::frames::{Datum, DroneNed, Vector, VesselNed};
+use alight_shared::frames::{DroneNed, Vector, VesselNed};
+use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{DeckForecast, DroneState, Header, TagPose, VesselEstimate, f16};
 use alight_shared::node::Node;

@@ -246,7 +246,7 @@ pub fn identify(signals: &[Signal; DOFS]) -> [Result<Decay, NotObservable>; DOFS
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::frames::Datum;
+    use alight_shared::geodesy::Datum;
     use alight_shared::msg::Header;
     use alight_shared::time::Time;
 

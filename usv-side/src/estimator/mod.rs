@@ -16,7 +16,8 @@ mod inertial;
 mod output;
 mod tilt;
 
-use alight_shared::frames::{Datum, wrap_angle};
+use alight_shared::frames::wrap_angle;
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample};
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{

@@ -13,7 +13,8 @@
 //! | `north_mps`, `east_mps`, `down_mps` | its velocity; with the place |
 
 use ::csv::{ReaderBuilder, StringRecord, Trim};
-use alight_shared::frames::{Datum, wrap_angle};
+use alight_shared::frames::wrap_angle;
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AttitudeFix, GnssFix, NOT_MEASURED_SD};
 
 use super::{Gather, LogError, MAX_MEASUREMENTS, Recording};

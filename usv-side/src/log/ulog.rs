@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{GnssFix, HeadingFix, NOT_MEASURED_SD};
 
 use super::{Gather, LogError, Recording};

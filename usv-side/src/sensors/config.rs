@@ -1,7 +1,8 @@
 //! The sources of a vessel: mounting, format, and accuracy where the source does not state its own.
 
 use alight_shared::config;
-use alight_shared::frames::{Datum, wrap_angle};
+use alight_shared::frames::wrap_angle;
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};

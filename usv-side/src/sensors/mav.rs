@@ -2,7 +2,7 @@
 //! GPS2_RAW, ODOMETRY (with GPS_GLOBAL_ORIGIN for its place). Payloads are read by their place in the message
 //! definition (common.xml), extension fields and left-out zeros included.
 
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::{self, Fields, FrameReader, MAX_WAITING, Sender, dialect as m};
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, NOT_MEASURED_SD};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};

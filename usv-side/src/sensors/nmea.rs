@@ -4,7 +4,7 @@
 //! which they arrive, each kind once: a second one in the same epoch has no time, and is counted and dropped.
 //! Position and velocity of an epoch make one fix, heading and rate of turn one heading.
 
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AttitudeFix, HeadingFix, NOT_MEASURED_SD};
 use nmea_kit::nmea::NmeaSentence;
 use nmea_kit::nmea::sentences::{Gga, Hdt, Pashr, Prdid, Rmc, Rot, Ths, Vtg, Zda};

@@ -2,7 +2,7 @@
 //! next pulse. Its edge is not observed, so it gives no measurement a time; it shows whether pulse and fixes use
 //! one time base, on which a computer that takes its clock from the pulse relies.
 
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{HeadingFix, NOT_MEASURED_SD};
 use ublox::proto27::{PacketRef, Proto27};
 use ublox::{FixedBuffer, GnssFixType, Parser, UbxPacket};

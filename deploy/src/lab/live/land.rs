@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use alight_shared::config;
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{Command, CommandKind, Header, ReasonCode, State};
 use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_shared::transport::clock::{ProcessClock, steady_ns};

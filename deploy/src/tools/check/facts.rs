@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use alight_shared::autopilot_parameters::Parameter;
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_uav::autopilot::parameters::Finding;
 use alight_usv::sensors::SourceStatus;
 

@@ -9,7 +9,7 @@ use std::process::Command;
 use std::time::Duration;
 
 use alight_shared::config;
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::transport::memory::{Instance, Memory};
 use alight_shared::transport::radio::{RadioConfig, TlsConfig};
 use alight_uav::camera::Lens;

@@ -1,7 +1,7 @@
 //! What is fine, what is worth a warning and what is broken: pure rules over gathered facts.
 
 use alight_shared::autopilot_parameters::Severity;
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::transport::radio::RadioConfig;
 use alight_uav::autopilot::parameters::Finding as ParameterFinding;
 use alight_uav::mission::MAX_VESSEL_DISTANCE_M;

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use alight_shared::autopilot_parameters::{Parameter, of_px4};
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::time::Span;
 use alight_shared::transport::radio::TlsConfig;

@@ -18,7 +18,7 @@ mod tests;
 
 use std::collections::{BTreeMap, VecDeque};
 
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::AutopilotMode;
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};

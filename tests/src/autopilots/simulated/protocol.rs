@@ -3,7 +3,8 @@
 
 use std::collections::BTreeMap;
 
-use alight_shared::frames::{Datum, DroneNed, TrueNed, Vector};
+use alight_shared::frames::{DroneNed, TrueNed, Vector};
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotMode, LandedState};
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_uav::autopilot::message::{

@@ -1,6 +1,6 @@
 //! The dialect's messages in ours.
 
-use alight_shared::frames::Datum;
+use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::{Fields, dialect as m};
 
 use super::super::message::{
