@@ -54,7 +54,7 @@ impl End {
     fn holds_above(&self) -> bool {
         // Idle: not lower than it followed, give or take the waves and the drift of its own height.
         self.motors_on
-            && self.height_m > 4.0
+            && self.height_m > 3.0
             && matches!(self.state, State::GaveUp | State::Hold | State::Idle)
     }
     fn is_safe(&self) -> bool {
