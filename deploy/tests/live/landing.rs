@@ -169,8 +169,8 @@ fn logs_and_recording_of_a_live_landing_replay_bit_for_bit() {
 
     assert_eq!(
         logs(&log),
-        8,
-        "vessel, bridge, predictor, mission, planner, pilot, supervisor, the truth"
+        9,
+        "vessel, bridge, predictor, mission, planner, pilot, autopilot, supervisor, the truth"
     );
     let text = replay(&log);
     for node in ["supervisor"].iter().chain(&PROCESSES[1..]) {
