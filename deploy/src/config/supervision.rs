@@ -17,7 +17,7 @@ config! {
         /// Processors that pilot, planner and the autopilot's link keep to; empty: all.
         pub processors: Vec<u16> = Vec::new();
         /// The link to the autopilot is one of the processes; false where another program connects to it.
-        /// Source: Every drone but a simulated one.
+        /// Source: Every drone; false only where another program links to the autopilot.
         pub autopilot: bool = true;
         /// A process that reports nothing for this long is killed and restarted, s.
         /// Source: Six times the period of the reports.

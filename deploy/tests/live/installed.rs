@@ -102,8 +102,10 @@ impl Installed {
         vessel.insert("sensors".into(), sensors.clone().into());
         drone.insert("instance".into(), instance.clone().into());
         // The simulated autopilot sends its MAVLink there.
-        let mavlink = format!("127.0.0.1:{}", free_port());
-        let connect = format!("udpin://{mavlink}");
+        let host = std::env::var("ALIGHT_DRONE_HOST").unwrap_or_else(|_| "127.0.0.1".into());
+        let port = free_port();
+        let mavlink = format!("{host}:{port}");
+        let connect = format!("udpin://{host}:{port}");
         table(&mut drone, "autopilot").insert("connect".into(), connect.into());
         change(&mut vessel, &mut drone);
 
@@ -118,7 +120,6 @@ impl Installed {
         let scenario = table(&mut world, "scenario");
         let start = table(scenario, "start");
         start.insert("warm_up_s".into(), WARM_UP_S.into());
-        start.insert("hover_s".into(), 5.0.into());
         // The computers' clocks are this computer's, as they would be.
         let clocks = table(table(scenario, "sensors"), "clocks");
         for key in ["epoch_s", "offset_s", "drift_ppm"] {

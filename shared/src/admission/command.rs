@@ -1,4 +1,5 @@
-//! Admission of operators' commands, the same in the vessel's relay, the drone's bridge and its mission.
+//! Admission of operators' commands: the rules by which the mission admits them; the vessel's relay and the drone's bridge
+//! take from here what concerns them.
 //!
 //! - A command counts once. Its repetitions bear the time at which it was given, by which they are known: an error of the
 //!   clocks apart, also under another sequence number or from a relay that was started anew.

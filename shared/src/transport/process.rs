@@ -62,7 +62,7 @@ pub enum ProcessKind {
     Pilot,
     /// The emulated radio of a trial.
     Link,
-    /// The link to a real autopilot, in place of the simulated one.
+    /// The link to the autopilot.
     Autopilot,
     /// The vessel's real sensors.
     Sensors,

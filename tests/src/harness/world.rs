@@ -2,7 +2,7 @@
 //! the vessel's computer ([`VesselComputer`]), radio; then on each drone's computer ([`DroneComputer`]) bridge,
 //! predictor, mission, planner, pilot, autopilot link; autopilots and physics at last, in the order data flow.
 //!
-//! Delays belong here (radio, clocks, solve time, attitude lag), not to the nodes.
+//! Delays belong here (radio, clocks, solve time, the wire to the autopilot), not to the nodes.
 
 use std::rc::Rc;
 

@@ -82,7 +82,7 @@ fn set_points_before_offboard_hold_the_place_and_nothing_else() {
     let mut p = Rig::new(Firmware::Px4, 5.0, &config());
     p.run(4.0);
     let from = p.t_s;
-    // Attitudes, far places and set-points of a mission that flies are not streamed.
+    // Far places and set-points of a mission that flies are not streamed.
     p.pilot = Some(press);
     p.run(1.0);
     p.pilot = Some(|d| SetPoint {

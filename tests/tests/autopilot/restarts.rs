@@ -17,6 +17,7 @@ use crate::BOTH;
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Failing {
     Mission,
+    Predictor,
     Pilot,
     Link,
     Cable,
@@ -96,6 +97,8 @@ fn flown(firmware: Firmware, failing: Failing, when: When, away_s: f64, seed: u6
     let fail = |world: &mut World, failed: bool| match (failing, failed) {
         (Failing::Mission, true) => world.kill_mission(0),
         (Failing::Mission, false) => world.start_mission(0, &scenario, &nodes, Checkpoints::Kept),
+        (Failing::Predictor, true) => world.kill_predictor(0),
+        (Failing::Predictor, false) => world.start_predictor(0, &nodes, Checkpoints::Kept),
         (Failing::Pilot, true) => world.kill_pilot(0),
         (Failing::Pilot, false) => world.start_pilot(0, &nodes),
         (Failing::Link, true) => world.kill_link(0),
@@ -118,8 +121,8 @@ fn flown(firmware: Firmware, failing: Failing, when: When, away_s: f64, seed: u6
         }
         let o = world.observation();
         contact |= !o.contacts.is_empty();
-        let abandoned =
-            failing != Failing::Mission && failed_s.is_some() && over_s.is_none_or(|at| t < at + RESUME_S);
+        let commands = matches!(failing, Failing::Mission | Failing::Predictor);
+        let abandoned = !commands && failed_s.is_some() && over_s.is_none_or(|at| t < at + RESUME_S);
         for c in o.contacts.iter().filter(|_| !abandoned) {
             hardest_mps = hardest_mps.max(c.normal_mps);
         }
@@ -237,6 +240,12 @@ fn cable_out_after_the_stop_ends_disarmed_or_climbs() {
     let (landed, of) = all_safe(Failing::Cable, &AFTER_THE_STOP, &[1.0]);
     // An autopilot whose own hold has taken off from a deck that sinks is not pressed back onto it.
     assert!(4 * landed >= 3 * of, "{landed} of {of}");
+}
+
+#[test]
+fn predictor_restarted_in_the_air() {
+    let (landed, of) = all_safe(Failing::Predictor, &IN_THE_AIR, &[0.3, 1.0]);
+    assert_eq!(landed, of);
 }
 
 #[test]

@@ -38,7 +38,7 @@ pub fn wait_until(memory: &Memory, clock: &ProcessClock, t: Time<TrueTime>) {
     let _stop_requested = memory.wait(Duration::from_nanos(left.unsigned_abs()));
 }
 
-/// The link to one firmware.
+/// Who turns the rotors.
 enum Link {
     /// MAVLink bytes of the simulated autopilot, which a person gives to the drone's computer.
     Simulated {
@@ -69,7 +69,7 @@ enum Turn {
     Unanswered,
 }
 
-/// A plant for a firmware.
+/// The plant of the simulated autopilot or of a firmware.
 pub struct Plant {
     link: Link,
     config: FirmwareConfig,
@@ -91,7 +91,7 @@ impl Plant {
         let doing = |port: u16| format!("listening for the firmware on port {port}");
         let (link, exchanges) = match kind {
             AutopilotKind::Internal => {
-                let socket = UdpSocket::bind("127.0.0.1:0")
+                let socket = UdpSocket::bind("0.0.0.0:0")
                     .and_then(|s| s.connect(mavlink).map(|()| s))
                     .and_then(|s| s.set_nonblocking(true).map(|()| s))
                     .doing(format_args!("sending MAVLink to {mavlink}"))?;
@@ -157,6 +157,13 @@ impl Plant {
     }
     /// Moves the world on by one tick, each slice when the clock has come to it.
     pub fn advance(&mut self, physics: &mut Physics, memory: &Memory, clock: &ProcessClock) {
+        if let Link::Simulated {
+            autopilot: Some(autopilot),
+            ..
+        } = &mut self.link
+        {
+            autopilot.steel_m = physics.deck_distance_m(0);
+        }
         physics.advance_with(self.exchanges, |_, sensed| {
             wait_until(memory, clock, sensed.at);
             self.exchange(sensed)
@@ -393,7 +400,7 @@ mod tests {
         let port = crate::lab::live::config::free_port().unwrap();
         let mut plant = open(AutopilotKind::Ardupilot, port);
         let firmware = std::thread::spawn(move || {
-            let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+            let socket = UdpSocket::bind("0.0.0.0:0").unwrap();
             socket.connect(("127.0.0.1", port)).unwrap();
             socket.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
             let mut stamps = Vec::new();

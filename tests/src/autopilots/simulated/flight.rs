@@ -327,7 +327,7 @@ impl Flight {
                 self.move_hold(estimate, dt);
                 let hold = self.hold;
                 self.target = self.follow(&hold, estimate, dt);
-                // ArduCopter after one of attitude: UnitQuaternion::from_euler_angles(0.0, 0.0, yaw), no climb.
+                // ArduCopter after one of attitude: level, no climb.
                 let last = self.received.filter(|_| offboard).map(|r| r.newest);
                 if let Some(Reference::Attitude(_)) = last {
                     self.target.attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, hold.yaw);

@@ -100,7 +100,8 @@ pub enum LossAction {
 config! {
     /// The autopilot's control loops and failsafes, after PX4 1.16 (parameter names in comments).
     pub struct AutopilotConfig {
-        /// Whose character it has: px4 or ardupilot, which has position and velocity gains of its own.
+        /// Whose character it has: px4, or ardupilot, which has position and velocity gains of its own in the place of
+        /// those below, and no `loss_action`.
         pub firmware: Firmware = Firmware::Px4;
         /// Lag with which a tilt set-point is followed, s: the gain of the attitude loop is its inverse.
         /// Source: Issue; PX4 0.18 to 0.32 s, ArduCopter 0.21 s (measured).
