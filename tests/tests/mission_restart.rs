@@ -3,6 +3,8 @@
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+use std::collections::VecDeque;
+
 use alight_shared::msg::CommandKind;
 use alight_shared::msg::State;
 use alight_sim::harness::outcome::MAX_CONTACT_MPS;
@@ -39,6 +41,8 @@ struct End {
     motors_on: bool,
     /// Feet's centre above the deck, m.
     height_m: f64,
+    /// Its mean over the last wave, m: who holds at a fixed place is met by single waves.
+    mean_height_m: f64,
     /// Off the deck's centre, m.
     off_m: f64,
     /// The hardest contact while somebody commands, m/s: without the computer the autopilot holds a fixed place, and the deck may
@@ -52,9 +56,9 @@ impl End {
         !self.motors_on && self.height_m.abs() < 0.1 && self.off_m < 1.5
     }
     fn holds_above(&self) -> bool {
-        // Idle: not lower than it followed, give or take the waves and the drift of its own height.
+        // Idle: not lower than it followed.
         self.motors_on
-            && self.height_m > 3.0
+            && self.mean_height_m > 4.0
             && matches!(self.state, State::GaveUp | State::Hold | State::Idle)
     }
     fn is_safe(&self) -> bool {
@@ -64,6 +68,8 @@ impl End {
 
 /// Time in which everything is over, s.
 const LIMIT_S: f64 = 150.0;
+/// Ticks in the period of the sea, 5 s.
+const WAVE_TICKS: usize = 500;
 /// Flown on after the restart and after the motors stopped, s.
 const REST_S: f64 = 8.0;
 /// Time after the restart of all processes until the drone is commanded again, at most, s.
@@ -90,6 +96,7 @@ fn flown(
     world.command(CommandKind::Land);
     let (mut entered, mut state) = (0.0, State::Idle);
     let (mut contact, mut stop) = (None, None);
+    let mut heights_m = VecDeque::new();
     let mut died: Option<f64> = None;
     let gone = |died: Option<f64>, t: f64| {
         dies == Dies::Supervisor && died.is_some_and(|at| t < at + away_s + RESUME_S)
@@ -121,10 +128,13 @@ fn flown(
             Killed::AfterStop(after_s) => stop.is_some_and(|at| t >= at + after_s),
         };
         let height_m = o.feet_height_m();
+        heights_m.push_back(height_m);
+        heights_m.drain(..heights_m.len().saturating_sub(WAVE_TICKS));
         end = Some(End {
             state,
             motors_on: o.motors_on,
             height_m,
+            mean_height_m: heights_m.iter().sum::<f64>() / heights_m.len() as f64,
             off_m: o.horizontal_m,
             hardest_mps,
             water,

@@ -1,4 +1,4 @@
-//! Landings at four places on Earth, where neither computer was told where its frame begins: the vessel's at her first fix,
+//! Landings at four places on Earth, where no configuration says where a frame begins: the vessel's at her first fix,
 //! the drone's where its autopilot was switched on, up to 2 km away.
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::panic)]

@@ -3,7 +3,7 @@
 //! A command is sent to its drone at 2 Hz until the drone's status shows its effect, for 10 s at most; an abort until the
 //! status echoes it, for as long as it takes. While an abort has not shown its effect, no other command reaches that drone,
 //! and none that was given until then, nor a landing that somebody else orders within a second of it, counts afterwards.
-//! Each repetition bears the time at which the command was given: what the drone was told since, by whomever, is newer.
+//! Each repetition bears the time at which the command was given: what the drone was commanded since, by whomever, is newer.
 //!
 //! An operator's terminal repeats its command for 12 s. The relay knows the commands that it was given, and when, also
 //! after a new start of the vessel's process ([`GivenCommand`]).

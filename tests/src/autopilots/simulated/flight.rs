@@ -337,8 +337,8 @@ impl Flight {
         self.detect_landing(estimate, dt);
     }
 
-    /// What the control mode makes of a set-point: where position control has not been told to end, it and the set-points
-    /// write attitudes by turns; where it has not been told to begin, the last attitude stays.
+    /// What the control mode makes of a set-point: where position control does not know that it ends, it and the set-points
+    /// write attitudes by turns; where it does not know that it begins, the last attitude stays.
     fn offboard(&mut self, newest: Reference, estimate: &Estimate, now: Time<TrueTime>, dt: f64) {
         self.hold_here(estimate);
         self.period = self.period.wrapping_add(1);
