@@ -3,8 +3,8 @@
 //! Each error has its own named random stream, and each is drawn whether or not the measurement is
 //! delivered: two planners that fly differently meet the same errors at the same time.
 //!
-//! Reading order: [`noise`], [`gnss`] and [`imu`] for the vessel; [`camera`], [`square_pose`] and
-//! [`tag`] for the drone.
+//! Reading order: [`noise`], [`gnss`] and [`imu`] for the vessel; [`camera`], [`square_pose`],
+//! [`sight_loss`] and [`tag`] for the drone.
 
 pub mod camera;
 pub mod clocks;
@@ -16,6 +16,7 @@ pub mod noise;
 pub mod outlet;
 pub mod rangefinder;
 pub mod render;
+pub mod sight_loss;
 pub mod square_pose;
 pub mod tag;
 pub mod uvdar;
@@ -163,7 +164,7 @@ impl DroneSensors {
         match &mut self.shutter {
             None => {
                 if self.tag_outlet.due(t).is_some() {
-                    let pose = self.tag.detect(&view, deck);
+                    let pose = self.tag.detect(t, &view, deck);
                     self.tag_outlet
                         .send(t, false, |header| pose.map(|pose| TagPose { header, ..pose }));
                 }

@@ -11,17 +11,19 @@
 //! ```
 //!
 //! Maximum likelihood gave `w0` 13.3 px, `c` 0.27 /px, `s` 0.093; corner 0.072, small 0.229, `w1`
-//! 16.1 px, `k` 0.198. Not in it is glare, which an image with the sun's mirror image beside the tag does
-//! not survive: such frames are among the misses that are not modelled.
+//! 16.1 px, `k` 0.198. Not in it is what hides the tag for a while, of which [`super::sight_loss`] has a model of
+//! its own.
 
 use alight_shared::config;
 use alight_shared::frames::{Deck, Tag};
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::msg::TagPose;
+use alight_shared::time::{Time, TrueTime};
 use nalgebra::{Vector2, Vector3};
 
 use super::camera::{Lens, View};
 use super::noise::{Noise, Windows};
+use super::sight_loss::{SightLoss, SightLossConfig};
 use super::square_pose::{corners, solve};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
@@ -73,8 +75,8 @@ config! {
         pub exposure_s: f64 = 0.004, in 0.0..=0.1;
         /// Largest motion of the tag in the image during the exposure, px.
         pub max_blur_px: f64 = 20.0, in 0.1..=1e3;
-        /// Probability that a frame is missed for no reason that is modelled (glare, spray, shadow).
-        pub miss: f64 = 0.03, in 0.0..=1.0;
+        /// What hides the tag for a while: glare, spray, a cover.
+        pub loss: SightLossConfig;
         /// Windows `[start, end)` without detections, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
     }
@@ -88,7 +90,7 @@ pub(crate) struct TagDetector {
     side: f64,
     centre: Vector3<f64>,
     corner: Noise,
-    miss: Noise,
+    loss: SightLoss,
     read: Noise,
 }
 
@@ -99,22 +101,27 @@ impl TagDetector {
             side: deck.tag_side_m,
             centre: Vector3::from(deck.tag_centre_m),
             corner: Noise::new(streams, "drone.tag.corner"),
-            miss: Noise::new(streams, "drone.tag.miss"),
+            loss: SightLoss::new(&config.loss, streams),
             read: Noise::new(streams, "drone.tag.read"),
             config: config.clone(),
         }
     }
-    /// One image's sighting.
-    pub(crate) fn detect(&mut self, view: &View, deck: &RigidState<Deck>) -> Option<TagPose> {
+    /// The sighting of the image of `t`.
+    pub(crate) fn detect(
+        &mut self,
+        t: Time<TrueTime>,
+        view: &View,
+        deck: &RigidState<Deck>,
+    ) -> Option<TagPose> {
         // The noise of a frame is drawn whether the tag is detected or not: two planners meet the same
         // noise at the same time.
         let noise: [Vector2<f64>; 4] =
             core::array::from_fn(|_| Vector2::new(self.corner.normal(), self.corner.normal()));
-        let missed = self.miss.chance(self.config.miss);
+        let hidden = self.loss.hides(t);
         let luck = self.read.uniform();
         let image = self
             .image(view, deck)
-            .filter(|image| !missed && luck < image.chance)?;
+            .filter(|image| !hidden && luck < image.chance)?;
         self.measure(&image, &noise)
     }
     /// The tag in an image; None when it cannot be decoded at all.

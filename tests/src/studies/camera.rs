@@ -16,8 +16,9 @@ use crate::sensors::SensorConfig;
 use crate::sensors::camera::View;
 use crate::sensors::noise::Noise;
 use crate::sensors::render::{Renderer, Shot};
+use crate::sensors::sight_loss::SightLossConfig;
 use crate::sensors::square_pose::corners;
-use crate::sensors::tag::TagDetector;
+use crate::sensors::tag::{TagConfig, TagDetector};
 
 /// One cell of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -82,7 +83,7 @@ pub struct CameraRow {
     pub corner_bias_px: [f64; 2],
     /// What the model says of corners in images in which it would see the tag, px.
     pub model_corner_px: f64,
-    /// Share of the images in which the model would see it, but for misses that are not modelled.
+    /// Share of the images in which the model would see it.
     pub model_rate: f64,
 }
 
@@ -162,10 +163,15 @@ impl CameraBench {
             drone: 1,
             boot: 1,
         };
+        // As nothing hides the tag of the rendered images either.
+        let in_sight = TagConfig {
+            loss: SightLossConfig::none(),
+            ..sensors.tag.clone()
+        };
         CameraBench {
             renderer: Renderer::new(&sensors.render, deck, &streams),
             node: CameraNode::new(settings, deck.tag_side_m, names),
-            model: TagDetector::new(&sensors.tag, deck, &streams),
+            model: TagDetector::new(&in_sight, deck, &streams),
             sensors: sensors.clone(),
             deck: *deck,
             draw: Noise::new(&streams, "study.camera"),
@@ -285,7 +291,7 @@ impl CameraBench {
                 expected += modelled_image.chance * modelled_image.sd_px.powi(2);
                 chance += modelled_image.chance;
             }
-            let modelled = self.model.detect(&shot.view, &shot.deck);
+            let modelled = self.model.detect(shot.t, &shot.view, &shot.deck);
             model.add(modelled.as_ref(), &truth);
         }
         CameraRow {

@@ -1,0 +1,203 @@
+//! Why a camera that should see the tag does not, for a while: glare, spray, something that lies on the tag.
+//!
+//! Each cause is an alternating renewal process of its own with exponential times in both states (the chain of
+//! two states of Gilbert 1960 in continuous time), begun in its stationary distribution: absent for
+//! `interval_s` on average, then present for `duration_s`, which makes it present for
+//! `duration_s / (interval_s + duration_s)` of all time. It runs whether or not a camera looks, so two planners
+//! meet the same losses at the same time.
+
+use alight_shared::config;
+use alight_shared::time::{Span, Time, TrueTime};
+
+use super::noise::Noise;
+use crate::physics::streams::Streams;
+
+config! {
+    /// What takes the tag out of the camera's sight for a while. With these figures 7 % of the images are lost.
+    #[derive(Copy)]
+    pub struct SightLossConfig {
+        /// Mean time between two glares (the sun's mirror image on a wet deck or in the lens), s.
+        /// Chosen: every few waves the deck's normal passes the direction that mirrors the sun.
+        pub glare_interval_s: f64 = 20.0, in 0.01..=1e6;
+        /// Mean time for which a glare hides the tag, s; 0: none.
+        /// Chosen: a deck that rocks at 10 deg/s leaves the direction of the mirrored sun, a few degrees
+        /// wide on wet paint, in 0.3 to 1 s.
+        pub glare_duration_s: f64 = 0.6, in 0.0..=60.0;
+        /// Mean time between two clouds of spray, s.
+        /// Chosen: one bow wave in a few breaks over the deck.
+        pub spray_interval_s: f64 = 30.0, in 0.01..=1e6;
+        /// Mean time for which spray hides the tag, s; 0: none.
+        /// Chosen: drops that rise by half a metre are back after 0.6 s and are dense for about half of it.
+        pub spray_duration_s: f64 = 0.3, in 0.0..=60.0;
+        /// Mean time between two covers: a rope, a net, a puddle, foam on the tag, s.
+        /// Chosen: about once in a landing.
+        pub cover_interval_s: f64 = 60.0, in 0.01..=1e6;
+        /// Mean time for which something covers part of the tag, s; 0: none.
+        /// Chosen: what the next roll of the deck or two move on.
+        pub cover_duration_s: f64 = 3.0, in 0.0..=600.0;
+        /// Chance that a frame is decoded all the same while part of the tag is covered.
+        /// Chosen: the detector corrects one wrong bit of 36, so it sees past a thin rope in some frames.
+        pub cover_chance: f64 = 0.3, in 0.0..=1.0;
+    }
+}
+
+impl SightLossConfig {
+    /// Nothing ever hides the tag.
+    pub fn none() -> Self {
+        SightLossConfig {
+            glare_duration_s: 0.0,
+            spray_duration_s: 0.0,
+            cover_duration_s: 0.0,
+            ..SightLossConfig::default()
+        }
+    }
+}
+
+/// One cause that comes and goes.
+#[derive(Clone, Debug)]
+struct Cause {
+    noise: Noise,
+    interval_s: f64,
+    duration_s: f64,
+    present: bool,
+    until: Option<Time<TrueTime>>,
+}
+
+impl Cause {
+    fn new(noise: Noise, interval_s: f64, duration_s: f64) -> Cause {
+        let mut noise = noise;
+        let present = noise.chance(duration_s / (interval_s + duration_s));
+        Cause {
+            noise,
+            interval_s,
+            duration_s,
+            present,
+            until: None,
+        }
+    }
+    /// Whether it is present at `t`, which never goes back.
+    fn present(&mut self, t: Time<TrueTime>) -> bool {
+        if self.duration_s <= 0.0 {
+            return false;
+        }
+        let mut until = self.until.unwrap_or_else(|| t + self.stay());
+        while until <= t {
+            self.present = !self.present;
+            until += self.stay();
+        }
+        self.until = Some(until);
+        self.present
+    }
+    /// How long it stays in its state; exponential, and a millisecond at least, so that time goes on.
+    fn stay(&mut self) -> Span {
+        let mean_s = if self.present {
+            self.duration_s
+        } else {
+            self.interval_s
+        };
+        Span::from_secs((-mean_s * (1.0 - self.noise.uniform()).ln()).max(1e-3))
+    }
+}
+
+/// The causes at work.
+#[derive(Clone, Debug)]
+pub(crate) struct SightLoss {
+    glare: Cause,
+    spray: Cause,
+    cover: Cause,
+    decoded: Noise,
+    cover_chance: f64,
+}
+
+impl SightLoss {
+    /// The losses of this seed; each cause has a random stream of its own.
+    pub(crate) fn new(c: &SightLossConfig, streams: &Streams) -> SightLoss {
+        let cause = |name: &str, interval_s, duration_s| {
+            let stream = Noise::new(streams, &format!("drone.tag.{name}"));
+            Cause::new(stream, interval_s, duration_s)
+        };
+        SightLoss {
+            glare: cause("glare", c.glare_interval_s, c.glare_duration_s),
+            spray: cause("spray", c.spray_interval_s, c.spray_duration_s),
+            cover: cause("cover", c.cover_interval_s, c.cover_duration_s),
+            decoded: Noise::new(streams, "drone.tag.covered"),
+            cover_chance: c.cover_chance,
+        }
+    }
+    /// Whether the image of `t` is lost.
+    pub(crate) fn hides(&mut self, t: Time<TrueTime>) -> bool {
+        // All are asked for every image: none shifts the draws of another.
+        let decoded = self.decoded.chance(self.cover_chance);
+        let [glare, spray, cover] = [&mut self.glare, &mut self.spray, &mut self.cover].map(|c| c.present(t));
+        glare || spray || (cover && !decoded)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whether each of `n` images `step_s` apart is lost.
+    fn lost(config: &SightLossConfig, seed: u64, n: i64, step_s: f64) -> Vec<bool> {
+        let mut loss = SightLoss::new(config, &Streams::new(seed));
+        (0..n)
+            .map(|k| loss.hides(Time::from_secs(k as f64 * step_s)))
+            .collect()
+    }
+    fn only(glare_s: f64, spray_s: f64, cover_s: f64) -> SightLossConfig {
+        SightLossConfig {
+            glare_duration_s: glare_s,
+            spray_duration_s: spray_s,
+            cover_duration_s: cover_s,
+            ..SightLossConfig::none()
+        }
+    }
+    /// The fraction that is lost, and the mean length of a loss, s.
+    fn share_and_length(lost: &[bool], step_s: f64) -> (f64, f64) {
+        let count = lost.iter().filter(|l| **l).count() as f64;
+        let bursts = lost.windows(2).filter(|w| !w[0] && w[1]).count() as f64;
+        (count / lost.len() as f64, count * step_s / bursts)
+    }
+
+    #[test]
+    fn sight_is_lost_in_bursts_of_the_configured_length() {
+        for (config, share, length_s) in [
+            (only(0.6, 0.0, 0.0), 0.6 / 20.6, 0.6),
+            (only(0.0, 0.3, 0.0), 0.3 / 30.3, 0.3),
+        ] {
+            // 5.5 hours: 660 bursts or more, whose mean is known to 4 %.
+            let (is, of) = share_and_length(&lost(&config, 3, 2_000_000, 0.01), 0.01);
+            assert!((is / share - 1.0).abs() < 0.13, "{is} of {share}");
+            assert!((of / length_s - 1.0).abs() < 0.12, "{of} of {length_s} s");
+        }
+    }
+
+    #[test]
+    fn covered_tag_is_decoded_with_its_chance() {
+        let lost = lost(&only(0.0, 0.0, 3.0), 4, 2_000_000, 1.0 / 30.0);
+        let share = lost.iter().filter(|l| **l).count() as f64 / lost.len() as f64;
+        let expected = 0.7 * 3.0 / 63.0;
+        assert!((share / expected - 1.0).abs() < 0.12, "{share} of {expected}");
+    }
+
+    #[test]
+    fn sight_loss_is_more_than_one_image_in_thirty() {
+        // The first images count as much as the last: 3000 starts.
+        let config = SightLossConfig::default();
+        let images = (0..3000).flat_map(|seed| lost(&config, seed, 30, 1.0 / 30.0));
+        let share = images.filter(|l| *l).count() as f64 / 90_000.0;
+        assert!((0.055..0.085).contains(&share), "{share}");
+    }
+
+    #[test]
+    fn sight_is_lost_at_the_same_times_at_any_rate() {
+        let config = only(0.6, 0.3, 0.0);
+        let (slow, fast) = (lost(&config, 5, 3_000, 0.1), lost(&config, 5, 30_000, 0.01));
+        assert!(slow.iter().any(|l| *l));
+        assert!(slow.iter().zip(fast.iter().step_by(10)).all(|(a, b)| a == b));
+        // And one cause does not move another.
+        let glare = lost(&only(0.6, 0.0, 0.0), 5, 3_000, 0.1);
+        assert!(slow.iter().zip(&glare).all(|(both, one)| *both || !one));
+        assert!(!lost(&SightLossConfig::none(), 5, 3_000, 0.1).contains(&true));
+    }
+}
