@@ -8,8 +8,9 @@ use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::time::Duration;
 
-use rustix::fs::OFlags;
-use rustix::termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr};
+use rustix::fs::{FlockOperation, OFlags, flock};
+use rustix::io::Errno;
+use rustix::termios::{ControlModes, OptionalActions, ioctl_tiocexcl, tcgetattr, tcsetattr};
 
 use crate::exit::{CliError, Doing};
 use crate::io::link_url::LinkUrl;
@@ -266,7 +267,8 @@ fn resolve(host: &str) -> io::Result<SocketAddr> {
         .ok_or_else(|| io::Error::new(ErrorKind::NotFound, format!("{host} has no address")))
 }
 
-/// Opens a serial port for bytes as they are.
+/// Opens a serial port for bytes as they are, and for this program alone: two readers of one line would each
+/// receive a part of every message.
 fn serial(path: &Path, baud: u32) -> io::Result<File> {
     // Reads do not wait, and the port does not become this process's terminal.
     let flags = OFlags::NONBLOCK | OFlags::NOCTTY;
@@ -275,6 +277,15 @@ fn serial(path: &Path, baud: u32) -> io::Result<File> {
         .write(true)
         .custom_flags(flags.bits().cast_signed())
         .open(path)?;
+    // Between our own programs, root's included; then against any other that opens it later.
+    flock(&port, FlockOperation::NonBlockingLockExclusive).map_err(|e| match e {
+        Errno::WOULDBLOCK => io::Error::new(
+            ErrorKind::ResourceBusy,
+            "another program has this port open: end it, or give each its own port",
+        ),
+        e => e.into(),
+    })?;
+    ioctl_tiocexcl(&port)?;
     let mut line = tcgetattr(&port)?;
     line.make_raw();
     line.set_speed(baud)?;
@@ -330,6 +341,27 @@ mod tests {
         // The first fell silent.
         second.send_to(b"four", at).unwrap();
         assert_eq!(read_at_least(&mut link, PEER_TIMEOUT_NS + 4, 4), b"four");
+    }
+
+    #[test]
+    fn serial_port_open_in_another_program() {
+        use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+        let line = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+        grantpt(&line).unwrap();
+        unlockpt(&line).unwrap();
+        let path = ptsname(&line, Vec::new()).unwrap().into_string().unwrap();
+        let first = serial(Path::new(&path), 115_200).unwrap();
+        // A lock belongs to the open file, so this program opens it like another one.
+        let url: LinkUrl = format!("serial://{path}:115200").parse().unwrap();
+        let mut second = ByteLink::new(url, 0).unwrap();
+        second.read(0, |_| {});
+        let why = second.last_error().unwrap();
+        assert!(why.contains("another program has this port open"), "{why}");
+        assert_eq!(second.opened(), 0);
+        // It is taken over once it is free.
+        drop(first);
+        second.read(INITIAL_BACKOFF_NS, |_| {});
+        assert_eq!((second.opened(), second.last_error()), (1, None));
     }
 
     #[test]
