@@ -4,7 +4,7 @@
 use std::fmt::Write;
 
 use super::{FirmwareConfig, motors};
-use crate::physics::drone::{PlantState, ROTORS};
+use crate::physics::drone::{MAX_ROTORS, PlantState};
 
 /// Where ArduPilot looks for a simulator.
 pub const PORT: u16 = 9002;
@@ -43,7 +43,7 @@ pub fn servos(bytes: &[u8]) -> Option<Servos> {
 }
 
 /// Shares of a rotor's greatest thrust; None with all off.
-pub fn rotors(config: &FirmwareConfig, servos: &Servos) -> Option<[f64; ROTORS]> {
+pub fn rotors(config: &FirmwareConfig, servos: &Servos) -> Option<[f64; MAX_ROTORS]> {
     let [none, full] = config.pwm_us;
     let outputs: Vec<f64> = servos
         .pwm_us

@@ -2,22 +2,23 @@
 
 use alight_shared::config;
 
-use crate::physics::drone::ROTORS;
+use crate::physics::drone::MAX_ROTORS;
 
 /// Ticks of the world a second.
 const TICKS_HZ: u32 = 100;
 
 config! {
     /// Motors and sensors between a firmware and the simulated drone. Position, sense and strength of the
-    /// rotors are the drone's own (`airframe`): four in an X, numbered as PX4 and ArduPilot number them.
+    /// rotors are the drone's own (`airframe`), numbered as PX4 numbers them.
     pub struct FirmwareConfig {
         /// Where the firmware finds its simulator; 0: the usual port (PX4 TCP 4560, ArduPilot UDP 9002).
         pub port: u16 = 0;
         /// Exchanges a second, a multiple of 100; 0: the firmware's usual (PX4 400, ArduPilot 800).
         pub exchange_hz: u32 = 0;
-        /// Which of the firmware's outputs turns which rotor: front right, rear left, front left, rear right.
-        /// Source: Both number an X quadrotor so.
-        pub outputs: [usize; ROTORS] = [0, 1, 2, 3];
+        /// Which of the firmware's outputs turns which rotor: front right, rear left, front left, rear right; of a
+        /// hexarotor right, left, front left, rear right, front right, rear left.
+        /// Source: PX4 and ArduPilot both number them so.
+        pub outputs: [usize; MAX_ROTORS] = [0, 1, 2, 3, 4, 5];
         /// Share of the square in thrust over output.
         /// Source: PX4's THR_MDL_FAC 0; ArduPilot: MOT_THST_EXPO 0.
         pub thrust_curve: f64 = 0.0, in 0.0..=1.0;

@@ -15,13 +15,13 @@ pub mod stand_in;
 pub use config::FirmwareConfig;
 pub use sensors::FirmwareSensors;
 
-use crate::physics::drone::ROTORS;
+use crate::physics::drone::MAX_ROTORS;
 
 /// Shares of a rotor's greatest thrust from a firmware's outputs, 0 to 1 each; None with all off.
 ///
 /// `T / T_max = f u² + (1 - f) u` with the share `f` of the square: a rotor's thrust goes with the
 /// square of its speed, and electronic speed controllers differ in what they make of `u`.
-pub fn motors(config: &FirmwareConfig, outputs: &[f64]) -> Option<[f64; ROTORS]> {
+pub fn motors(config: &FirmwareConfig, outputs: &[f64]) -> Option<[f64; MAX_ROTORS]> {
     let f = config.thrust_curve;
     let thrusts = config.outputs.map(|k| {
         let u = outputs.get(k).copied().unwrap_or(0.0);

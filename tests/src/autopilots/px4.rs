@@ -6,7 +6,7 @@ use alight_uav::autopilot::message::{Address, Message};
 use alight_uav::autopilot::wire::{Decoder, encode};
 
 use super::{FirmwareConfig, FirmwareSensors, motors};
-use crate::physics::drone::{PlantState, ROTORS};
+use crate::physics::drone::{MAX_ROTORS, PlantState};
 
 /// Where PX4 looks for a simulator.
 pub const PORT: u16 = 4560;
@@ -99,7 +99,7 @@ impl Px4Plant {
         self.sampled_us.saturating_sub(self.answered_us) >= MAX_ANSWER_PERIOD * self.period_us
     }
     /// Motors as heard last.
-    pub fn motors(&self) -> Option<[f64; ROTORS]> {
+    pub fn motors(&self) -> Option<[f64; MAX_ROTORS]> {
         self.outputs.and_then(|o| motors(&self.config, &o))
     }
     /// PX4 is gone.

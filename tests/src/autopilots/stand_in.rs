@@ -9,10 +9,10 @@ use alight_uav::autopilot::message::{Address, HilGps, HilSensor, Message};
 use alight_uav::autopilot::wire::encode;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use crate::physics::drone::{PlantState, ROTORS};
+use crate::physics::drone::{MAX_ROTORS, PlantState};
 
 /// ArduPilot's packet of servo outputs, each 0 to 1.
-pub fn servo_packet(frame: u32, outputs: [f64; ROTORS]) -> Vec<u8> {
+pub fn servo_packet(frame: u32, outputs: [f64; MAX_ROTORS]) -> Vec<u8> {
     let mut pulses = [1000_u16; 16];
     for (pulse, u) in pulses.iter_mut().zip(outputs) {
         *pulse = (1000.0 + 1000.0 * u) as u16;
@@ -45,7 +45,7 @@ pub fn read_line(line: &str) -> Option<PlantState> {
 }
 
 /// PX4's answer to the sample of `time_us`: its motors, each 0 to 1.
-pub fn motor_answer(time_us: u64, outputs: [f64; ROTORS], armed: bool) -> Vec<u8> {
+pub fn motor_answer(time_us: u64, outputs: [f64; MAX_ROTORS], armed: bool) -> Vec<u8> {
     let mut controls = [0.0; 16];
     controls.iter_mut().zip(outputs).for_each(|(c, u)| *c = u);
     let answer = Message::HilActuators {

@@ -11,7 +11,7 @@ use super::px4::Px4Plant;
 use super::{FirmwareConfig, FirmwareSensors, ardupilot, motors, stand_in};
 use crate::harness::physics::{Physics, TICK};
 use crate::harness::scenario::Scenario;
-use crate::physics::drone::{NavigationConfig, PlantState};
+use crate::physics::drone::{Frame, MAX_ROTORS, NavigationConfig, PlantState};
 use crate::physics::sea::SeaConfig;
 
 /// Exchanges in a tick, and a second.
@@ -19,7 +19,7 @@ const EXCHANGES_PER_TICK: u32 = 4;
 const RATE_HZ: f64 = 400.0;
 
 /// Rotor outputs (linear in thrust) that fly to `place`: position, attitude and rate loops in cascade.
-fn outputs(b: &PlantState, place: &Vector3<f64>, descend: f64) -> [f64; 4] {
+fn outputs(b: &PlantState, place: &Vector3<f64>, descend: f64) -> [f64; MAX_ROTORS] {
     let g = DroneGeometry::default();
     let along = (place - b.position).map(|e| e.clamp(-2.0, 2.0));
     let mut wanted = along * 1.2 + (Vector3::z() * descend - b.velocity) * 2.0;
@@ -38,17 +38,13 @@ fn outputs(b: &PlantState, place: &Vector3<f64>, descend: f64) -> [f64; 4] {
         .component_mul(&Vector3::from(g.inertia_kgm2));
     let thrust = g.mass_kg * (GRAVITY - wanted.z);
     let (side, rotor) = (g.arm_m / 2.0_f64.sqrt(), g.max_thrust_n / 4.0);
-    [
-        [1.0, 1.0, 1.0],
-        [-1.0, -1.0, 1.0],
-        [1.0, -1.0, -1.0],
-        [-1.0, 1.0, -1.0],
-    ]
-    .map(|[x, y, sense]: [f64; 3]| {
+    let mut out = [0.0; MAX_ROTORS];
+    for (o, [x, y, sense]) in out.iter_mut().zip(Frame::QuadX.rotors()) {
         let force =
             thrust - y * moment.x / side + x * moment.y / side + sense * moment.z / g.moment_per_force_m;
-        (force / (4.0 * rotor)).clamp(0.03, 1.0)
-    })
+        *o = (force / (4.0 * rotor)).clamp(0.03, 1.0);
+    }
+    out
 }
 
 /// Takes off, flies above the deck, hovers, lands: where to, how fast down, whether motors run.
@@ -80,7 +76,7 @@ fn calm() -> Scenario {
 /// Flies the plan; `exchange` is one slice of the protocol with the firmware behind it.
 fn fly(
     mut physics: Physics,
-    mut exchange: impl FnMut(&PlantState, f64, &Vector3<f64>, &Vector3<f64>) -> Option<[f64; 4]>,
+    mut exchange: impl FnMut(&PlantState, f64, &Vector3<f64>, &Vector3<f64>) -> Option<[f64; MAX_ROTORS]>,
 ) -> (f64, f64, f64) {
     physics.place_drone_on_pad(0);
     let start = physics.drone(0).unwrap_or_default().position.0;
@@ -117,7 +113,7 @@ fn ardupilot_plant_carries_a_take_off_hover_and_landing() {
         assert!(line.starts_with("\n{") && line.ends_with("}\n") && !line.contains(' '));
         let b = stand_in::read_line(&line).expect("each key");
         grounded |= t_s > 20.0 && b.velocity.norm() < 0.05 && b.specific_force.norm() > 9.0;
-        let u = plan(t_s, start, deck, grounded).map_or([0.0; 4], |(p, v)| outputs(&b, &p, v));
+        let u = plan(t_s, start, deck, grounded).map_or([0.0; MAX_ROTORS], |(p, v)| outputs(&b, &p, v));
         // Its servos, as bytes.
         frame += 1;
         let servos = ardupilot::servos(&stand_in::servo_packet(frame, u)).expect("a packet");
@@ -168,7 +164,7 @@ fn px4_plant_carries_a_take_off_hover_and_landing() {
                         stand_in::advance(b, &s, 1.0 / RATE_HZ);
                         grounded |= t_s > 20.0 && b.velocity.norm() < 0.1 && b.position.z > deck.z - 0.6;
                         let wanted = plan(t_s, start, deck, grounded);
-                        let u = wanted.map_or([0.0; 4], |(p, v)| outputs(b, &p, v));
+                        let u = wanted.map_or([0.0; MAX_ROTORS], |(p, v)| outputs(b, &p, v));
                         answer = Some(stand_in::motor_answer(s.time_us, u, wanted.is_some()));
                     }
                 }
@@ -206,7 +202,11 @@ fn px4_that_begins_to_answer_every_second_sample() {
         );
         wanted.push((plant.due(), plant.is_overdue()));
         if k <= 8 || k.is_multiple_of(2) && k <= 16 {
-            plant.decode(&stand_in::motor_answer(1_000_000 + k * 2500, [0.25; 4], true));
+            plant.decode(&stand_in::motor_answer(
+                1_000_000 + k * 2500,
+                [0.25; MAX_ROTORS],
+                true,
+            ));
         }
     }
     // Each; one that does not come, and is not waited for in whole; every second; silent, and after four waited for.
@@ -264,7 +264,7 @@ fn px4_plant_waits_for_the_samples_that_px4_answers() {
             waits.push((plant.due(), answers));
             if answers {
                 let time_us = 1_000_000 + (truth.at.nanos() / 1000).unsigned_abs();
-                assert!(plant.decode(&stand_in::motor_answer(time_us, [0.0; 4], false)));
+                assert!(plant.decode(&stand_in::motor_answer(time_us, [0.0; MAX_ROTORS], false)));
             }
             None
         });

@@ -11,7 +11,7 @@ use alight_uav::autopilot::wire::{Decoder, encode};
 use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotOut, ControlAuthority};
 
 use crate::autopilots::simulated::SimulatedAutopilot;
-use crate::physics::drone::{AutopilotConfig, PlantState, ROTORS};
+use crate::physics::drone::{AutopilotConfig, MAX_ROTORS, PlantState};
 use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
@@ -137,7 +137,7 @@ impl LinkedAutopilot {
     }
 
     /// A turn of the autopilot: rotor commands for the drone's true state; None: motors off.
-    pub fn turn(&mut self, truth: &PlantState) -> Option<[f64; ROTORS]> {
+    pub fn turn(&mut self, truth: &PlantState) -> Option<[f64; MAX_ROTORS]> {
         let arrived = self.down.received(truth.at, self.cut);
         let arrived: Vec<_> = arrived.into_iter().map(|f| f.message).collect();
         let motors = self.autopilot.step(truth, &arrived);

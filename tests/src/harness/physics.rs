@@ -21,7 +21,7 @@ use crate::autopilots::simulated::SimulatedAutopilot;
 use crate::physics::body::RigidState;
 use crate::physics::deck_motion::DeckCarrier;
 use crate::physics::drone::{
-    AutopilotConfig, DroneStart, Part, PlantState, ROTORS, SimulatedDrone, wind_to_deg,
+    AutopilotConfig, DroneStart, MAX_ROTORS, Part, PlantState, SimulatedDrone, wind_to_deg,
 };
 use crate::physics::sea::Sea;
 use crate::physics::streams::Streams;
@@ -94,7 +94,7 @@ impl Plant {
         exchanges: u32,
         deck: &[RigidState<Deck>; 2],
         water: impl Fn(f64, f64) -> f64,
-        motors: impl FnMut(&PlantState) -> Option<[f64; ROTORS]>,
+        motors: impl FnMut(&PlantState) -> Option<[f64; MAX_ROTORS]>,
     ) {
         self.contacts.clear();
         let Some(drone) = &mut self.drone else { return };
@@ -251,6 +251,7 @@ impl Physics {
             &state,
             hover,
         );
+        autopilot.set_frame(geometry, c.airframe.frame);
         if let Some(place) = self.place {
             // Still water is at the place's height.
             autopilot.begin_at(place, plant.origin, place.height_m);
@@ -281,7 +282,7 @@ impl Physics {
     pub fn advance_with(
         &mut self,
         exchanges: u32,
-        mut motors: impl FnMut(usize, &PlantState) -> Option<[f64; ROTORS]>,
+        mut motors: impl FnMut(usize, &PlantState) -> Option<[f64; MAX_ROTORS]>,
     ) {
         let (t, before, lift) = (self.t, self.deck(), self.carrier.water_lift());
         self.carrier.step(t, TICK.secs(), &self.sea);

@@ -15,7 +15,7 @@ use alight_sim::autopilots::px4::Px4Plant;
 use alight_sim::autopilots::simulated::{INNER_PER_OUTER, SimulatedAutopilot, mode_number};
 use alight_sim::autopilots::{FirmwareConfig, FirmwareSensors, ardupilot, px4};
 use alight_sim::harness::physics::{Physics, TICK};
-use alight_sim::physics::drone::{PlantState, ROTORS};
+use alight_sim::physics::drone::{MAX_ROTORS, PlantState};
 
 use crate::exit::{CliError, Doing};
 use crate::lab::live::config::AutopilotKind;
@@ -55,7 +55,7 @@ enum Link {
         socket: UdpSocket,
         /// Who asked last, and its packet's number.
         asker: Option<(SocketAddr, u32)>,
-        motors: Option<[f64; ROTORS]>,
+        motors: Option<[f64; MAX_ROTORS]>,
     },
 }
 
@@ -171,7 +171,7 @@ impl Plant {
     }
 
     /// What the drone feels to the firmware, its motors back.
-    fn exchange(&mut self, sensed: &PlantState) -> Option<[f64; ROTORS]> {
+    fn exchange(&mut self, sensed: &PlantState) -> Option<[f64; MAX_ROTORS]> {
         let now = steady_ns();
         let answer_timeout_ns = (self.config.answer_timeout_s * 1e9) as i64;
         // Who was not heard lately is not waited for.
@@ -352,7 +352,7 @@ mod tests {
         Plant::open(kind, "", &c, sensors).unwrap()
     }
     /// Exchanges until the motors are as `wanted`; the slice in which they were.
-    fn until(plant: &mut Plant, from: i64, wanted: impl Fn(Option<[f64; ROTORS]>) -> bool) -> i64 {
+    fn until(plant: &mut Plant, from: i64, wanted: impl Fn(Option<[f64; MAX_ROTORS]>) -> bool) -> i64 {
         (from..from + MOST)
             .find(|k| {
                 let done = wanted(plant.exchange(&sensed(*k)));
@@ -361,7 +361,7 @@ mod tests {
             })
             .expect("the motors as wanted")
     }
-    fn quarter(motors: Option<[f64; ROTORS]>) -> bool {
+    fn quarter(motors: Option<[f64; MAX_ROTORS]>) -> bool {
         motors.is_some_and(|m| m.iter().all(|s| (s - 0.25).abs() < 1e-3))
     }
 
@@ -381,7 +381,7 @@ mod tests {
                 while let Some(f) = decoder.next_frame() {
                     if let Message::HilSensor(s) = f.message {
                         times.push(s.time_us);
-                        let answer = stand_in::motor_answer(s.time_us, [0.25; ROTORS], true);
+                        let answer = stand_in::motor_answer(s.time_us, [0.25; MAX_ROTORS], true);
                         link.write_all(&answer).unwrap();
                     }
                 }
@@ -405,7 +405,7 @@ mod tests {
             socket.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
             let mut stamps = Vec::new();
             for frame in 0..50_u32 {
-                let packet = stand_in::servo_packet(frame, [0.25; ROTORS]);
+                let packet = stand_in::servo_packet(frame, [0.25; MAX_ROTORS]);
                 socket.send(&packet).unwrap();
                 if frame == 10 {
                     // As after an answer that was lost.

@@ -4,7 +4,7 @@ use alight_shared::geometry::DroneGeometry;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::mixer::Mixer;
-use crate::physics::drone::{AutopilotConfig, LAYOUT, ROTORS};
+use crate::physics::drone::{AutopilotConfig, Frame, MAX_ROTORS};
 
 /// What the outer loop or a set-point asks of the attitude loop.
 #[derive(Clone, Copy, Debug)]
@@ -64,6 +64,7 @@ pub(super) struct RateLoop {
     side: f64,
     moment_per_force: f64,
     rotor_max: f64,
+    frame: Frame,
     integral: Vector3<f64>,
     /// Whose mixer.
     pub(super) mixer: Mixer,
@@ -71,12 +72,13 @@ pub(super) struct RateLoop {
 }
 
 impl RateLoop {
-    pub(super) fn new(drone: &DroneGeometry) -> Self {
+    pub(super) fn new(drone: &DroneGeometry, frame: Frame) -> Self {
         RateLoop {
             inertia: Vector3::from(drone.inertia_kgm2),
             side: drone.arm_m / 2.0_f64.sqrt(),
             moment_per_force: drone.moment_per_force_m,
-            rotor_max: drone.max_thrust_n / ROTORS as f64,
+            rotor_max: drone.max_thrust_n / frame.count() as f64,
+            frame,
             integral: Vector3::zeros(),
             mixer: Mixer::Px4 { airmode: false },
             saturated: [false; 3],
@@ -96,7 +98,7 @@ impl RateLoop {
         is: &Vector3<f64>,
         thrust: f64,
         dt: f64,
-    ) -> [f64; ROTORS] {
+    ) -> [f64; MAX_ROTORS] {
         let error = wanted - is;
         let gain = Vector3::new(config.rate_gain_hz, config.rate_gain_hz, config.yaw_rate_gain_hz);
         for i in 0..3 {
@@ -111,12 +113,13 @@ impl RateLoop {
     }
 
     /// Rotor commands for a collective thrust and moments, as PX4's default mixer gives them.
-    fn mix(&mut self, thrust: f64, moment: &Vector3<f64>) -> [f64; ROTORS] {
-        let scale = 1.0 / (ROTORS as f64 * self.rotor_max);
-        // Lift at (x, y) gives the moment (-y T, x T).
-        let tilt = LAYOUT.map(|[x, y, _]| (x * moment.y - y * moment.x) / self.side * scale);
-        let yaw = LAYOUT.map(|[_, _, s]| s * moment.z / self.moment_per_force * scale);
-        let mixed = self.mixer.mix(thrust, &tilt, &yaw);
+    fn mix(&mut self, thrust: f64, moment: &Vector3<f64>) -> [f64; MAX_ROTORS] {
+        let scale = 1.0 / (self.frame.count() as f64 * self.rotor_max);
+        let [roll, pitch, yaw] = self.frame.axes();
+        let [by_roll, by_pitch] = [0, 1].map(|k| moment[k] / self.side * scale);
+        let tilt = core::array::from_fn(|i| pitch[i] * by_pitch + roll[i] * by_roll);
+        let turn = yaw.map(|s| s * moment.z / self.moment_per_force * scale);
+        let mixed = self.mixer.mix(self.frame, thrust, &tilt, &turn);
         self.saturated = mixed.saturated;
         mixed.out
     }
@@ -126,9 +129,9 @@ impl RateLoop {
 mod tests {
     use super::*;
 
-    fn moments(loop_: &RateLoop, out: &[f64; 4]) -> (f64, Vector3<f64>) {
+    fn moments(loop_: &RateLoop, out: &[f64; MAX_ROTORS]) -> (f64, Vector3<f64>) {
         let mut m = Vector3::zeros();
-        for (o, [x, y, s]) in out.iter().zip(LAYOUT) {
+        for (o, [x, y, s]) in out.iter().zip(loop_.frame.rotors()) {
             let t = o * loop_.rotor_max;
             m += Vector3::new(
                 -y * loop_.side * t,
@@ -136,21 +139,23 @@ mod tests {
                 s * loop_.moment_per_force * t,
             );
         }
-        (out.iter().sum::<f64>() / 4.0, m)
+        (out.iter().sum::<f64>() / loop_.frame.count() as f64, m)
     }
 
     #[test]
     fn mixer_gives_the_commanded_moments_when_unsaturated() {
-        let mut l = RateLoop::new(&DroneGeometry::default());
-        let wanted = Vector3::new(0.8, -0.5, 0.05);
-        let out = l.mix(0.4, &wanted);
-        let (thrust, m) = moments(&l, &out);
-        assert!((thrust - 0.4).abs() < 1e-12 && (m - wanted).norm() < 1e-12, "{m}");
+        for frame in [Frame::QuadX, Frame::HexaX] {
+            let mut l = RateLoop::new(&DroneGeometry::default(), frame);
+            let wanted = Vector3::new(0.8, -0.5, 0.05);
+            let out = l.mix(0.4, &wanted);
+            let (thrust, m) = moments(&l, &out);
+            assert!((thrust - 0.4).abs() < 1e-12 && (m - wanted).norm() < 1e-12, "{m}");
+        }
     }
 
     #[test]
     fn mixer_gives_up_heading_first_and_thrust_next_at_the_upper_limit() {
-        let mut l = RateLoop::new(&DroneGeometry::default());
+        let mut l = RateLoop::new(&DroneGeometry::default(), Frame::QuadX);
         let wanted = Vector3::new(4.0, 0.0, 1.0);
         let (thrust, m) = moments(&l, &l.clone().mix(1.0, &wanted));
         assert!(

@@ -13,7 +13,7 @@ use super::attitude::{AttitudeTarget, RateLoop, rate_set_point};
 use super::estimator::{Errors, Estimate};
 use super::mixer::Mixer;
 use super::modes::mode_number;
-use crate::physics::drone::{AutopilotConfig, PlantState, ROTORS};
+use crate::physics::drone::{AutopilotConfig, Frame, MAX_ROTORS, PlantState};
 
 /// PX4 wants set-points no further apart than this before OFFBOARD ...
 const OFFBOARD_GAP: Span = Span::from_millis(500);
@@ -124,6 +124,13 @@ pub(super) struct Flight {
 }
 
 impl Flight {
+    /// Its mixer is set up for another frame than a quadrotor (PX4's CA_AIRFRAME and rotor geometry, ArduCopter's
+    /// FRAME_CLASS).
+    pub(super) fn set_frame(&mut self, drone: &DroneGeometry, frame: Frame) {
+        let mixer = self.rate_loop.mixer;
+        self.rate_loop = RateLoop::new(drone, frame);
+        self.rate_loop.mixer = mixer;
+    }
     /// Holds position in the air in a person's mode, armed, with a hover thrust estimate that has settled at
     /// `hover_thrust`. PX4 publishes its control mode from `control_mode` on.
     pub(super) fn new(
@@ -138,7 +145,7 @@ impl Flight {
         let still = Vector3::zeros();
         Flight {
             config: config.with_gains_of_firmware(),
-            rate_loop: RateLoop::new(drone),
+            rate_loop: RateLoop::new(drone, Frame::QuadX),
             chosen: mode,
             mode,
             armed: true,
@@ -499,7 +506,12 @@ impl Flight {
 
     /// The inner loops, each turn of `dt`, on the truth with the errors of the last estimate, since they are far slower
     /// than an outer period; None with the motors stopped.
-    pub(super) fn inner(&mut self, errors: &Errors, truth: &PlantState, dt: f64) -> Option<[f64; ROTORS]> {
+    pub(super) fn inner(
+        &mut self,
+        errors: &Errors,
+        truth: &PlantState,
+        dt: f64,
+    ) -> Option<[f64; MAX_ROTORS]> {
         if !self.armed {
             return None;
         }

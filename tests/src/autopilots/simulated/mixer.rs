@@ -1,7 +1,7 @@
 //! Mixers of PX4 and ArduCopter: rotor commands for a collective thrust and moments, and what gives way when
 //! rotors saturate. All are fractions of a rotor's greatest thrust.
 
-use crate::physics::drone::{LAYOUT, ROTORS};
+use crate::physics::drone::{Frame, MAX_ROTORS};
 
 /// More than a rotor has that yaw may ask for before it is reduced: thrust gives way to it at the upper end.
 const YAW_MARGIN: f64 = 0.15;
@@ -30,33 +30,33 @@ pub enum Mixer {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mixed {
     /// For each rotor.
-    pub out: [f64; ROTORS],
+    pub out: [f64; MAX_ROTORS],
     /// Roll, pitch, yaw.
     pub saturated: [bool; 3],
 }
 
-/// What a rotor adds for a unit of roll, pitch and yaw.
-const AXES: [[f64; ROTORS]; 3] = [
-    [-LAYOUT[0][1], -LAYOUT[1][1], -LAYOUT[2][1], -LAYOUT[3][1]],
-    [LAYOUT[0][0], LAYOUT[1][0], LAYOUT[2][0], LAYOUT[3][0]],
-    [LAYOUT[0][2], LAYOUT[1][2], LAYOUT[2][2], LAYOUT[3][2]],
-];
-const LESS_THRUST: [f64; ROTORS] = [-1.0; ROTORS];
-
 impl Mixer {
     /// Rotor commands for the collective `thrust`, and what each rotor adds for roll and pitch (`tilt`) and for yaw
-    /// (`turn`).
-    pub fn mix(self, thrust: f64, tilt: &[f64; ROTORS], turn: &[f64; ROTORS]) -> Mixed {
+    /// (`turn`); all zero beyond the frame's rotors.
+    pub fn mix(self, frame: Frame, thrust: f64, tilt: &[f64; MAX_ROTORS], turn: &[f64; MAX_ROTORS]) -> Mixed {
         let thrust = thrust.clamp(0.0, 1.0);
-        let out = match self {
-            Mixer::Px4 { airmode } => px4(thrust, tilt, turn, airmode),
+        let axes = frame.axes();
+        let count = frame.count();
+        let (wanted_tilt, wanted_turn) = (&tilt[..count], &turn[..count]);
+        let rotors = match self {
+            Mixer::Px4 { airmode } => px4(&axes, thrust, wanted_tilt, wanted_turn, airmode),
             Mixer::ArduCopter { hover, mix } => {
                 let raised = (1.0 - mix) * thrust + mix * hover;
-                ardu_copter(thrust, thrust.max(raised).min(1.0), tilt, turn)
+                ardu_copter(thrust, thrust.max(raised).min(1.0), wanted_tilt, wanted_turn)
             }
-        }
-        .map(|o| o.clamp(0.0, 1.0));
-        let missing = |k: usize| along(&AXES[k], &out) - along(&AXES[k], if k == 2 { turn } else { tilt });
+        };
+        let mut out = [0.0; MAX_ROTORS];
+        out.iter_mut()
+            .zip(rotors)
+            .for_each(|(o, r)| *o = r.clamp(0.0, 1.0));
+        let missing = |k: usize| {
+            along(frame, &axes[k], &out) - along(frame, &axes[k], if k == 2 { turn } else { tilt })
+        };
         Mixed {
             out,
             saturated: core::array::from_fn(|k| missing(k).abs() > ROUNDING),
@@ -66,25 +66,27 @@ impl Mixer {
 
 /// PX4's `ControlAllocationSequentialDesaturation`: thrust is never raised without air mode; roll, then pitch give
 /// way, each by as much as brings rotors back into their range; then yaw.
-fn px4(thrust: f64, tilt: &[f64; ROTORS], turn: &[f64; ROTORS], airmode: bool) -> [f64; ROTORS] {
-    let mut out = tilt.map(|t| thrust + t);
-    desaturate(&mut out, &LESS_THRUST, 1.0, !airmode);
-    desaturate(&mut out, &AXES[0], 1.0, false);
-    desaturate(&mut out, &AXES[1], 1.0, false);
+fn px4(axes: &[[f64; MAX_ROTORS]; 3], thrust: f64, tilt: &[f64], turn: &[f64], airmode: bool) -> Vec<f64> {
+    let [roll, pitch, yaw] = axes;
+    let less_thrust = [-1.0; MAX_ROTORS];
+    let mut out: Vec<f64> = tilt.iter().map(|t| thrust + t).collect();
+    desaturate(&mut out, &less_thrust, 1.0, !airmode);
+    desaturate(&mut out, roll, 1.0, false);
+    desaturate(&mut out, pitch, 1.0, false);
     out.iter_mut().zip(turn).for_each(|(o, t)| *o += t);
-    desaturate(&mut out, &AXES[2], 1.0 + YAW_MARGIN, false);
-    desaturate(&mut out, &LESS_THRUST, 1.0, true);
+    desaturate(&mut out, yaw, 1.0 + YAW_MARGIN, false);
+    desaturate(&mut out, &less_thrust, 1.0, true);
     out
 }
 
 /// Moves `out` along `axis` towards the range 0 to `most`, twice, the second time by half; `forward` only, or both
-/// ways.
-fn desaturate(out: &mut [f64; ROTORS], axis: &[f64; ROTORS], most: f64, forward: bool) {
-    let gain = |out: &[f64; ROTORS]| {
+/// ways. A rotor on the axis (a hexarotor's two in roll's plane have no part in pitch) cannot be helped by it.
+fn desaturate(out: &mut [f64], axis: &[f64; MAX_ROTORS], most: f64, forward: bool) {
+    let gain = |out: &[f64]| {
         let (mut low, mut high) = (0.0_f64, 0.0_f64);
         for (o, a) in out.iter().zip(axis) {
             let beyond = o - o.clamp(0.0, most);
-            if beyond != 0.0 {
+            if beyond != 0.0 && *a != 0.0 {
                 low = low.min(-beyond / a);
                 high = high.max(-beyond / a);
             }
@@ -102,7 +104,7 @@ fn desaturate(out: &mut [f64; ROTORS], axis: &[f64; ROTORS], most: f64, forward:
 
 /// ArduCopter's `AP_MotorsMatrix`: roll and pitch raise the collective up to `raised`, beyond which they are scaled
 /// down together; yaw has what they leave.
-fn ardu_copter(thrust: f64, raised: f64, tilt: &[f64; ROTORS], turn: &[f64; ROTORS]) -> [f64; ROTORS] {
+fn ardu_copter(thrust: f64, raised: f64, tilt: &[f64], turn: &[f64]) -> Vec<f64> {
     let base = raised.min(0.5);
     let room = |t: f64, y: f64| {
         let left = if y > 0.0 { 1.0 - base - t } else { base + t };
@@ -113,28 +115,28 @@ fn ardu_copter(thrust: f64, raised: f64, tilt: &[f64; ROTORS], turn: &[f64; ROTO
         .zip(turn)
         .map(|(t, y)| room(*t, *y))
         .fold(1.0, f64::min);
-    let mut rpy: [f64; ROTORS] = core::array::from_fn(|i| tilt[i] + yaw_fraction * turn[i]);
+    let mut rpy: Vec<f64> = tilt.iter().zip(turn).map(|(t, y)| t + yaw_fraction * y).collect();
     let (low, high) = span(&rpy);
     let mut scale = 1.0 / (high - low).max(1.0);
     if raised + low < 0.0 {
         scale = scale.min(raised / -low);
     }
-    rpy = rpy.map(|v| v * scale);
+    rpy.iter_mut().for_each(|v| *v *= scale);
     let (low, high) = span(&rpy);
     let collective = if scale < 1.0 {
         -low
     } else {
         thrust.max(-low).min(1.0 - high)
     };
-    rpy.map(|v| collective + v)
+    rpy.iter().map(|v| collective + v).collect()
 }
 
 /// What the rotors give along an axis.
-fn along(axis: &[f64; ROTORS], out: &[f64; ROTORS]) -> f64 {
-    axis.iter().zip(out).map(|(a, o)| a * o).sum::<f64>() / ROTORS as f64
+fn along(frame: Frame, axis: &[f64; MAX_ROTORS], out: &[f64; MAX_ROTORS]) -> f64 {
+    axis.iter().zip(out).map(|(a, o)| a * o).sum::<f64>() / frame.count() as f64
 }
 
-fn span(values: &[f64; ROTORS]) -> (f64, f64) {
+fn span(values: &[f64]) -> (f64, f64) {
     values.iter().fold((0.0, 0.0), |(low, high): (f64, f64), v| {
         (low.min(*v), high.max(*v))
     })
@@ -153,11 +155,19 @@ mod tests {
 
     /// Collective, roll, pitch and yaw that the rotors give.
     fn given(m: &Mixed) -> [f64; 4] {
-        [&[1.0; 4], &AXES[0], &AXES[1], &AXES[2]].map(|axis| along(axis, &m.out))
+        given_of(Frame::QuadX, m)
     }
-    fn mix(mixer: Mixer, thrust: f64, [roll, pitch, yaw]: [f64; 3]) -> Mixed {
-        let tilt = core::array::from_fn(|i| AXES[0][i] * roll + AXES[1][i] * pitch);
-        mixer.mix(thrust, &tilt, &AXES[2].map(|s| s * yaw))
+    fn given_of(frame: Frame, m: &Mixed) -> [f64; 4] {
+        let [roll, pitch, yaw] = frame.axes();
+        [&[1.0; MAX_ROTORS], &roll, &pitch, &yaw].map(|axis| along(frame, axis, &m.out))
+    }
+    fn mix(mixer: Mixer, thrust: f64, moments: [f64; 3]) -> Mixed {
+        mix_of(Frame::QuadX, mixer, thrust, moments)
+    }
+    fn mix_of(frame: Frame, mixer: Mixer, thrust: f64, [roll, pitch, yaw]: [f64; 3]) -> Mixed {
+        let axes = frame.axes();
+        let tilt = core::array::from_fn(|i| axes[0][i] * roll + axes[1][i] * pitch);
+        mixer.mix(frame, thrust, &tilt, &axes[2].map(|s| s * yaw))
     }
     fn near(a: [f64; 4], b: [f64; 4]) -> bool {
         a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12)
@@ -165,10 +175,26 @@ mod tests {
 
     #[test]
     fn mixers_give_what_is_wanted_while_no_rotor_saturates() {
-        for mixer in [PX4, AIRMODE, COPTER] {
-            let m = mix(mixer, 0.4, [0.05, -0.08, 0.1]);
-            assert!(near(given(&m), [0.4, 0.05, -0.08, 0.1]), "{mixer:?}: {m:?}");
+        for (frame, mixer) in [Frame::QuadX, Frame::HexaX]
+            .into_iter()
+            .flat_map(|f| [PX4, AIRMODE, COPTER].map(|m| (f, m)))
+        {
+            let m = mix_of(frame, mixer, 0.4, [0.05, -0.08, 0.1]);
+            assert!(
+                near(given_of(frame, &m), [0.4, 0.05, -0.08, 0.1]),
+                "{mixer:?}: {m:?}"
+            );
             assert_eq!(m.saturated, [false; 3]);
+        }
+    }
+
+    #[test]
+    fn hexarotor_keeps_roll_and_pitch_before_yaw() {
+        for mixer in [PX4, AIRMODE, COPTER] {
+            let m = mix_of(Frame::HexaX, mixer, 0.9, [0.1, 0.05, 0.5]);
+            let [_, roll, pitch, yaw] = given_of(Frame::HexaX, &m);
+            assert!((pitch / roll - 0.5).abs() < 0.05 && yaw < 0.4, "{mixer:?}: {m:?}");
+            assert!(m.out.iter().all(|o| (0.0..=1.0).contains(o)));
         }
     }
 

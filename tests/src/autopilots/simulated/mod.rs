@@ -27,7 +27,7 @@ use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::wire::{Decoder, encode};
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::physics::drone::{AutopilotConfig, NavigationConfig, PlantState, ROTORS};
+use crate::physics::drone::{AutopilotConfig, Frame, MAX_ROTORS, NavigationConfig, PlantState};
 use crate::physics::streams::Streams;
 use crate::sensors::clocks::ClockModel;
 use crate::sensors::noise::Noise;
@@ -157,6 +157,10 @@ impl SimulatedAutopilot {
         }
     }
 
+    /// Its mixer is set up for this frame; as made, for a quadrotor.
+    pub fn set_frame(&mut self, drone: &DroneGeometry, frame: Frame) {
+        self.flight.set_frame(drone, frame);
+    }
     /// Its NED begins at `origin` (height above the ellipsoid), the true one at `place`; the sea is so high above the
     /// ellipsoid, m.
     pub fn begin_at(&mut self, place: Datum, origin: Datum, geoid_m: f64) {
@@ -174,7 +178,7 @@ impl SimulatedAutopilot {
 
     /// One turn at the drone's true state with the messages that have arrived until then: rotor commands, fractions of
     /// the nominal maximum; None with the motors off.
-    pub fn step(&mut self, truth: &PlantState, arrived: &[Message]) -> Option<[f64; ROTORS]> {
+    pub fn step(&mut self, truth: &PlantState, arrived: &[Message]) -> Option<[f64; MAX_ROTORS]> {
         let dt = (truth.at - self.now).secs();
         self.now = truth.at;
         for message in arrived {
@@ -193,7 +197,7 @@ impl SimulatedAutopilot {
         &mut self,
         truth: &PlantState,
         arrived: &[Vec<u8>],
-    ) -> (Option<[f64; ROTORS]>, Vec<Vec<u8>>) {
+    ) -> (Option<[f64; MAX_ROTORS]>, Vec<Vec<u8>>) {
         arrived.iter().for_each(|bytes| self.decoder.push(bytes));
         let frames = core::iter::from_fn(|| self.decoder.next_frame());
         let messages: Vec<_> = frames.map(|f| f.message).collect();

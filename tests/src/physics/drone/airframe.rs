@@ -1,23 +1,12 @@
-//! The airframe: four rotors, drag, ground effect, and the equations of motion in free air.
+//! The airframe: rotors, drag, ground effect, and the equations of motion in free air.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::RngExt;
 
 use super::config::AirframeConfig;
+use super::frame::{Frame, MAX_ROTORS};
 use crate::physics::streams::Streams;
-
-/// Rotors in PX4's order: front right, rear left, front left, rear right.
-pub const ROTORS: usize = 4;
-
-/// Position (in units of arm / sqrt 2) and sense of each rotor: `[forward, right, yaw]`; a rotor
-/// that turns counter-clockwise seen from above turns the body clockwise (+yaw in FRD).
-pub(crate) const LAYOUT: [[f64; 3]; ROTORS] = [
-    [1.0, 1.0, 1.0],
-    [-1.0, -1.0, 1.0],
-    [1.0, -1.0, -1.0],
-    [-1.0, 1.0, -1.0],
-];
 
 /// State of the centre of mass in double precision. NED and FRD, SI.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,7 +52,8 @@ pub(crate) struct Airframe {
     pub(crate) inertia: Vector3<f64>,
     /// Greatest true thrust of one rotor, N.
     pub(crate) rotor_max: f64,
-    hubs: [Vector3<f64>; ROTORS],
+    frame: Frame,
+    hubs: Vec<Vector3<f64>>,
     moment_per_force: f64,
     idle: f64,
     lag: f64,
@@ -71,7 +61,7 @@ pub(crate) struct Airframe {
     radius: f64,
     deck_half: [f64; 2],
     /// Rotor speeds as fractions of the greatest.
-    speeds: [f64; ROTORS],
+    speeds: [f64; MAX_ROTORS],
 }
 
 impl Airframe {
@@ -91,44 +81,48 @@ impl Airframe {
         Airframe {
             mass: drone.mass_kg * heavier,
             inertia: Vector3::from(drone.inertia_kgm2) * heavier,
-            rotor_max: drone.max_thrust_n * stronger / ROTORS as f64,
-            hubs: LAYOUT.map(|[x, y, _]| Vector3::new(x * d, y * d, -config.rotor_above_m)),
+            rotor_max: drone.max_thrust_n * stronger / config.frame.count() as f64,
+            frame: config.frame,
+            hubs: (config.frame.rotors().iter())
+                .map(|[x, y, _]| Vector3::new(x * d, y * d, -config.rotor_above_m))
+                .collect(),
             moment_per_force: drone.moment_per_force_m,
             idle: config.idle_thrust,
             lag: config.rotor_lag_s,
             drag: config.drag_n_per_mps2,
             radius: config.rotor_radius_m,
             deck_half: [0.5 * deck.length_m, 0.5 * deck.width_m],
-            speeds: [0.0; ROTORS],
+            speeds: [0.0; MAX_ROTORS],
         }
     }
 
     /// Collective thrust that hovers in still air, as a fraction of the true greatest.
     pub(crate) fn hover(&self) -> f64 {
-        self.mass * GRAVITY / (self.rotor_max * ROTORS as f64)
+        self.mass * GRAVITY / (self.rotor_max * self.hubs.len() as f64)
     }
     /// Collective thrust now, as a fraction of the true greatest.
     pub(crate) fn thrust(&self) -> f64 {
-        self.speeds.iter().map(|s| s * s).sum::<f64>() / ROTORS as f64
+        self.speeds.iter().map(|s| s * s).sum::<f64>() / self.hubs.len() as f64
     }
     /// Rotors at the speed that hovers, for a start in the air.
     pub(crate) fn spin_up(&mut self) {
-        self.speeds = [self.hover().min(1.0).sqrt(); ROTORS];
+        let hover = self.hover().min(1.0).sqrt();
+        self.speeds[..self.hubs.len()].fill(hover);
     }
     /// Rotors at rest.
     pub(crate) fn stand_still(&mut self) {
-        self.speeds = [0.0; ROTORS];
+        self.speeds = [0.0; MAX_ROTORS];
     }
     /// Rotor hubs in the body frame, m.
-    pub(crate) fn hubs(&self) -> &[Vector3<f64>; ROTORS] {
+    pub(crate) fn hubs(&self) -> &[Vector3<f64>] {
         &self.hubs
     }
 
     /// Turns rotor commands (fractions of the greatest thrust, or None with the motors stopped)
     /// into speeds: `T ~ n²` and `dn/dt = (n_c - n) / lag`, exact over `dt`.
-    pub(crate) fn spin(&mut self, command: Option<&[f64; ROTORS]>, dt: f64) {
+    pub(crate) fn spin(&mut self, command: Option<&[f64; MAX_ROTORS]>, dt: f64) {
         let keep = (-dt / self.lag).exp();
-        for (i, speed) in self.speeds.iter_mut().enumerate() {
+        for (i, speed) in self.speeds.iter_mut().take(self.hubs.len()).enumerate() {
             let wanted = command.map_or(0.0, |c| c[i].clamp(self.idle, 1.0).sqrt());
             *speed = wanted + (*speed - wanted) * keep;
         }
@@ -143,7 +137,7 @@ impl Airframe {
         deck: Option<(&Vector3<f64>, &UnitQuaternion<f64>)>,
     ) -> (Vector3<f64>, Vector3<f64>) {
         let (mut lift, mut moment) = (0.0, Vector3::zeros());
-        for ((speed, hub), [_, _, sense]) in self.speeds.iter().zip(&self.hubs).zip(LAYOUT) {
+        for ((speed, hub), [_, _, sense]) in self.speeds.iter().zip(&self.hubs).zip(self.frame.rotors()) {
             let mut thrust = self.rotor_max * speed * speed;
             if let Some((centre, turn)) = deck {
                 thrust *= self.ground_effect(&m.point(hub), &m.attitude, centre, turn);
@@ -227,8 +221,8 @@ mod tests {
     #[test]
     fn rotor_moments_have_the_signs_of_the_layout() {
         let mut a = airframe(1);
-        let moment = |a: &mut Airframe, c: [f64; 4]| {
-            a.spin(Some(&c), 10.0);
+        let moment = |a: &mut Airframe, [a1, a2, a3, a4]: [f64; 4]| {
+            a.spin(Some(&[a1, a2, a3, a4, 0.0, 0.0]), 10.0);
             a.loads(&at(10.0), &Vector3::zeros(), None).1
         };
         // More lift on the left rolls right; on the front pitches up.
@@ -275,9 +269,9 @@ mod tests {
     #[test]
     fn rotor_speed_lags_with_its_time_constant() {
         let mut a = airframe(4);
-        a.spin(Some(&[0.25; 4]), 10.0);
+        a.spin(Some(&[0.25; MAX_ROTORS]), 10.0);
         for _ in 0..15 {
-            a.spin(Some(&[1.0; 4]), 0.002);
+            a.spin(Some(&[1.0; MAX_ROTORS]), 0.002);
         }
         // From 0.5 to 1 in speed: 1 - 0.5/e after one time constant of 0.03 s.
         let speed = a.thrust().sqrt();

@@ -105,6 +105,8 @@ const HOLD_STEPS: u32 = 5;
 const RENEWED_MPS: f64 = 0.05;
 /// Radius of the arm's end (motor), m; ours.
 const ARM_RADIUS_M: f64 = 0.03;
+/// Signs of the feet, forward and right: front right, rear left, front left, rear right.
+const FEET: [[f64; 2]; 4] = [[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]];
 /// Half extents of the body, m: the T650's body is 0.15 m high (ctu-mrs t650), the rest is ours.
 const BODY_HALF_M: [f64; 3] = [0.12, 0.12, 0.075];
 
@@ -153,7 +155,7 @@ impl Contact {
         };
         let r = config.foot_radius_m;
         let [length, width] = drone.feet_span_m;
-        for (i, [x, y, _]) in super::airframe::LAYOUT.into_iter().enumerate() {
+        for (i, [x, y]) in FEET.into_iter().enumerate() {
             let offset = Vector3::new(0.5 * x * length, 0.5 * y * width, drone.feet_below_m - r);
             add(Part::Foot(i), offset, r, ColliderBuilder::ball(r as f32));
         }

@@ -5,6 +5,7 @@
 mod airframe;
 mod config;
 mod contact;
+mod frame;
 pub(crate) mod noise;
 mod wind;
 
@@ -22,12 +23,11 @@ use airframe::{Airframe, Motion};
 use contact::{Contact, DeckSpan};
 use wind::Wind;
 
-pub(crate) use airframe::LAYOUT;
-pub use airframe::ROTORS;
 pub use config::{
     AirframeConfig, AutopilotConfig, ContactConfig, DroneConfig, LossAction, NavigationConfig, WindConfig,
 };
 pub use contact::{Impact, Part};
+pub use frame::{Frame, MAX_ROTORS};
 
 /// Longest sub-step, s.
 const SUB_STEP_S: f64 = 0.002;
@@ -170,7 +170,7 @@ impl SimulatedDrone {
         deck: &[RigidState<Deck>; 2],
         water_z: f64,
         exchanges: u32,
-        mut motors: impl FnMut(&PlantState) -> Option<[f64; ROTORS]>,
+        mut motors: impl FnMut(&PlantState) -> Option<[f64; MAX_ROTORS]>,
     ) -> Vec<StepReport> {
         let length = dt / i64::from(exchanges);
         (0..exchanges)
@@ -190,7 +190,7 @@ impl SimulatedDrone {
         deck_start: &RigidState<Deck>,
         deck_end: &RigidState<Deck>,
         water_z: f64,
-        command: Option<&[f64; ROTORS]>,
+        command: Option<&[f64; MAX_ROTORS]>,
     ) -> StepReport {
         let mut report = StepReport::default();
         let count = (dt_s / SUB_STEP_S - 1e-9).ceil().max(1.0) as u32;
@@ -241,7 +241,7 @@ impl SimulatedDrone {
 
     fn sub_step(
         &mut self,
-        command: Option<&[f64; ROTORS]>,
+        command: Option<&[f64; MAX_ROTORS]>,
         deck: &DeckSpan,
         dt: f64,
         impacts: &mut Vec<Impact>,

@@ -1,0 +1,83 @@
+//! Frames: where the rotors are and which way they turn.
+
+use serde::{Deserialize, Serialize};
+
+/// Most rotors that a frame has: the length of what is given per rotor; entries beyond a frame's own are zero.
+pub const MAX_ROTORS: usize = 6;
+
+/// Arrangement of the rotors, numbered and turning as PX4's airframe reference has it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Frame {
+    /// Quadrotor X: front right, rear left, front left, rear right.
+    #[default]
+    QuadX,
+    /// Hexarotor X: right, left, front left, rear right, front right, rear left.
+    HexaX,
+}
+
+/// Half of an arm at 30 deg to the side, and its other component, in units of arm / sqrt 2.
+const HALF: f64 = core::f64::consts::FRAC_1_SQRT_2;
+const LONG: f64 = 1.224_744_871_391_589;
+const FULL: f64 = core::f64::consts::SQRT_2;
+
+const QUAD_X: [[f64; 3]; 4] = [
+    [1.0, 1.0, 1.0],
+    [-1.0, -1.0, 1.0],
+    [1.0, -1.0, -1.0],
+    [-1.0, 1.0, -1.0],
+];
+const HEXA_X: [[f64; 3]; 6] = [
+    [0.0, FULL, -1.0],
+    [0.0, -FULL, 1.0],
+    [LONG, -HALF, -1.0],
+    [-LONG, HALF, 1.0],
+    [LONG, HALF, 1.0],
+    [-LONG, -HALF, -1.0],
+];
+
+impl Frame {
+    /// Position in units of arm / sqrt 2 and sense of each rotor: `[forward, right, yaw]`; a rotor that turns
+    /// counter-clockwise seen from above turns the body clockwise (+yaw in FRD). In these units the sum of the squares
+    /// along each of the three is the number of rotors.
+    pub fn rotors(self) -> &'static [[f64; 3]] {
+        match self {
+            Frame::QuadX => &QUAD_X,
+            Frame::HexaX => &HEXA_X,
+        }
+    }
+    /// Number of rotors.
+    pub fn count(self) -> usize {
+        self.rotors().len()
+    }
+    /// What each rotor adds for a unit of roll, pitch and yaw: lift at (x, y) gives the moment (-y T, x T).
+    pub(crate) fn axes(self) -> [[f64; MAX_ROTORS]; 3] {
+        let mut axes = [[0.0; MAX_ROTORS]; 3];
+        for (i, [x, y, sense]) in self.rotors().iter().enumerate() {
+            axes[0][i] = -y;
+            axes[1][i] = *x;
+            axes[2][i] = *sense;
+        }
+        axes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn axes_independent_and_of_equal_length() {
+        for frame in [Frame::QuadX, Frame::HexaX] {
+            let axes = frame.axes();
+            for i in 0..3 {
+                assert!(axes[i].iter().sum::<f64>().abs() < 1e-12, "{frame:?} lifts");
+                for j in 0..3 {
+                    let dot: f64 = axes[i].iter().zip(&axes[j]).map(|(a, b)| a * b).sum();
+                    let wanted = if i == j { frame.count() as f64 } else { 0.0 };
+                    assert!((dot - wanted).abs() < 1e-12, "{frame:?} {i} {j}: {dot}");
+                }
+            }
+        }
+    }
+}
