@@ -46,8 +46,9 @@ config! {
         /// Its correlation time, s.
         pub height_bias_time_s: f64 = 300.0, in 1.0..=1e6;
         /// An older fix is rejected, s.
-        /// Chosen: a late fix is compared with the state rolled back by a second-order series.
-        pub max_age_s: f64 = 0.3, in 0.01..=1.0;
+        /// Chosen: a late fix is compared with the state of its time, which is kept for 0.64 s; 1 Hz receivers at 4800
+        /// baud are late by 0.3 to 0.6 s.
+        pub max_age_s: f64 = 0.6, in 0.01..=1.0;
     }
 }
 

@@ -26,7 +26,7 @@ const MAX_IMPULSE: [f64; 2] = [3.0, 40.0];
 /// Share of the unexplained acceleration that is taken for noise of the measurement.
 const FAST_SHARE: f64 = 0.1;
 
-/// Whether a rejected innovation is motion: the two samples of the step agree. A single outlier makes their
+/// Whether a rejected innovation is motion: the samples of the step agree. A single outlier among two makes their
 /// difference twice the innovation of their mean.
 fn is_impulse(innovation: f64, apart: f64, most: f64) -> bool {
     innovation.abs() < most && apart.abs() < innovation.abs()
@@ -94,13 +94,13 @@ impl Filter {
         self.belief.inflate(dof, NU, (IMPULSE_SD_FRACTION * nu).powi(2));
     }
 
-    /// Fuses the mean of `n` samples, taken `offset` seconds after the state's time. Returns the
-    /// number of rejected channels.
+    /// Fuses the mean of `n` samples, taken `offset` seconds after the state's time; `apart` is how the last differs from
+    /// the first, where there are several. Returns the number of rejected channels.
     pub(super) fn fuse_inertial(
         &mut self,
         config: &VesselNodeConfig,
         (gyro, force): (Vector3<f64>, Vector3<f64>),
-        apart: (Vector3<f64>, Vector3<f64>),
+        apart: Option<(Vector3<f64>, Vector3<f64>)>,
         n: f64,
         offset: f64,
     ) -> u64 {
@@ -116,7 +116,7 @@ impl Filter {
         let r = config.imu.gyro_sd_radps.powi(2) / n;
         let tilt = self.tilt();
         let measured = tilt.rates_from_gyro(gyro - self.gyro_bias());
-        let differ = tilt.rates_from_gyro(apart.0);
+        let differ = apart.map(|(gyro, _)| tilt.rates_from_gyro(gyro));
         for (k, dof) in [ROLL, PITCH, YAW].into_iter().enumerate() {
             let z = measured[k];
             let predicted = self.belief.get(dof, NU) + offset * self.belief.acceleration(&self.model, dof);
@@ -124,7 +124,7 @@ impl Filter {
             let innovation = z - predicted;
             let update = self.belief.update(&row, innovation, r, gate);
             self.record_innovation(Channel::Gyro, dof, update);
-            let impulse = is_impulse(innovation, differ[k], MAX_IMPULSE[0]);
+            let impulse = differ.is_some_and(|d| is_impulse(innovation, d[k], MAX_IMPULSE[0]));
             if impulse && matches!(update, Update::Gated { .. }) {
                 self.impulse(dof, innovation / STEP_S, 0.5 * innovation * STEP_S, innovation);
             } else {
@@ -177,7 +177,9 @@ impl Filter {
             self.row = row;
             self.record_innovation(Channel::Accelerometer, axis, update);
             let gated = matches!(update, Update::Gated { .. });
-            if gated && is_impulse(z, (rotation * apart.1)[axis], MAX_IMPULSE[1]) {
+            let jolt =
+                apart.is_some_and(|(_, force)| is_impulse(z, (rotation * force)[axis], MAX_IMPULSE[1]));
+            if gated && jolt {
                 // It has grown over the step.
                 self.impulse(axis, z, 0.0, 0.5 * z * STEP_S);
             } else {

@@ -2,7 +2,7 @@
 //! [`alight_shared::vessel_model`], linear in the vessel-parallel frame at a reference heading that
 //! follows the mean heading.
 //!
-//! The filter runs at 50 Hz on pairs of inertial samples. Surge is estimated with pitch and sway with roll, because
+//! The filter runs at 50 Hz on the mean of each step's inertial samples, at whatever rate they come. Surge is estimated with pitch and sway with roll, because
 //! an accelerometer does not distinguish a horizontal acceleration from a tilt: on a hull that follows the water
 //! it measures almost none, and the gyroscope carries the tilt. Late measurements (GNSS, heading) are compared
 //! with the state at their time.
@@ -187,6 +187,7 @@ impl Estimator {
             self.try_start(sample.header.at);
             return;
         };
+        let period = (sample.header.at - f.last_imu).secs().clamp(0.0, STEP_S);
         f.last_imu = sample.header.at;
         f.inertial = true;
         f.imu_lever_arm = Vector3::from(sample.lever_arm.unwrap_or(self.config.imu.lever_arm_m));
@@ -198,7 +199,8 @@ impl Estimator {
         p.1 += Vector3::from(sample.accelerometer);
         p.2 += (sample.header.at - f.at).secs();
         p.3 += 1;
-        if p.3 >= 2 {
+        // A step ends with the sample that is nearest to its end.
+        if (sample.header.at - f.at).secs() + 0.5 * period >= STEP_S {
             let n = f64::from(p.3);
             let (gyro, force, ahead) = (p.0 / n, p.1 / n, p.2 / n);
             f.pending = Default::default();
@@ -207,9 +209,10 @@ impl Estimator {
                 return;
             }
             let from = f.at;
-            f.advance(ahead);
+            f.bridge(ahead);
             let offset = ahead - (f.at - from).secs();
-            let apart = (2.0 * (gyro - f.first.0), 2.0 * (force - f.first.1));
+            // One sample a step does not tell an outlier from a jolt.
+            let apart = (n > 1.0).then(|| (2.0 * (gyro - f.first.0), 2.0 * (force - f.first.1)));
             self.gated.imu += f.fuse_inertial(&self.config, (gyro, force), apart, n, offset);
             f.remember();
             f.follow_heading();
@@ -428,6 +431,20 @@ impl Filter {
         for _ in 0..steps {
             self.belief.propagate(&self.step);
             self.at += Span::from_secs(STEP_S);
+        }
+    }
+
+    /// Propagates through all steps up to the one that a measurement ends; those between have none.
+    fn bridge(&mut self, ahead: f64) {
+        let steps = (ahead / STEP_S).round().clamp(1.0, MAX_GAP_S / STEP_S) as u32;
+        for k in 1..=steps {
+            self.belief.propagate(&self.step);
+            self.at += Span::from_secs(STEP_S);
+            if k < steps {
+                self.remember();
+                self.follow_heading();
+                self.observe_motion();
+            }
         }
     }
 

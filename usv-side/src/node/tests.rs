@@ -108,6 +108,67 @@ fn vessel_node_follows_a_lateral_push_seen_only_by_gnss_within_2_s() {
     assert_eq!(n.estimator.gated().restarts, 0);
 }
 
+/// Angular frequency of the mode that rolls most, rad/s, by an inertial sensor of this rate on a vessel that rolls by
+/// 0.1 rad in 2.5 s.
+fn identified_roll(rate_hz: i64) -> f64 {
+    let omega = 2.0 * core::f64::consts::PI / 2.5;
+    let mut n = node();
+    let mut sampled = 0;
+    for k in 0..6000 {
+        let mut input = rest(k);
+        input.imu.clear();
+        for f in &mut input.gnss {
+            (f.position, f.lever_arm) = ([10.0, 20.0, 0.0], Some([0.0; 3]));
+        }
+        while sampled * 100 <= k * rate_hz {
+            let at = Time::from_nanos(time(0).nanos() + sampled * 1_000_000_000 / rate_hz);
+            let phase = omega * sampled as f64 / rate_hz as f64;
+            let roll = 0.1 * phase.sin();
+            input.imu.push(ImuSample {
+                header: Header::new(1, 0, 1, sampled as u32, at),
+                gyro: [0.1 * omega * phase.cos(), 0.0, 0.0],
+                accelerometer: [0.0, -9.806_65 * roll.sin(), -9.806_65 * roll.cos()],
+                lever_arm: Some([0.0; 3]),
+                ..ImuSample::default()
+            });
+            sampled += 1;
+        }
+        n.step(time(k), &input);
+    }
+    let modes = n.estimator.filter().unwrap().motion.modes().unwrap();
+    let roll = |m: &alight_shared::vessel_model::Mode| m.shape[3].norm().max(m.shape[4].norm());
+    let most = modes.modes.iter().max_by(|a, b| roll(a).total_cmp(&roll(b)));
+    most.map_or(f64::NAN, |m| m.pole.im.abs())
+}
+
+/// A sensor of 50 Hz was taken in pairs of 40 ms, of which the identification made steps of 20 ms: frequencies were a
+/// fifth too high.
+#[test]
+fn identified_frequency_at_any_inertial_rate() {
+    for rate_hz in [20, 50, 80, 100, 125, 400] {
+        let found = identified_roll(rate_hz);
+        assert!((found - 2.513).abs() < 0.05, "{rate_hz} Hz: {found} rad/s");
+    }
+}
+
+/// A receiver that reports once a second, half a second late.
+#[test]
+fn slow_and_late_receiver_starts_the_filter() {
+    let mut n = node();
+    let mut last = None;
+    for k in 0..3000 {
+        let mut input = rest(k);
+        input.gnss = if k % 100 == 50 { vec![fix(k - 50)] } else { vec![] };
+        last = n.step(time(k), &input).estimate.or(last);
+    }
+    let e = last.unwrap();
+    assert!(
+        (e.eta[0] - 10.0).abs() < 0.1 && (e.eta[1] - 20.0).abs() < 0.1,
+        "{:?}",
+        e.eta
+    );
+}
+
 #[test]
 fn vessel_node_publishes_nothing_before_all_sensors_report_or_after_imu_loss() {
     let mut n = node();
