@@ -306,8 +306,10 @@ pub enum Study {
     Rocking,
     /// Mean wind of 0 to 15 m/s with gusts.
     Wind,
-    /// Better, worse and missing sensors, mass, thrust and attitude lag.
+    /// What a boat measures with: three classes of vessel, askew by 2 deg, without an IMU; sensors missing on both sides.
     Sensors,
+    /// Which drone on which deck: 1.5 to 25 kg, 0.8 to 2.5 m, attitude lag, hexarotor, mass and thrust not as measured.
+    Size,
     /// Loss, delay and outages of the radio.
     Link,
     /// The camera node on rendered images, beside its measurement model: range, incidence, blur, glare.

@@ -6,6 +6,7 @@
 //! Reading order: [`noise`], [`gnss`] and [`imu`] for the vessel; [`camera`], [`square_pose`],
 //! [`sight_loss`] and [`tag`] for the drone.
 
+pub mod attitude;
 pub mod camera;
 pub mod clocks;
 pub mod delay;
@@ -44,6 +45,9 @@ config! {
         pub vessel_gnss: gnss::VesselGnssConfig;
         /// The vessel's heading sensor.
         pub vessel_heading: heading::VesselHeadingConfig;
+        /// Its attitude sensor, where it has one.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub vessel_attitude: Option<attitude::VesselAttitudeConfig> = None;
         /// The detector of the deck's tag.
         pub tag: tag::TagConfig;
         /// The UVDAR system.
@@ -56,6 +60,11 @@ config! {
         pub camera_mount: camera::CameraMountConfig;
         /// Images of the belly camera.
         pub render: render::RenderConfig;
+    }
+    check |this, at| {
+        if let Some(attitude) = &this.vessel_attitude {
+            attitude.check(&at.table("vessel_attitude"))?;
+        }
     }
 }
 
@@ -81,6 +90,7 @@ pub struct VesselSensors {
     imu: imu::VesselImu,
     gnss: gnss::VesselGnss,
     heading: heading::VesselHeading,
+    attitude: Option<attitude::VesselAttitude>,
 }
 
 impl VesselSensors {
@@ -90,6 +100,8 @@ impl VesselSensors {
             imu: imu::VesselImu::new(&config.vessel_imu, identity, streams),
             gnss: gnss::VesselGnss::new(&config.vessel_gnss, place, identity, streams),
             heading: heading::VesselHeading::new(&config.vessel_heading, identity, streams),
+            attitude: (config.vessel_attitude.as_ref())
+                .map(|c| attitude::VesselAttitude::new(c, identity, streams)),
         }
     }
     /// What the GNSS bias displaces the vessel's NED plane by now, m (truth): positions in the vessel's
@@ -103,7 +115,10 @@ impl VesselSensors {
             imu: self.imu.step(t, vessel),
             gnss: self.gnss.step(t, vessel),
             heading: self.heading.step(t, vessel),
-            attitude: Vec::new(),
+            attitude: self
+                .attitude
+                .as_mut()
+                .map_or_else(Vec::new, |a| a.step(t, vessel)),
         }
     }
 }

@@ -7,10 +7,10 @@ use alight_sim::physics::deck_motion::rocking::RockingConfig;
 use alight_sim::physics::sea::{SeaConfig, SeaKind};
 use alight_sim::physics::vessel::Course;
 use alight_sim::physics::vessel::response::HULLS;
-use alight_sim::sensors::noise::Windows;
 use serde::Serialize;
 
 use super::ablation;
+use super::equipment;
 use super::link;
 use super::variant::{MakeScene, PlannerVariant, StudyScene};
 use crate::exit::CliError;
@@ -131,7 +131,8 @@ pub fn rows(study: Study, args: &SceneArgs, base: &Scene) -> Result<Vec<StudySce
             .iter()
             .map(|v| row(&format!("{v} m/s"), &|w| w.drone.wind.mean_mps = *v))
             .collect(),
-        Study::Sensors => sensors(&row),
+        Study::Sensors => equipment::sensors(&row),
+        Study::Size => equipment::size(&row),
         Study::Link => link::rows(&row),
         Study::Camera
         | Study::Estimator
@@ -294,45 +295,6 @@ fn rocking(row: MakeScene<'_>) -> Vec<StudyScene> {
                 }),
                 ..DeckMotionConfig::default()
             });
-        }));
-    }
-    rows
-}
-
-fn sensors(row: MakeScene<'_>) -> Vec<StudyScene> {
-    let always = || Windows(vec![[0.0, 1.0e6]]);
-    let mut rows = vec![
-        row("default", &|_| {}),
-        row("RTK on both", &|w| {
-            w.sensors.vessel_gnss.error.bias_sd_m = 0.02;
-            w.sensors.vessel_gnss.error.white_sd_m = 0.02;
-            w.drone.navigation.gnss_bias_m = 0.02;
-            w.drone.navigation.gnss_noise_m = 0.02;
-        }),
-        row("GNSS bias 3 m", &|w| {
-            w.sensors.vessel_gnss.error.bias_sd_m = 3.0;
-            w.drone.navigation.gnss_bias_m = 3.0;
-        }),
-        row("no UVDAR", &|w| w.sensors.uvdar.outages_s = always()),
-        row("no camera at all", &|w| {
-            w.sensors.uvdar.outages_s = always();
-            w.sensors.tag.outages_s = always();
-        }),
-        row("tag lost nearer than 3 m", &|w| {
-            w.sensors.tag.min_distance_m = 3.0
-        }),
-        row("IMU bias x 3", &|w| {
-            w.sensors.vessel_imu.gyro_bias_sd_radps *= 3.0;
-            w.sensors.vessel_imu.accelerometer_bias_sd_mps2 *= 3.0;
-        }),
-        // Unknown to the nodes, besides the errors to 5 % that are always drawn.
-        row("mass 20 % more", &|w| w.drone.airframe.mass_factor = 1.2),
-        row("mass 20 % less", &|w| w.drone.airframe.mass_factor = 0.8),
-        row("thrust 15 % less", &|w| w.drone.airframe.thrust_factor = 0.85),
-    ];
-    for lag in [0.1, 0.2, 0.3, 0.4] {
-        rows.push(row(&format!("attitude lag {lag} s"), &|w| {
-            w.drone.autopilot.attitude_lag_s = lag
         }));
     }
     rows

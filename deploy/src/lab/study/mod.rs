@@ -4,6 +4,7 @@ mod ablation;
 mod aborts;
 mod airborne;
 mod camera;
+mod equipment;
 mod estimator;
 mod fleet;
 mod grid;
@@ -58,6 +59,7 @@ pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
             | Study::Rocking
             | Study::Wind
             | Study::Sensors
+            | Study::Size
             | Study::Link,
             _,
         ) => grid_study(args)?,

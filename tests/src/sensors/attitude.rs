@@ -1,0 +1,89 @@
+//! The vessel's attitude sensor: the roll, pitch, rates and heave that an inertial navigation system reports.
+
+use alight_shared::config;
+use alight_shared::frames::VesselBody;
+use alight_shared::msg::AttitudeFix;
+use alight_shared::time::{Time, TrueTime, VesselClock};
+use nalgebra::Vector3;
+
+use super::noise::{GaussMarkov, Noise, Windows};
+use super::outlet::{Identity, Outlet};
+use crate::physics::body::RigidState;
+use crate::physics::streams::Streams;
+
+config! {
+    /// The vessel's attitude sensor.
+    pub struct VesselAttitudeConfig {
+        /// Measurements per second.
+        /// Chosen: what motion sensors of survey boats send over a serial line.
+        pub rate_hz: f64 = 20.0, in 1.0..=100.0;
+        /// From measurement to arrival at the estimator, s.
+        pub latency_s: f64 = 0.03, in 0.0..=2.0;
+        /// White noise of roll and pitch, deg.
+        pub white_sd_deg: f64 = 0.02, in 0.0..=10.0;
+        /// Standard deviation of their slow error (acceleration of the boat), deg.
+        pub bias_sd_deg: f64 = 0.05, in 0.0..=10.0;
+        /// Correlation time of the slow errors of roll, pitch and heave, s.
+        /// Chosen: the boat's own accelerations, a few waves.
+        pub bias_correlation_s: f64 = 20.0, in 0.1..=1e6;
+        /// Standard deviation of the misalignment with the hull, each axis, drawn per seed, deg.
+        pub alignment_sd_deg: f64 = 0.2, in 0.0..=20.0;
+        /// White noise of its angular rates, rad/s.
+        pub rate_white_sd_radps: f64 = 0.002, in 0.0..=1.0;
+        /// Standard deviation of its heave's slow error, m.
+        /// Source: data sheets of motion sensors, 0.05 m or 5 %.
+        pub heave_sd_m: f64 = 0.05, in 0.0..=10.0;
+        /// Windows `[start, end)` without measurements, s of true time.
+        pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
+    }
+}
+
+/// The vessel's attitude sensor at work.
+#[derive(Clone, Debug)]
+pub(super) struct VesselAttitude {
+    config: VesselAttitudeConfig,
+    /// Misalignment: roll, pitch, yaw, rad.
+    alignment: Vector3<f64>,
+    tilt: GaussMarkov,
+    heave: GaussMarkov,
+    white: Noise,
+    outlet: Outlet<AttitudeFix, VesselClock>,
+}
+
+impl VesselAttitude {
+    pub(super) fn new(config: &VesselAttitudeConfig, identity: Identity, streams: &Streams) -> Self {
+        let noise = |what: &str| Noise::new(streams, &format!("vessel.attitude.{what}"));
+        let tau = config.bias_correlation_s;
+        VesselAttitude {
+            alignment: noise("mount").normal3() * config.alignment_sd_deg.to_radians(),
+            tilt: GaussMarkov::new(noise("tilt"), config.bias_sd_deg.to_radians(), tau),
+            heave: GaussMarkov::new(noise("heave"), config.heave_sd_m, tau),
+            white: noise("white"),
+            outlet: Outlet::new(config.rate_hz, config.latency_s, &config.outages_s, identity),
+            config: config.clone(),
+        }
+    }
+    pub(super) fn step(&mut self, t: Time<TrueTime>, vessel: &RigidState<VesselBody>) -> Vec<AttitudeFix> {
+        if let Some(dt) = self.outlet.due(t) {
+            let c = &self.config;
+            let white = c.white_sd_deg.to_radians();
+            let error = self.alignment + self.tilt.step(dt) + self.white.normal3() * white;
+            let rates = vessel.rates.0 + self.white.normal3() * c.rate_white_sd_radps;
+            let heave = vessel.position.0.z + self.heave.step(dt).z;
+            let angles = vessel.euler();
+            self.outlet.send(t, false, |header| {
+                Some(AttitudeFix {
+                    header,
+                    tilt: [angles.x + error.x, angles.y + error.y],
+                    // As its data sheet states it: without the mounting.
+                    tilt_sd: white.hypot(c.bias_sd_deg.to_radians()).max(1e-4),
+                    rates: Some(rates.into()),
+                    heave: Some(heave),
+                    heave_sd: c.heave_sd_m.max(1e-3),
+                    ..AttitudeFix::default()
+                })
+            });
+        }
+        self.outlet.arrived(t)
+    }
+}
