@@ -2,11 +2,11 @@
 
 use alight_shared::estimation::Update;
 use alight_shared::msg::AttitudeFix;
-use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::time::{Time, VesselClock};
 use alight_shared::vessel_model::{ETA, HEAVE, NU, PITCH, ROLL, Term, YAW, turn_tilt};
 use nalgebra::Vector3;
 
-use super::{Channel, Filter, MAX_GAP_S, STEP_S};
+use super::{Channel, Filter, STEP_S};
 
 /// Gate on the normalised innovation squared (5 standard deviations).
 const GATE: f64 = 25.0;
@@ -22,19 +22,6 @@ impl Filter {
     /// Inertial samples are recent at `at`.
     pub(super) fn has_inertial(&self, at: Time<VesselClock>) -> bool {
         self.inertial && (at - self.last_imu).secs() < SILENT_S
-    }
-
-    /// Carries the state to within half a step of `to` by the model alone.
-    pub(super) fn coast(&mut self, to: Time<VesselClock>) {
-        self.pending = Default::default();
-        let ahead = (to - self.at).secs();
-        let steps = (ahead / STEP_S).round().clamp(0.0, MAX_GAP_S / STEP_S) as u32;
-        for _ in 0..steps {
-            self.belief.propagate(&self.step);
-            self.at += Span::from_secs(STEP_S);
-            self.follow_heading();
-            self.observe_motion();
-        }
     }
 
     /// Fuses an attitude; returns the number of its rejected components.

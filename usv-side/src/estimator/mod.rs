@@ -209,14 +209,12 @@ impl Estimator {
                 return;
             }
             let from = f.at;
-            f.bridge(ahead);
+            f.step_before(ahead);
             let offset = ahead - (f.at - from).secs();
             // One sample a step does not tell an outlier from a jolt.
             let apart = (n > 1.0).then(|| (2.0 * (gyro - f.first.0), 2.0 * (force - f.first.1)));
             self.gated.imu += f.fuse_inertial(&self.config, (gyro, force), apart, n, offset);
-            f.remember();
-            f.follow_heading();
-            f.observe_motion();
+            f.end_step();
         }
         self.guard();
     }
@@ -295,13 +293,7 @@ impl Estimator {
         if behind > MAX_GAP_S {
             self.restart();
         } else if behind > 0.1 {
-            f.pending = Default::default();
-            if f.last_attitude.is_some() && !f.has_inertial(now) {
-                f.coast(now);
-            } else {
-                f.advance(behind);
-                f.follow_heading();
-            }
+            f.coast(now);
         }
         self.guard();
     }
@@ -425,26 +417,34 @@ impl Filter {
         }
     }
 
-    /// Propagates by whole steps so that the state is within half a step of `ahead` seconds on.
-    fn advance(&mut self, ahead: f64) {
+    /// Propagates by a step.
+    fn propagate(&mut self) {
+        self.belief.propagate(&self.step);
+        self.at += Span::from_secs(STEP_S);
+    }
+    /// What follows from the state of each step, measured or not: a hole in the identification's record costs its past.
+    fn end_step(&mut self) {
+        self.remember();
+        self.follow_heading();
+        self.observe_motion();
+    }
+    /// Carries the state to within half a step of `ahead` seconds on, where a measurement ends the last step.
+    fn step_before(&mut self, ahead: f64) {
+        let steps = (ahead / STEP_S).round().clamp(1.0, MAX_GAP_S / STEP_S) as u32;
+        for _ in 1..steps {
+            self.propagate();
+            self.end_step();
+        }
+        self.propagate();
+    }
+    /// Carries the state to within half a step of `to` by the model alone.
+    fn coast(&mut self, to: Time<VesselClock>) {
+        self.pending = Default::default();
+        let ahead = (to - self.at).secs();
         let steps = (ahead / STEP_S).round().clamp(0.0, MAX_GAP_S / STEP_S) as u32;
         for _ in 0..steps {
-            self.belief.propagate(&self.step);
-            self.at += Span::from_secs(STEP_S);
-        }
-    }
-
-    /// Propagates through all steps up to the one that a measurement ends; those between have none.
-    fn bridge(&mut self, ahead: f64) {
-        let steps = (ahead / STEP_S).round().clamp(1.0, MAX_GAP_S / STEP_S) as u32;
-        for k in 1..=steps {
-            self.belief.propagate(&self.step);
-            self.at += Span::from_secs(STEP_S);
-            if k < steps {
-                self.remember();
-                self.follow_heading();
-                self.observe_motion();
-            }
+            self.propagate();
+            self.end_step();
         }
     }
 

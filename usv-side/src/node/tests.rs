@@ -109,8 +109,8 @@ fn vessel_node_follows_a_lateral_push_seen_only_by_gnss_within_2_s() {
 }
 
 /// Angular frequency of the mode that rolls most, rad/s, by an inertial sensor of this rate on a vessel that rolls by
-/// 0.1 rad in 2.5 s.
-fn identified_roll(rate_hz: i64) -> f64 {
+/// 0.1 rad in 2.5 s; the sensor is silent in these ticks.
+fn identified_roll(rate_hz: i64, silent: core::ops::Range<i64>) -> f64 {
     let omega = 2.0 * core::f64::consts::PI / 2.5;
     let mut n = node();
     let mut sampled = 0;
@@ -133,6 +133,9 @@ fn identified_roll(rate_hz: i64) -> f64 {
             });
             sampled += 1;
         }
+        if silent.contains(&k) {
+            input.imu.clear();
+        }
         n.step(time(k), &input);
     }
     let modes = n.estimator.filter().unwrap().motion.modes().unwrap();
@@ -146,8 +149,17 @@ fn identified_roll(rate_hz: i64) -> f64 {
 #[test]
 fn identified_frequency_at_any_inertial_rate() {
     for rate_hz in [20, 50, 80, 100, 125, 400] {
-        let found = identified_roll(rate_hz);
+        let found = identified_roll(rate_hz, 0..0);
         assert!((found - 2.513).abs() < 0.05, "{rate_hz} Hz: {found} rad/s");
+    }
+}
+
+/// The record of the motion began anew after a gap of more than 0.15 s: for 5.7 s no mode was known.
+#[test]
+fn modes_half_a_second_after_an_inertial_gap() {
+    for gap in [20, 50, 90] {
+        let found = identified_roll(100, 5950 - gap..5950);
+        assert!((found - 2.513).abs() < 0.05, "gap of {gap} ticks: {found} rad/s");
     }
 }
 
