@@ -2,6 +2,7 @@
 //! judges them; nothing is changed.
 
 mod autopilot;
+mod equipment;
 pub mod facts;
 pub mod gather;
 pub mod rules;

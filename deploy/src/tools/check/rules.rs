@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use crate::certificates::{Certificate, RENEWAL_DAYS, common_name};
 use crate::exit::Exit;
+use crate::tools::check::equipment;
 use crate::tools::check::facts::{
     AutopilotReport, CameraCheck, Computer, DeckInputCheck, Facts, Identity, Port, PortState, Reach,
     SharedMemory, SourceCheck,
@@ -132,10 +133,14 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
         (Computer::Drone(_), None) | (Computer::Vessel(_), _) => {}
     }
     all.extend(facts.frame.map(frame));
+    if let Computer::Drone(d) = computer {
+        all.push(equipment::deck(&d.drone.deck, &d.drone.airframe));
+    }
     all.extend(facts.cameras.iter().map(camera));
     if matches!(computer, Computer::Vessel(_)) {
         all.extend(sensors(facts));
         all.extend(facts.sources.iter().flatten().map(source));
+        all.extend(facts.sources.as_deref().and_then(equipment::vessel));
         all.extend(facts.deck_inputs.iter().map(deck_input));
     }
     all.extend(processors(facts, matches!(computer, Computer::Drone(_))));

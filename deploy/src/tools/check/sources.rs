@@ -9,10 +9,12 @@ use crate::io::byte_link::ByteLink;
 use crate::process::supervisor::pause;
 use crate::tools::check::facts::SourceCheck;
 
-/// A source is read this often ...
-const READ_ROUNDS: u32 = 250;
-/// ... with this pause: 2.5 s in all, two periods of the slowest receivers and the pause of a link that is
-/// opened late.
+/// All sources are listened to for so long, s: two periods of the slowest receivers and the pause of a link that is opened
+/// late.
+pub const LISTEN_S: f64 = 2.5;
+/// They are read this often.
+const READ_ROUNDS: u32 = (LISTEN_S * 1e3) as u32 / 10;
+/// With this pause.
 const READ_PERIOD: std::time::Duration = std::time::Duration::from_millis(10);
 
 /// What each source sends. The ports must be free: a serial port gives each byte to one reader.
