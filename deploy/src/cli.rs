@@ -125,6 +125,9 @@ pub enum ConfigCommand {
     /// The simulated world's, with every default.
     #[cfg(feature = "lab")]
     Scenario,
+    /// The process's of the simulation (`alight world`), with every default.
+    #[cfg(feature = "lab")]
+    World,
 }
 
 impl ConfigCommand {
@@ -134,6 +137,8 @@ impl ConfigCommand {
             ConfigCommand::Drone(a) => config::drone(a),
             #[cfg(feature = "lab")]
             ConfigCommand::Scenario => lab::scene::print_defaults(),
+            #[cfg(feature = "lab")]
+            ConfigCommand::World => lab::live::config::print_world(),
         }
     }
 }

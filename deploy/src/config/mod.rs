@@ -8,6 +8,7 @@ use alight_shared::config;
 use alight_shared::transport::clock::ProcessClock;
 use alight_shared::transport::radio::{RadioConfig, TlsConfig};
 use alight_uav::autopilot::AutopilotLinkConfig;
+use alight_uav::camera::motion_blur::longest_exposure_s;
 use alight_uav::settings::DroneSettings;
 use alight_usv::sensors::SourcesConfig;
 use alight_usv::{DeckConfig, VesselNodeConfig};
@@ -77,6 +78,20 @@ config! {
         /// Its other nodes.
         pub drone: DroneSettings;
     }
+    check |this, at| {
+        let own = &this.drone;
+        let [fx, fy] = own.camera.lens.focal_px;
+        let longest_s = longest_exposure_s(
+            fx.max(fy),
+            own.deck.tag_side_m,
+            own.mission.tracking_height_m,
+            own.planner.limits.rates_rps,
+        );
+        if this.camera.is_there() && !this.camera.is_simulation() {
+            let longest_s = (1e4 * longest_s).floor() / 1e4;
+            at.table("camera").range("exposure_s", this.camera.exposure_s, 0.0, longest_s)?;
+        }
+    }
 }
 
 impl DroneComputer {
@@ -102,6 +117,26 @@ mod tests {
         assert_eq!(
             config::parse::<DroneComputer>(&text, "drone").unwrap(),
             DroneComputer::default()
+        );
+    }
+
+    #[test]
+    fn exposure_longer_than_the_lens_permits_is_refused() {
+        let check = |exposure_s: f64, focal: f64| {
+            let mut config = DroneComputer::default();
+            config.camera.source = "/dev/video0".into();
+            config.camera.exposure_s = exposure_s;
+            config.drone.camera.lens.focal_px = [focal; 2];
+            config.check(&Keys::ROOT).map_err(|e| e.to_string())
+        };
+        assert_eq!(check(0.017, 320.0), Ok(()));
+        let e = check(0.018, 320.0).unwrap_err();
+        assert!(e.contains("`camera.exposure_s` is 0.018"), "{e}");
+        // The default with any usual lens.
+        assert!(
+            [200.0, 600.0, 1500.0, 4000.0]
+                .iter()
+                .all(|focal| check(0.004, *focal).is_ok())
         );
     }
 

@@ -1,27 +1,29 @@
 //! A camera of the drone as a process: images in; sightings of the deck's tag (belly camera) or fixes of the
 //! deck by its blinking markers (ultraviolet camera) to the topic that the predictor reads.
 //! Figures of the first: images, those with the tag, other tags, too faint, misshapen, without a pose, of
-//! another size; of the second: images, those with a fix, markers, images with one marker only, without a
-//! place, of another size. Of both: the time from exposure to sighting (median, 99 %), times its source was
-//! opened again.
+//! another size, contrast and saturation of the tag; of the second: images, those with a fix, markers, images
+//! with one marker only, without a place, of another size. Of both: the time from exposure to sighting (median,
+//! 99 %), times its source was opened again, exposure and gain.
 
-use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::time::Duration;
 
 use alight_shared::config::{self, Check as _, Keys};
 use alight_shared::msg::{Seq, TagPose, UvdarFix};
 use alight_shared::node::Node;
-use alight_shared::time::{DroneClock, Time};
-use alight_shared::transport::clock::steady_ns;
+use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::images::ImageSubscriber;
 use alight_shared::transport::memory::{Instance, Memory, Publisher};
 use alight_shared::transport::metrics::{Metric, MetricName};
 use alight_shared::transport::plain::Plain;
 use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_shared::transport::statistics::Quantiles;
+use alight_uav::camera::light::mean_level;
+use alight_uav::camera::metering::{Light, Setting};
 use alight_uav::camera::node::CameraIdentity;
 use alight_uav::camera::uvdar::UvdarNode;
-use alight_uav::camera::{CameraIn, CameraNode, Frame, GreyImage};
+use alight_uav::camera::{CameraIn, CameraNode, Frame, GreyImage, TagLight};
 use serde_json::{Value, json};
 use tracing::warn;
 
@@ -39,6 +41,8 @@ const IDLE_WAIT: Duration = Duration::from_millis(2);
 const QUEUE_LENGTH: usize = 2;
 /// A source that broke is opened again after this long.
 const RETRY_PERIOD: Duration = Duration::from_secs(1);
+/// The light on the tag is reported for so long after it was detected.
+const LIGHT_MEMORY: Span = Span::from_millis(1000);
 
 /// Where sightings go.
 struct Shared {
@@ -111,6 +115,13 @@ impl Detector {
             }),
         }
     }
+    /// The light on the tag in the newest image, where one was detected.
+    fn light(&self) -> Option<TagLight> {
+        match self {
+            Detector::Tag(node, _) => node.light(),
+            Detector::Markers(..) => None,
+        }
+    }
     /// Messages that could not be sent.
     fn unsent(&self) -> u64 {
         match self {
@@ -159,18 +170,60 @@ impl Detector {
 enum Source {
     /// The simulated world, through shared memory.
     Simulation(ImageSubscriber),
-    /// A thread that waits for a device, a pipe or files.
-    Thread(Receiver<SourceEvent>),
+    /// A thread that waits for a device, a pipe or files; it takes the light of images by their number.
+    Thread(Receiver<SourceEvent>, SyncSender<(u64, Light)>),
 }
 
 /// What that thread reports.
 enum SourceEvent {
-    /// An image.
-    Image(Frame),
+    /// An image, its number, and what exposed it where that is known.
+    Image(Frame, u64, Option<Setting>),
+    /// Its own automatic exposes the device's images.
+    Automatic(String),
     /// It broke; it is tried again.
     Failed(String),
     /// There are no more images.
     Finished,
+}
+
+/// The light of images, as it is reported and metered.
+#[derive(Default)]
+struct Exposed {
+    setting: Option<Setting>,
+    tag: Option<(Time<DroneClock>, TagLight)>,
+}
+
+impl Exposed {
+    /// The detector has looked at an image; `metered` takes what is metered of number `number`.
+    fn looked(
+        &mut self,
+        frame: &Frame,
+        tag: Option<TagLight>,
+        metered: Option<(u64, &SyncSender<(u64, Light)>)>,
+    ) {
+        self.tag = tag.map(|light| (frame.at, light)).or(self.tag);
+        if let Some((number, lights)) = metered {
+            let light = tag.map_or_else(|| Light::Mean(mean_level(&frame.image)), Light::Tag);
+            // The thread waits for its device; the next image is metered as well.
+            let _full = lights.try_send((number, light));
+        }
+    }
+    fn metrics(&self, now: Time<DroneClock>) -> impl Iterator<Item = Metric> {
+        let setting = self.setting.map(|s| {
+            [
+                MetricName::Exposure.seconds(s.exposure_s),
+                MetricName::Gain.count(s.gain.max(0.0) as u64),
+            ]
+        });
+        let recent = self.tag.filter(|(at, _)| now - *at < LIGHT_MEMORY);
+        let tag = recent.map(|(_, light)| {
+            [
+                MetricName::TagContrast.fraction(light.contrast()),
+                MetricName::TagSaturation.fraction(light.saturation),
+            ]
+        });
+        setting.into_iter().chain(tag).flatten()
+    }
 }
 
 /// Runs until it is asked to end, as the belly camera or as the ultraviolet one.
@@ -218,14 +271,18 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
     let mut detector = Detector::new(kind, &computer, names, shared.as_ref().map(|s| &s.memory))?;
     let mut source = match &shared {
         Some(shared) if config.is_simulation() => Source::Simulation(shared.memory.image_subscriber()?),
-        Some(_) | None => Source::Thread(spawn_source(kind, &config, &computer)?),
+        Some(_) | None => {
+            let (events, lights) = spawn_source(kind, &config, &computer)?;
+            Source::Thread(events, lights)
+        }
     };
+    let mut exposed = Exposed::default();
     let mut life = Life::begin(kind, names.boot, args.process.supervised);
     let mut ages = Quantiles::default();
     let (mut opened, mut last) = (0_u32, Time::<DroneClock>::from_nanos(i64::MIN));
     while !life.ended() {
         let mut input = CameraIn::default();
-        let mut over = false;
+        let (mut over, mut number) = (false, 0);
         match &mut source {
             Source::Simulation(images) => {
                 while input.frames.len() < QUEUE_LENGTH
@@ -239,15 +296,24 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
                     }
                 }
             }
-            Source::Thread(events) => match events.recv_timeout(IDLE_WAIT) {
-                Ok(SourceEvent::Image(frame)) => input.frames.push(frame),
+            Source::Thread(events, _) => match events.recv_timeout(IDLE_WAIT) {
+                Ok(SourceEvent::Image(frame, of_source, setting)) => {
+                    (number, exposed.setting) = (of_source, setting);
+                    input.frames.push(frame);
+                }
+                Ok(SourceEvent::Automatic(why)) => warn!(
+                    "{}: {} {why}: its own automatic exposes, perhaps for longer than motion permits; alight check \
+                     says what to do",
+                    kind.name(),
+                    config.source
+                ),
                 Ok(SourceEvent::Failed(why)) => {
                     opened = opened.saturating_add(1);
                     warn!("{}: {why}; trying again", kind.name());
                 }
                 Ok(SourceEvent::Finished) => over = true,
-                Err(std::sync::mpsc::RecvTimeoutError::Timeout) => {}
-                Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => over = true,
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => over = true,
             },
         }
         if !input.frames.is_empty() {
@@ -255,6 +321,13 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
             let before = steady_ns();
             let detections = detector.detect(last, &input);
             life.stepped(Some((steady_ns() - before) as f64 * 1e-9));
+            if let Some(frame) = input.frames.last() {
+                let metered = match &source {
+                    Source::Thread(_, lights) => Some((number, lights)),
+                    Source::Simulation(_) => None,
+                };
+                exposed.looked(frame, detector.light(), metered);
+            }
             let sent: Time<DroneClock> = computer.clock.now();
             detections.iter().for_each(|s| ages.add((sent - s.at).secs()));
             if args.print {
@@ -270,7 +343,8 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
             MetricName::ExposureToFixP99.seconds(ages.quantile(0.99)),
             MetricName::SourceReopened.count(opened),
         ];
-        life.metrics = Seq::filled(detector.metrics().into_iter().chain(own));
+        let light = exposed.metrics(computer.clock.now());
+        life.metrics = Seq::filled(detector.metrics().into_iter().chain(own).chain(light));
         if let Some(shared) = &mut shared
             && let Some(report) = life.state(Vec::new, detector.unsent())
         {
@@ -291,7 +365,7 @@ fn spawn_source(
     kind: ProcessKind,
     config: &CameraSource,
     computer: &DroneComputer,
-) -> Result<Receiver<SourceEvent>, CliError> {
+) -> Result<(Receiver<SourceEvent>, SyncSender<(u64, Light)>), CliError> {
     let settings = &computer.drone.camera;
     let (tag, markers) = (&settings.lens, &settings.uvdar.lens);
     let size = if kind == ProcessKind::Uvdar {
@@ -301,55 +375,85 @@ fn spawn_source(
     };
     let size = size.map(|s| s as usize);
     // Bad input is refused at once; what breaks later is tried again.
-    let mut images = Images::open(config, size)?;
-    let (sender, receiver) = sync_channel(QUEUE_LENGTH);
+    let images = Images::open(config, size)?;
+    let (events, received) = sync_channel(QUEUE_LENGTH);
+    let (lights, metered) = sync_channel(1);
+    let mut source = SourceThread {
+        images,
+        events,
+        metered,
+        number: 0,
+        automatic: false,
+    };
     let (config, clock) = (config.clone(), computer.clock);
     std::thread::spawn(move || {
-        loop {
-            let why = loop {
-                match images.next_frame(&clock) {
-                    Ok(Some(frame)) => {
-                        // Files wait for the node; of a camera the newest counts.
-                        let sent = if matches!(images, Images::Files(_)) {
-                            sender.send(SourceEvent::Image(frame)).is_ok()
-                        } else {
-                            !matches!(
-                                sender.try_send(SourceEvent::Image(frame)),
-                                Err(std::sync::mpsc::TrySendError::Disconnected(_))
-                            )
-                        };
-                        if !sent {
-                            return;
-                        }
-                    }
-                    Ok(None) => {
-                        let _gone = sender.send(SourceEvent::Finished);
-                        return;
-                    }
-                    Err(CliError(why)) if matches!(images, Images::Files(_)) => {
-                        // The next file may be sound.
-                        if sender.send(SourceEvent::Failed(why)).is_err() {
-                            return;
-                        }
-                    }
-                    Err(CliError(why)) => break why,
-                }
-            };
-            if sender.send(SourceEvent::Failed(why)).is_err() {
+        while let Some(why) = source.show(&clock) {
+            if source.events.send(SourceEvent::Failed(why)).is_err() {
                 return;
             }
             crate::process::supervisor::pause(RETRY_PERIOD);
             match Images::open(&config, size) {
-                Ok(again) => images = again,
+                Ok(again) => source.images = again,
                 Err(CliError(why)) => {
-                    if sender.send(SourceEvent::Failed(why)).is_err() {
+                    if source.events.send(SourceEvent::Failed(why)).is_err() {
                         return;
                     }
                 }
             }
         }
     });
-    Ok(receiver)
+    Ok((received, lights))
+}
+
+/// The thread that waits for images.
+struct SourceThread {
+    images: Images,
+    events: SyncSender<SourceEvent>,
+    metered: Receiver<(u64, Light)>,
+    /// Images so far.
+    number: u64,
+    /// It was reported that the device's own automatic exposes.
+    automatic: bool,
+}
+
+impl SourceThread {
+    /// Shows images until the source breaks: why. None when there are no more, or nobody looks.
+    fn show(&mut self, clock: &ProcessClock) -> Option<String> {
+        loop {
+            let files = matches!(self.images, Images::Files(_));
+            match self.images.next_frame(clock) {
+                Ok(Some(frame)) => {
+                    self.number += 1;
+                    if let Ok((image, light)) = self.metered.try_recv() {
+                        self.images.meter(image, self.number, &light);
+                    }
+                    let setting = match self.images.exposure() {
+                        Some(Err(why)) if !self.automatic => {
+                            self.automatic = true;
+                            self.events.send(SourceEvent::Automatic(why)).ok()?;
+                            None
+                        }
+                        Some(exposed) => exposed.ok(),
+                        None => None,
+                    };
+                    let image = SourceEvent::Image(frame, self.number, setting);
+                    // Files wait for the node; of a camera the newest counts.
+                    if files {
+                        self.events.send(image).ok()?;
+                    } else if let Err(TrySendError::Disconnected(_)) = self.events.try_send(image) {
+                        return None;
+                    }
+                }
+                Ok(None) => {
+                    let _gone = self.events.send(SourceEvent::Finished);
+                    return None;
+                }
+                // The next file may be sound.
+                Err(CliError(why)) if files => self.events.send(SourceEvent::Failed(why)).ok()?,
+                Err(CliError(why)) => return Some(why),
+            }
+        }
+    }
 }
 
 /// A line for each image: where tag or deck is, or that it is not seen.

@@ -6,9 +6,11 @@ use std::path::{Path, PathBuf};
 
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
+use alight_uav::camera::metering::{Light, Setting};
 use alight_uav::camera::{Frame, GreyImage};
 
 use crate::config::camera::CameraSource;
+use crate::drone::exposure::ExposureControl;
 use crate::exit::{CliError, Doing};
 
 /// Most files of a directory.
@@ -39,10 +41,17 @@ impl Images {
                 doing
             ))
         })?;
+        use std::os::unix::fs::FileTypeExt;
+        let device = meta.file_type().is_char_device();
+        if !device && config.fixed_gain().is_some_and(|_| config.exposure_s > 0.0) {
+            return Err(CliError(format!(
+                "{doing}: a gain is set, and only a V4L2 device has one; remove the key, and expose where these \
+                 images are made"
+            )));
+        }
         if meta.is_dir() || meta.is_file() {
             return Ok(Images::Files(Files::open(path, config.rate_hz)?));
         }
-        use std::os::unix::fs::FileTypeExt;
         if meta.file_type().is_fifo() {
             // For writing too: so it opens without waiting for a writer, and stays open when one ends.
             let file = File::options().read(true).write(true).open(path);
@@ -61,6 +70,25 @@ impl Images {
             Images::Device(device) => device.next_frame(clock).map(Some),
             Images::Files(files) => files.next_frame(clock),
             Images::Pipe(pipe) => pipe.next_frame(clock),
+        }
+    }
+    /// What exposes: the setting, or why the device's own automatic does. None where nothing is asked of it.
+    pub fn exposure(&self) -> Option<Result<Setting, String>> {
+        match self {
+            Images::Device(device) => device.exposure.as_ref().map(|e| match e {
+                Ok(control) => Ok(control.setting()),
+                Err(why) => Err(why.clone()),
+            }),
+            Images::Files(_) | Images::Pipe(_) => None,
+        }
+    }
+    /// Meters the light of image number `image`, the newest being number `newest`.
+    pub fn meter(&mut self, image: u64, newest: u64, light: &Light) {
+        if let Images::Device(device) = self
+            && let Some(Ok(control)) = &mut device.exposure
+            && let Err(why) = control.meter(&device.camera, image, newest, light)
+        {
+            device.exposure = Some(Err(why));
         }
     }
 }
@@ -158,6 +186,8 @@ pub struct Device {
     /// Every so many bytes one of brightness.
     stride: usize,
     delay: Span,
+    /// Its control, or why there is none; None where none is asked for.
+    exposure: Option<Result<ExposureControl, String>>,
 }
 
 impl Device {
@@ -180,8 +210,11 @@ impl Device {
                     config.format
                 ))
             })?;
+        // After the start: some drivers reset their controls with it.
+        let exposure = (config.exposure_s > 0.0).then(|| ExposureControl::take(&camera, config));
         Ok(Device {
             camera,
+            exposure,
             name: config.source.clone(),
             size,
             // The others begin with a plane of brightness.
@@ -249,5 +282,11 @@ mod tests {
         std::fs::remove_dir_all(&directory).unwrap();
         assert!(refusal(Images::open(&source(Path::new("/dev/video99")), size)).contains("V4L2"));
         assert!(Images::open(&source(Path::new("/dev/null")), size).is_err());
+        let file = std::env::temp_dir();
+        let fixed = CameraSource {
+            gain: 4,
+            ..source(&file)
+        };
+        assert!(refusal(Images::open(&fixed, size)).contains("only a V4L2 device"));
     }
 }

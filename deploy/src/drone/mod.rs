@@ -9,6 +9,7 @@ pub mod autopilot;
 pub mod bridge;
 pub mod camera;
 pub mod camera_source;
+pub mod exposure;
 pub mod mission;
 pub mod pilot;
 pub mod planner;

@@ -80,6 +80,10 @@ names! {
     ExposureToFixP50: "exposure to fix p50",
     ExposureToFixP99: "exposure to fix p99",
     SourceReopened: "source reopened",
+    Exposure: "exposure",
+    Gain: "gain",
+    TagContrast: "tag contrast",
+    TagSaturation: "tag saturation",
     // Of the simulated world.
     LatestTick: "latest tick",
     LateTicks: "late ticks",

@@ -7,7 +7,7 @@
 //!
 //! One more is noticed by [`PlaintextAttempts`]: a stream without TLS.
 //!
-//! The texts are those of the one version of zenoh that is built in; `deploy/tests/access.rs` fails when
+//! The texts are those of the one version of zenoh that is built in; `deploy/tests/live/access.rs` fails when
 //! they change.
 
 use std::cell::Cell;

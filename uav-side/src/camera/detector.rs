@@ -7,6 +7,7 @@ use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use super::image::GreyImage;
+use super::light::TagLight;
 use super::motion_blur::motion_blur_px2;
 
 /// Detections of one image that are examined, at most.
@@ -58,6 +59,8 @@ pub struct TagDetection {
     pub margin: f64,
     /// Square of the motion during the exposure by its edges, px².
     pub motion_blur_px2: f64,
+    /// The light on it.
+    pub light: TagLight,
 }
 
 /// Images and the library's detections by result.
@@ -126,6 +129,7 @@ impl TagDetector {
                 wrong_bits: found.hamming(),
                 margin: f64::from(found.decision_margin()),
                 motion_blur_px2: 0.0,
+                light: TagLight::default(),
             };
             if found.id() != usize::from(self.settings.id) {
                 self.counts.other_tags += 1;
@@ -139,6 +143,7 @@ impl TagDetector {
         }
         best.map(|b| TagDetection {
             motion_blur_px2: motion_blur_px2(image, &b.corners),
+            light: TagLight::of(image, &b.corners).unwrap_or_default(),
             ..b
         })
     }

@@ -2,6 +2,7 @@
 
 use alight_shared::config::{ConfigError, Keys};
 use alight_shared::time::{DroneClock, Time};
+use nalgebra::Vector2;
 use thiserror::Error;
 
 /// Shortest side of an image, px: a tag of 10 cells does not fit into fewer, and the detector's
@@ -121,6 +122,13 @@ impl GreyImage {
     /// Whether it is of this size, px.
     pub(super) fn has_size(&self, width_px: u32, height_px: u32) -> bool {
         [self.width, self.height] == [width_px as usize, height_px as usize]
+    }
+    /// Grey level of the pixel that holds this point, px; None outside the image.
+    pub(super) fn level_near(&self, at: Vector2<f64>) -> Option<u8> {
+        let (column, row) = (at.x.round(), at.y.round());
+        let inside = (0.0..self.width as f64).contains(&column) && (0.0..self.height as f64).contains(&row);
+        let index = || row as usize * self.width + column as usize;
+        inside.then(index).and_then(|k| self.pixels.get(k).copied())
     }
     /// Its rows.
     pub fn pixels(&self) -> &[u8] {

@@ -1,11 +1,14 @@
 //! The belly camera: images in, detections of the deck's tag out.
 //!
 //! Read in this order: [`image`], [`lens`] (the direction of a pixel), [`detector`] (the tag's corners),
-//! [`motion_blur`], [`square_pose`] (its pose and covariance), [`node`]; then [`uvdar`], the second camera.
+//! [`motion_blur`], [`square_pose`] (its pose and covariance), [`node`]; [`light`] and [`metering`] (exposure and
+//! gain); then [`uvdar`], the second camera.
 
 pub mod detector;
 pub mod image;
 pub mod lens;
+pub mod light;
+pub mod metering;
 pub mod motion_blur;
 pub mod node;
 mod refine;
@@ -18,6 +21,7 @@ use alight_shared::frames::{Camera, Rotation};
 pub use detector::TagSettings;
 pub use image::{Frame, GreyImage, ImageError};
 pub use lens::Lens;
+pub use light::TagLight;
 pub use node::{CameraIn, CameraNode, CameraOut};
 pub use uvdar::UvdarSettings;
 

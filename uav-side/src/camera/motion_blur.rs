@@ -30,6 +30,17 @@ pub fn width_px(p: &[Vector2<f64>; 4]) -> f64 {
     0.5 * (c - a).perp(&(d - b)).abs() / longest
 }
 
+/// Longest exposure, s, with which a tag of `side_m` is decoded in half of the images from `height_m` above it while
+/// the camera turns at `rate_rps`: `t = b / (f ω)` for a focal length `f`, px.
+/// The blur `b` is what a tag of width `w = f side / height` is decoded with, `w = 13.3 px + 0.27 b² / px`, and at
+/// least 3 px: a tag that is too narrow for the detector anyway limits no exposure.
+/// Source: rendered images (`alight study camera`).
+pub fn longest_exposure_s(focal_px: f64, side_m: f64, height_m: f64, rate_rps: f64) -> f64 {
+    let width_px = focal_px * side_m / height_m;
+    let blur_px = ((width_px - 13.3) / 0.27).max(9.0).sqrt();
+    blur_px / (focal_px * rate_rps)
+}
+
 /// Square of the motion during the exposure, px², from the edges of the tag with these corners: that across
 /// one pair of sides and that across the other. Zero where no edge is found.
 pub fn motion_blur_px2(image: &GreyImage, corners: &[Vector2<f64>; 4]) -> f64 {
@@ -133,6 +144,16 @@ mod tests {
             let measured = motion_blur_px2(&moved(b), &CORNERS);
             assert!((measured - b * b).abs() < 5.0 + 0.1 * b * b, "{b} px: {measured}");
         }
+    }
+
+    #[test]
+    fn longest_exposure_is_that_of_the_tag_from_its_height() {
+        // 320 px, 1 m from 7 m: 45.7 px wide, decoded with 11 px of blur, which 2 rad/s make in 17 ms.
+        let longest_s = longest_exposure_s(320.0, 1.0, 7.0, 2.0);
+        assert!((longest_s - 0.0171).abs() < 1e-4, "{longest_s}");
+        // Too narrow to be detected: 3 px.
+        assert!((longest_exposure_s(320.0, 0.1, 7.0, 2.0) - 3.0 / 640.0).abs() < 1e-9);
+        assert!(longest_exposure_s(320.0, 1.0, 7.0, 4.0) < 0.6 * longest_s);
     }
 
     #[test]

@@ -7,6 +7,7 @@ use nalgebra::{Vector2, Vector3};
 
 use super::detector::{TagCounts, TagDetection, TagDetector, TagSettings};
 use super::image::{Frame, GreyImage};
+use super::light::TagLight;
 use super::motion_blur::width_px;
 use super::square_pose::solve;
 use super::{CameraSettings, Lens};
@@ -78,6 +79,7 @@ pub struct CameraNode {
     tag: TagSettings,
     detector: TagDetector,
     exposures: Exposures,
+    light: Option<TagLight>,
 }
 
 impl CameraNode {
@@ -90,7 +92,12 @@ impl CameraNode {
             tag: settings.tag.clone(),
             detector: TagDetector::new(&settings.tag),
             exposures: Exposures::of(identity),
+            light: None,
         }
+    }
+    /// The light on the tag in the newest image; None where it was not detected.
+    pub fn light(&self) -> Option<TagLight> {
+        self.light
     }
     /// Images and detections by result.
     pub fn counts(&self) -> TagCounts {
@@ -98,11 +105,13 @@ impl CameraNode {
     }
     /// The tag in one image.
     pub fn detect(&mut self, image: &GreyImage) -> Option<TagPose> {
+        self.light = None;
         if !image.has_size(self.lens.width_px, self.lens.height_px) {
             self.detector.counts.wrong_size += 1;
             return None;
         }
         let detection = self.detector.find(image)?;
+        self.light = Some(detection.light);
         self.estimate_pose(&detection)
     }
     /// The corners of the tag in one image.
@@ -203,6 +212,7 @@ mod tests {
                 wrong_bits: 0,
                 margin: 100.0,
                 motion_blur_px2,
+                light: TagLight::default(),
             };
             corner_sd_px(&tag, &detection)
         };

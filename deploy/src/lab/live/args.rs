@@ -51,7 +51,7 @@ pub struct LandArgs {
     #[arg(long, default_value = "land")]
     pub instance: String,
     /// The firmware of --autopilot itself flies: it is started beside, and flown from the pad by a person (see
-    /// deploy/docs/autopilots.md)
+    /// docs/autopilots.md, A firmware flies the simulated drone)
     #[arg(long, requires = "autopilot")]
     pub external: bool,
     /// Where that firmware's MAVLink is [default: udpin://0.0.0.0:14540 for PX4,
@@ -195,6 +195,11 @@ pub enum Emulate {
 
 /// The simulated vehicles.
 #[derive(Args, Debug)]
+#[command(
+    after_help = "Its file names sea, seed, autopilot, the drone's set of processes and the addresses of vessel\n\
+and autopilot. `alight config world` prints one for the services as they are by default;\n\
+`alight land` keeps its own in alight-land/world.toml among temporary files while it flies."
+)]
 pub struct WorldArgs {
     /// What every process has
     #[command(flatten)]

@@ -3,7 +3,8 @@
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
+use alight_shared::config::{Check, ConfigError, Keys, commented};
 use alight_sim::autopilots::FirmwareConfig;
 use alight_sim::baselines::Baseline;
 use alight_sim::harness::scenario::{Scenario, StateOutage};
@@ -11,8 +12,10 @@ use alight_sim::radio::RadioConfig;
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
-use crate::exit::{CliError, Doing};
+use crate::config::{DroneComputer, VesselComputer};
+use crate::exit::{CliError, Doing, Exit};
 use crate::process::instance::OwnedInstance;
+use crate::terminal;
 
 /// Who flies the simulated drone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
@@ -86,45 +89,45 @@ impl Check for Attachments {
     }
 }
 
-/// The simulated vehicles.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct SimulatedWorld {
-    /// Name of the set of processes that share the drone's memory.
-    pub instance: String,
-    /// Where the vessel's process takes its sensors' datagrams.
-    pub sensors: String,
-    /// The steady clock's reading at the true time zero, ns.
-    pub epoch_ns: i64,
-    /// Seed of sea, noise and start.
-    pub seed: u64,
-    /// The sea as the person named it.
-    pub sea: String,
-    /// The planner, for the outcome.
-    pub planner: String,
-    /// The drone only follows, for this long after the start, s.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub follow_s: Option<f64>,
-    /// The truth is logged beside what the processes log.
-    pub truth: bool,
-    /// A picture of the landing is drawn there.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub plot: Option<PathBuf>,
-    /// Who flies the drone.
-    pub autopilot: AutopilotKind,
-    /// The plant of a firmware.
-    pub firmware: FirmwareConfig,
-    /// Where the drone's link to the simulated autopilot listens, UDP.
-    pub mavlink: String,
-    /// What is simulated.
-    pub scenario: Scenario,
+config! {
+    /// The simulated vehicles.
+    pub struct SimulatedWorld {
+        /// Name of the set of processes that share the drone's memory: `alight drone`'s or a landing's.
+        pub instance: String = DroneComputer::default().instance;
+        /// Where the vessel's process takes its sensors' datagrams.
+        pub sensors: String = VesselComputer::default().sensors;
+        /// The steady clock's reading at the true time zero, ns; 0: when the process starts.
+        pub epoch_ns: i64 = 0;
+        /// Seed of sea, noise and start.
+        pub seed: u64 = 0;
+        /// The sea as the outcome names it.
+        pub sea: String = String::new();
+        /// The planner as the outcome names it.
+        pub planner: String = String::new();
+        /// The drone only follows, for this long after the start, s.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub follow_s: Option<f64> = None;
+        /// The truth is logged beside what the processes log.
+        pub truth: bool = false;
+        /// A picture of the landing is drawn there.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub plot: Option<PathBuf> = None;
+        /// Who flies the drone: internal, px4, ardupilot.
+        pub autopilot: AutopilotKind = AutopilotKind::default();
+        /// Where the drone's link to the simulated autopilot listens, UDP.
+        pub mavlink: String = "127.0.0.1:14540".into();
+        /// The plant of a firmware.
+        pub firmware: FirmwareConfig;
+        /// What is simulated, as `alight config scenario` prints it.
+        pub scenario: Scenario;
+    }
 }
 
-impl Check for SimulatedWorld {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        self.firmware.check(&at.table("firmware"))?;
-        self.scenario.check(&at.table("scenario"))
-    }
+/// Prints one with every key, for `alight vessel` and `alight drone` as they are by default.
+pub fn print_world() -> Result<Exit, CliError> {
+    let text = commented(&SimulatedWorld::default()).doing("writing the configuration as TOML")?;
+    terminal::line(text.trim_end());
+    Ok(Exit::Success)
 }
 
 /// Writes a configuration into the instance's directory.
@@ -159,11 +162,11 @@ pub fn attached(name: &str, attachments: &Path, config: &Path) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::config;
 
     #[test]
     fn simulated_world_round_trips_through_toml() {
-        let text = toml::to_string(&SimulatedWorld::default()).unwrap();
+        let text = commented(&SimulatedWorld::default()).unwrap();
+        assert!(text.contains("# The steady clock's reading"), "{text}");
         let read = config::parse::<SimulatedWorld>(&text, "world").unwrap();
         assert_eq!(read, SimulatedWorld::default());
     }

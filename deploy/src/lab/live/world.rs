@@ -60,7 +60,10 @@ pub struct Landed {
 /// unanswered.
 pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     let (kind, args) = (args.autopilot, &args.process);
-    let world: SimulatedWorld = config::load(&args.config)?;
+    let mut world: SimulatedWorld = config::load(&args.config)?;
+    if world.epoch_ns == 0 {
+        world.epoch_ns = steady_ns();
+    }
     let mut physics = Physics::new(&world.scenario, world.seed).doing("setting up the simulated world")?;
     let mut plant = {
         let (scenario, firmware) = (&world.scenario, &world.firmware);

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use alight_shared::autopilot_parameters::Parameter;
 use alight_shared::geodesy::Datum;
 use alight_uav::autopilot::parameters::Finding;
+use alight_uav::camera::metering::Setting;
 use alight_usv::sensors::SourceStatus;
 
 use crate::certificates::Certificate;
@@ -139,8 +140,19 @@ pub struct SharedMemory {
     pub directory: Result<PathBuf, String>,
 }
 
+/// What a camera shows.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CameraView {
+    /// Images.
+    pub images: u64,
+    /// What exposes: the setting, or why the device's own automatic does; None where nothing is asked of it.
+    pub exposure: Option<Result<Setting, String>>,
+    /// Contrast and saturation of the tag, 0 to 1; None when it was not detected.
+    pub tag: Option<[f64; 2]>,
+}
+
 /// One of the drone's cameras.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct CameraCheck {
     /// Its table in the configuration.
     pub key: &'static str,
@@ -152,6 +164,8 @@ pub struct CameraCheck {
     pub there: Result<(), String>,
     /// Whether the lens was calibrated.
     pub calibrated: bool,
+    /// What it shows, or why nothing; None where that cannot be looked at.
+    pub view: Option<Result<CameraView, String>>,
 }
 
 /// Everything that was found.

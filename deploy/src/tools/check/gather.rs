@@ -9,24 +9,26 @@ use std::process::Command;
 use std::time::Duration;
 
 use alight_shared::config;
-use alight_shared::geodesy::Datum;
 use alight_shared::transport::memory::{Instance, Memory};
+use alight_shared::transport::process::ProcessKind;
 use alight_shared::transport::radio::{RadioConfig, TlsConfig};
 use alight_uav::camera::Lens;
 use alight_uav::camera::uvdar::Fisheye;
 
 use crate::certificates;
+use crate::config::camera::CameraSource;
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Doing};
 use crate::io::link_url::LinkUrl;
 use crate::io::sensor_socket::SensorSocket;
 use crate::process::observer::Observer;
+use crate::process::snapshot::Snapshot;
 use crate::process::{instance, scheduling};
 use crate::tools::check::facts::{
     CameraCheck, ClockSync, Computer, DeckInputCheck, Facts, Identity, Port, PortState, Reach,
     SensorReadings, SharedMemory,
 };
-use crate::tools::check::{autopilot, sources};
+use crate::tools::check::{autopilot, camera, sources};
 use crate::vessel::deck_inputs;
 
 /// Longest look into a file of the system.
@@ -108,36 +110,13 @@ pub fn gather(path: &Path) -> Facts {
                 };
                 facts.autopilot = Some((name, reach));
             }
-            let settings = &d.drone.camera;
-            let ultraviolet = d.ultraviolet();
-            let cameras = [
-                (
-                    "camera",
-                    "drone.camera.lens",
-                    &d.camera,
-                    settings.lens != Lens::default(),
-                ),
-                (
-                    "uvdar",
-                    "drone.camera.uvdar.lens",
-                    &ultraviolet,
-                    settings.uvdar.lens != Fisheye::default(),
-                ),
-            ];
-            for (key, lens, config, calibrated) in cameras.into_iter().filter(|(_, _, c, _)| c.is_there()) {
-                facts.cameras.push(CameraCheck {
-                    key,
-                    lens,
-                    source: config.source.clone(),
-                    there: if config.is_simulation() {
-                        Ok(())
-                    } else {
-                        readable(&config.source)
-                    },
-                    calibrated,
-                });
-            }
-            facts.frame = instance.as_ref().ok().filter(|_| facts.running).and_then(frame);
+            let snapshot = instance
+                .as_ref()
+                .ok()
+                .filter(|_| facts.running)
+                .and_then(snapshot);
+            facts.frame = snapshot.as_ref().and_then(Snapshot::frame);
+            facts.cameras = cameras(d, snapshot.as_ref());
             facts.memory = Some(memory(instance.map_err(|e| e.to_string())));
         }
         Err(_) => {}
@@ -146,19 +125,88 @@ pub fn gather(path: &Path) -> Facts {
     facts
 }
 
-/// What a running drone publishes of its frame.
-fn frame(instance: &Instance) -> Option<(Datum, Option<f64>)> {
+/// What the processes of a running drone publish.
+fn snapshot(instance: &Instance) -> Option<Snapshot> {
     let memory = Memory::join(instance, "check").ok()?;
     let mut observer = Observer::join(&memory).ok()?;
     memory.wait(LISTEN_TIME * LISTEN_ROUNDS);
     observer.poll(None);
-    observer.snapshot.frame()
+    Some(observer.snapshot)
 }
 
-/// Whether a camera's source is there and may be read. Looked at only: a pipe without a writer would block.
+/// Each camera that is configured: looked through, or as the process reports that holds it.
+fn cameras(d: &DroneComputer, running: Option<&Snapshot>) -> Vec<CameraCheck> {
+    let settings = &d.drone.camera;
+    let (tag, markers) = (&settings.lens, &settings.uvdar.lens);
+    let check = |key, lens, calibrated, config: &CameraSource, kind, size: [u32; 2], tag| {
+        let there = if config.is_simulation() {
+            Ok(())
+        } else {
+            readable(&config.source)
+        };
+        let view = match (&there, running) {
+            (Err(_), _) => None,
+            (Ok(()), Some(snapshot)) => snapshot
+                .processes
+                .get(&kind)
+                .map(|p| Ok(camera::reported(&p.metrics))),
+            (Ok(()), None) if config.is_simulation() || is_pipe(&config.source) => None,
+            (Ok(()), None) => Some(camera::look(config, size.map(|s| s as usize), tag)),
+        };
+        CameraCheck {
+            key,
+            lens,
+            source: config.source.clone(),
+            there,
+            calibrated,
+            view,
+        }
+    };
+    let belly = || {
+        let (size, calibrated) = ([tag.width_px, tag.height_px], *tag != Lens::default());
+        let lens = "drone.camera.lens";
+        check(
+            "camera",
+            lens,
+            calibrated,
+            &d.camera,
+            ProcessKind::Camera,
+            size,
+            Some(&settings.tag),
+        )
+    };
+    let ultraviolet = d.ultraviolet();
+    let uvdar = || {
+        let (size, calibrated) = (
+            [markers.width_px, markers.height_px],
+            *markers != Fisheye::default(),
+        );
+        let lens = "drone.camera.uvdar.lens";
+        check(
+            "uvdar",
+            lens,
+            calibrated,
+            &ultraviolet,
+            ProcessKind::Uvdar,
+            size,
+            None,
+        )
+    };
+    let found = [
+        d.camera.is_there().then(belly),
+        ultraviolet.is_there().then(uvdar),
+    ];
+    found.into_iter().flatten().collect()
+}
+
+/// Whether it is a named pipe: without a writer it would block, and a reader takes bytes of its images.
+fn is_pipe(name: &str) -> bool {
+    fs::metadata(name).is_ok_and(|meta| meta.file_type().is_fifo())
+}
+
+/// Whether a camera's source is there and may be read.
 fn readable(name: &str) -> Result<(), String> {
-    let meta = fs::metadata(name).map_err(|e| e.to_string())?;
-    if meta.file_type().is_fifo() {
+    if is_pipe(name) {
         return Ok(());
     }
     fs::File::open(name).map(drop).map_err(|e| e.to_string())

@@ -1,7 +1,8 @@
 //! `alight check`: what keeps this computer from flying, and the remedy. [`gather`] collects facts, [`rules`]
-//! judges them; nothing is changed.
+//! judges them; nothing is changed but the exposure of a camera, which is left as the service would set it.
 
 mod autopilot;
+mod camera;
 mod equipment;
 pub mod facts;
 pub mod gather;

@@ -23,6 +23,11 @@ const MEMORY_BYTES: u64 = 64 << 20;
 const PLAUSIBLE_S: i64 = 1_735_689_600;
 /// Error of a synchronised clock that is worth a warning, s: logs of both computers are compared by it.
 const CLOCK_ERROR_S: f64 = 0.1;
+/// Contrast of the tag that is worth a warning: the detector needs a margin of 20 grey levels, which is a contrast of
+/// 16 %; motion and noise take of it.
+const MIN_CONTRAST: f64 = 0.3;
+/// Saturation of the tag that is worth a warning: a third of its white.
+const MAX_SATURATION: f64 = 0.1;
 /// Bits of a key's file that let others than its owner read or write it.
 const OTHERS: u32 = 0o077;
 /// Bits with which a group may read, and nothing else.
@@ -120,7 +125,7 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     all.extend(facts.ports.iter().map(|p| port(p, facts.running)));
     all.extend(facts.dialled.iter().map(|(to, reach)| dialled(to, reach)));
     all.extend(facts.memory.as_ref().map(memory).into_iter().flatten());
-    all.extend(facts.autopilot.as_ref().map(|a| autopilot(a, facts.running)));
+    all.extend(facts.autopilot.as_ref().map(|a| autopilot(a, facts)));
     match (computer, &facts.reported) {
         (Computer::Drone(d), Some(Some(reported))) => {
             all.extend(parameters(reported, d.autopilot.check_parameters));
@@ -136,7 +141,8 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     if let Computer::Drone(d) = computer {
         all.push(equipment::deck(&d.drone.deck, &d.drone.airframe));
     }
-    all.extend(facts.cameras.iter().map(camera));
+    all.extend(facts.cameras.iter().map(|c| camera(c, facts.running)));
+    all.extend(facts.cameras.iter().filter_map(camera_view));
     if matches!(computer, Computer::Vessel(_)) {
         all.extend(sensors(facts));
         all.extend(facts.sources.iter().flatten().map(source));
@@ -317,12 +323,16 @@ fn dialled(to: &str, reach: &Reach) -> Finding {
     }
 }
 
-fn autopilot((url, reach): &(String, Result<Reach, String>), running: bool) -> Finding {
+fn autopilot((url, reach): &(String, Result<Reach, String>), facts: &Facts) -> Finding {
     const TOPIC: Topic = Topic("autopilot");
     match reach {
-        Ok(Reach::Answers) => TOPIC.fine(format!("{url} is there")),
-        Ok(Reach::Routed) => TOPIC.fine(format!("{url} is free; whether the autopilot answers shows only in alight status")),
-        Ok(Reach::Unreachable(why)) if running => {
+        Ok(Reach::Answers | Reach::Routed) => match facts.reported {
+            Some(Some(_)) => TOPIC.fine(format!("answers at {url}")),
+            // What that means is the finding about its parameters.
+            Some(None) => TOPIC.fine(format!("{url} can be opened")),
+            None => TOPIC.fine(format!("{url} can be opened; alight status shows whether the autopilot answers")),
+        },
+        Ok(Reach::Unreachable(why)) if facts.running => {
             TOPIC.fine(format!("{url} is taken ({why}), and Alight runs"))
         }
         Ok(Reach::Unreachable(why)) => TOPIC.warning(
@@ -402,7 +412,7 @@ fn parameters(reported: &AutopilotReport, refuses: bool) -> Vec<Finding> {
     all
 }
 
-fn camera(found: &CameraCheck) -> Finding {
+fn camera(found: &CameraCheck, running: bool) -> Finding {
     let CameraCheck { key, source, .. } = found;
     match &found.there {
         Err(why) => Topic(key).broken(
@@ -415,12 +425,69 @@ fn camera(found: &CameraCheck) -> Finding {
         Ok(()) if !found.calibrated => Topic(key).warning(
             format!("{source} is there, its lens is the simulated camera's"),
             format!(
-                "calibrate it and write focal_px, centre_px and distortion into [{}] (README, A camera)",
+                "calibrate it and write focal_px, centre_px and distortion into [{}] (docs/calibrate.md, A camera)",
                 found.lens
             ),
         ),
+        Ok(()) if running => Topic(key).fine(format!("{source} is there, and the drone's process has it")),
         Ok(()) => Topic(key).fine(format!("{source} is there")),
     }
+}
+
+/// Whether images come, and the tag in them is fit to be detected.
+fn camera_view(found: &CameraCheck) -> Option<Finding> {
+    let (topic, source) = (Topic(found.key), &found.source);
+    let view = match found.view.as_ref()? {
+        Ok(view) => view,
+        Err(why) => {
+            return Some(topic.broken(
+                format!("{source}: {why}"),
+                format!(
+                    "v4l2-ctl --list-formats-ext says what it has: correct [{}] and [{}]; does another program hold it?",
+                    found.key, found.lens
+                ),
+            ));
+        }
+    };
+    let exposure = match &view.exposure {
+        Some(Ok(s)) => format!(
+            ", exposed for {:.1} ms with gain {:.0}",
+            1e3 * s.exposure_s,
+            s.gain
+        ),
+        Some(Err(why)) => {
+            return Some(topic.warning(
+                format!("{source} {why}: its own automatic exposes"),
+                format!(
+                    "v4l2-ctl --list-ctrls says what it has; expose by its maker's means for less than \
+                     {0}.exposure_s and set {0}.exposure_s = 0",
+                    found.key
+                ),
+            ));
+        }
+        None => String::new(),
+    };
+    let Some([contrast, saturation]) = view.tag else {
+        return Some(topic.fine(format!("{} images{exposure}; no tag in view", view.images)));
+    };
+    let tag = format!(
+        "contrast {:.0} %, saturation {:.0} % on the tag{exposure}",
+        100.0 * contrast,
+        100.0 * saturation
+    );
+    Some(if contrast < MIN_CONTRAST {
+        topic.warning(
+            tag,
+            "light the tag, clean the lens, print it matt and black; at full gain a faster lens is needed",
+        )
+    } else if saturation > MAX_SATURATION {
+        topic.warning(
+            tag,
+            "shade it or print it matt against glare; is the exposure fixed (gain), or metered by another program?",
+        )
+    } else {
+        topic.fine(tag)
+    })
 }
 
 fn memory(memory: &SharedMemory) -> Vec<Finding> {

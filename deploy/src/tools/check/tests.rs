@@ -16,14 +16,15 @@ use alight_sim::physics::drone::{AutopilotConfig, NavigationConfig, PlantState};
 use alight_sim::physics::streams::Streams;
 use alight_uav::autopilot::message::command;
 use alight_uav::autopilot::parameters::Finding as ParameterFinding;
+use alight_uav::camera::metering::Setting;
 use alight_usv::sensors::{SourceConfig, SourceStatus};
 
 use crate::certificates::{self, Certificate};
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::Exit;
 use crate::tools::check::facts::{
-    AutopilotReport, CameraCheck, ClockSync, Computer, DeckInputCheck, Facts, Identity, Port, PortState,
-    Reach, SensorReadings, SharedMemory, SourceCheck,
+    AutopilotReport, CameraCheck, CameraView, ClockSync, Computer, DeckInputCheck, Facts, Identity, Port,
+    PortState, Reach, SensorReadings, SharedMemory, SourceCheck,
 };
 use crate::tools::check::rules::{Finding, Level, judge};
 use crate::tools::check::{CheckArgs, autopilot, gather, run, sources};
@@ -150,6 +151,27 @@ fn camera(source: &str, there: Result<(), String>, calibrated: bool) -> CameraCh
         source: source.into(),
         there,
         calibrated,
+        view: None,
+    }
+}
+
+/// The same, looked through.
+fn looked(view: Result<CameraView, &str>) -> CameraCheck {
+    CameraCheck {
+        view: Some(view.map_err(str::to_owned)),
+        ..camera("/dev/video0", Ok(()), true)
+    }
+}
+
+/// A tag of this contrast and saturation, exposed for 1 ms.
+fn exposed(contrast: f64, saturation: f64) -> CameraView {
+    CameraView {
+        images: 60,
+        exposure: Some(Ok(Setting {
+            exposure_s: 0.001,
+            gain: 4.0,
+        })),
+        tag: Some([contrast, saturation]),
     }
 }
 
@@ -263,6 +285,23 @@ fn check_finds_each_fault_alone_with_its_remedy() {
                     "simulated camera's",
                 ),
                 (
+                    |f| f.cameras.push(looked(Ok(exposed(0.2, 0.0)))),
+                    "contrast 20 %, saturation 0 % on the tag, exposed for 1.0 ms with gain 4",
+                ),
+                (
+                    |f| f.cameras.push(looked(Ok(exposed(0.6, 0.3)))),
+                    "saturation 30 %",
+                ),
+                (
+                    |f| {
+                        f.cameras.push(looked(Ok(CameraView {
+                            exposure: Some(Err("has no control".into())),
+                            ..exposed(0.6, 0.0)
+                        })))
+                    },
+                    "has no control: its own automatic exposes",
+                ),
+                (
                     |f| f.frame = Some((Datum::new(70.1, 19.2, 33.0), Some(7200.0))),
                     "7200 m away",
                 ),
@@ -313,6 +352,7 @@ fn check_finds_each_fault_alone_with_its_remedy() {
                     },
                     "no such file",
                 ),
+                (|f| f.cameras.push(looked(Err("no image came"))), "no image came"),
                 (
                     |f| {
                         let mut d = DroneComputer::default();
@@ -339,6 +379,43 @@ fn check_finds_each_fault_alone_with_its_remedy() {
         );
         assert!(bad[0].remedy.len() > 8, "{word}: names a remedy: {bad:?}");
     }
+}
+
+#[test]
+fn autopilot_check_says_whether_it_answered() {
+    let found = |reported| {
+        let mut facts = drone();
+        facts.autopilot = Some(("udpin://0.0.0.0:14540".into(), Ok(Reach::Routed)));
+        facts.reported = reported;
+        let of_link = |f: &Finding| f.topic == "autopilot";
+        judge(&facts).into_iter().find(of_link).unwrap().found
+    };
+    assert_eq!(found(reported("none", 0.0)), "answers at udpin://0.0.0.0:14540");
+    assert!(found(None).contains("alight status"));
+    assert!(!found(Some(None)).contains("alight status"));
+}
+
+#[test]
+fn camera_check_tells_a_fit_tag_from_none_in_view() {
+    let found = |view: CameraView| {
+        let mut facts = drone();
+        facts.cameras.push(looked(Ok(view)));
+        let all = judge(&facts);
+        let view = all.iter().filter(|f| f.topic == "camera").next_back().unwrap();
+        (view.level, view.found.clone())
+    };
+    let fit = found(exposed(0.6, 0.01));
+    assert_eq!(fit.0, Level::Fine);
+    assert!(fit.1.contains("contrast 60 %"), "{fit:?}");
+    let none = found(CameraView {
+        tag: None,
+        ..exposed(0.0, 0.0)
+    });
+    assert_eq!(none.0, Level::Fine);
+    assert!(
+        none.1.contains("60 images") && none.1.contains("no tag in view"),
+        "{none:?}"
+    );
 }
 
 #[test]

@@ -1,0 +1,253 @@
+//! Exposure and gain of a V4L2 device through its controls: fixed, or metered on the tag.
+
+use std::io::{Error, ErrorKind};
+
+use alight_uav::camera::metering::{Light, Metering, Range, Setting};
+use rscam::CtrlData;
+
+use crate::config::camera::CameraSource;
+
+/// Unit of the control exposure_time_absolute, s.
+const UNIT_S: f64 = 1e-4;
+
+/// Controls of a device, or of a test's.
+pub trait Controls {
+    /// What a control is.
+    fn query(&self, id: u32) -> Result<CtrlData, Error>;
+    /// Sets it.
+    fn set(&self, id: u32, value: i32) -> Result<(), Error>;
+}
+
+impl Controls for rscam::Camera {
+    fn query(&self, id: u32) -> Result<CtrlData, Error> {
+        self.get_control(id).map(|control| control.data)
+    }
+    fn set(&self, id: u32, value: i32) -> Result<(), Error> {
+        self.set_control(id, &value)
+    }
+}
+
+/// Exposure and gain of one device.
+pub struct ExposureControl {
+    metering: Metering,
+    /// Else they stay as they are.
+    metered: bool,
+    /// The control of the gain, if there is one.
+    gain: Option<u32>,
+}
+
+impl ExposureControl {
+    /// Takes exposure and gain from the device's own automatic. An error is a sentence about the device.
+    pub fn take(device: &impl Controls, config: &CameraSource) -> Result<ExposureControl, String> {
+        let (range, value) = integer(device, rscam::CID_EXPOSURE_ABSOLUTE)
+            .map_err(|e| format!("has no control exposure_time_absolute ({e})"))?;
+        let exposure_s = Range {
+            least: range.least * UNIT_S,
+            most: (range.most * UNIT_S).min(config.exposure_s),
+            step: range.step * UNIT_S,
+        };
+        if exposure_s.least > config.exposure_s {
+            return Err(format!(
+                "exposes for {:.1} ms at least, longer than exposure_s",
+                1e3 * exposure_s.least
+            ));
+        }
+        if device.query(rscam::CID_EXPOSURE_AUTO).is_ok() {
+            // Devices have one of the two in which a program sets the time.
+            let set = |mode: u32| device.set(rscam::CID_EXPOSURE_AUTO, mode as i32);
+            set(rscam::EXPOSURE_MANUAL)
+                .or_else(|_| set(rscam::EXPOSURE_SHUTTER_PRIORITY))
+                .map_err(|e| format!("does not leave its automatic exposure ({e})"))?;
+        }
+        // Many devices have none.
+        let _none = device.set(rscam::CID_AUTOGAIN, 0);
+        let found = [rscam::CID_GAIN, rscam::CID_ANALOGUE_GAIN]
+            .into_iter()
+            .find_map(|id| integer(device, id).ok().map(|(range, value)| (id, range, value)));
+        let (id, gain, gain_now) = found.map_or_else(
+            || {
+                (
+                    None,
+                    Range {
+                        least: 0.0,
+                        most: 0.0,
+                        step: 1.0,
+                    },
+                    0.0,
+                )
+            },
+            |(id, range, value)| (Some(id), range, value),
+        );
+        let start = match config.fixed_gain() {
+            Some(gain) => Setting {
+                exposure_s: config.exposure_s,
+                gain,
+            },
+            None => Setting {
+                exposure_s: value * UNIT_S,
+                gain: gain_now,
+            },
+        };
+        let control = ExposureControl {
+            metering: Metering::new(exposure_s, gain, start),
+            metered: config.fixed_gain().is_none(),
+            gain: id,
+        };
+        control.write(device)?;
+        Ok(control)
+    }
+    /// What the device is set to.
+    pub fn setting(&self) -> Setting {
+        self.metering.setting()
+    }
+    /// Meters the light of image number `image` of the device, whose newest is number `newest`.
+    pub fn meter(
+        &mut self,
+        device: &impl Controls,
+        image: u64,
+        newest: u64,
+        light: &Light,
+    ) -> Result<(), String> {
+        if self.metered && self.metering.step(image, newest, light).is_some() {
+            self.write(device)?;
+        }
+        Ok(())
+    }
+    fn write(&self, device: &impl Controls) -> Result<(), String> {
+        let Setting { exposure_s, gain } = self.setting();
+        device
+            .set(rscam::CID_EXPOSURE_ABSOLUTE, (exposure_s / UNIT_S).round() as i32)
+            .map_err(|e| format!("does not accept an exposure of {:.1} ms ({e})", 1e3 * exposure_s))?;
+        self.gain.map_or(Ok(()), |id| {
+            device
+                .set(id, gain.round() as i32)
+                .map_err(|e| format!("does not accept a gain of {gain:.0} ({e})"))
+        })
+    }
+}
+
+/// Range and value of a control that is a whole number.
+fn integer(device: &impl Controls, id: u32) -> Result<(Range, f64), Error> {
+    match device.query(id)? {
+        CtrlData::Integer {
+            value,
+            minimum,
+            maximum,
+            step,
+            ..
+        } => Ok((
+            Range {
+                least: minimum.into(),
+                most: maximum.into(),
+                step: step.max(1).into(),
+            },
+            value.into(),
+        )),
+        _ => Err(Error::new(ErrorKind::Unsupported, "it is no number")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_uav::camera::TagLight;
+    use std::cell::RefCell;
+
+    /// A device that has these controls, with minimum, maximum and value, and what it was told.
+    struct Device {
+        controls: Vec<(u32, [i32; 3])>,
+        told: RefCell<Vec<(u32, i32)>>,
+    }
+
+    impl Device {
+        fn with(controls: &[(u32, [i32; 3])]) -> Device {
+            Device {
+                controls: controls.to_vec(),
+                told: RefCell::default(),
+            }
+        }
+    }
+
+    impl Controls for Device {
+        fn query(&self, id: u32) -> Result<CtrlData, Error> {
+            let found = self.controls.iter().find(|(own, _)| *own == id);
+            let (_, [minimum, maximum, value]) = *found.ok_or(ErrorKind::InvalidInput)?;
+            Ok(CtrlData::Integer {
+                value,
+                default: value,
+                minimum,
+                maximum,
+                step: 1,
+            })
+        }
+        fn set(&self, id: u32, value: i32) -> Result<(), Error> {
+            self.query(id)?;
+            self.told.borrow_mut().push((id, value));
+            Ok(())
+        }
+    }
+
+    const WEBCAM: [(u32, [i32; 3]); 3] = [
+        (rscam::CID_EXPOSURE_AUTO, [0, 3, 3]),
+        (rscam::CID_EXPOSURE_ABSOLUTE, [3, 2047, 312]),
+        (rscam::CID_GAIN, [0, 100, 20]),
+    ];
+
+    fn source(exposure_s: f64, gain: i64) -> CameraSource {
+        CameraSource {
+            exposure_s,
+            gain,
+            ..CameraSource::default()
+        }
+    }
+
+    #[test]
+    fn exposure_is_taken_from_the_automatic_first() {
+        let device = Device::with(&WEBCAM);
+        let control = ExposureControl::take(&device, &source(0.004, -1)).unwrap();
+        let told = device.told.borrow();
+        assert_eq!(told[0], (rscam::CID_EXPOSURE_AUTO, 1));
+        // What the automatic had, 31.2 ms, is longer than permitted.
+        assert_eq!(
+            told[1..],
+            [(rscam::CID_EXPOSURE_ABSOLUTE, 40), (rscam::CID_GAIN, 20)]
+        );
+        assert!((control.setting().exposure_s - 0.004).abs() < 1e-9);
+    }
+
+    #[test]
+    fn exposure_metered_and_fixed_on_a_bright_tag() {
+        let bright = Light::Tag(TagLight {
+            black: 90,
+            white: 255,
+            saturation: 0.3,
+        });
+        for (gain, exposure) in [(-1, 20), (7, 40)] {
+            let device = Device::with(&WEBCAM);
+            let mut control = ExposureControl::take(&device, &source(0.004, gain)).unwrap();
+            control.meter(&device, 9, 10, &bright).unwrap();
+            let of_exposure =
+                |(id, value): &(u32, i32)| (*id == rscam::CID_EXPOSURE_ABSOLUTE).then_some(*value);
+            let told = device.told.borrow();
+            assert_eq!(told.iter().filter_map(of_exposure).last(), Some(exposure));
+            assert_eq!(
+                told.last(),
+                Some(&(rscam::CID_GAIN, if gain < 0 { 20 } else { 7 }))
+            );
+        }
+    }
+
+    #[test]
+    fn exposure_of_devices_that_cannot_says_why() {
+        let refusal = |controls: &[(u32, [i32; 3])]| {
+            let device = Device::with(controls);
+            ExposureControl::take(&device, &source(0.004, -1))
+                .err()
+                .unwrap_or_default()
+        };
+        assert!(refusal(&WEBCAM[2..]).contains("has no control exposure_time_absolute"));
+        assert!(refusal(&[(rscam::CID_EXPOSURE_ABSOLUTE, [50, 2047, 312])]).contains("5.0 ms at least"));
+        // Neither an automatic nor a gain.
+        assert_eq!(refusal(&WEBCAM[1..2]), "");
+    }
+}

@@ -1,0 +1,161 @@
+//! Looks through a camera as its process does, or asks that process.
+
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::time::Duration;
+
+use alight_shared::transport::clock::{ProcessClock, steady_ns};
+use alight_shared::transport::metrics::{Metric, MetricName, MetricValue};
+use alight_uav::camera::TagSettings;
+use alight_uav::camera::detector::TagDetector;
+use alight_uav::camera::light::mean_level;
+use alight_uav::camera::metering::{Light, Setting};
+
+use crate::config::camera::CameraSource;
+use crate::drone::camera_source::Images;
+use crate::exit::CliError;
+use crate::tools::check::facts::CameraView;
+
+/// Time for which images are looked at, ns: the metering comes to rest in it.
+const LOOK_NS: i64 = 2_000_000_000;
+
+/// Looks at images of `size` (width, height), px, of a device or of files, and for `tag` in them, for 2 s.
+pub fn look(
+    config: &CameraSource,
+    size: [usize; 2],
+    tag: Option<&TagSettings>,
+) -> Result<CameraView, String> {
+    // A device that shows nothing keeps its thread, which ends with this program.
+    let (views, seen) = sync_channel(1);
+    let (config, tag) = (config.clone(), tag.cloned());
+    std::thread::spawn(move || {
+        if let Err(CliError(why)) = show(&config, size, tag.as_ref(), &views) {
+            let _late = views.send(Err(why));
+        }
+    });
+    let end_ns = steady_ns() + LOOK_NS;
+    let mut newest = Err("no image came within 2 s".into());
+    loop {
+        let left = Duration::from_nanos(u64::try_from(end_ns - steady_ns()).unwrap_or(0));
+        match seen.recv_timeout(left) {
+            Ok(Ok(view)) => newest = Ok(view),
+            Ok(Err(why)) => return Err(why),
+            Err(_) => return newest,
+        }
+    }
+}
+
+/// Sends what is known after each image, until there are no more or nobody looks.
+fn show(
+    config: &CameraSource,
+    size: [usize; 2],
+    tag: Option<&TagSettings>,
+    views: &SyncSender<Result<CameraView, String>>,
+) -> Result<(), CliError> {
+    let mut images = Images::open(config, size)?;
+    let mut detector = tag.map(TagDetector::new);
+    let mut view = CameraView::default();
+    while let Some(frame) = images.next_frame(&ProcessClock::default())? {
+        view.images += 1;
+        if let Some(detector) = &mut detector {
+            let tag = detector.find(&frame.image).map(|found| found.light);
+            let light = tag.map_or_else(|| Light::Mean(mean_level(&frame.image)), Light::Tag);
+            images.meter(view.images, view.images, &light);
+            view.tag = tag.map(|t| [t.contrast(), t.saturation]).or(view.tag);
+        }
+        view.exposure = images.exposure();
+        if views.send(Ok(view.clone())).is_err() {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// What a camera's process reports of itself.
+pub fn reported(metrics: &[Metric]) -> CameraView {
+    let of = |name: MetricName| {
+        let found = metrics.iter().find(|m| m.name == name)?;
+        match found.value {
+            MetricValue::Count(n) => Some(n as f64),
+            MetricValue::Seconds(v) | MetricValue::Fraction(v) => Some(v),
+            MetricValue::AccessRejection(_) | MetricValue::State(_) => None,
+        }
+    };
+    CameraView {
+        images: of(MetricName::Images).unwrap_or(0.0) as u64,
+        exposure: of(MetricName::Exposure)
+            .zip(of(MetricName::Gain))
+            .map(|(exposure_s, gain)| Ok(Setting { exposure_s, gain })),
+        tag: of(MetricName::TagContrast)
+            .zip(of(MetricName::TagSaturation))
+            .map(|(contrast, saturation)| [contrast, saturation]),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::frames::{DroneBody, Point};
+    use alight_shared::geometry::DeckGeometry;
+    use alight_shared::time::Time;
+    use alight_sim::physics::body::RigidState;
+    use alight_sim::physics::streams::Streams;
+    use alight_sim::sensors::camera::{CameraMount, body_from_camera};
+    use alight_sim::sensors::render::{RenderConfig, Renderer, Shot};
+    use nalgebra::Vector3;
+
+    #[test]
+    fn camera_check_looks_for_the_tag_in_images() {
+        let (render, deck) = (RenderConfig::default(), DeckGeometry::default());
+        let mut renderer = Renderer::new(&render, &deck, &Streams::new(5));
+        let mount = CameraMount {
+            position: Vector3::zeros(),
+            attitude: body_from_camera(),
+        };
+        let drone = RigidState::<DroneBody> {
+            position: Point::new(0.2, 0.1, -4.0),
+            ..Default::default()
+        };
+        let shot = Shot {
+            t: Time::EPOCH,
+            at: Time::EPOCH,
+            exposure_s: 0.004,
+            view: mount.view(&drone),
+            deck: RigidState::default(),
+        };
+        let path = std::env::temp_dir().join(format!("alight-look-{}.pgm", std::process::id()));
+        std::fs::write(&path, renderer.image(&shot).unwrap().to_pgm()).unwrap();
+        let source = CameraSource {
+            source: path.display().to_string(),
+            ..CameraSource::default()
+        };
+        let view = look(&source, [640, 480], Some(&TagSettings::default())).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        let [contrast, saturation] = view.tag.unwrap();
+        // White is 0.95 of 210, black 0.06 of it.
+        assert!((0.65..0.8).contains(&contrast) && saturation < 0.01, "{view:?}");
+        assert_eq!((view.images, view.exposure), (1, None));
+        let gone = look(&source, [640, 480], None).unwrap_err();
+        assert!(gone.contains("No such file"), "{gone}");
+    }
+
+    #[test]
+    fn camera_check_of_a_running_drone_is_what_its_process_reports() {
+        let metrics = [
+            MetricName::Images.count(900_u32),
+            MetricName::Exposure.seconds(0.002),
+            MetricName::Gain.count(3_u32),
+            MetricName::TagContrast.fraction(0.5),
+            MetricName::TagSaturation.fraction(0.02),
+        ];
+        let setting = Setting {
+            exposure_s: 0.002,
+            gain: 3.0,
+        };
+        let view = reported(&metrics);
+        assert_eq!(
+            (view.images, view.exposure, view.tag),
+            (900, Some(Ok(setting)), Some([0.5, 0.02]))
+        );
+        assert_eq!(reported(&metrics[..1]).exposure, None);
+    }
+}

@@ -1,0 +1,115 @@
+//! Light in an image: what the exposure is metered by and what is reported of the tag.
+
+use nalgebra::Vector2;
+
+use super::image::GreyImage;
+
+/// The tag's square is sampled so often along each side: four times a cell.
+const SAMPLES: usize = 32;
+/// Part of the samples below the black level and above the white one. Black is at least the tag's edge, 28 of 64
+/// cells; a code of 36h11 leaves a quarter of the square white or more.
+const QUANTILE: f64 = 0.1;
+/// An image's mean is taken of every so many pixels: a prime, so that no column is preferred.
+const STRIDE: usize = 17;
+
+/// The light on a tag as its image has it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TagLight {
+    /// Level of its black: 10 % of the square are darker, grey levels.
+    pub black: u8,
+    /// Level of its white: 10 % of the square are brighter, grey levels.
+    pub white: u8,
+    /// Fraction of the square at grey level 0 or 255.
+    pub saturation: f64,
+}
+
+impl TagLight {
+    /// The light on the square with these corners, px; None when none of it is in the image.
+    pub fn of(image: &GreyImage, corners: &[Vector2<f64>; 4]) -> Option<TagLight> {
+        let [a, b, c, d] = corners;
+        let along = |k: usize| (k as f64 + 0.5) / SAMPLES as f64;
+        let mut levels: Vec<u8> = (0..SAMPLES * SAMPLES)
+            .filter_map(|k| {
+                let (s, t) = (along(k / SAMPLES), along(k % SAMPLES));
+                image.level_near((a * (1.0 - s) + b * s) * (1.0 - t) + (d * (1.0 - s) + c * s) * t)
+            })
+            .collect();
+        levels.sort_unstable();
+        let rank = (QUANTILE * levels.len() as f64) as usize;
+        let clipped = levels.iter().filter(|l| matches!(**l, 0 | u8::MAX)).count();
+        Some(TagLight {
+            black: *levels.get(rank)?,
+            white: *levels.iter().rev().nth(rank)?,
+            saturation: clipped as f64 / levels.len() as f64,
+        })
+    }
+    /// White less black over 255.
+    pub fn contrast(&self) -> f64 {
+        f64::from(self.white.saturating_sub(self.black)) / 255.0
+    }
+}
+
+/// Mean of an image, grey levels.
+pub fn mean_level(image: &GreyImage) -> f64 {
+    let sampled = || image.pixels().iter().step_by(STRIDE);
+    sampled().map(|p| f64::from(*p)).sum::<f64>() / sampled().count().max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const CORNERS: [Vector2<f64>; 4] = [
+        Vector2::new(29.5, 89.5),
+        Vector2::new(29.5, 29.5),
+        Vector2::new(89.5, 29.5),
+        Vector2::new(89.5, 89.5),
+    ];
+
+    /// A square of 60 px, white in its left quarter, on a ground of 100.
+    fn square(black: u8, white: u8) -> GreyImage {
+        let pixels = (0..120 * 120).map(|k| match (k % 120, k / 120) {
+            (30..45, 30..90) => white,
+            (45..90, 30..90) => black,
+            (_, _) => 100,
+        });
+        GreyImage::new(120, 120, pixels.collect()).unwrap()
+    }
+
+    #[test]
+    fn tag_light_is_that_of_the_square_alone() {
+        let light = TagLight::of(&square(20, 180), &CORNERS).unwrap();
+        assert_eq!((light.black, light.white, light.saturation), (20, 180, 0.0));
+        assert!((light.contrast() - 160.0 / 255.0).abs() < 1e-12);
+        let clipped = TagLight::of(&square(20, 255), &CORNERS).unwrap();
+        assert!((clipped.saturation - 0.25).abs() < 0.02, "{clipped:?}");
+        let dark = TagLight::of(&square(0, 40), &CORNERS).unwrap();
+        assert!((dark.saturation - 0.75).abs() < 0.02, "{dark:?}");
+    }
+
+    #[test]
+    fn tag_light_outside_the_image_is_none() {
+        let outside = CORNERS.map(|c| c + Vector2::new(500.0, 0.0));
+        assert_eq!(TagLight::of(&square(20, 180), &outside), None);
+    }
+
+    #[test]
+    fn mean_level_is_that_of_all_pixels() {
+        // 900 pixels of 200, 2700 of 20, 10 800 of 100.
+        let mean = mean_level(&square(20, 200));
+        assert!((mean - 91.25).abs() < 2.0, "{mean}");
+    }
+
+    proptest! {
+        #[test]
+        fn tag_light_is_bounded_for_any_corners(
+            c in prop::array::uniform8(prop_oneof![-50.0..150.0_f64, Just(f64::NAN), Just(1e300)]),
+        ) {
+            let corners = [0, 2, 4, 6].map(|i| Vector2::new(c[i], c[i + 1]));
+            if let Some(light) = TagLight::of(&square(0, 255), &corners) {
+                prop_assert!(light.black <= light.white && (0.0..=1.0).contains(&light.saturation));
+            }
+        }
+    }
+}

@@ -1,0 +1,408 @@
+//! Exposure and gain, metered on the tag: a step in stops (factors of two) towards a white of 180 grey levels.
+//!
+//! Light on a sensor grows in proportion to the exposure, so that alone follows, up to the longest that motion blur
+//! permits. The gain, whose scale each device chooses itself (linear, dB), is moved by parts of its range: up while
+//! the longest exposure is too dark, down while the exposure is far from its longest, because gain is noise.
+
+use super::light::TagLight;
+
+/// Level of the tag's white that is aimed at, grey levels: black is then 10 to 20, a third of light more clips nothing.
+const WHITE: f64 = 180.0;
+/// Largest deviation from it, stops, that is left: 150 to 216 grey levels.
+const WHITE_BAND: f64 = 0.26;
+/// White from which on the light may be any: it counts as twice too bright, grey levels.
+const CLIPPED: f64 = 250.0;
+/// Mean of an image without the tag that is aimed at, grey levels. A deck that fills it has its white at 60 or above;
+/// on water of a thirtieth of white, the tag's black stays below 120.
+const MEAN: f64 = 60.0;
+/// Largest deviation from it, stops.
+const MEAN_BAND: f64 = 0.5;
+/// Images without the tag before the image's mean is metered: the tag is lost for single ones.
+const UNSEEN: u32 = 5;
+/// Images that a device takes at most until a change shows.
+const SETTLING: u64 = 3;
+/// Largest step of the exposure, stops.
+const MAX_STEP: f64 = 2.0;
+/// Part of the gain's range for each stop that is missing, of one stop at most: a linear gain up to 100 is not overdone
+/// by more than the stops to [`SHORT`], a gain of 48 dB moves by half a stop.
+const GAIN_STEP: f64 = 1.0 / 16.0;
+/// Part of its range by which the gain falls while the exposure is short: 0.75 dB of 48 dB, which the band holds.
+const GAIN_FALL: f64 = 1.0 / 64.0;
+/// Exposure below this part of the longest is short: the gain may fall by up to two stops.
+const SHORT: f64 = 0.25;
+
+/// What a device can be set to: `least + k step`, up to `most`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Range {
+    /// The least.
+    pub least: f64,
+    /// The most.
+    pub most: f64,
+    /// Between neighbours, above 0.
+    pub step: f64,
+}
+
+impl Range {
+    /// The nearest that can be set.
+    pub fn nearest(&self, value: f64) -> f64 {
+        let steps = |v: f64| (v - self.least) / self.step;
+        // What a division loses of a whole number of steps.
+        let most = (steps(self.most) + 1e-6).floor().max(0.0);
+        self.least + self.step * steps(value).round().clamp(0.0, most)
+    }
+}
+
+/// Exposure and gain of a device.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Setting {
+    /// Exposure, s.
+    pub exposure_s: f64,
+    /// Gain in the device's own unit.
+    pub gain: f64,
+}
+
+/// What an image shows of the light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Light {
+    /// That on the tag.
+    Tag(TagLight),
+    /// The image's mean, grey levels: the tag was not detected.
+    Mean(f64),
+}
+
+/// Metering of one device.
+#[derive(Clone, Debug)]
+pub struct Metering {
+    exposure_s: Range,
+    gain: Range,
+    setting: Setting,
+    /// The newest image when it was set.
+    set_at: u64,
+    /// Images in a row without the tag.
+    unseen: u32,
+}
+
+impl Metering {
+    /// A device with these ranges, the exposure's up to the longest that is permitted; it begins at `setting` or what
+    /// is nearest to it.
+    pub fn new(exposure_s: Range, gain: Range, setting: Setting) -> Metering {
+        Metering {
+            exposure_s,
+            gain,
+            setting: Setting {
+                exposure_s: exposure_s.nearest(setting.exposure_s),
+                gain: gain.nearest(setting.gain),
+            },
+            set_at: 0,
+            unseen: 0,
+        }
+    }
+    /// What the device is set to.
+    pub fn setting(&self) -> Setting {
+        self.setting
+    }
+    /// Image number `image` of the device, whose newest is number `newest`, had this light: the next setting, if it
+    /// is another one. Images that may be of the former setting are not metered.
+    pub fn step(&mut self, image: u64, newest: u64, light: &Light) -> Option<Setting> {
+        self.unseen = match light {
+            Light::Tag(_) => 0,
+            Light::Mean(_) => self.unseen.saturating_add(1),
+        };
+        if image <= self.set_at + SETTLING {
+            return None;
+        }
+        let next = self.next(self.missing_stops(light)?);
+        if next == self.setting {
+            return None;
+        }
+        self.setting = next;
+        self.set_at = newest;
+        Some(next)
+    }
+    /// Stops of light that are missing, less than zero where it is too bright; zero within the band. None where
+    /// nothing is metered.
+    fn missing_stops(&self, light: &Light) -> Option<f64> {
+        let (level, goal, band) = match light {
+            Light::Tag(tag) => (f64::from(tag.white), WHITE, WHITE_BAND),
+            Light::Mean(mean) if self.unseen > UNSEEN => (*mean, MEAN, MEAN_BAND),
+            Light::Mean(_) => return None,
+        };
+        let stops = if level >= CLIPPED {
+            -(level / goal).log2().max(1.0)
+        } else {
+            (goal / level.max(1.0)).log2()
+        };
+        Some(if stops.abs() < band {
+            0.0
+        } else {
+            stops.clamp(-MAX_STEP, MAX_STEP)
+        })
+    }
+    fn next(&self, stops: f64) -> Setting {
+        let (now, exposure) = (self.setting, self.exposure_s);
+        let [least_s, most_s] = [exposure.least, exposure.most].map(|e| exposure.nearest(e));
+        let wanted_s = now.exposure_s * stops.exp2();
+        // Rounded, but half a step is none: the way back would be the same.
+        let steps = (wanted_s - now.exposure_s) / exposure.step;
+        let moved_s = exposure.step * (steps.abs() + 0.4).floor().copysign(steps);
+        let exposure_s = exposure.nearest(now.exposure_s + moved_s);
+        let by = |part: f64| {
+            let range = self.gain.most - self.gain.least;
+            (part * range).abs().max(self.gain.step).copysign(part)
+        };
+        let more = if stops > 0.0 && wanted_s > most_s {
+            by(GAIN_STEP * (wanted_s / most_s).log2().min(1.0))
+        } else if stops < 0.0 && wanted_s < least_s {
+            by(-GAIN_STEP * (least_s / wanted_s).log2().min(1.0))
+        } else if exposure_s == now.exposure_s && exposure_s < SHORT * most_s {
+            by(-GAIN_FALL)
+        } else {
+            0.0
+        };
+        Setting {
+            exposure_s,
+            gain: self.gain.nearest(now.gain + more),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::collections::VecDeque;
+
+    /// The longest exposure, s.
+    const LONGEST_S: f64 = 0.004;
+    /// Images within which a level is reached.
+    const CONVERGED: u64 = 240;
+
+    /// Gain of a device's number.
+    #[derive(Clone, Copy, Debug)]
+    enum Scale {
+        Linear,
+        TenthDecibel,
+    }
+
+    /// A linear sensor with 8 bits, whose settings show after `latency` images and whose images are metered `queue`
+    /// images late.
+    struct Sensor {
+        metering: Metering,
+        scale: Scale,
+        latency: u64,
+        queue: u64,
+        /// Settings, and the first image that may show each.
+        pending: VecDeque<(u64, Setting)>,
+        shown: Setting,
+        images: VecDeque<(u64, Light)>,
+        image: u64,
+        changes: u64,
+    }
+
+    impl Sensor {
+        fn new(scale: Scale, latency: u64, queue: u64, step_s: f64, start: Setting) -> Sensor {
+            let exposure = Range {
+                least: step_s,
+                most: LONGEST_S,
+                step: step_s,
+            };
+            let gain = match scale {
+                Scale::Linear => Range {
+                    least: 1.0,
+                    most: 64.0,
+                    step: 1.0,
+                },
+                Scale::TenthDecibel => Range {
+                    least: 0.0,
+                    most: 480.0,
+                    step: 1.0,
+                },
+            };
+            let metering = Metering::new(exposure, gain, start);
+            let shown = metering.setting();
+            Sensor {
+                metering,
+                scale,
+                latency,
+                queue,
+                pending: VecDeque::new(),
+                shown,
+                images: VecDeque::new(),
+                image: 0,
+                changes: 0,
+            }
+        }
+        /// White, grey levels without a limit: `light` is that of a white of 255 at 1 s with a gain of 1.
+        fn white(&self, light: f64, setting: Setting) -> f64 {
+            let gain = match self.scale {
+                Scale::Linear => setting.gain,
+                Scale::TenthDecibel => 10_f64.powf(setting.gain / 200.0),
+            };
+            255.0 * light * setting.exposure_s * gain
+        }
+        /// One image; the water around the tag is a tenth as bright. Returns the tag's white.
+        fn take(&mut self, light: f64) -> f64 {
+            self.image += 1;
+            while let Some((from, setting)) = self.pending.front().copied()
+                && from <= self.image
+            {
+                self.shown = setting;
+                self.pending.pop_front();
+            }
+            let white = self.white(light, self.shown);
+            let level = |share: f64| (share * white).round().clamp(0.0, 255.0) as u8;
+            let tag = TagLight {
+                black: level(0.063),
+                white: level(1.0),
+                saturation: 0.0,
+            };
+            let seen = tag.contrast() > 40.0 / 255.0;
+            let water = f64::from(level(0.1));
+            self.images.push_back((
+                self.image,
+                if seen { Light::Tag(tag) } else { Light::Mean(water) },
+            ));
+            while self.images.len() as u64 > self.queue {
+                let Some((number, light)) = self.images.pop_front() else {
+                    break;
+                };
+                if let Some(setting) = self.metering.step(number, self.image, &light) {
+                    assert!(setting.exposure_s <= LONGEST_S + 1e-12, "{setting:?}");
+                    self.changes += 1;
+                    self.pending.push_back((self.image + self.latency + 1, setting));
+                }
+            }
+            white
+        }
+        /// Many images of one light; the last one's white, and the changes during the last of them.
+        fn settle(&mut self, light: f64) -> (f64, u64) {
+            for _ in 0..CONVERGED {
+                self.take(light);
+            }
+            // The gain may go on falling, which the exposure makes up for.
+            for _ in 0..4 * CONVERGED {
+                self.take(light);
+            }
+            let before = self.changes;
+            let white = (0..CONVERGED).map(|_| self.take(light)).last().unwrap_or(0.0);
+            (white, self.changes - before)
+        }
+    }
+
+    fn scales() -> impl Strategy<Value = Scale> {
+        prop_oneof![Just(Scale::Linear), Just(Scale::TenthDecibel)]
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(400))]
+        #[test]
+        fn metering_converges_over_six_decades_from_any_start(
+            scale in scales(), latency in 1_u64..=3, queue in 0_u64..=3,
+            decades in 0.0..6.0_f64, exposure_s in 0.0..0.02_f64, gain in -10.0..500.0_f64,
+        ) {
+            // From what the longest exposure with most gain needs to what 0.2 us do.
+            let light = 3.0 * 10_f64.powf(decades);
+            let start = Setting { exposure_s, gain };
+            let mut sensor = Sensor::new(scale, latency, queue, 2e-8, start);
+            for _ in 0..CONVERGED {
+                sensor.take(light);
+            }
+            // The gain may go on falling, by halves where its numbers are small; a stop below 225 the tag is fit.
+            let whites: Vec<f64> = (0..60).map(|_| sensor.take(light)).collect();
+            let good = whites.iter().filter(|w| (110.0..225.0).contains(*w)).count();
+            let Setting { exposure_s, gain } = sensor.metering.setting();
+            let most = exposure_s > 0.99 * LONGEST_S && gain > 63.0 && whites[59] < 150.0;
+            prop_assert!(good >= 45 || most, "{whites:?} at {exposure_s} s, gain {gain}");
+        }
+        #[test]
+        fn metering_comes_to_rest_with_any_latency(
+            scale in scales(), latency in 1_u64..=3, queue in 0_u64..=3,
+            decades in 1.0..4.0_f64, gain in 0.0..500.0_f64,
+        ) {
+            let start = Setting { exposure_s: 0.001, gain };
+            let mut sensor = Sensor::new(scale, latency, queue, 1e-4, start);
+            let (white, changes) = sensor.settle(3.0 * 10_f64.powf(decades));
+            prop_assert_eq!(changes, 0, "white {}", white);
+        }
+    }
+
+    #[test]
+    fn metering_follows_sudden_shade_and_glare() {
+        for (scale, latency) in [(Scale::Linear, 1), (Scale::Linear, 3), (Scale::TenthDecibel, 2)] {
+            for factor in [1.0 / 30.0, 0.1, 0.5, 2.0, 10.0, 30.0_f64] {
+                let start = Setting {
+                    exposure_s: 0.001,
+                    gain: 0.0,
+                };
+                let mut sensor = Sensor::new(scale, latency, 1, 1e-5, start);
+                sensor.settle(1000.0);
+                // Two seconds at 30 Hz.
+                let whites: Vec<f64> = (0..60).map(|_| sensor.take(1000.0 * factor)).collect();
+                assert!((140.0..225.0).contains(&whites[59]), "{factor}: {whites:?}");
+                // Never further off than it began.
+                let off = 1.5 * factor.max(1.0 / factor);
+                let within = 180.0 / off..180.0 * off;
+                assert!(whites.iter().all(|w| within.contains(w)), "{factor}: {whites:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn metering_ignores_images_of_the_former_setting() {
+        let range = |most| Range {
+            least: 0.0001,
+            most,
+            step: 0.0001,
+        };
+        let start = Setting {
+            exposure_s: 0.001,
+            gain: 1.0,
+        };
+        let mut metering = Metering::new(range(LONGEST_S), range(8.0), start);
+        let dark = Light::Tag(TagLight {
+            white: 90,
+            ..TagLight::default()
+        });
+        let next = metering.step(10, 12, &dark).unwrap();
+        assert!((next.exposure_s - 0.002).abs() < 1e-9, "{next:?}");
+        assert!((11..=15).all(|image| metering.step(image, image, &dark).is_none()));
+        assert!(metering.step(16, 16, &dark).is_some());
+    }
+
+    #[test]
+    fn metering_holds_through_single_images_without_the_tag() {
+        let range = |most| Range {
+            least: 0.0001,
+            most,
+            step: 0.0001,
+        };
+        let start = Setting {
+            exposure_s: 0.001,
+            gain: 1.0,
+        };
+        let mut metering = Metering::new(range(LONGEST_S), range(8.0), start);
+        let water = Light::Mean(15.0);
+        assert!((10..15).all(|image| metering.step(image, image, &water).is_none()));
+        let next = metering.step(15, 15, &water).unwrap();
+        assert!((next.exposure_s - LONGEST_S).abs() < 1e-9, "{next:?}");
+    }
+
+    #[test]
+    fn range_nearest_keeps_to_its_steps_and_bounds() {
+        let range = Range {
+            least: 1.0,
+            most: 40.4,
+            step: 2.0,
+        };
+        assert_eq!(
+            [-5.0, 1.9, 2.1, 39.0, 900.0].map(|v| range.nearest(v)),
+            [1.0, 1.0, 3.0, 39.0, 39.0]
+        );
+        let hundred_us = Range {
+            least: 1e-4,
+            most: 0.004,
+            step: 1e-4,
+        };
+        assert!((hundred_us.nearest(0.03) - 0.004).abs() < 1e-9);
+    }
+}
