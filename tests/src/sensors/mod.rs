@@ -6,6 +6,7 @@
 //! Reading order: [`noise`], [`gnss`] and [`imu`] for the vessel; [`camera`], [`square_pose`],
 //! [`sight_loss`] and [`tag`] for the drone.
 
+pub mod bytes;
 pub mod camera;
 pub mod clocks;
 pub mod delay;
