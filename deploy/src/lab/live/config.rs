@@ -86,6 +86,16 @@ impl Check for Attachments {
     }
 }
 
+/// Devices of the simulated vehicles, for processes as they are installed, where otherwise shared memory stands.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Devices {
+    /// The named pipe that takes the belly camera's raw images.
+    pub camera: PathBuf,
+    /// An image is in it so long after the middle of its exposure, s.
+    pub camera_delay_s: f64,
+}
+
 /// The simulated vehicles.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -116,6 +126,9 @@ pub struct SimulatedWorld {
     pub firmware: FirmwareConfig,
     /// Where the drone's link to the simulated autopilot listens, UDP.
     pub mavlink: String,
+    /// What the drone's computer is connected to; then it may be started later than the vehicles.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub devices: Option<Devices>,
     /// What is simulated.
     pub scenario: Scenario,
 }
