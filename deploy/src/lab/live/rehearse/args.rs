@@ -19,6 +19,9 @@ pub struct RehearseArgs {
     /// The drone's [default: as it is shipped]
     #[arg(long, value_name = "FILE")]
     pub drone_config: Option<PathBuf>,
+    /// The program whose services are rehearsed, such as /usr/bin/alight of a package [default: this one]
+    #[arg(long, value_name = "FILE")]
+    pub program: Option<PathBuf>,
     /// Seed of sea, noise and start
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(0..=1_000_000_000))]
     pub seed: u64,

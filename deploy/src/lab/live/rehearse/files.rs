@@ -26,8 +26,8 @@ use crate::lab::live::land::AT_SEA;
 /// The files as they are shipped.
 const SHIPPED_VESSEL: &str = include_str!("../../../../vessel/vessel.toml");
 const SHIPPED_DRONE: &str = include_str!("../../../../drone/drone.toml");
-/// Certificates of a rehearsal hold so long, days.
-const DAYS: u32 = 2;
+/// Certificates of a rehearsal hold so long, days: `alight check` warns of fewer than 30.
+const DAYS: u32 = 60;
 /// The vehicles begin at a full second of the steady clock, at least so long after now, ns.
 const RUN_UP_NS: i64 = 1_000_000_000;
 const SECOND_NS: i64 = 1_000_000_000;
@@ -272,10 +272,7 @@ fn sources(vessel: &VesselComputer, directory: &Directory) -> Vec<SourceConfig> 
                 "receiver",
                 Format::Ubx,
                 world.vessel_gnss.latency_s,
-                Mount {
-                    antenna_m: vessel.vessel.gnss.antenna_m,
-                    ..Mount::default()
-                },
+                Mount::default(),
             ),
             source(
                 "compass",
@@ -290,10 +287,7 @@ fn sources(vessel: &VesselComputer, directory: &Directory) -> Vec<SourceConfig> 
                 "imu",
                 Format::Mavlink,
                 world.vessel_imu.latency_s,
-                Mount {
-                    lever_arm_m: vessel.vessel.imu.lever_arm_m,
-                    ..Mount::default()
-                },
+                Mount::default(),
             ),
         ];
     }
@@ -403,11 +397,13 @@ fn scenario(
     (s.sensors.clocks.offset_s, s.sensors.clocks.drift_ppm) = (0.0, 0.0);
     for (source, carries) in sources.iter().zip(assigned(sources)?) {
         if carries.imu {
-            s.sensors.vessel_imu.lever_arm_m = source.mount.lever_arm_m;
+            let own = vessel.vessel.imu.lever_arm_m;
+            s.sensors.vessel_imu.lever_arm_m = source.mount.lever_arm_m.unwrap_or(own);
             s.sensors.vessel_imu.latency_s = source.latency_s;
         }
         if carries.gnss {
-            s.sensors.vessel_gnss.antenna_m = source.mount.antenna_m;
+            let own = vessel.vessel.gnss.antenna_m;
+            s.sensors.vessel_gnss.antenna_m = source.mount.antenna_m.unwrap_or(own);
             s.sensors.vessel_gnss.latency_s = source.latency_s;
         }
         if carries.heading {

@@ -5,7 +5,7 @@ use serde::Serialize;
 use crate::terminal::note;
 
 /// Width of what is checked, so that the figures stand in a column.
-const WHAT: usize = 34;
+const WHAT: usize = 25;
 
 /// One check.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -78,7 +78,7 @@ mod tests {
         assert!(!list.ok());
         assert_eq!(
             line(&list.rows()[1]),
-            "NOT OK 10  landed                             in the water"
+            "NOT OK 10  landed                    in the water"
         );
     }
 }

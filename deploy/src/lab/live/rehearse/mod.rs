@@ -10,6 +10,7 @@ mod lines;
 mod list;
 mod services;
 
+use std::path::PathBuf;
 use std::process::{Child, Output};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -28,7 +29,7 @@ use self::args::{RehearseArgs, Restart};
 use self::files::Plan;
 use self::lines::SensorFeed;
 use self::list::{CheckList, Row};
-use self::services::{Service, program};
+use self::services::{Service, command};
 use crate::exit::{CliError, Doing, Exit};
 use crate::lab::live::world::{Landed, WorldReport};
 use crate::process::instance::is_running;
@@ -37,7 +38,7 @@ use crate::process::observer::Observer;
 use crate::process::scheduling;
 use crate::process::supervisor::pause;
 use crate::terminal;
-use crate::vessel::status_file::{self, VesselStatus};
+use crate::vessel::status_file::{self, CertificateStatus, VesselStatus};
 
 /// Time between two looks.
 const POLL: Duration = Duration::from_millis(20);
@@ -86,7 +87,7 @@ pub fn run(args: &RehearseArgs) -> Result<Exit, CliError> {
     list.add(3, "certificates", true, names);
     let alike = plan.contradictions.join("; ");
     let both = if alike.is_empty() {
-        "both are read, and agree".into()
+        "both read, and agree".into()
     } else {
         alike
     };
@@ -114,6 +115,8 @@ pub fn run(args: &RehearseArgs) -> Result<Exit, CliError> {
 /// A rehearsal under way. What is dropped first ends first.
 struct Rehearsal<'a> {
     args: &'a RehearseArgs,
+    /// The program that is rehearsed.
+    program: PathBuf,
     observer: Option<(Memory, Observer)>,
     drone: Option<Service>,
     vessel: Option<Service>,
@@ -135,13 +138,15 @@ struct Rehearsal<'a> {
 impl<'a> Rehearsal<'a> {
     fn begin(args: &'a RehearseArgs, plan: Plan) -> Result<Rehearsal<'a>, CliError> {
         let feed = SensorFeed::start(&plan.world.sensors, plan.lines()?)?;
+        let own = || std::env::current_exe().doing("looking for this program");
         let directory = plan.directory.path();
         Ok(Rehearsal {
             args,
+            program: args.program.clone().map_or_else(own, Ok)?,
             observer: None,
             drone: None,
             vessel: None,
-            world: Service::start("world", &directory.join("world.toml"), directory)?,
+            world: Service::start("world", &own()?, directory)?,
             feed,
             stop: end_with_supervisor(args.supervised),
             state: State::Idle,
@@ -279,7 +284,7 @@ impl<'a> Rehearsal<'a> {
             for (mark, level) in [("BROKEN", "broken"), ("WARNING", "warning")] {
                 for finding in of(level) {
                     let text = |key: &str| finding[key].as_str().unwrap_or_default().to_owned();
-                    list.say(format_args!("{mark:>17}  {}: {}", text("topic"), text("found")));
+                    list.say(format_args!("{mark:>18}  {}: {}", text("topic"), text("found")));
                 }
             }
         }
@@ -287,8 +292,8 @@ impl<'a> Rehearsal<'a> {
     }
     /// Runs one of the program's commands to its end; None when the rehearsal is stopped meanwhile.
     fn ask(&mut self, list: &CheckList, words: &[&str]) -> Result<Option<Output>, CliError> {
-        let doing = format_args!("running alight {}", words.join(" "));
-        let mut child: Child = program(words)?.spawn().doing(doing)?;
+        let doing = format!("running {} {}", self.program.display(), words.join(" "));
+        let mut child: Child = command(&self.program, words).spawn().doing(&doing)?;
         let mut ended = |_: &mut Self| !matches!(child.try_wait(), Ok(None));
         match self.until(list, READY_S, &mut ended)? {
             Waited::Met => child.wait_with_output().doing(doing).map(Some),
@@ -301,14 +306,12 @@ impl<'a> Rehearsal<'a> {
 
     fn start_vessel(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
         let directory = self.plan.directory.path();
-        let service = Service::start("vessel", &directory.join("vessel.toml"), directory)?;
-        self.vessel = Some(service);
+        self.vessel = Some(Service::start("vessel", &self.program, directory)?);
         self.await_ready(list, 7, "alight-vessel", |r| r.vessel.as_ref())
     }
     fn start_drone(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
         let directory = self.plan.directory.path();
-        let service = Service::start("drone", &directory.join("drone.toml"), directory)?;
-        self.drone = Some(service);
+        self.drone = Some(Service::start("drone", &self.program, directory)?);
         let waited = self.await_ready(list, 8, "alight-drone", |r| r.drone.as_ref())?;
         let instance = Instance::new(&self.plan.drone.instance)?;
         if waited == Waited::Met && is_running(&instance) {
@@ -413,15 +416,11 @@ impl<'a> Rehearsal<'a> {
             format!("waves of {height_m:.1} m")
         });
         let figure = if age_s.is_finite() {
-            format!(
-                "{:.0} ms old, {waves}, begun anew {} times",
-                1e3 * age_s,
-                e.restarts
-            )
+            format!("{:.0} ms old, {waves}, {} restarts", 1e3 * age_s, e.restarts)
         } else {
             "none yet".into()
         };
-        list.add(7, "the vessel's estimate", age_s < 1.0, figure);
+        list.add(7, "vessel's estimate", age_s < 1.0, figure);
     }
 
     /// Commands the landing and watches it to the world's verdict.
@@ -446,6 +445,7 @@ impl<'a> Rehearsal<'a> {
             return Ok(waited);
         }
         self.show_vision(list);
+        self.show_contact(list);
         self.show_restart(list);
         self.show_verdict(list);
         Ok(Waited::Met)
@@ -469,9 +469,24 @@ impl<'a> Rehearsal<'a> {
         let figure = match (self.killed_ns, self.back_s) {
             (None, _) => "the drone did not come to follow".into(),
             (Some(_), None) => "killed, and not ready again".into(),
-            (Some(_), Some(s)) => format!("killed while followed, ready again after {s:.1} s"),
+            (Some(_), Some(s)) => format!("while followed, ready after {s:.1} s"),
         };
         list.add(7, "alight-vessel, killed", self.back_s.is_some(), figure);
+    }
+    /// What the vessel knows of the drone, and who it is itself.
+    fn show_contact(&self, list: &mut CheckList) {
+        let number = self.plan.drone.bridge.drone_id;
+        let status = self.vessel_status();
+        let drones = status.as_ref().map(|s| s.drones.as_slice()).unwrap_or_default();
+        let heard = drones.iter().find(|d| d.drone == number);
+        let figure = match (heard, status.as_ref().map(|s| &s.certificate)) {
+            (None, _) => format!("it does not receive drone {number}"),
+            (Some(d), Some(CertificateStatus::Held { name, .. })) => {
+                format!("{name} received it {:.1} s ago: {}", d.age_s, d.state)
+            }
+            (Some(d), Some(_) | None) => format!("received {:.1} s ago: {}", d.age_s, d.state),
+        };
+        list.add(8, "drone's status on vessel", heard.is_some(), figure);
     }
     fn show_vision(&self, list: &mut CheckList) {
         let camera = self
@@ -492,7 +507,7 @@ impl<'a> Rehearsal<'a> {
         };
         let (images, tags) = (count(MetricName::Images), count(MetricName::TagDetections));
         let figure = format!(
-            "{tags} of {images} images, {:.0} ms after the exposure (99 %: {:.0})",
+            "{tags} of {images} images, {:.0} ms old (99 %: {:.0})",
             1e3 * seconds(MetricName::ExposureToFixP50),
             1e3 * seconds(MetricName::ExposureToFixP99)
         );
@@ -516,14 +531,14 @@ impl<'a> Rehearsal<'a> {
             o.tilt_error_deg,
         ) {
             (true, Some(off_m), Some(speed), Some(tilt)) => {
-                format!("{off_m:.2} m off the centre, {speed:.2} m/s, tilt {tilt:.1} deg")
+                format!("{off_m:.2} m off centre, {speed:.2} m/s, {tilt:.1} deg")
             }
             _ => format!("{}: {}", o.outcome.name(), o.reason),
         };
         list.add(10, "landed", o.success, figure);
         let disarmed = o.stop_time_s.is_some() && self.armed != Some(true);
         let figure = match o.stop_time_s {
-            Some(s) => format!("motors off {s:.2} s after the first contact"),
+            Some(s) => format!("{s:.2} s after the first contact"),
             None => "motors on".into(),
         };
         list.add(10, "disarmed", disarmed, figure);

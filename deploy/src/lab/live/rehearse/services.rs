@@ -23,10 +23,9 @@ const STOP_NS: i64 = 5_000_000_000;
 /// Lines at the end of what a service wrote that a person is shown.
 const LAST_LINES: usize = 5;
 
-/// This program.
-pub fn program(words: &[&str]) -> Result<Command, CliError> {
-    let file = std::env::current_exe().doing("looking for this program")?;
-    let mut command = Command::new(file);
+/// `program` with these words.
+pub fn command(program: &Path, words: &[&str]) -> Command {
+    let mut command = Command::new(program);
     // A group of its own: the terminal's Ctrl-C reaches the rehearsal only, which ends all.
     command
         .args(words)
@@ -34,12 +33,13 @@ pub fn program(words: &[&str]) -> Result<Command, CliError> {
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped());
-    Ok(command)
+    command
 }
 
 /// One service.
 pub struct Service {
     name: &'static str,
+    program: PathBuf,
     config: PathBuf,
     directory: PathBuf,
     notified: UnixDatagram,
@@ -52,13 +52,15 @@ pub struct Service {
 }
 
 impl Service {
-    /// Starts `alight NAME --config CONFIG`; `directory` is its state directory, and takes what it writes.
-    pub fn start(name: &'static str, config: &Path, directory: &Path) -> Result<Service, CliError> {
+    /// Starts `program NAME --config NAME.toml` with the file in `directory`, which is its state directory and takes
+    /// what it writes.
+    pub fn start(name: &'static str, program: &Path, directory: &Path) -> Result<Service, CliError> {
         let socket = directory.join(format!("{name}.notify"));
         let notified = UnixDatagram::bind(&socket).and_then(|s| s.set_nonblocking(true).map(|()| s));
         let mut service = Service {
             name,
-            config: config.into(),
+            program: program.into(),
+            config: directory.join(format!("{name}.toml")),
             directory: directory.into(),
             notified: notified.doing(format_args!(
                 "receiving the reports of {name} at {}",
@@ -77,14 +79,14 @@ impl Service {
 
     fn spawn(&mut self) -> Result<(), CliError> {
         let name = self.name;
-        let doing = format_args!("starting alight {name}");
+        let doing = format_args!("starting {} {name}", self.program.display());
         let config = self.config.display().to_string();
         let errors = File::options()
             .create(true)
             .append(true)
             .open(self.errors_file())
             .doing(doing)?;
-        let mut child = program(&[name, "--config", &config, "--supervised"])?
+        let mut child = command(&self.program, &[name, "--config", &config, "--supervised"])
             .env(SOCKET_VARIABLE, self.directory.join(format!("{name}.notify")))
             .env(STATE_VARIABLE, &self.directory)
             .stdin(Stdio::piped())
