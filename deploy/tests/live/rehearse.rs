@@ -4,9 +4,11 @@
 use std::io::{BufRead, BufReader};
 use std::process::Stdio;
 
+use alight_uav::autopilot::modes::Firmware;
 use serde_json::Value;
 
 use crate::common::{alight, errors, printed, run, scratch, signal};
+use crate::firmware::{Flight, StandIn};
 
 /// What a rehearsal of this process number leaves behind among temporary files and in shared memory.
 fn left(pid: u32) -> Vec<String> {
@@ -15,7 +17,10 @@ fn left(pid: u32) -> Vec<String> {
     let names = entries
         .flatten()
         .map(|e| e.file_name().to_string_lossy().into_owned());
-    names.filter(|n| n.contains(&format!("rehearse-{pid}"))).collect()
+    let number = format!("-{pid}");
+    names
+        .filter(|n| n.contains("rehears") && n.contains(&number))
+        .collect()
 }
 
 #[test]
@@ -59,6 +64,29 @@ fn rehearsal_of_the_shipped_files_lands() {
 }
 
 #[test]
+fn rehearsal_with_a_firmware_outside_lands() {
+    let name = format!("rehearsed-{}", std::process::id());
+    let firmware = StandIn::start(&name, &Flight::new(Firmware::ArduCopter, ""));
+    let out = run(format!(
+        "rehearse --sea calm --warm-up 25 --json --autopilot {} --autopilot-at {} --firmware {}",
+        firmware.kind,
+        firmware.connect,
+        firmware.config.display()
+    ));
+    let armed = firmware.armed_in_the_end();
+    // For a person, with --nocapture.
+    println!("{}", errors(&out));
+    let seen: Value = serde_json::from_str(printed(&out).trim()).expect("an object");
+    assert_eq!(
+        seen["landed"]["outcome"]["outcome"],
+        "success",
+        "{}",
+        errors(&out)
+    );
+    assert!(out.status.success() && !armed, "{}", errors(&out));
+}
+
+#[test]
 fn rehearsal_that_is_interrupted_leaves_nothing() {
     let mut child = alight("rehearse --json")
         .stdin(Stdio::null())
@@ -80,7 +108,7 @@ fn rehearsal_that_is_interrupted_leaves_nothing() {
     let processes = std::fs::read_dir("/proc").expect("processes").flatten();
     let ours = processes.filter(|p| {
         let words = std::fs::read_to_string(p.path().join("cmdline")).unwrap_or_default();
-        words.contains(&format!("alight-rehearse-{pid}"))
+        words.contains(&format!("alight-rehearsal-{pid}"))
     });
     assert_eq!(ours.count(), 0);
 }

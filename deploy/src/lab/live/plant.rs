@@ -31,6 +31,8 @@ const READ: Duration = Duration::from_millis(2);
 const ANSWER_NS: i64 = 30_000_000;
 /// Silence of a firmware after which its motors are off, ns.
 const GONE_NS: i64 = 1_000_000_000;
+/// A rangefinder that measured nothing for this long sees nothing, ns: five of its periods at 50 Hz.
+const RANGE_NS: i64 = 100_000_000;
 /// Reads in one slice that bring something, at most.
 const MAX_READS: u32 = 64;
 
@@ -89,6 +91,8 @@ pub struct Plant {
     /// Exchanges in a tick.
     exchanges: u32,
     heard_ns: i64,
+    /// When the rangefinder measured last.
+    ranged_ns: i64,
     late: u64,
 }
 
@@ -145,6 +149,7 @@ impl Plant {
             config: config.clone(),
             exchanges,
             heard_ns: 0,
+            ranged_ns: 0,
             late: 0,
         })
     }
@@ -169,8 +174,13 @@ impl Plant {
         let Link::Simulated { autopilot, .. } = &mut self.link else {
             return false;
         };
-        if let (Some(autopilot), Some(newest)) = (autopilot, ranges.last()) {
-            autopilot.range_m = Some(newest.range_m);
+        let now_ns = steady_ns();
+        if let Some(autopilot) = autopilot {
+            if let Some(newest) = ranges.last() {
+                (autopilot.range_m, self.ranged_ns) = (Some(newest.range_m), now_ns);
+            } else if now_ns - self.ranged_ns > RANGE_NS {
+                autopilot.range_m = None;
+            }
         }
         true
     }

@@ -15,6 +15,7 @@ use alight_sim::autopilots::FirmwareSensors;
 use alight_sim::harness::outcome::{Ending, FALSE_STOP_M, Judge, Outcome, TIME_LIMIT_S};
 use alight_sim::harness::physics::{Physics, TICK};
 use alight_sim::harness::trace::Trace;
+use alight_sim::sensors::DroneReadings;
 use serde::{Deserialize, Serialize};
 
 use crate::exit::{CliError, Doing, Exit};
@@ -137,11 +138,20 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
             ..Readings::default()
         });
         if let Some(readings) = physics.drone_readings(0) {
-            // A rangefinder on the autopilot is one of its messages; a firmware's plant has none.
-            let on_autopilot = world.devices.is_some() && plant.take_ranges(&readings.ranges);
-            if let Some(computer) = &mut computer
-                && !on_autopilot
-            {
+            let readings = match &world.devices {
+                None => readings,
+                // Beside the camera the rangefinder alone, which the autopilot reports; a firmware's plant has none.
+                Some(_) if plant.take_ranges(&readings.ranges) => DroneReadings {
+                    shots: readings.shots,
+                    ..DroneReadings::default()
+                },
+                Some(_) => DroneReadings {
+                    shots: readings.shots,
+                    ranges: readings.ranges,
+                    ..DroneReadings::default()
+                },
+            };
+            if let Some(computer) = &mut computer {
                 computer.detections.publish(&readings);
             }
             let own = computer.as_mut().and_then(|c| c.render_thread.as_mut());

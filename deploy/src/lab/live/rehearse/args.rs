@@ -38,6 +38,9 @@ pub struct RehearseArgs {
     /// (deploy/docs/autopilots.md)
     #[arg(long, value_name = "URL")]
     pub autopilot_at: Option<String>,
+    /// Its plant's motors, sensors and port (TOML, keys of [firmware])
+    #[arg(long, value_name = "FILE", requires = "autopilot_at")]
+    pub firmware: Option<PathBuf>,
     /// The landing is commanded so long after the vehicles are there, s [default: 40; 180 with --autopilot-at]
     #[arg(long, value_name = "S", value_parser = clap::value_parser!(u16).range(10..=600))]
     pub warm_up: Option<u16>,

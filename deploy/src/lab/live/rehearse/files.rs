@@ -43,7 +43,8 @@ pub struct Directory {
 impl Directory {
     /// A new one.
     fn make(keep: Option<&Path>) -> Result<Directory, CliError> {
-        let own = || std::env::temp_dir().join(format!("alight-rehearse-{}", std::process::id()));
+        // Not the instance's directory, which is alight-rehearse-NUMBER and emptied at its start.
+        let own = || std::env::temp_dir().join(format!("alight-rehearsal-{}", std::process::id()));
         let path = keep.map_or_else(own, Path::to_path_buf);
         let mut builder = std::fs::DirBuilder::new();
         let made = builder.mode(0o700).create(&path);
@@ -114,8 +115,13 @@ impl Plan {
 
         let sensors_at = format!("{HOST}:{}", free_port()?);
         set(&mut vessel_file, &[], "sensors", sensors_at);
-        for key in ["crew_switch", "occupancy_sensor"] {
-            set(&mut vessel_file, &["deck"], key, "");
+        for (key, input) in [
+            ("crew_switch", &vessel.deck.crew_switch),
+            ("occupancy_sensor", &vessel.deck.occupancy_sensor),
+        ] {
+            if !input.is_empty() {
+                set(&mut vessel_file, &["deck"], key, "");
+            }
         }
         let sources = sources(&vessel, &directory);
         let list = Value::try_from(&sources).doing("writing the sensors")?;
@@ -131,9 +137,13 @@ impl Plan {
             "source",
             camera.display().to_string(),
         );
-        set(&mut drone_file, &["uvdar"], "source", "");
-        // The tag that the simulated deck carries.
-        set(&mut drone_file, &["drone", "camera", "tag"], "id", 0);
+        // The simulated deck carries tag 0 and no markers.
+        if drone.uvdar.at_rate(1.0).is_there() {
+            set(&mut drone_file, &["uvdar"], "source", "");
+        }
+        if drone.drone.camera.tag.id != 0 {
+            set(&mut drone_file, &["drone", "camera", "tag"], "id", 0);
+        }
         let pipe = mknodat(
             rustix::fs::CWD,
             &camera,
@@ -360,6 +370,10 @@ fn world(
         sea: args.sea.text.clone(),
         planner: format!("{:?}", drone.drone.planner.kind).to_lowercase(),
         autopilot,
+        firmware: args
+            .firmware
+            .as_deref()
+            .map_or_else(|| Ok(Default::default()), config::load)?,
         mavlink,
         devices: Some(Devices {
             camera,
@@ -480,13 +494,7 @@ mod tests {
         let drone = of(SHIPPED_DRONE, "drone.toml");
         assert_eq!(
             sorted(drone),
-            expected(&[
-                "autopilot.connect",
-                "camera.source",
-                "instance",
-                "radio.connect",
-                "uvdar.source"
-            ])
+            expected(&["autopilot.connect", "camera.source", "instance", "radio.connect"])
         );
         assert_eq!(plan.certificates, ["vessel-1", "drone-1"]);
         assert!(plan.contradictions.is_empty());

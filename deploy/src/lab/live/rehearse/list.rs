@@ -4,6 +4,15 @@ use serde::Serialize;
 
 use crate::terminal::note;
 
+/// Steps of deploy/docs/install.md.
+pub const CERTIFICATES: u8 = 3;
+pub const CONFIGURATIONS: u8 = 5;
+pub const CHECK: u8 = 6;
+pub const VESSEL: u8 = 8;
+pub const DRONE: u8 = 9;
+pub const COMMAND: u8 = 10;
+pub const LANDING: u8 = 11;
+
 /// Width of what is checked, so that the figures stand in a column.
 const WHAT: usize = 25;
 
@@ -70,15 +79,34 @@ mod tests {
     use super::*;
 
     #[test]
+    fn steps_are_those_of_the_instructions() {
+        let text = include_str!("../../../../docs/install.md");
+        for (step, begins) in [
+            (
+                CERTIFICATES,
+                "On a computer that stays ashore, make the authority",
+            ),
+            (CONFIGURATIONS, "Edit `/etc/alight/vessel.toml`"),
+            (CHECK, "Run `sudo -u alight alight check`"),
+            (VESSEL, "Vessel moored"),
+            (DRONE, "Drone on the ground"),
+            (COMMAND, "Propellers off, armed"),
+            (LANDING, "Tethered"),
+        ] {
+            assert!(text.contains(&format!("\n{step}. {begins}")), "{step}: {begins}");
+        }
+    }
+
+    #[test]
     fn one_step_that_is_not_ok_is_said_and_counts() {
         let mut list = CheckList::new(true);
-        list.add(3, "certificates", true, "vessel-1, drone-1");
+        list.add(CERTIFICATES, "certificates", true, "vessel-1, drone-1");
         assert!(list.ok());
-        list.add(10, "landed", false, "in the water");
+        list.add(LANDING, "landed", false, "in the water");
         assert!(!list.ok());
         assert_eq!(
             line(&list.rows()[1]),
-            "NOT OK 10  landed                    in the water"
+            "NOT OK 11  landed                    in the water"
         );
     }
 }
