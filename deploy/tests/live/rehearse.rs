@@ -1,5 +1,5 @@
-//! `alight rehearse`: both services with the shipped files, over mutual TLS, sensors by their bytes on serial lines, the
-//! camera by its images, and a vessel's service that is killed while the drone follows.
+//! `alight rehearse`: both services with the shipped files, over mutual TLS, sensors by their bytes on serial lines,
+//! the camera by its images, and a vessel's service that is killed while the drone follows.
 
 use std::io::{BufRead, BufReader};
 use std::process::Stdio;

@@ -41,7 +41,7 @@ fn unsigned(value: f64, unit: f64) -> [u8; 4] {
     ((value / unit).round() as u32).to_le_bytes()
 }
 
-/// NAV-PVT of a fix in three dimensions: place with its height above the ellipsoid, velocity to north, east, down (m/s).
+/// NAV-PVT of a fix in three dimensions: place with its height above the ellipsoid; velocity to north, east, down, m/s.
 pub fn nav_pvt(at_ns: i64, place: Datum, velocity: [f64; 3], stated: &StatedErrors) -> Vec<u8> {
     let [north, east, down] = velocity;
     let (speed, course) = (north.hypot(east), east.atan2(north).to_degrees());

@@ -8,10 +8,9 @@ use crate::lab::args::{Autopilot, SeaArg};
 
 /// Every service as it is installed, against the simulated world.
 #[derive(Args, Debug)]
-#[command(
-    after_help = "Start with:\n  alight rehearse\n  alight rehearse --vessel-config vessel.toml --drone-config drone.toml\n\n\
-Exit codes: 0 every step is OK, 1 one is not, 2 bad input."
-)]
+#[command(after_help = "Start with:\n  alight rehearse\n  \
+alight rehearse --vessel-config vessel.toml --drone-config drone.toml\n\n\
+Exit codes: 0 every step is OK, 1 one is not, 2 bad input.")]
 pub struct RehearseArgs {
     /// The vessel's file as an installer wrote it [default: as it is shipped]
     #[arg(long, value_name = "FILE")]
