@@ -19,7 +19,8 @@ use crate::{drone, vessel};
 #[command(
     after_help = "Start with:\n  alight land                      one landing of all processes, in real time\n  \
 alight trial                     the same computed as fast as it goes\n  \
-alight trial --sea rough --plot landing.svg\n  alight trials --trials 100        a success rate with its interval\n\n\
+alight trial --sea rough --plot landing.svg\n  alight trials --trials 100        a success rate with its interval\n  \
+alight rehearse                  what the packages install, on simulated vehicles\n\n\
 Exit codes: 0 success, 1 failed landing, 2 bad input."
 )]
 pub struct Cli {

@@ -43,6 +43,10 @@ impl VesselComputer {
     pub fn node(&self, boot: u32) -> alight_usv::VesselComputer {
         alight_usv::VesselComputer::new(&self.vessel, &self.deck, self.vessel_id, boot)
     }
+    /// Its real sensors, each in its place on board.
+    pub fn placed_sensors(&self) -> SourcesConfig {
+        self.sensor.placed(&self.vessel.imu, &self.vessel.gnss)
+    }
 }
 
 config! {

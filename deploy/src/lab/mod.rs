@@ -20,6 +20,7 @@ use live::args::{FaultsArgs, LandArgs, LandsArgs, WorldArgs};
 use live::attach::AttachArgs;
 use live::emulator::LinkArgs;
 use live::latency::LatencyArgs;
+use live::rehearse::args::RehearseArgs;
 
 /// Commands of the laboratory.
 #[derive(Subcommand, Debug)]
@@ -35,6 +36,8 @@ pub enum LabCommand {
     Rao(RaoArgs),
     /// Land once in real time: all processes of vessel and drone, simulated vehicles.
     Land(Box<LandArgs>),
+    /// Rehearse an installation: both services as shipped or as configured, against simulated vehicles.
+    Rehearse(Box<RehearseArgs>),
     /// The former name of `land --trials N`.
     #[command(hide = true)]
     Lands(LandsArgs),
@@ -63,6 +66,7 @@ impl LabCommand {
                 Some(trials) => live::pairs::run(a, trials),
                 None => live::land::run(a),
             },
+            LabCommand::Rehearse(a) => live::rehearse::run(a),
             LabCommand::Attach(a) => live::attach::run(a),
             LabCommand::Lands(a) => live::pairs::run_lands(a),
             LabCommand::Faults(a) => live::faults::run(a),

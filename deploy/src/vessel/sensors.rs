@@ -48,7 +48,7 @@ pub fn run(args: &SensorsArgs) -> Result<Exit, CliError> {
         links.push(ByteLink::new(url, steady_ns())?);
     }
     let to = SensorSender::to(&computer.sensors).doing(format_args!("sending to {}", computer.sensors))?;
-    let mut node = SensorNode::new(&computer.sensor, computer.vessel_id, draw_boot());
+    let mut node = SensorNode::new(&computer.placed_sensors(), computer.vessel_id, draw_boot());
     let end = end_with_supervisor(args.supervised);
     let report_period_ns = if args.supervised {
         sensor_supervisor::REPORT_PERIOD_NS

@@ -4,8 +4,10 @@
 use std::io::ErrorKind::WouldBlock;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
 use std::time::Duration;
 
 use alight_shared::geodesy::Datum;
@@ -14,7 +16,7 @@ use alight_shared::msg::AutopilotMode;
 use alight_shared::time::{Time, TrueTime};
 use alight_sim::autopilots::simulated::{SimulatedAutopilot, mode_number};
 use alight_sim::autopilots::stand_in;
-use alight_sim::physics::drone::{AutopilotConfig, NavigationConfig, PlantState};
+use alight_sim::physics::drone::{AutopilotConfig, MAX_ROTORS, NavigationConfig, PlantState};
 use alight_sim::physics::streams::Streams;
 use alight_uav::autopilot::message::{CommandResult, Message, command};
 use alight_uav::autopilot::modes::Firmware;
@@ -157,7 +159,7 @@ impl Controls {
         }
     }
     /// One slice with the drone's motion in this firmware's own NED: rotor outputs, or motors off.
-    fn step(&mut self, f: &PlantState) -> Option<[f64; 4]> {
+    fn step(&mut self, f: &PlantState) -> Option<[f64; MAX_ROTORS]> {
         if self.a.is_none() {
             self.pad = f.position;
         }
@@ -206,7 +208,7 @@ fn fly_json(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
     socket.connect(("127.0.0.1", plant)).unwrap();
     socket.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
-    let (mut frame, mut outputs, mut buffer) = (0_u32, [0.0; 4], [0_u8; 4096]);
+    let (mut frame, mut outputs, mut buffer) = (0_u32, [0.0; MAX_ROTORS], [0_u8; 4096]);
     let (mut asked, mut newest) = (false, None);
     while !end.load(Ordering::Relaxed) {
         if !asked {
@@ -316,53 +318,88 @@ impl Flown {
     }
 }
 
-/// Flies a landing under this name.
-pub fn fly(name: &str, flight: &Flight) -> Flown {
-    let firmware = flight.firmware;
-    let plant = free_port();
-    let (link, connect) = match firmware {
-        Firmware::ArduCopter => {
-            let door = TcpListener::bind("127.0.0.1:0").unwrap();
-            door.set_nonblocking(true).unwrap();
-            let at = door.local_addr().unwrap();
-            (Link::Tcp(door, None), format!("tcpout://{at}"))
-        }
-        Firmware::Px4 => {
-            let to = free_port();
-            let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
-            socket.connect(("127.0.0.1", to)).unwrap();
-            socket.set_nonblocking(true).unwrap();
-            (Link::Udp(socket), format!("udpin://127.0.0.1:{to}"))
-        }
-    };
-    let file = |end: &str| std::env::temp_dir().join(format!("{name}-{end}.toml"));
-    let (config, scene) = (file("plant"), file("scene"));
-    let (kind, scenario) = match firmware {
-        Firmware::ArduCopter => ("ardupilot", ""),
-        Firmware::Px4 => ("px4", GOOD_SENSORS),
-    };
-    std::fs::write(&config, format!("port = {plant}\n")).unwrap();
-    std::fs::write(&scene, format!("{scenario}{}", flight.scenario)).unwrap();
-    let end = Arc::new(AtomicBool::new(false));
-    let flown = {
-        let (end, flight) = (Arc::clone(&end), flight.clone());
-        std::thread::spawn(move || {
+/// The stand-in and its person, waiting for a plant.
+pub struct StandIn {
+    flown: JoinHandle<Controls>,
+    end: Arc<AtomicBool>,
+    /// As a flag names the firmware.
+    pub kind: &'static str,
+    /// Where its MAVLink is.
+    pub connect: String,
+    /// The plant's configuration, which names its port.
+    pub config: PathBuf,
+}
+
+impl StandIn {
+    /// Begins to look for its plant.
+    pub fn start(name: &str, flight: &Flight) -> StandIn {
+        let firmware = flight.firmware;
+        let plant = free_port();
+        let (kind, link, connect) = match firmware {
+            Firmware::ArduCopter => {
+                let door = TcpListener::bind("127.0.0.1:0").unwrap();
+                door.set_nonblocking(true).unwrap();
+                let at = door.local_addr().unwrap();
+                ("ardupilot", Link::Tcp(door, None), format!("tcpout://{at}"))
+            }
+            Firmware::Px4 => {
+                let to = free_port();
+                let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+                socket.connect(("127.0.0.1", to)).unwrap();
+                socket.set_nonblocking(true).unwrap();
+                ("px4", Link::Udp(socket), format!("udpin://127.0.0.1:{to}"))
+            }
+        };
+        let config = std::env::temp_dir().join(format!("{name}-plant.toml"));
+        std::fs::write(&config, format!("port = {plant}\n")).unwrap();
+        let end = Arc::new(AtomicBool::new(false));
+        let (told, flight) = (Arc::clone(&end), flight.clone());
+        let flown = std::thread::spawn(move || {
             let controls = Controls::new(flight, link);
             match firmware {
-                Firmware::ArduCopter => fly_json(plant, controls, &end),
-                Firmware::Px4 => fly_hil(plant, controls, &end),
+                Firmware::ArduCopter => fly_json(plant, controls, &told),
+                Firmware::Px4 => fly_hil(plant, controls, &told),
             }
-        })
+        });
+        StandIn {
+            flown,
+            end,
+            kind,
+            connect,
+            config,
+        }
+    }
+    /// Ends it.
+    fn end(self) -> Controls {
+        self.end.store(true, Ordering::Relaxed);
+        let _removed = std::fs::remove_file(self.config);
+        self.flown.join().unwrap()
+    }
+    /// Ends it; whether its motors may still turn.
+    pub fn armed_in_the_end(self) -> bool {
+        self.end().a.expect("it never flew").armed()
+    }
+}
+
+/// Flies a landing under this name.
+pub fn fly(name: &str, flight: &Flight) -> Flown {
+    let scene = std::env::temp_dir().join(format!("{name}-scene.toml"));
+    let scenario = match flight.firmware {
+        Firmware::ArduCopter => "",
+        Firmware::Px4 => GOOD_SENSORS,
     };
+    std::fs::write(&scene, format!("{scenario}{}", flight.scenario)).unwrap();
+    let stand_in = StandIn::start(name, flight);
     let out = run(format!(
-        "land --autopilot {kind} --external --connect {connect} --firmware {} --scenario {} --warm-up 20 --json --instance {name} {}",
-        config.display(),
+        "land --autopilot {} --external --connect {} --firmware {} --scenario {} --warm-up 20 --json --instance {name} {}",
+        stand_in.kind,
+        stand_in.connect,
+        stand_in.config.display(),
         scene.display(),
         flight.flags
     ));
-    end.store(true, Ordering::Relaxed);
-    let controls = flown.join().unwrap();
-    let _removed = [config, scene].map(std::fs::remove_file);
+    let controls = stand_in.end();
+    let _removed = std::fs::remove_file(scene);
     Flown {
         outcome: serde_json::from_str(printed(&out).lines().last().unwrap_or("null")).unwrap(),
         errors: errors(&out),

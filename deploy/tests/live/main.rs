@@ -21,5 +21,6 @@ mod landing;
 mod link;
 mod radio;
 mod real_firmware;
+mod rehearse;
 mod sensors;
 mod survival;

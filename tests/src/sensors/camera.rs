@@ -10,9 +10,11 @@ use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
 config! {
-    /// What the camera's mount is wrong by, unknown to the nodes.
+    /// The camera's mount, and what it is wrong by, unknown to the nodes.
     #[derive(Copy)]
     pub struct CameraMountConfig {
+        /// Roll, pitch and yaw about the camera's own axes against the designed mount, deg: the nodes have the same.
+        pub rotation_deg: [f64; 3] = [0.0; 3], in -180.0..=180.0;
         /// Standard deviation of the rotation about each of the camera's axes, drawn per seed, deg.
         pub angle_sd_deg: f64 = 1.0, in 0.0..=30.0;
         /// Standard deviation of the position, each axis, drawn per seed, m.
@@ -44,9 +46,11 @@ impl CameraMount {
     pub fn new(config: &CameraMountConfig, drone: &DroneGeometry, streams: &Streams) -> Self {
         let mut noise = Noise::new(streams, "drone.camera.mount");
         let turn = noise.normal3() * config.angle_sd_deg.to_radians();
+        let [roll, pitch, yaw] = config.rotation_deg.map(f64::to_radians);
         CameraMount {
             position: Vector3::from(drone.camera_m) + noise.normal3() * config.position_sd_m,
             attitude: body_from_camera()
+                * Rotation::<Camera, Camera>::from_euler(roll, pitch, yaw)
                 * Rotation::<Camera, Camera>::from(UnitQuaternion::from_scaled_axis(turn)),
         }
     }

@@ -7,6 +7,7 @@
 //! [`sight_loss`] and [`tag`] for the drone.
 
 pub mod attitude;
+pub mod bytes;
 pub mod camera;
 pub mod clocks;
 pub mod delay;

@@ -7,6 +7,8 @@ use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCE
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
+use crate::config::{GnssConfig, ImuConfig};
+
 /// Sign of a source's heave.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -26,10 +28,12 @@ config! {
         /// Orientation of its inertial or attitude sensor in the vessel: roll, pitch, yaw (ZYX), deg. What the
         /// sensor shows while the vessel lies level and heads north.
         pub mounting_deg: [f64; 3] = [0.0; 3], in -180.0..=180.0;
-        /// Its inertial sensor in the vessel's body frame, m.
-        pub lever_arm_m: [f64; 3] = [0.0; 3], in -50.0..=50.0;
-        /// Its GNSS antenna in the vessel's body frame, m.
-        pub antenna_m: [f64; 3] = [0.0; 3], in -50.0..=50.0;
+        /// Its inertial sensor in the vessel's body frame, m; left out: `vessel.imu.lever_arm_m`.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub lever_arm_m: Option<[f64; 3]> = None, in -50.0..=50.0;
+        /// Its GNSS antenna in the vessel's body frame, m; left out: `vessel.gnss.antenna_m`.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub antenna_m: Option<[f64; 3]> = None, in -50.0..=50.0;
         /// The antenna of its second receiver (MAVLink's GPS2_RAW), m.
         pub second_antenna_m: [f64; 3] = [0.0; 3], in -50.0..=50.0;
         /// What its heading (of two antennas, or a compass) shows while the vessel heads north, deg.
@@ -110,6 +114,18 @@ config! {
     }
 }
 
+impl SourcesConfig {
+    /// The same with every place: one that is left out is the vessel's own.
+    pub fn placed(&self, imu: &ImuConfig, gnss: &GnssConfig) -> SourcesConfig {
+        let mut placed = self.clone();
+        for source in &mut placed.sources {
+            source.mount.lever_arm_m.get_or_insert(imu.lever_arm_m);
+            source.mount.antenna_m.get_or_insert(gnss.antenna_m);
+        }
+        placed
+    }
+}
+
 /// Turns what a source shows into measurements of the vessel.
 #[derive(Clone, Debug)]
 pub struct Mounting {
@@ -161,7 +177,7 @@ impl Mounting {
         ImuSample {
             gyro: self.vector(gyro),
             accelerometer: self.vector(force),
-            lever_arm: Some(self.mount.lever_arm_m),
+            lever_arm: Some(self.mount.lever_arm_m.unwrap_or_default()),
             ..ImuSample::default()
         }
     }
@@ -178,7 +194,7 @@ impl Mounting {
             velocity,
             position_sd: self.position_sd(position_sd),
             velocity_sd: self.velocity_sd(velocity_sd),
-            lever_arm: Some(self.mount.antenna_m),
+            lever_arm: Some(self.mount.antenna_m.unwrap_or_default()),
             ..GnssFix::default()
         }
     }
@@ -238,6 +254,30 @@ pub(crate) fn euler(q: [f64; 4]) -> Option<[f64; 3]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn place_that_a_source_leaves_out_is_the_vessels() {
+        let own = Mount {
+            antenna_m: Some([1.0, 2.0, -3.0]),
+            ..Mount::default()
+        };
+        let sources = [Mount::default(), own].map(|mount| SourceConfig {
+            mount,
+            ..SourceConfig::default()
+        });
+        let config = SourcesConfig {
+            sources: sources.into(),
+        };
+        let (imu, gnss) = (ImuConfig::default(), GnssConfig::default());
+        let placed = config.placed(&imu, &gnss).sources;
+        let arms = |k: usize| {
+            let mounting = Mounting::new(&placed[k].mount);
+            let fix = mounting.fix(Datum::default(), [0.0; 3], [1.0; 3], [1.0; 3]);
+            (mounting.imu([0.0; 3], [0.0; 3]).lever_arm, fix.lever_arm)
+        };
+        assert_eq!(arms(0), (Some(imu.lever_arm_m), Some(gnss.antenna_m)));
+        assert_eq!(arms(1), (Some(imu.lever_arm_m), Some([1.0, 2.0, -3.0])));
+    }
 
     #[test]
     fn mounting_turns_measurements_into_the_vessel_axes() {

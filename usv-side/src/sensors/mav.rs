@@ -168,7 +168,7 @@ impl MavlinkDecoder {
             ([0.0; 3], NOT_MEASURED_SD)
         };
         let antenna = match source {
-            0 => self.mounting.mount.antenna_m,
+            0 => self.mounting.mount.antenna_m.unwrap_or_default(),
             _ => self.mounting.mount.second_antenna_m,
         };
         if kind >= 2 {
@@ -241,7 +241,7 @@ impl MavlinkDecoder {
             position: finite(position)?,
             source: 2,
             // The place of the autopilot itself.
-            lever_arm: Some(self.mounting.mount.lever_arm_m),
+            lever_arm: Some(self.mounting.mount.lever_arm_m.unwrap_or_default()),
             ..self.mounting.fix(datum, velocity, position_sd, velocity_sd)
         };
         out.push(SourceMeasurement::new(at_ns, fix));

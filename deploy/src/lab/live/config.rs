@@ -89,6 +89,16 @@ impl Check for Attachments {
     }
 }
 
+/// Devices of the simulated vehicles, for processes as they are installed, where otherwise shared memory stands.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Devices {
+    /// The named pipe that takes the belly camera's raw images.
+    pub camera: PathBuf,
+    /// An image is in it so long after the middle of its exposure, s.
+    pub camera_delay_s: f64,
+}
+
 config! {
     /// The simulated vehicles.
     pub struct SimulatedWorld {
@@ -118,6 +128,9 @@ config! {
         pub mavlink: String = "127.0.0.1:14540".into();
         /// The plant of a firmware.
         pub firmware: FirmwareConfig;
+        /// What the drone's computer is connected to; then it may be started later than the vehicles.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub devices: Option<Devices> = None;
         /// What is simulated, as `alight config scenario` prints it.
         pub scenario: Scenario;
     }

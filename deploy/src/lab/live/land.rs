@@ -63,7 +63,7 @@ const MAX_FAILURES: u32 = 8;
 /// Entries of the mission's states that are kept.
 const MAX_PHASES: usize = 1000;
 /// Where the simulated sea is for a firmware, in the Adriatic.
-const AT_SEA: Datum = Datum::new(43.5, 16.3, 0.0);
+pub const AT_SEA: Datum = Datum::new(43.5, 16.3, 0.0);
 /// A command that shows no effect is repeated after this long, s.
 const COMMAND_REPEAT_S: f64 = 1.0;
 
@@ -293,6 +293,7 @@ impl LandingSetup {
                 None => FirmwareConfig::default(),
             },
             mavlink,
+            devices: None,
             scenario: scene.scenario.drawn(args.seed),
         };
         Ok(LandingSetup {

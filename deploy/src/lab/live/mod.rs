@@ -21,6 +21,7 @@ pub mod pairs;
 pub mod plant;
 pub mod profile;
 pub mod recording;
+pub mod rehearse;
 pub mod relay;
 pub mod render_thread;
 pub mod report;

@@ -7,10 +7,11 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::time::Duration;
 
-use alight_shared::msg::AutopilotMode;
+use alight_shared::msg::{AutopilotMode, RangeSample};
 use alight_shared::time::{Time, TrueTime};
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::memory::Memory;
+use alight_shared::transport::wake::end_requested;
 use alight_sim::autopilots::px4::Px4Plant;
 use alight_sim::autopilots::simulated::{INNER_PER_OUTER, SimulatedAutopilot, mode_number};
 use alight_sim::autopilots::{FirmwareConfig, FirmwareSensors, ardupilot, px4};
@@ -19,6 +20,7 @@ use alight_sim::physics::drone::{MAX_ROTORS, PlantState};
 
 use crate::exit::{CliError, Doing};
 use crate::lab::live::config::AutopilotKind;
+use crate::process::supervisor::pause;
 use crate::terminal;
 
 /// A read waits this long at a time.
@@ -29,13 +31,26 @@ const READ: Duration = Duration::from_millis(2);
 const ANSWER_NS: i64 = 30_000_000;
 /// Silence of a firmware after which its motors are off, ns.
 const GONE_NS: i64 = 1_000_000_000;
+/// A rangefinder that measured nothing for this long sees nothing, ns: five of its periods at 50 Hz.
+const RANGE_NS: i64 = 100_000_000;
 /// Reads in one slice that bring something, at most.
 const MAX_READS: u32 = 64;
 
+/// Waits; false when the process was asked to end. Without the memory of a drone's computer it only sleeps.
+pub fn wait(memory: Option<&Memory>, span: Duration) -> bool {
+    match memory {
+        Some(memory) => memory.wait(span),
+        None => {
+            pause(span);
+            !end_requested()
+        }
+    }
+}
+
 /// Waits until the clock reads `t`, but no longer than a tick.
-pub fn wait_until(memory: &Memory, clock: &ProcessClock, t: Time<TrueTime>) {
+pub fn wait_until(memory: Option<&Memory>, clock: &ProcessClock, t: Time<TrueTime>) {
     let left = (t - clock.now::<TrueTime>()).nanos().clamp(0, TICK.nanos());
-    let _stop_requested = memory.wait(Duration::from_nanos(left.unsigned_abs()));
+    let _stop_requested = wait(memory, Duration::from_nanos(left.unsigned_abs()));
 }
 
 /// Who turns the rotors.
@@ -76,6 +91,8 @@ pub struct Plant {
     /// Exchanges in a tick.
     exchanges: u32,
     heard_ns: i64,
+    /// When the rangefinder measured last.
+    ranged_ns: i64,
     late: u64,
 }
 
@@ -132,6 +149,7 @@ impl Plant {
             config: config.clone(),
             exchanges,
             heard_ns: 0,
+            ranged_ns: 0,
             late: 0,
         })
     }
@@ -151,12 +169,27 @@ impl Plant {
             Link::Px4 { .. } | Link::Ardupilot { .. } => physics.place_drone_on_pad(0),
         }
     }
+    /// Gives the rangefinder to the simulated autopilot, which reports it; false for a firmware, whose plant has none.
+    pub fn take_ranges(&mut self, ranges: &[RangeSample]) -> bool {
+        let Link::Simulated { autopilot, .. } = &mut self.link else {
+            return false;
+        };
+        let now_ns = steady_ns();
+        if let Some(autopilot) = autopilot {
+            if let Some(newest) = ranges.last() {
+                (autopilot.range_m, self.ranged_ns) = (Some(newest.range_m), now_ns);
+            } else if now_ns - self.ranged_ns > RANGE_NS {
+                autopilot.range_m = None;
+            }
+        }
+        true
+    }
     /// Slices in which the firmware did not answer in time.
     pub fn late(&self) -> u64 {
         self.late
     }
     /// Moves the world on by one tick, each slice when the clock has come to it.
-    pub fn advance(&mut self, physics: &mut Physics, memory: &Memory, clock: &ProcessClock) {
+    pub fn advance(&mut self, physics: &mut Physics, memory: Option<&Memory>, clock: &ProcessClock) {
         if let Link::Simulated {
             autopilot: Some(autopilot),
             ..

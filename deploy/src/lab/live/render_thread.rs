@@ -1,14 +1,23 @@
 //! The simulated camera of a live landing: a thread that renders what the world's shutter took, and
-//! publishes the images in the drone's shared memory.
+//! publishes the images in the drone's shared memory, or writes them where a device would deliver them.
 
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::os::unix::fs::OpenOptionsExt;
 use std::sync::mpsc::{SyncSender, sync_channel};
+use std::time::Duration;
 
+use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::images::ImagePublisher;
 use alight_shared::transport::memory::{Instance, Memory};
 use alight_sim::harness::scenario::Scenario;
 use alight_sim::physics::streams::Streams;
 use alight_sim::sensors::render::{Renderer, Shot};
+use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 
 use crate::exit::CliError;
+use crate::lab::live::config::Devices;
+use crate::process::supervisor::pause;
 
 /// Shots that wait for the thread; more are lost, as a camera that is overrun loses images.
 const QUEUE_LENGTH: usize = 2;
@@ -19,25 +28,101 @@ pub struct RenderThread {
     lost: u64,
 }
 
+/// Where images go.
+enum Sink {
+    /// The drone's shared memory, which is held for as long as its port.
+    Memory { images: ImagePublisher, _memory: Memory },
+    /// A device of the drone's computer.
+    Pipe(Pipe),
+}
+
+impl Sink {
+    fn take(&mut self, shot: &Shot, size: [u32; 2], pixels: &[u8]) {
+        match self {
+            Sink::Memory { images, .. } => images.send(shot.at.nanos(), size, pixels),
+            Sink::Pipe(pipe) => pipe.write(shot.at.nanos(), pixels),
+        }
+    }
+}
+
+/// A named pipe of raw images, each at its time.
+struct Pipe {
+    devices: Devices,
+    open: Option<File>,
+}
+
+impl Pipe {
+    /// Delivers the image that was exposed when the drone's clock, the steady one, read `at_ns`. While nobody reads it
+    /// is lost, as a camera's is.
+    fn write(&mut self, at_ns: i64, pixels: &[u8]) {
+        let due_ns = at_ns + (self.devices.camera_delay_s * 1e9) as i64;
+        let early_ns = due_ns - steady_ns();
+        if early_ns > 0 {
+            pause(Duration::from_nanos(early_ns.unsigned_abs()));
+        }
+        if self.open.is_none() {
+            self.open = self.reader();
+        }
+        if let Some(pipe) = &mut self.open
+            && pipe.write_all(pixels).is_err()
+        {
+            self.open = None;
+        }
+    }
+    /// The pipe's end, if it has a reader; what is written then waits for that one.
+    fn reader(&self) -> Option<File> {
+        let flags = OFlags::NONBLOCK.bits().cast_signed();
+        let pipe = OpenOptions::new()
+            .write(true)
+            .custom_flags(flags)
+            .open(&self.devices.camera)
+            .ok()?;
+        let flags = fcntl_getfl(&pipe).ok()?;
+        fcntl_setfl(&pipe, flags - OFlags::NONBLOCK).ok()?;
+        Some(pipe)
+    }
+}
+
 impl RenderThread {
-    /// The camera of a seed; None where the measurement model stands for it.
+    /// The camera of a seed, into shared memory; None where the measurement model stands for it.
     pub fn of(instance: &Instance, scenario: &Scenario, seed: u64) -> Result<Option<RenderThread>, CliError> {
         let render = &scenario.sensors.render;
         if !render.on {
             return Ok(None);
         }
         let pixels = render.lens.width_px as usize * render.lens.height_px as usize;
+        let instance = instance.clone();
+        let open = move || {
+            // Shared memory's ports belong to the thread that uses them.
+            let memory = Memory::join(&instance, "render_thread")?;
+            let images = memory.image_publisher(pixels)?;
+            Ok(Sink::Memory {
+                images,
+                _memory: memory,
+            })
+        };
+        RenderThread::start(open, scenario, seed).map(Some)
+    }
+    /// The camera of a seed as a device of the drone's computer.
+    pub fn into_pipe(devices: &Devices, scenario: &Scenario, seed: u64) -> Result<RenderThread, CliError> {
+        let devices = devices.clone();
+        let open = move || Ok(Sink::Pipe(Pipe { devices, open: None }));
+        RenderThread::start(open, scenario, seed)
+    }
+
+    fn start(
+        open: impl FnOnce() -> Result<Sink, CliError> + Send + 'static,
+        scenario: &Scenario,
+        seed: u64,
+    ) -> Result<RenderThread, CliError> {
         let (shots, waiting) = sync_channel::<Shot>(QUEUE_LENGTH);
         let (result, joined) = sync_channel::<Result<(), CliError>>(1);
-        let (instance, render, deck) = (instance.clone(), render.clone(), scenario.deck);
+        let (render, deck) = (scenario.sensors.render.clone(), scenario.deck);
         std::thread::spawn(move || {
-            // Shared memory's ports belong to the thread that uses them.
-            let memory = Memory::join(&instance, "render_thread");
-            let images = memory.and_then(|m| m.image_publisher(pixels).map(|p| (m, p)));
-            let (_memory, mut images) = match images {
-                Ok(images) => images,
+            let mut sink = match open() {
+                Ok(sink) => sink,
                 Err(e) => {
-                    let _gone = result.send(Err(e.into()));
+                    let _gone = result.send(Err(e));
                     return;
                 }
             };
@@ -49,12 +134,12 @@ impl RenderThread {
             while let Ok(shot) = waiting.recv() {
                 if let Some(image) = renderer.image(&shot) {
                     let size = [image.width() as u32, image.height() as u32];
-                    images.send(shot.at.nanos(), size, image.pixels());
+                    sink.take(&shot, size, image.pixels());
                 }
             }
         });
         match joined.recv() {
-            Ok(Ok(())) => Ok(Some(RenderThread { shots, lost: 0 })),
+            Ok(Ok(())) => Ok(RenderThread { shots, lost: 0 }),
             Ok(Err(why)) => Err(why),
             Err(e) => Err(CliError::because("starting the simulated camera", e)),
         }

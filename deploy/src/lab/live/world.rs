@@ -15,6 +15,7 @@ use alight_sim::autopilots::FirmwareSensors;
 use alight_sim::harness::outcome::{Ending, FALSE_STOP_M, Judge, Outcome, TIME_LIMIT_S};
 use alight_sim::harness::physics::{Physics, TICK};
 use alight_sim::harness::trace::Trace;
+use alight_sim::sensors::DroneReadings;
 use serde::{Deserialize, Serialize};
 
 use crate::exit::{CliError, Doing, Exit};
@@ -23,7 +24,7 @@ use crate::lab::live::args::WorldArgs;
 use crate::lab::live::config::SimulatedWorld;
 use crate::lab::live::detections::Detections;
 use crate::lab::live::follow::Followed;
-use crate::lab::live::plant::Plant;
+use crate::lab::live::plant::{self, Plant};
 use crate::lab::live::render_thread::RenderThread;
 use crate::lab::live::truth::Truth;
 use crate::lab::plot;
@@ -73,7 +74,15 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         Plant::open(kind, &world.mavlink, firmware, sensors)?
     };
     let instance = Instance::new(&world.instance)?;
-    let mut computer = DroneSide::join(&instance, &world)?;
+    // Vehicles with devices of their own are there before the drone's computer is.
+    let mut computer = match &world.devices {
+        Some(_) => None,
+        None => Some(DroneSide::join(&instance, &world)?),
+    };
+    let mut camera = match &world.devices {
+        Some(devices) => Some(RenderThread::into_pipe(devices, &world.scenario, world.seed)?),
+        None => None,
+    };
     let sensors =
         SensorSender::to(&world.sensors).doing(format_args!("sending sensors to {}", world.sensors))?;
     let (mut forecast, mut ages): (Option<DeckForecast>, Option<[f64; 2]>) = (None, None);
@@ -90,6 +99,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     let mut history = History::new(world.plot.is_some());
     let mut followed = Followed::default();
     let mut stays_until_s: Option<f64> = None;
+    let mut looked_ns = steady_ns();
     let (mut touched, mut motors_on_deck_s) = (false, 0.0);
 
     let mut truth = match &args.log {
@@ -103,21 +113,13 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     };
 
     while !life.ended() {
-        computer.rejoin(&instance, &world);
-        let DroneSide {
-            memory,
-            detections,
-            mission,
-            forecasts,
-            state,
-            render_thread,
-            ..
-        } = &mut computer;
+        DroneSide::rejoin(&mut computer, &instance, &world, &mut looked_ns);
+        let memory = computer.as_ref().map(|c| &c.memory);
         // The truth at `t` is made and measured when the computer's clock reads `t`.
         let early = physics.now() - clock.now::<TrueTime>();
         if early.nanos() > 0 {
             let wait = Duration::from_nanos(early.nanos().unsigned_abs());
-            if !memory.wait(wait.min(Duration::from_millis(100))) {
+            if !plant::wait(memory, wait.min(Duration::from_millis(100))) {
                 break;
             }
             continue;
@@ -139,19 +141,39 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
             ..Readings::default()
         });
         if let Some(readings) = physics.drone_readings(0) {
-            detections.publish(&readings);
-            if let Some(render_thread) = render_thread {
+            let readings = match &world.devices {
+                None => readings,
+                // Beside the camera the rangefinder alone, which the autopilot reports; a firmware's plant has none.
+                Some(_) if plant.take_ranges(&readings.ranges) => DroneReadings {
+                    shots: readings.shots,
+                    ..DroneReadings::default()
+                },
+                Some(_) => DroneReadings {
+                    shots: readings.shots,
+                    ranges: readings.ranges,
+                    ..DroneReadings::default()
+                },
+            };
+            if let Some(computer) = &mut computer {
+                computer.detections.publish(&readings);
+            }
+            let own = computer.as_mut().and_then(|c| c.render_thread.as_mut());
+            if let Some(render_thread) = camera.as_mut().or(own) {
                 render_thread.take(&readings.shots);
             }
         }
         let drone_ns = physics.drone_now(0).nanos();
         life.stepped(Some((steady_ns() - before) as f64 * 1e-9));
-        plant.advance(&mut physics, memory, &clock);
+        plant.advance(&mut physics, computer.as_ref().map(|c| &c.memory), &clock);
 
-        phase = mission.newest(drone_ns).unwrap_or(phase);
+        if let Some(computer) = &mut computer {
+            phase = computer.mission.newest(drone_ns).unwrap_or(phase);
+            forecast = computer.forecasts.newest(drone_ns).or(forecast);
+        }
         let unanswered = plant.late();
         let t_s = physics.time_since_start().secs();
-        let lost = render_thread.as_ref().map_or(0, RenderThread::lost);
+        let own = computer.as_ref().and_then(|c| c.render_thread.as_ref());
+        let lost = camera.as_ref().or(own).map_or(0, RenderThread::lost);
         life.metrics = Seq::filled([
             MetricName::LatestTick.seconds(latest_s),
             MetricName::LateTicks.count(late_ticks),
@@ -172,7 +194,6 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         if stays_until_s.is_none() && t_s > 0.0 && judge.observe(&seen, half_deck) {
             stays_until_s = Some(t_s + world.scenario.stay_s);
         }
-        forecast = forecasts.newest(drone_ns).or(forecast);
         if judge.first_contact_s().is_some() {
             if !touched {
                 terminal::line(CONTACT);
@@ -189,9 +210,11 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         if stays_until_s.is_some_and(|until| t_s >= until) {
             break;
         }
-        let inputs = || vec![mission.statistics().state(drone_ns)];
-        if let Some(said) = life.state(inputs, detections.unsent()) {
-            state.send(&said);
+        if let Some(computer) = &mut computer {
+            let inputs = || vec![computer.mission.statistics().state(drone_ns)];
+            if let Some(said) = life.state(inputs, computer.detections.unsent()) {
+                computer.state.send(&said);
+            }
         }
     }
     let sim_time_s = physics.now().secs();
@@ -222,7 +245,6 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
 /// The drone's memory as the simulated vehicle uses it.
 struct DroneSide {
     owner: Option<u32>,
-    looked_ns: i64,
     memory: Memory,
     detections: Detections,
     mission: Subscriber<MissionState>,
@@ -241,31 +263,38 @@ impl DroneSide {
         let memory = Memory::join(instance, "world")?;
         Ok(DroneSide {
             owner,
-            looked_ns: steady_ns(),
             detections: Detections::join(&memory)?,
             mission: memory.subscriber()?,
             forecasts: memory.subscriber()?,
             state: memory.publisher()?,
-            render_thread: RenderThread::of(instance, &world.scenario, world.seed)?,
+            render_thread: match world.devices {
+                Some(_) => None,
+                None => RenderThread::of(instance, &world.scenario, world.seed)?,
+            },
             memory,
         })
     }
     /// A drone flies on while its computer is started anew, as its autopilot lets it; then there is
-    /// another memory to join.
-    fn rejoin(&mut self, instance: &Instance, world: &SimulatedWorld) {
+    /// another memory to join. One with devices of its own flies before its computer is there at all.
+    fn rejoin(
+        computer: &mut Option<DroneSide>,
+        instance: &Instance,
+        world: &SimulatedWorld,
+        looked_ns: &mut i64,
+    ) {
         let now = steady_ns();
-        if now - self.looked_ns < Self::LOOK_NS {
+        if now - *looked_ns < Self::LOOK_NS {
             return;
         }
-        self.looked_ns = now;
+        *looked_ns = now;
         let owner = owner(instance);
-        if owner.is_none() || owner == self.owner {
+        if owner.is_none() || computer.as_ref().is_some_and(|c| c.owner == owner) {
             return;
         }
         // One that is just being made is tried again.
         if let Ok(new) = DroneSide::join(instance, world) {
             // Its names are the new memory's by now: what is dropped would be removed under them.
-            core::mem::forget(core::mem::replace(self, new));
+            core::mem::forget(computer.replace(new));
         }
     }
 }

@@ -24,7 +24,7 @@ pub fn listen(computer: &VesselComputer) -> Vec<SourceCheck> {
         .iter()
         .map(|s| ByteLink::new(s.connect.parse()?, steady_ns()).map_err(|e| e.to_string()))
         .collect();
-    let mut node = SensorNode::new(&computer.sensor, computer.vessel_id, 0);
+    let mut node = SensorNode::new(&computer.placed_sensors(), computer.vessel_id, 0);
     let mut why: Vec<Option<String>> = vec![None; sources.len()];
     let mut bytes_in = vec![0_usize; sources.len()];
     for _ in 0..if sources.is_empty() { 0 } else { READ_ROUNDS } {

@@ -68,7 +68,7 @@ pub fn run(args: &EstimateArgs) -> Result<Exit, CliError> {
 
 /// How the recorded sensors are mounted.
 fn mount(named: Option<&VesselComputer>, name: Option<&str>) -> Result<Mount, CliError> {
-    let sources = named.map(|c| c.sensor.sources.as_slice()).unwrap_or_default();
+    let sources = named.map(|c| c.placed_sensors().sources).unwrap_or_default();
     match name {
         None => Ok(sources.first().map(|s| s.mount.clone()).unwrap_or_default()),
         Some(name) => {

@@ -67,7 +67,7 @@ fn decode(bytes: &[u8], cut: usize, mount: Mount) -> (Vec<SourceMeasurement>, Ma
 #[test]
 fn mavlink_autopilot_gives_all_four_kinds_of_measurement() {
     let mount = Mount {
-        antenna_m: [0.0, 0.0, -2.0],
+        antenna_m: Some([0.0, 0.0, -2.0]),
         mounting_deg: [0.0, 0.0, 90.0],
         ..Mount::default()
     };

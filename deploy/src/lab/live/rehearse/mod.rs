@@ -1,0 +1,601 @@
+//! `alight rehearse`: what the two packages install, against the simulated world, in real time, and the check list of
+//! deploy/docs/install.md with what was seen.
+//!
+//! Services, configurations, certificates, commands and devices are those of a vessel and a drone: bytes of receiver,
+//! compass and inertial sensor on serial lines, raw images in a pipe, MAVLink over UDP. Only what moves is simulated.
+
+pub mod args;
+mod files;
+mod lines;
+mod list;
+mod services;
+
+use std::path::PathBuf;
+use std::process::{Child, Output};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use alight_shared::msg::{Phase, State};
+use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::memory::{Instance, Memory};
+use alight_shared::transport::metrics::{MetricName, MetricValue};
+use alight_shared::transport::process::ProcessKind;
+use alight_shared::transport::wake::end_requested;
+use serde::Serialize;
+use serde_json::Value;
+
+use self::args::{RehearseArgs, Restart};
+use self::files::Plan;
+use self::lines::SensorFeed;
+use self::list::{CheckList, Row};
+use self::services::{Service, command};
+use crate::exit::{CliError, Doing, Exit};
+use crate::lab::live::world::{Landed, WorldReport};
+use crate::process::instance::is_running;
+use crate::process::life::end_with_supervisor;
+use crate::process::observer::Observer;
+use crate::process::scheduling;
+use crate::process::supervisor::pause;
+use crate::terminal;
+use crate::vessel::status_file::{self, CertificateStatus, SourceHealth, VesselStatus};
+
+/// Time between two looks.
+const POLL: Duration = Duration::from_millis(20);
+/// Simulated sensors send within this time of their world's start, s.
+const WORLD_S: f64 = 20.0;
+/// A service is ready within this time, s.
+const READY_S: f64 = 60.0;
+/// Link, clocks and sensors are as install.md wants them within this time of the warm-up's end, s.
+const KNOWN_S: f64 = 30.0;
+/// What install.md waits for: age of the link and error of the clocks, s.
+const LINK_AGE_S: f64 = 0.2;
+const CLOCK_SD_S: f64 = 0.01;
+/// The world's verdict comes within this time of the landing's time limit, s: it waits for the drone to rest.
+const VERDICT_S: f64 = 5.0;
+
+/// What waiting for something came to.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Waited {
+    Met,
+    TooLong,
+    Stopped,
+}
+
+/// The JSON object at the end.
+#[derive(Serialize)]
+struct Rehearsed<'a> {
+    ok: bool,
+    steps: &'a [Row],
+    states: &'a [(f64, &'static str, String)],
+    landed: Option<&'a Landed>,
+}
+
+/// Rehearses.
+pub fn run(args: &RehearseArgs) -> Result<Exit, CliError> {
+    // The first question puts the handler in place: a signal from here on ends the rehearsal in order.
+    if end_requested() {
+        return Ok(Exit::Failed);
+    }
+    scheduling::raise();
+    let plan = Plan::of(args)?;
+    let mut list = CheckList::new(args.json);
+    let names = match plan.certificates.as_slice() {
+        [] => "none: the files ask for none".into(),
+        names => names.join(", "),
+    };
+    list.add(list::CERTIFICATES, "certificates", true, names);
+    let alike = plan.contradictions.join("; ");
+    let both = if alike.is_empty() {
+        "both read, and agree".into()
+    } else {
+        alike
+    };
+    list.add(
+        list::CONFIGURATIONS,
+        "configurations",
+        plan.contradictions.is_empty(),
+        both,
+    );
+    let mut rehearsal = Rehearsal::begin(args, plan)?;
+    let whole = rehearsal.run(&mut list)?;
+    if whole == Waited::Stopped {
+        eprintln!("stopped");
+        return Ok(Exit::Failed);
+    }
+    if !list.ok() {
+        rehearsal.complain(&list);
+    }
+    if args.json {
+        terminal::json(&Rehearsed {
+            ok: list.ok(),
+            steps: list.rows(),
+            states: &rehearsal.states,
+            landed: rehearsal.landed.as_ref(),
+        })?;
+    }
+    Ok(Exit::of(list.ok()))
+}
+
+/// A rehearsal under way. What is dropped first ends first.
+struct Rehearsal<'a> {
+    args: &'a RehearseArgs,
+    /// The program that is rehearsed.
+    program: PathBuf,
+    observer: Option<(Memory, Observer)>,
+    drone: Option<Service>,
+    vessel: Option<Service>,
+    world: Service,
+    feed: SensorFeed,
+    stop: Arc<AtomicBool>,
+    state: State,
+    /// Time since the command, state and why it was entered.
+    states: Vec<(f64, &'static str, String)>,
+    commanded_ns: i64,
+    armed: Option<bool>,
+    landed: Option<Landed>,
+    /// The vessel's service was killed at this time, ns, and was ready again after so long, s.
+    killed_ns: Option<i64>,
+    back_s: Option<f64>,
+    plan: Plan,
+}
+
+impl<'a> Rehearsal<'a> {
+    fn begin(args: &'a RehearseArgs, plan: Plan) -> Result<Rehearsal<'a>, CliError> {
+        let feed = SensorFeed::start(&plan.world.sensors, plan.lines()?)?;
+        let own = || std::env::current_exe().doing("looking for this program");
+        let directory = plan.directory.path();
+        Ok(Rehearsal {
+            args,
+            program: args.program.clone().map_or_else(own, Ok)?,
+            observer: None,
+            drone: None,
+            vessel: None,
+            world: Service::start("world", &own()?, directory)?,
+            feed,
+            stop: end_with_supervisor(args.supervised),
+            state: State::Idle,
+            states: Vec::new(),
+            commanded_ns: 0,
+            armed: None,
+            landed: None,
+            killed_ns: None,
+            back_s: None,
+            plan,
+        })
+    }
+
+    /// The steps in their order; Met when there was nothing left to wait for.
+    fn run(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
+        for step in [
+            Rehearsal::check,
+            Rehearsal::start_vessel,
+            Rehearsal::start_drone,
+            Rehearsal::know,
+            Rehearsal::land,
+        ] {
+            let waited = step(self, list)?;
+            // A step that was not done leaves nothing to do for the next.
+            if waited != Waited::Met {
+                return Ok(waited);
+            }
+        }
+        Ok(Waited::Met)
+    }
+
+    /// One look at everything.
+    fn look(&mut self, list: &CheckList) -> Result<(), CliError> {
+        for line in self.world.output() {
+            if let Ok(WorldReport::Landed(landed)) = serde_json::from_str(&line) {
+                self.landed = Some(*landed);
+            }
+        }
+        if !self.world.poll() && self.landed.is_none() {
+            // Its last line may still be under way.
+            pause(10 * POLL);
+            let last = self.world.output().join("\n");
+            match serde_json::from_str(&last) {
+                Ok(WorldReport::Landed(landed)) => self.landed = Some(*landed),
+                Ok(WorldReport::Followed(_)) | Err(_) => {
+                    let why = self.world.complaints();
+                    return Err(CliError(format!("the simulated world ended: {why}")));
+                }
+            }
+        }
+        for service in [&mut self.vessel, &mut self.drone].into_iter().flatten() {
+            service.keep()?;
+        }
+        if let Some(killed_ns) = self.killed_ns
+            && self.back_s.is_none()
+            && let Some(vessel) = &self.vessel
+            && vessel.restarts() > 0
+            && vessel.ready_s().is_some()
+        {
+            self.back_s = Some((steady_ns() - killed_ns) as f64 * 1e-9);
+        }
+        if let Some((_, observer)) = &mut self.observer {
+            // The drone's clock is the steady clock: the file that is shipped leaves it alone.
+            observer.poll(Some(
+                self.plan
+                    .drone
+                    .clock
+                    .now::<alight_shared::time::DroneClock>()
+                    .nanos(),
+            ));
+            observer.ages_s.clear();
+            self.armed = observer.snapshot.autopilot.map(|a| a.armed).or(self.armed);
+            if let Some(m) = observer.snapshot.mission
+                && m.state != self.state
+            {
+                self.state = m.state;
+                let t_s = (steady_ns() - self.commanded_ns) as f64 * 1e-9;
+                list.say(format_args!("{t_s:>9.2} s  {:<16} {}", m.state.name(), m.entered));
+                self.states.push((t_s, m.state.name(), m.entered.to_string()));
+            }
+        }
+        Ok(())
+    }
+    /// Looks until `met`, at most so long.
+    fn until(
+        &mut self,
+        list: &CheckList,
+        timeout_s: f64,
+        mut met: impl FnMut(&mut Self) -> bool,
+    ) -> Result<Waited, CliError> {
+        let deadline_ns = steady_ns() + (timeout_s * 1e9) as i64;
+        loop {
+            if end_requested() || self.stop.load(Ordering::Relaxed) {
+                return Ok(Waited::Stopped);
+            }
+            self.look(list)?;
+            if met(self) {
+                return Ok(Waited::Met);
+            }
+            if steady_ns() >= deadline_ns {
+                return Ok(Waited::TooLong);
+            }
+            pause(POLL);
+        }
+    }
+    /// Time since the world's start of the landing, s.
+    fn world_s(&self) -> f64 {
+        (steady_ns() - self.plan.world.epoch_ns) as f64 * 1e-9 - self.args.warm_up_s()
+    }
+    fn file(&self, name: &str) -> String {
+        self.plan.directory.file(name).display().to_string()
+    }
+
+    /// `alight check` on both computers, before any service is started.
+    fn check(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
+        let waited = self.until(list, WORLD_S, |r| r.feed.readings() > 0)?;
+        if waited != Waited::Met {
+            list.add(list::CHECK, "simulated vehicles", false, self.world.complaints());
+            return Ok(waited);
+        }
+        // One after the other: the drone's measures a processor's work, and both computers are this one.
+        for side in ["vessel", "drone"] {
+            let config = self.file(&format!("{side}.toml"));
+            let check = self.ask(list, &["check", "--json", "--config", &config])?;
+            let Some(output) = check else {
+                return Ok(Waited::Stopped);
+            };
+            let said: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+            let findings = said["findings"].as_array().map(Vec::as_slice).unwrap_or_default();
+            let of = |level: &'static str| findings.iter().filter(move |f| f["level"] == level);
+            let (broken, warnings) = (of("broken").count(), of("warning").count());
+            let figure = format!("{broken} BROKEN, {warnings} WARNING, {} fine", of("fine").count());
+            let ok = broken == 0 && !findings.is_empty();
+            list.add(list::CHECK, format!("alight check, {side}"), ok, figure);
+            for (mark, level) in [("BROKEN", "broken"), ("WARNING", "warning")] {
+                for finding in of(level) {
+                    let text = |key: &str| finding[key].as_str().unwrap_or_default().to_owned();
+                    list.say(format_args!("{mark:>18}  {}: {}", text("topic"), text("found")));
+                }
+            }
+        }
+        Ok(Waited::Met)
+    }
+    /// Runs one of the program's commands to its end; None when the rehearsal is stopped meanwhile.
+    fn ask(&mut self, list: &CheckList, words: &[&str]) -> Result<Option<Output>, CliError> {
+        let doing = format!("running {} {}", self.program.display(), words.join(" "));
+        let mut child: Child = command(&self.program, words).spawn().doing(&doing)?;
+        let mut ended = |_: &mut Self| !matches!(child.try_wait(), Ok(None));
+        match self.until(list, READY_S, &mut ended)? {
+            Waited::Met => child.wait_with_output().doing(doing).map(Some),
+            Waited::TooLong | Waited::Stopped => {
+                let _gone = child.kill().and_then(|()| child.wait());
+                Ok(None)
+            }
+        }
+    }
+
+    fn start_vessel(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
+        let directory = self.plan.directory.path();
+        self.vessel = Some(Service::start("vessel", &self.program, directory)?);
+        self.await_ready(list, list::VESSEL, "alight-vessel", |r| r.vessel.as_ref())
+    }
+    fn start_drone(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
+        let directory = self.plan.directory.path();
+        self.drone = Some(Service::start("drone", &self.program, directory)?);
+        let waited = self.await_ready(list, list::DRONE, "alight-drone", |r| r.drone.as_ref())?;
+        let instance = Instance::new(&self.plan.drone.instance)?;
+        if waited == Waited::Met && is_running(&instance) {
+            let memory = Memory::join(&instance, "rehearse")?;
+            let observer = Observer::join(&memory)?;
+            self.observer = Some((memory, observer));
+        }
+        Ok(waited)
+    }
+    fn await_ready(
+        &mut self,
+        list: &mut CheckList,
+        step: u8,
+        what: &str,
+        which: impl Fn(&Self) -> Option<&Service>,
+    ) -> Result<Waited, CliError> {
+        let waited = self.until(list, READY_S, |r| which(r).is_some_and(|s| s.ready_s().is_some()))?;
+        let figure = match which(self).and_then(Service::ready_s) {
+            Some(ready_s) => format!("ready after {ready_s:.2} s"),
+            None => format!("not ready within {READY_S:.0} s"),
+        };
+        list.add(step, what, waited == Waited::Met, figure);
+        Ok(waited)
+    }
+
+    /// Waits for what install.md waits for before a landing is commanded: sensors, link, clocks.
+    fn know(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
+        let first = self.vessel_status();
+        let left_s = (-self.world_s()).max(0.0) + KNOWN_S;
+        let waited = self.until(list, left_s, |r| r.world_s() >= 0.0 && r.is_known())?;
+        if waited == Waited::Stopped {
+            return Ok(waited);
+        }
+        self.show_sources(list, first, self.vessel_status());
+        let link = self.observer.as_ref().and_then(|(_, o)| o.snapshot.link);
+        let ms = |s: f64| {
+            if s.is_finite() {
+                format!("{:.0} ms", 1e3 * s)
+            } else {
+                "unknown".into()
+            }
+        };
+        let age_s = link.map_or(f64::INFINITY, |l| l.age_s);
+        let loss = link.map_or(0.0, |l| 100.0 * l.loss);
+        let figure = format!("{} old, {loss:.0} % lost", ms(age_s));
+        list.add(
+            list::DRONE,
+            "link, younger than 0.2 s",
+            age_s < LINK_AGE_S,
+            figure,
+        );
+        let (offset_s, sd_s) = link.map_or((0.0, f64::INFINITY), |l| (l.clock_offset_s, l.clock_offset_sd_s));
+        let figure = if sd_s.is_finite() {
+            format!(
+                "{:.1} ms apart, known to {:.1} ms",
+                1e3 * offset_s.abs(),
+                1e3 * sd_s
+            )
+        } else {
+            "unknown".into()
+        };
+        list.add(list::DRONE, "clocks, known to 10 ms", sd_s < CLOCK_SD_S, figure);
+        Ok(waited)
+    }
+    fn is_known(&self) -> bool {
+        let link = self.observer.as_ref().and_then(|(_, o)| o.snapshot.link);
+        link.is_some_and(|l| l.age_s < LINK_AGE_S && l.clock_offset_sd_s < CLOCK_SD_S)
+    }
+    fn vessel_status(&self) -> Option<VesselStatus> {
+        status_file::read(&self.plan.vessel).and_then(Result::ok)
+    }
+    /// Each sensor with the rate at which the estimator used it since `before`.
+    fn show_sources(&self, list: &mut CheckList, before: Option<VesselStatus>, now: Option<VesselStatus>) {
+        let Some(now) = now else {
+            list.add(
+                list::VESSEL,
+                "sensors",
+                false,
+                "the vessel's process writes no status",
+            );
+            return;
+        };
+        for (k, (source, config)) in now
+            .sources
+            .iter()
+            .zip(&self.plan.vessel.sensor.sources)
+            .enumerate()
+        {
+            let earlier = before
+                .as_ref()
+                .and_then(|b| Some((b.process.at_ns, b.sources.get(k)?.used)));
+            let (since_ns, used) = earlier.unwrap_or((now.process.began_ns, 0));
+            let span_s = ((now.process.at_ns - since_ns) as f64 * 1e-9).max(1e-3);
+            let rate_hz = (source.used - used.min(source.used)) as f64 / span_s;
+            let mut figure = format!("{rate_hz:.1} Hz used");
+            for (count, name) in [
+                (source.corrupted, "damaged"),
+                (source.undated, "undated"),
+                (source.gated, "gated"),
+                (source.rejected, "rejected"),
+            ] {
+                if count > 0 {
+                    figure += &format!(", {count} {name}");
+                }
+            }
+            if let Some(why) = &source.why {
+                figure += &format!("; {why}");
+            }
+            let format = format!("{:?}", config.format).to_lowercase();
+            let ok = rate_hz > 0.0 && source.why.is_none();
+            list.add(
+                list::VESSEL,
+                format!("sensor {} ({format})", source.name),
+                ok,
+                figure,
+            );
+        }
+        let e = &now.estimator;
+        let age_s = e.estimate_age_s.unwrap_or(f64::INFINITY);
+        let waves = e.waves.map_or("waves unknown".into(), |[height_m, _]| {
+            format!("waves of {height_m:.1} m")
+        });
+        let figure = if age_s.is_finite() {
+            format!("{:.0} ms old, {waves}, {} restarts", 1e3 * age_s, e.restarts)
+        } else {
+            "none yet".into()
+        };
+        list.add(list::VESSEL, "vessel's estimate", age_s < 1.0, figure);
+    }
+
+    /// Commands the landing and watches it to the world's verdict.
+    fn land(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
+        self.commanded_ns = steady_ns();
+        let config = self.file("drone.toml");
+        let Some(output) = self.ask(list, &["command", "land", "--config", &config])? else {
+            return Ok(Waited::Stopped);
+        };
+        let said = [output.stdout, output.stderr].concat();
+        let answer = String::from_utf8_lossy(&said);
+        let answer = answer.lines().next().unwrap_or_default();
+        list.add(
+            list::COMMAND,
+            "alight command land",
+            output.status.success(),
+            answer,
+        );
+        if !output.status.success() {
+            return Ok(Waited::Met);
+        }
+        let limit_s = f64::from(self.args.time_limit) + VERDICT_S;
+        let waited = self.until(list, limit_s, |r| {
+            r.restart();
+            r.landed.is_some()
+        })?;
+        if waited == Waited::Stopped {
+            return Ok(waited);
+        }
+        self.show_vision(list);
+        self.show_contact(list);
+        self.show_restart(list);
+        self.show_verdict(list);
+        Ok(Waited::Met)
+    }
+    /// Kills the service that is to be killed, once the drone follows.
+    fn restart(&mut self) {
+        let wanted = self.args.restart == Some(Restart::Vessel);
+        if wanted
+            && self.killed_ns.is_none()
+            && self.state.phase() == Phase::Follow
+            && let Some(vessel) = &mut self.vessel
+        {
+            vessel.kill();
+            self.killed_ns = Some(steady_ns());
+        }
+    }
+    fn show_restart(&self, list: &mut CheckList) {
+        if self.args.restart.is_none() {
+            return;
+        }
+        let sources = self.vessel_status().map(|s| s.sources).unwrap_or_default();
+        let young = |s: &SourceHealth| s.age_s.is_some_and(|age| age < 1.0);
+        let (back, all) = (sources.iter().filter(|s| young(s)).count(), sources.len());
+        let figure = match (self.killed_ns, self.back_s) {
+            (None, _) => "the drone did not come to follow".into(),
+            (Some(_), None) => "killed, and not ready again".into(),
+            (Some(_), Some(s)) => format!("ready after {s:.2} s, {back} of {all} sensors back"),
+        };
+        let ok = self.back_s.is_some() && back == all;
+        list.add(list::VESSEL, "alight-vessel, killed", ok, figure);
+    }
+    /// What the vessel knows of the drone, and who it is itself.
+    fn show_contact(&self, list: &mut CheckList) {
+        let number = self.plan.drone.bridge.drone_id;
+        let status = self.vessel_status();
+        let drones = status.as_ref().map(|s| s.drones.as_slice()).unwrap_or_default();
+        let heard = drones.iter().find(|d| d.drone == number);
+        let figure = match (heard, status.as_ref().map(|s| &s.certificate)) {
+            (None, _) => format!("it does not receive drone {number}"),
+            (Some(d), Some(CertificateStatus::Held { name, .. })) => {
+                format!("{name} received it {:.1} s ago: {}", d.age_s, d.state)
+            }
+            (Some(d), Some(_) | None) => format!("received {:.1} s ago: {}", d.age_s, d.state),
+        };
+        list.add(list::DRONE, "drone's status on vessel", heard.is_some(), figure);
+    }
+    fn show_vision(&self, list: &mut CheckList) {
+        let camera = self
+            .observer
+            .as_ref()
+            .and_then(|(_, o)| o.snapshot.processes.get(&ProcessKind::Camera));
+        let value = |name: MetricName| {
+            let metric = camera.and_then(|c| c.metrics.iter().find(|m| m.name == name));
+            metric.map(|m| m.value)
+        };
+        let count = |name| match value(name) {
+            Some(MetricValue::Count(n)) => n,
+            Some(_) | None => 0,
+        };
+        let seconds = |name| match value(name) {
+            Some(MetricValue::Seconds(s)) => s,
+            Some(_) | None => f64::NAN,
+        };
+        let (images, tags) = (count(MetricName::Images), count(MetricName::TagDetections));
+        let figure = format!(
+            "{tags} of {images} images, {:.0} ms old (99 %: {:.0})",
+            1e3 * seconds(MetricName::ExposureToFixP50),
+            1e3 * seconds(MetricName::ExposureToFixP99)
+        );
+        list.add(list::DRONE, "vision measurement", tags > 0, figure);
+    }
+    fn show_verdict(&self, list: &mut CheckList) {
+        let Some(landed) = &self.landed else {
+            list.add(
+                list::LANDING,
+                "landed",
+                false,
+                format!("not within {} s", self.args.time_limit),
+            );
+            return;
+        };
+        let o = &landed.outcome;
+        let figure = match (
+            o.success,
+            o.position_error_m,
+            o.touchdown_speed_mps,
+            o.tilt_error_deg,
+        ) {
+            (true, Some(off_m), Some(speed), Some(tilt)) => {
+                format!("{off_m:.2} m off centre, {speed:.2} m/s, {tilt:.1} deg")
+            }
+            _ => format!("{}: {}", o.outcome.name(), o.reason),
+        };
+        list.add(list::LANDING, "landed", o.success, figure);
+        let disarmed = o.stop_time_s.is_some() && self.armed != Some(true);
+        let figure = match o.stop_time_s {
+            Some(s) => format!("{s:.2} s after the first contact"),
+            None => "motors on".into(),
+        };
+        list.add(list::LANDING, "disarmed", disarmed, figure);
+    }
+
+    /// What the services wrote last.
+    fn complain(&self, list: &CheckList) {
+        let services = [self.vessel.as_ref(), self.drone.as_ref(), Some(&self.world)];
+        for said in services.into_iter().flatten().map(Service::complaints) {
+            if !said.is_empty() {
+                list.say(said);
+            }
+        }
+    }
+}
+
+impl Drop for Rehearsal<'_> {
+    fn drop(&mut self) {
+        // Nobody looks any more when the drone's memory is removed; and all are asked before one is waited for.
+        self.observer = None;
+        for service in [&mut self.drone, &mut self.vessel].into_iter().flatten() {
+            service.ask_to_end();
+        }
+        self.world.ask_to_end();
+    }
+}

@@ -1,0 +1,129 @@
+//! `alight rehearse`: both services with the shipped files, over mutual TLS, sensors by their bytes on serial lines,
+//! the camera by its images, and a vessel's service that is killed while the drone follows.
+
+use std::io::{BufRead, BufReader};
+use std::process::Stdio;
+
+use alight_uav::autopilot::modes::Firmware;
+use serde_json::Value;
+
+use crate::common::{alight, errors, printed, run, scratch, signal};
+use crate::firmware::{Flight, StandIn};
+
+/// What a rehearsal of this process number leaves behind among temporary files and in shared memory.
+fn left(pid: u32) -> Vec<String> {
+    let places = [std::env::temp_dir(), "/dev/shm".into()];
+    let entries = places.iter().filter_map(|p| std::fs::read_dir(p).ok()).flatten();
+    let names = entries
+        .flatten()
+        .map(|e| e.file_name().to_string_lossy().into_owned());
+    let number = format!("-{pid}");
+    names
+        .filter(|n| n.contains("rehears") && n.contains(&number))
+        .collect()
+}
+
+#[test]
+fn rehearsal_of_the_shipped_files_lands() {
+    let child = alight("rehearse --seed 103 --restart vessel --json")
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program runs");
+    let pid = child.id();
+    let out = child.wait_with_output().expect("it ends");
+    // For a person, with --nocapture.
+    println!("{}", errors(&out));
+    let seen: Value = serde_json::from_str(printed(&out).trim()).expect("an object");
+    assert_eq!(
+        seen["landed"]["outcome"]["outcome"],
+        "success",
+        "{}",
+        errors(&out)
+    );
+    assert!(out.status.success() && seen["ok"] == true, "{}", errors(&out));
+    let steps = seen["steps"].as_array().expect("a list");
+    for what in [
+        "certificates",
+        "alight check, vessel",
+        "alight check, drone",
+        "sensor receiver (ubx)",
+        "sensor compass (nmea)",
+        "sensor imu (mavlink)",
+        "vision measurement",
+        "alight-vessel, killed",
+        "disarmed",
+    ] {
+        assert!(steps.iter().any(|s| s["what"] == what), "{what}: {steps:?}");
+    }
+    let certificate = steps.iter().find(|s| s["what"] == "drone's status on vessel");
+    let certificate = certificate.and_then(|s| s["figure"].as_str()).unwrap_or_default();
+    assert!(certificate.starts_with("vessel-1 received it"), "{certificate}");
+    assert_eq!(left(pid), [""; 0]);
+}
+
+#[test]
+fn rehearsal_with_a_firmware_outside_lands() {
+    let name = format!("rehearsed-{}", std::process::id());
+    let firmware = StandIn::start(&name, &Flight::new(Firmware::ArduCopter, ""));
+    let out = run(format!(
+        "rehearse --sea calm --warm-up 25 --json --autopilot {} --autopilot-at {} --firmware {}",
+        firmware.kind,
+        firmware.connect,
+        firmware.config.display()
+    ));
+    let armed = firmware.armed_in_the_end();
+    // For a person, with --nocapture.
+    println!("{}", errors(&out));
+    let seen: Value = serde_json::from_str(printed(&out).trim()).expect("an object");
+    assert_eq!(
+        seen["landed"]["outcome"]["outcome"],
+        "success",
+        "{}",
+        errors(&out)
+    );
+    assert!(out.status.success() && !armed, "{}", errors(&out));
+}
+
+#[test]
+fn rehearsal_that_is_interrupted_leaves_nothing() {
+    let mut child = alight("rehearse --json")
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program runs");
+    let pid = child.id();
+    let said = BufReader::new(child.stderr.take().expect("its errors"));
+    let mut lines = said.lines().map_while(Result::ok);
+    assert!(
+        lines.any(|l| l.contains("alight-drone")),
+        "the drone's service is not ready"
+    );
+    signal(pid.into(), "-INT");
+    assert!(lines.any(|l| l == "stopped"));
+    assert_eq!(child.wait().expect("it ends").code(), Some(1));
+    assert_eq!(left(pid), [""; 0]);
+    let processes = std::fs::read_dir("/proc").expect("processes").flatten();
+    let ours = processes.filter(|p| {
+        let words = std::fs::read_to_string(p.path().join("cmdline")).unwrap_or_default();
+        words.contains(&format!("alight-rehearsal-{pid}"))
+    });
+    assert_eq!(ours.count(), 0);
+}
+
+#[test]
+fn rehearsal_of_a_file_that_is_wrong_says_so() {
+    let file = scratch("rehearse-wrong.toml");
+    for (text, says) in [
+        ("nonsense = 1\n", "nonsense"),
+        ("[[sensor.sources]]\nformat = \"nmea\"\n", "format = \"mavlink\""),
+    ] {
+        std::fs::write(&file, text).expect("written");
+        let out = run(format!("rehearse --vessel-config {}", file.display()));
+        assert_eq!(out.status.code(), Some(2), "{}", errors(&out));
+        assert!(errors(&out).contains(says), "{}", errors(&out));
+    }
+    std::fs::remove_file(file).expect("removed");
+}

@@ -1,0 +1,118 @@
+//! MAVLink 2 frames of a boat's autopilot: HEARTBEAT, HIGHRES_IMU, GPS_RAW_INT (mavlink.io: "Packet serialization";
+//! common.xml for the fields, which lie in the order of their size).
+
+use core::f64::consts::TAU;
+
+use alight_shared::geodesy::Datum;
+
+use super::{StatedErrors, put};
+
+/// A message: its number and the byte that its definition adds to the checksum (CRC_EXTRA).
+#[derive(Clone, Copy, Debug)]
+pub struct Message(pub u32, pub u8);
+
+/// A system is there.
+pub const HEARTBEAT: Message = Message(0, 50);
+/// Accelerometers and gyroscopes.
+pub const HIGHRES_IMU: Message = Message(105, 93);
+/// A receiver's fix.
+pub const GPS_RAW_INT: Message = Message(24, 24);
+
+/// The boat's autopilot.
+const SYSTEM: u8 = 1;
+const AUTOPILOT: u8 = 1;
+
+/// CRC-16/MCRF4XX (X.25 without the final inversion), bit by bit: x^16 + x^12 + x^5 + 1 from the low end.
+pub fn checksum(bytes: impl IntoIterator<Item = u8>) -> u16 {
+    let mut crc = 0xffff_u16;
+    for byte in bytes {
+        crc ^= u16::from(byte);
+        for _ in 0..8 {
+            crc = (crc >> 1) ^ if crc & 1 == 1 { 0x8408 } else { 0 };
+        }
+    }
+    crc
+}
+
+/// A frame of version 2 without signature; zeros at the payload's end are left out.
+pub fn frame(sequence: u8, Message(id, extra): Message, payload: &[u8]) -> Vec<u8> {
+    // The first byte stays.
+    let zeros = payload.iter().skip(1).rev().take_while(|b| **b == 0).count();
+    let length = payload.len() - zeros;
+    let [a, b, c, _] = id.to_le_bytes();
+    let mut bytes = vec![0xfd, length as u8, 0, 0, sequence, SYSTEM, AUTOPILOT, a, b, c];
+    bytes.extend(payload.iter().take(length));
+    let covered = bytes.iter().skip(1).copied().chain([extra]);
+    let crc = checksum(covered);
+    bytes.extend(crc.to_le_bytes());
+    bytes
+}
+
+/// HEARTBEAT: mode of its own, type, autopilot, base mode, status, version.
+pub fn heartbeat(custom_mode: u32, [kind, autopilot, base_mode, status]: [u8; 4]) -> [u8; 9] {
+    let mut p = [0; 9];
+    put(&mut p, 0, &custom_mode.to_le_bytes());
+    put(&mut p, 4, &[kind, autopilot, base_mode, status, 3]);
+    p
+}
+
+/// Of a surface boat under ArduPilot that is active.
+pub fn boat_heartbeat() -> [u8; 9] {
+    heartbeat(0, [11, 3, 0, 4])
+}
+
+/// HIGHRES_IMU: specific force, m/s², and rates, rad/s, in the sensor's axes.
+pub fn highres_imu(at_ns: i64, force: [f64; 3], rates: [f64; 3]) -> [u8; 62] {
+    let mut p = [0; 62];
+    put(&mut p, 0, &time_us(at_ns));
+    for (k, value) in force.into_iter().chain(rates).enumerate() {
+        put(&mut p, 8 + 4 * k, &(value as f32).to_le_bytes());
+    }
+    // Accelerometers and gyroscopes are new.
+    put(&mut p, 60, &0x3f_u16.to_le_bytes());
+    p
+}
+
+/// GPS_RAW_INT: a fix in three dimensions; with the heading of two antennas (rad) and no fix where there is one.
+pub fn gps_raw_int(
+    at_ns: i64,
+    place: Datum,
+    velocity: [f64; 3],
+    stated: &StatedErrors,
+    heading: Option<f64>,
+) -> [u8; 52] {
+    let fixed = heading.is_none();
+    let [north, east, _] = velocity;
+    let degrees = |rad: f64| rad.rem_euclid(TAU).to_degrees() * 100.0;
+    let mut p = [0; 52];
+    put(&mut p, 0, &time_us(at_ns));
+    let signed = |v: f64| (v.round() as i32).to_le_bytes();
+    put(&mut p, 8, &signed(place.latitude_deg * 1e7));
+    put(&mut p, 12, &signed(place.longitude_deg * 1e7));
+    put(&mut p, 16, &signed(place.height_m * 1e3));
+    // Dilutions of the position are unknown.
+    put(&mut p, 20, &[0xff; 4]);
+    put(&mut p, 24, &centi(100.0 * north.hypot(east)));
+    put(&mut p, 26, &centi(degrees(east.atan2(north))));
+    put(&mut p, 28, &[if fixed { 3 } else { 1 }, 12]);
+    put(&mut p, 30, &signed(place.height_m * 1e3));
+    let unsigned = |v: f64| ((v * 1e3).round() as u32).to_le_bytes();
+    put(&mut p, 34, &unsigned(stated.position_m));
+    put(&mut p, 38, &unsigned(stated.position_m));
+    put(&mut p, 42, &unsigned(stated.velocity_mps));
+    // 0 is no heading, so that north is 36000.
+    let yaw = heading.map_or([0; 2], |h| match centi(degrees(h)) {
+        [0, 0] => 36_000_u16.to_le_bytes(),
+        other => other,
+    });
+    put(&mut p, 50, &yaw);
+    p
+}
+
+fn centi(value: f64) -> [u8; 2] {
+    (value.round() as u16).to_le_bytes()
+}
+
+fn time_us(at_ns: i64) -> [u8; 8] {
+    (at_ns / 1000).max(0).to_le_bytes()
+}

@@ -1,0 +1,174 @@
+//! What a vessel's sensors put on their wires: the measurements of [`super::VesselSensors`] as bytes of NMEA 0183,
+//! UBX or MAVLink, for the program that a vessel installs.
+//!
+//! Written from the makers' layouts, checksums included, and apart from the decoders of `alight_usv`: an error that
+//! writer and reader shared would not be seen.
+
+pub mod mavlink;
+pub mod nmea;
+pub mod ubx;
+
+use alight_shared::msg::{GnssFix, HeadingFix, ImuSample};
+use alight_usv::sensors::{Format, Mount, Readings};
+use nalgebra::{Rotation3, Vector3};
+
+use super::gnss::GnssErrorConfig;
+
+/// Time between two heartbeats of a MAVLink source, ns.
+const HEARTBEAT_NS: i64 = 1_000_000_000;
+
+/// Kinds of measurements that a source carries.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Carries {
+    /// Inertial samples.
+    pub imu: bool,
+    /// Positions and velocities.
+    pub gnss: bool,
+    /// Headings.
+    pub heading: bool,
+}
+
+impl Carries {
+    /// What each of a vessel's sources carries, by its format: every kind comes from one source, from the one that is
+    /// made for it first. None where no source has a format for inertial samples.
+    pub fn assign(formats: &[Format]) -> Option<Vec<Carries>> {
+        let first = |wanted: &[Format]| wanted.iter().find_map(|w| formats.iter().position(|f| f == w));
+        let imu = first(&[Format::Mavlink])?;
+        let gnss = first(&[Format::Ubx, Format::Nmea, Format::Mavlink]);
+        let heading = first(&[Format::Nmea, Format::Ubx, Format::Mavlink]);
+        let all = (0..formats.len()).map(|k| Carries {
+            imu: k == imu,
+            gnss: Some(k) == gnss,
+            heading: Some(k) == heading,
+        });
+        Some(all.collect())
+    }
+}
+
+/// What a receiver states of its errors, the slow ones included, m and m/s.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StatedErrors {
+    /// Of the position, each axis.
+    pub position_m: f64,
+    /// Of the velocity, each axis.
+    pub velocity_mps: f64,
+}
+
+impl StatedErrors {
+    /// Of the receiver with these errors.
+    pub fn of(config: &GnssErrorConfig) -> StatedErrors {
+        StatedErrors {
+            position_m: config.white_sd_m.hypot(config.bias_sd_m),
+            velocity_mps: config.velocity_sd_mps,
+        }
+    }
+}
+
+/// One source's end of the wire.
+#[derive(Clone, Debug)]
+pub struct BoatSensor {
+    format: Format,
+    carries: Carries,
+    stated: StatedErrors,
+    /// Sensor from vessel.
+    turn: Rotation3<f64>,
+    heading_offset_rad: f64,
+    sequence: u8,
+    heartbeat_ns: Option<i64>,
+}
+
+impl BoatSensor {
+    /// A source that is mounted as `mount` has it.
+    pub fn new(format: Format, mount: &Mount, carries: Carries, stated: StatedErrors) -> BoatSensor {
+        let [roll, pitch, yaw] = mount.mounting_deg.map(f64::to_radians);
+        BoatSensor {
+            format,
+            carries,
+            stated,
+            turn: Rotation3::from_euler_angles(roll, pitch, yaw).inverse(),
+            heading_offset_rad: mount.heading_offset_deg.to_radians(),
+            sequence: 0,
+            heartbeat_ns: None,
+        }
+    }
+    /// The bytes of what it measured; its clock is that of the measurements' stamps.
+    pub fn bytes(&mut self, readings: &Readings) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        if self.carries.imu {
+            readings.imu.iter().for_each(|m| bytes.extend(self.imu(m)));
+        }
+        if self.carries.gnss {
+            readings.gnss.iter().for_each(|m| bytes.extend(self.gnss(m)));
+        }
+        if self.carries.heading {
+            readings
+                .heading
+                .iter()
+                .for_each(|m| bytes.extend(self.heading(m)));
+        }
+        bytes
+    }
+
+    fn imu(&mut self, m: &ImuSample) -> Vec<u8> {
+        let at_ns = m.header.at.nanos();
+        let mut bytes = Vec::new();
+        if self.heartbeat_ns.is_none_or(|t| at_ns - t >= HEARTBEAT_NS) {
+            self.heartbeat_ns = Some(at_ns);
+            bytes = self.frame(mavlink::HEARTBEAT, &mavlink::boat_heartbeat());
+        }
+        let turned = |v: [f64; 3]| -> [f64; 3] { (self.turn * Vector3::from(v)).into() };
+        let payload = mavlink::highres_imu(at_ns, turned(m.accelerometer), turned(m.gyro));
+        bytes.extend(self.frame(mavlink::HIGHRES_IMU, &payload));
+        bytes
+    }
+    fn gnss(&mut self, m: &GnssFix) -> Vec<u8> {
+        let at_ns = m.header.at.nanos();
+        match self.format {
+            Format::Nmea => {
+                let gga = nmea::Gga {
+                    utc_ns: at_ns,
+                    place: m.datum,
+                    geoid_m: 0.0,
+                    // The dilution that such noise has at quality 1: 0.5 m at a dilution of 1.
+                    hdop: m.position_sd[0] / 0.5,
+                    satellites: 12,
+                };
+                let velocity = [m.velocity[0], m.velocity[1]];
+                [gga.sentence(nmea::FINE), nmea::vtg(velocity)].concat()
+            }
+            Format::Ubx => ubx::nav_pvt(at_ns, m.datum, m.velocity, &self.stated),
+            Format::Mavlink => {
+                let payload = mavlink::gps_raw_int(at_ns, m.datum, m.velocity, &self.stated, None);
+                self.frame(mavlink::GPS_RAW_INT, &payload)
+            }
+        }
+    }
+    fn heading(&mut self, m: &HeadingFix) -> Vec<u8> {
+        let (at_ns, shown) = (m.header.at.nanos(), m.heading + self.heading_offset_rad);
+        match self.format {
+            Format::Nmea => [nmea::zda(at_ns, None), nmea::hdt(shown)].concat(),
+            Format::Ubx => ubx::nav_relposned(at_ns, shown, m.heading_sd),
+            Format::Mavlink => {
+                // Two antennas of one receiver: without a fix of its own in this message.
+                let (nowhere, still) = (Default::default(), [0.0; 3]);
+                let payload = mavlink::gps_raw_int(at_ns, nowhere, still, &self.stated, Some(shown));
+                self.frame(mavlink::GPS_RAW_INT, &payload)
+            }
+        }
+    }
+    fn frame(&mut self, message: mavlink::Message, payload: &[u8]) -> Vec<u8> {
+        let bytes = mavlink::frame(self.sequence, message, payload);
+        self.sequence = self.sequence.wrapping_add(1);
+        bytes
+    }
+}
+
+/// Writes `bytes` at their place in a message of fixed layout.
+fn put(payload: &mut [u8], at: usize, bytes: &[u8]) {
+    for (place, byte) in payload.iter_mut().skip(at).zip(bytes) {
+        *place = *byte;
+    }
+}
+
+#[cfg(test)]
+mod tests;

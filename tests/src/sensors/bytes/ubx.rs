@@ -1,0 +1,87 @@
+//! UBX messages of a receiver: NAV-PVT, NAV-RELPOSNED (u-blox F9 HPG 1.32, "Interface description", UBX-22008968,
+//! sections 3.15.11 and 3.15.13).
+
+use core::f64::consts::TAU;
+
+use alight_shared::geodesy::Datum;
+
+use super::{StatedErrors, put};
+
+/// Class of navigation results, and messages in it.
+const NAV: u8 = 0x01;
+const PVT: u8 = 0x07;
+const RELPOSNED: u8 = 0x3c;
+const WEEK_MS: i64 = 7 * 86_400_000;
+
+/// Sync, class, message, length, payload, and the two sums over everything between sync and them (RFC 1145 with
+/// 8 bits).
+pub fn message(class: u8, id: u8, payload: &[u8]) -> Vec<u8> {
+    let length = (payload.len() as u16).to_le_bytes();
+    let mut bytes = vec![0xb5, 0x62, class, id, length[0], length[1]];
+    bytes.extend_from_slice(payload);
+    let (mut a, mut b) = (0_u8, 0_u8);
+    for byte in bytes.iter().skip(2) {
+        a = a.wrapping_add(*byte);
+        b = b.wrapping_add(a);
+    }
+    bytes.extend([a, b]);
+    bytes
+}
+
+/// The time of week, ms.
+fn of_week(at_ns: i64) -> [u8; 4] {
+    ((at_ns / 1_000_000).rem_euclid(WEEK_MS) as u32).to_le_bytes()
+}
+
+/// A signed and an unsigned field in units of `unit`.
+fn signed(value: f64, unit: f64) -> [u8; 4] {
+    ((value / unit).round() as i32).to_le_bytes()
+}
+fn unsigned(value: f64, unit: f64) -> [u8; 4] {
+    ((value / unit).round() as u32).to_le_bytes()
+}
+
+/// NAV-PVT of a fix in three dimensions: place with its height above the ellipsoid; velocity to north, east, down, m/s.
+pub fn nav_pvt(at_ns: i64, place: Datum, velocity: [f64; 3], stated: &StatedErrors) -> Vec<u8> {
+    let [north, east, down] = velocity;
+    let (speed, course) = (north.hypot(east), east.atan2(north).to_degrees());
+    let mut p = [0_u8; 92];
+    put(&mut p, 0, &of_week(at_ns));
+    // A fix in three dimensions that is valid (gnssFixOK), of 12 satellites; no date is valid.
+    put(&mut p, 20, &[3, 1, 0, 12]);
+    put(&mut p, 24, &signed(place.longitude_deg, 1e-7));
+    put(&mut p, 28, &signed(place.latitude_deg, 1e-7));
+    // Above the ellipsoid, and above the sea, which lies on it here.
+    put(&mut p, 32, &signed(place.height_m, 1e-3));
+    put(&mut p, 36, &signed(place.height_m, 1e-3));
+    put(&mut p, 40, &unsigned(stated.position_m, 1e-3));
+    put(&mut p, 44, &unsigned(stated.position_m, 1e-3));
+    put(&mut p, 48, &signed(north, 1e-3));
+    put(&mut p, 52, &signed(east, 1e-3));
+    put(&mut p, 56, &signed(down, 1e-3));
+    put(&mut p, 60, &signed(speed, 1e-3));
+    put(&mut p, 64, &signed(course.rem_euclid(360.0), 1e-5));
+    put(&mut p, 68, &unsigned(stated.velocity_mps, 1e-3));
+    // Of the course: unknown, as a receiver at rest shows it.
+    put(&mut p, 72, &unsigned(180.0, 1e-5));
+    put(&mut p, 76, &120_u16.to_le_bytes());
+    message(NAV, PVT, &p)
+}
+
+/// NAV-RELPOSNED of a moving base that is 1 m from its rover: the heading of the line between them and its standard
+/// deviation, rad.
+pub fn nav_relposned(at_ns: i64, heading: f64, sd: f64) -> Vec<u8> {
+    let heading = heading.rem_euclid(TAU);
+    let (east, north) = heading.sin_cos();
+    let mut p = [0_u8; 64];
+    put(&mut p, 0, &[1]);
+    put(&mut p, 4, &of_week(at_ns));
+    put(&mut p, 8, &signed(north, 1e-2));
+    put(&mut p, 12, &signed(east, 1e-2));
+    put(&mut p, 20, &signed(1.0, 1e-2));
+    put(&mut p, 24, &signed(heading.to_degrees(), 1e-5));
+    put(&mut p, 52, &unsigned(sd.to_degrees(), 1e-5));
+    // gnssFixOK, diffSoln, relPosValid, carrSoln fixed, isMoving, relPosHeadingValid.
+    put(&mut p, 60, &0b1_0011_0111_u32.to_le_bytes());
+    message(NAV, RELPOSNED, &p)
+}
