@@ -196,9 +196,10 @@ pub enum Emulate {
 /// The simulated vehicles.
 #[derive(Args, Debug)]
 #[command(
-    after_help = "Its file names sea, seed, autopilot, the drone's set of processes and the addresses of vessel\n\
-and autopilot. `alight config world` prints one for the services as they are by default;\n\
-`alight land` keeps its own in alight-land/world.toml among temporary files while it flies."
+    after_help = "`alight config world` prints its file: the drone's set of processes, which has\n\
+to run, the addresses of vessel and autopilot, seed, firmware and scenario.\n\
+Vessel and drone fly in it with the same epoch_ns in [clock] of theirs.\n\
+`alight land` keeps its own in alight-land/world.toml among temporary files."
 )]
 pub struct WorldArgs {
     /// What every process has

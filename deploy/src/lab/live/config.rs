@@ -106,7 +106,8 @@ config! {
         pub instance: String = DroneComputer::default().instance;
         /// Where the vessel's process takes its sensors' datagrams.
         pub sensors: String = VesselComputer::default().sensors;
-        /// The steady clock's reading at the true time zero, ns; 0: when the process starts.
+        /// The steady clock's reading at the true time zero, ns: `clock.epoch_ns` of vessel and drone, whose clocks it
+        /// then shares; 0: when the process starts.
         pub epoch_ns: i64 = 0;
         /// Seed of sea, noise and start.
         pub seed: u64 = 0;
@@ -136,7 +137,7 @@ config! {
     }
 }
 
-/// Prints one with every key, for `alight vessel` and `alight drone` as they are by default.
+/// Prints one with every key, with the addresses that `alight vessel` and `alight drone` have by default.
 pub fn print_world() -> Result<Exit, CliError> {
     let text = commented(&SimulatedWorld::default()).doing("writing the configuration as TOML")?;
     terminal::line(text.trim_end());

@@ -203,6 +203,45 @@ fn camera_node_detects_no_tag_in_glare_partial_view_or_open_sea() {
     assert_eq!(setup.node.detect(&image), None);
 }
 
+#[test]
+fn metering_finds_the_rendered_tag_in_any_light() {
+    use alight_uav::camera::light::mean_level;
+    use alight_uav::camera::metering::{Light, Metering, Range, Setting};
+    let range = |most, step| Range {
+        least: step,
+        most,
+        step,
+    };
+    for (light, up) in [(2e3, 3.0), (1e5, 10.0), (5e6, 6.0)] {
+        let mut setup = setup(|c| c.dark_sd = 0.0);
+        let start = Setting {
+            exposure_s: 0.004,
+            gain: 1.0,
+        };
+        let mut metering = Metering::new(range(0.004, 1e-5), range(64.0, 1.0), start);
+        let (view, deck) = (view(up, 0.0, [0.0; 3], [0.0; 3]), deck([0.0; 3]));
+        let found: Vec<bool> = (1..=80)
+            .map(|number| {
+                let Setting { exposure_s, gain } = metering.setting();
+                setup.renderer.config.white = light * exposure_s * gain;
+                let image = setup
+                    .renderer
+                    .image(&shot(&view, &deck, exposure_s))
+                    .expect("an image");
+                let tag = setup.node.detect(&image).and(setup.node.light());
+                let seen = tag.map_or_else(|| Light::Mean(mean_level(&image)), Light::Tag);
+                metering.step(number, number, &seen);
+                tag.is_some_and(|tag| tag.contrast() > 0.5 && tag.saturation < 0.02)
+            })
+            .collect();
+        assert!(
+            found[60..].iter().all(|f| *f),
+            "{light}: {:?}",
+            metering.setting()
+        );
+    }
+}
+
 /// A camera that looks straight down from where the deck mirrors the sun.
 fn view_along(sun: &Vector3<f64>) -> View {
     let height = 4.0;
