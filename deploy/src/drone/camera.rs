@@ -360,12 +360,15 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
+/// A source's events, and the way back to it: the light on the tag in an image by its number.
+type SourceChannels = (Receiver<SourceEvent>, SyncSender<(u64, Light)>);
+
 /// Waits for images on a thread of its own, so that the process goes on saying that it lives.
 fn spawn_source(
     kind: ProcessKind,
     config: &CameraSource,
     computer: &DroneComputer,
-) -> Result<(Receiver<SourceEvent>, SyncSender<(u64, Light)>), CliError> {
+) -> Result<SourceChannels, CliError> {
     let settings = &computer.drone.camera;
     let (tag, markers) = (&settings.lens, &settings.uvdar.lens);
     let size = if kind == ProcessKind::Uvdar {
