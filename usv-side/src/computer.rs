@@ -3,7 +3,7 @@
 use core::fmt;
 
 use alight_shared::admission::{Arrival, RejectionReason, Rejections, Sender};
-use alight_shared::msg::{CommandKind, DeckGrant, DroneStatus, OperatorCommand, Reason, State};
+use alight_shared::msg::{CommandKind, DeckGrant, DroneStatus, OperatorCommand, Reason, State, still_armed};
 use alight_shared::node::Node;
 use alight_shared::time::{Time, VesselClock};
 use serde::{Deserialize, Serialize};
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::VesselNodeConfig;
 use crate::deck::{
     ArbiterIn, DeckArbiter, DeckCheckpoint, DeckConfig, DeckInputs, DeckOrder, DroneMonitor, GivenCommand,
-    OperatorIn, OperatorRelay,
+    OperatorIn, OperatorRelay, Starved,
 };
 use crate::node::{VesselIn, VesselNode, VesselOut};
 
@@ -81,6 +81,15 @@ pub enum VesselEvent {
     DeckOrder(DeckOrder),
     /// The deck has another owner.
     DeckOwner(Option<u32>),
+    /// A drone is landed and armed for longer than its disarm takes.
+    StillArmed {
+        /// The drone.
+        drone: u32,
+        /// Since its landing, s.
+        for_s: f32,
+    },
+    /// A drone with a low battery waits for the deck, whose owner is silent.
+    DeckStarved(Starved),
     /// Two drones have one number.
     DoubleNumber {
         /// The number.
@@ -103,7 +112,9 @@ impl VesselEvent {
     /// Somebody has to do something about it.
     pub fn is_warning(&self) -> bool {
         match self {
-            VesselEvent::DoubleNumber { .. } => true,
+            VesselEvent::DoubleNumber { .. }
+            | VesselEvent::StillArmed { .. }
+            | VesselEvent::DeckStarved(_) => true,
             VesselEvent::DroneState { .. }
             | VesselEvent::Command { .. }
             | VesselEvent::DeckOrder(_)
@@ -131,6 +142,8 @@ impl fmt::Display for VesselEvent {
             VesselEvent::DeckOrder(DeckOrder::Open) => write!(f, "crew order: deck open"),
             VesselEvent::DeckOwner(Some(drone)) => write!(f, "the deck is reserved for drone {drone}"),
             VesselEvent::DeckOwner(None) => write!(f, "the deck is free"),
+            VesselEvent::StillArmed { drone, for_s } => write!(f, "drone {drone}: {}", still_armed(*for_s)),
+            VesselEvent::DeckStarved(s) => write!(f, "{s}"),
             VesselEvent::DoubleNumber {
                 drone,
                 boots: [one, other],
@@ -151,6 +164,8 @@ pub struct VesselComputer {
     relay: OperatorRelay,
     drones: DroneMonitor,
     doubles: Vec<(u32, [u32; 2])>,
+    /// Owner and waiting drone that were reported.
+    starved: Option<[u32; 2]>,
     rejected: Rejections,
 }
 
@@ -163,6 +178,7 @@ impl VesselComputer {
             relay: OperatorRelay::new(vessel, boot),
             drones: DroneMonitor::new(vessel),
             doubles: Vec::new(),
+            starved: None,
             rejected: Rejections::default(),
         }
     }
@@ -209,11 +225,21 @@ impl VesselComputer {
     }
 
     /// What has changed of the deck's owner and the drones' numbers.
-    fn deck_events(&mut self, former_owner: Option<u32>, events: &mut Vec<VesselEvent>) {
+    fn deck_events(
+        &mut self,
+        now: Time<VesselClock>,
+        former_owner: Option<u32>,
+        events: &mut Vec<VesselEvent>,
+    ) {
         let doubles: Vec<_> = self.arbiter.doubles().collect();
         let new = doubles.iter().filter(|d| !self.doubles.contains(d));
         events.extend(new.map(|&(drone, boots)| VesselEvent::DoubleNumber { drone, boots }));
         self.doubles = doubles;
+        let starved = self.arbiter.starved(now);
+        let who = starved.map(|s| [s.owner, s.waiting]);
+        let new = starved.filter(|_| who != self.starved);
+        events.extend(new.map(VesselEvent::DeckStarved));
+        self.starved = who;
         let owner = self.arbiter.owner();
         events.extend((owner != former_owner).then_some(VesselEvent::DeckOwner(owner)));
     }
@@ -235,8 +261,15 @@ impl Node for VesselComputer {
         let statuses = self.authentic(&input.statuses, of_drone);
         // A command names no operator.
         let commands = self.authentic(&input.commands, |sender, _| matches!(sender, Sender::Operator(_)));
-        let changed = statuses.iter().filter(|s| self.drones.observe(s));
-        events.extend(changed.map(|s| VesselEvent::of(&s.message)));
+        for status in &statuses {
+            let news = self.drones.observe(status);
+            let drone = status.message.header.drone;
+            events.extend(news.state.then(|| VesselEvent::of(&status.message)));
+            events.extend(
+                news.still_armed
+                    .map(|for_s| VesselEvent::StillArmed { drone, for_s }),
+            );
+        }
         let statuses: Vec<DroneStatus> = statuses.iter().map(|s| s.message).collect();
         let left = input.checkpoint.as_ref();
 
@@ -251,7 +284,7 @@ impl Node for VesselComputer {
                 checkpoint: left.map(|c| c.deck.clone()),
             },
         );
-        self.deck_events(former_owner, &mut events);
+        self.deck_events(now, former_owner, &mut events);
         let relayed = self.relay.step(
             now,
             &OperatorIn {

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use alight_shared::config::{self, Check, Keys};
 use alight_shared::msg::{
-    Command, CommandKind, DroneStatus, Header, MESSAGE_VERSION, MissionState, OperatorCommand, Reason, State,
+    Command, CommandKind, DroneStatus, Header, MESSAGE_VERSION, MissionState, OperatorCommand, Reason, State, still_armed,
 };
 use alight_shared::time::{DroneClock, Time, VesselClock};
 use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};
@@ -152,7 +152,12 @@ fn deck(args: &CommandArgs, word: DeckWord) -> Result<Exit, CliError> {
         pause(POLL_PERIOD);
         newest = status_file::read(&computer).and_then(Result::ok);
         let ordered = newest.as_ref().map(|s| match s.deck.closed {
-            Some(Closure::Crew | Closure::CheckpointDamaged) => DeckWord::Closed,
+            Some(
+                Closure::Crew
+                | Closure::CheckpointDamaged
+                | Closure::CheckpointMissing
+                | Closure::CheckpointUnwritable,
+            ) => DeckWord::Closed,
             // These close it beside an order.
             Some(Closure::Switch | Closure::Sensor) | None => DeckWord::Open,
         });
@@ -281,6 +286,9 @@ fn ashore(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliEr
     } else {
         print_answer(status.state, &status.entered, &status.waiting, taken);
         terminal::line(format_args!("battery {:.0} %", 100.0 * status.battery));
+        if let Some(for_s) = status.still_armed_s {
+            terminal::line(format_args!("ALARM: drone {}: {}", args.drone, still_armed(for_s)));
+        }
     }
     Ok(Exit::of(taken))
 }

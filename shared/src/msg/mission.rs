@@ -512,6 +512,15 @@ pub struct DroneStatus {
     pub deck_distance_m: Option<f32>,
     /// Boot and sequence of the newest abort that the mission has received.
     pub abort: Option<[u32; 2]>,
+    /// The motors are armed, by the autopilot's newest report.
+    pub armed: bool,
+    /// Landed and armed for longer than the disarm on the deck takes: since the landing, s.
+    pub still_armed_s: Option<f32>,
+}
+
+/// What to do about a drone that is on the deck and armed, as people read it after its subject.
+pub fn still_armed(for_s: f32) -> String {
+    format!("landed and still ARMED for {for_s:.0} s: disarm by remote control")
 }
 
 impl DroneStatus {
@@ -533,6 +542,7 @@ impl DroneStatus {
 message!(DroneStatus, DroneClock, |m| {
     FRACTION.contains(&m.battery) => "battery",
     m.deck_distance_m.is_none_or(|d| d >= 0.0) => "deck_distance_m",
+    m.still_armed_s.is_none_or(|s| s >= 0.0) => "still_armed_s",
 });
 message!(MissionState, DroneClock, |m| {
     within(&m.hold_position, MAX_POSITION_M) && within([&m.hold_yaw], 50.0) => "hold_position",

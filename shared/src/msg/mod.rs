@@ -54,7 +54,7 @@ pub use grant::{DECK_CLOSED, DeckGrant, OWNER_ONLY_M, PLACES, WAITING_DISTANCE_M
 pub use half::f16;
 pub use mission::{
     BatteryPlace, Command, CommandKind, DroneStatus, MissionCheckpoint, MissionState, OperatorCommand, Phase,
-    Reason, ReasonCode, State,
+    Reason, ReasonCode, State, still_armed,
 };
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use seq::Seq;
@@ -68,7 +68,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 16;
+pub const MESSAGE_VERSION: u16 = 17;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -30,7 +30,7 @@ pub mod wire;
 
 pub use authority::ControlAuthority;
 pub use config::{AutopilotLinkConfig, Diversion};
-pub use disarm::DisarmInhibit;
+pub use disarm::{DisarmInhibit, still_armed_s};
 
 use std::collections::VecDeque;
 
@@ -66,6 +66,8 @@ const MAX_TEXTS: usize = 8;
 const MAX_TIMESYNC_REQUESTS: usize = 16;
 /// Our heartbeat's period (MAVLink's usual).
 const HEARTBEAT: Span = Span::from_millis(1000);
+/// Period of the report of a drone that is landed and still armed.
+const STILL_ARMED: Span = Span::from_millis(10_000);
 /// Period of the autopilot's state to the other nodes.
 const STATE: Span = Span::from_millis(100);
 /// What confirms or forbids our command takes no longer: several heartbeats and requests.
@@ -144,6 +146,7 @@ struct Timers {
     deck: Periodic<DroneClock>,
     origin: Periodic<DroneClock>,
     checkpoint: Periodic<DroneClock>,
+    armed: Periodic<DroneClock>,
 }
 
 /// The link's node.
@@ -405,6 +408,7 @@ impl Node for AutopilotLink {
         self.divert(now, &mut out);
         self.send_set_point(now, new, &mut out);
         self.arm(now, &mut out);
+        self.report_armed(now, &mut out);
         self.send_periodic(now, &mut out);
         self.publish_deck(now, &mut out);
 
