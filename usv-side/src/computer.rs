@@ -3,7 +3,10 @@
 use core::fmt;
 
 use alight_shared::admission::{Arrival, RejectionReason, Rejections, Sender};
-use alight_shared::msg::{CommandKind, DeckGrant, DroneStatus, OperatorCommand, Reason, State, still_armed};
+use alight_shared::msg::{
+    CommandKind, CommandReceipt, DeckGrant, DroneStatus, MAX_SOURCES, OperatorCommand, Reason, State,
+    still_armed,
+};
 use alight_shared::node::Node;
 use alight_shared::time::{Time, VesselClock};
 use serde::{Deserialize, Serialize};
@@ -13,7 +16,8 @@ use crate::deck::{
     ArbiterIn, DeckArbiter, DeckCheckpoint, DeckConfig, DeckInputs, DeckOrder, DroneMonitor, GivenCommand,
     OperatorIn, OperatorRelay, Starved,
 };
-use crate::node::{VesselIn, VesselNode, VesselOut};
+use crate::node::{IMU, VesselIn, VesselNode, VesselOut};
+use crate::sensors::MAX_REPEATED;
 
 /// What arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -41,6 +45,8 @@ pub struct ComputerOut {
     pub grant: Option<DeckGrant<VesselClock>>,
     /// Commands for the drones that their headers name.
     pub commands: Vec<OperatorCommand<VesselClock>>,
+    /// What became of operators' commands.
+    pub receipts: Vec<CommandReceipt>,
     /// Statuses of drones, for operators.
     pub statuses: Vec<DroneStatus>,
     /// What happened in this step.
@@ -88,6 +94,13 @@ pub enum VesselEvent {
         /// Since its landing, s.
         for_s: f32,
     },
+    /// An inertial sensor repeats one sample, or measures again.
+    StuckImu {
+        /// Its number.
+        source: usize,
+        /// It repeats one.
+        stuck: bool,
+    },
     /// A drone with a low battery waits for the deck, whose owner is silent.
     DeckStarved(Starved),
     /// Two drones have one number.
@@ -115,6 +128,7 @@ impl VesselEvent {
             VesselEvent::DoubleNumber { .. }
             | VesselEvent::StillArmed { .. }
             | VesselEvent::DeckStarved(_) => true,
+            VesselEvent::StuckImu { stuck, .. } => *stuck,
             VesselEvent::DroneState { .. }
             | VesselEvent::Command { .. }
             | VesselEvent::DeckOrder(_)
@@ -143,6 +157,14 @@ impl fmt::Display for VesselEvent {
             VesselEvent::DeckOwner(Some(drone)) => write!(f, "the deck is reserved for drone {drone}"),
             VesselEvent::DeckOwner(None) => write!(f, "the deck is free"),
             VesselEvent::StillArmed { drone, for_s } => write!(f, "drone {drone}: {}", still_armed(*for_s)),
+            VesselEvent::StuckImu { source, stuck: true } => write!(
+                f,
+                "inertial sensor {source} is STUCK: {MAX_REPEATED} samples in a row have the same numbers, and no more are \
+                 used: power it off and on, see to its cable and driver"
+            ),
+            VesselEvent::StuckImu { source, stuck: false } => {
+                write!(f, "inertial sensor {source} measures again")
+            }
             VesselEvent::DeckStarved(s) => write!(f, "{s}"),
             VesselEvent::DoubleNumber {
                 drone,
@@ -166,6 +188,8 @@ pub struct VesselComputer {
     doubles: Vec<(u32, [u32; 2])>,
     /// Owner and waiting drone that were reported.
     starved: Option<[u32; 2]>,
+    /// Inertial sensors that are stuck.
+    stuck: [bool; MAX_SOURCES],
     rejected: Rejections,
 }
 
@@ -179,6 +203,7 @@ impl VesselComputer {
             drones: DroneMonitor::new(vessel),
             doubles: Vec::new(),
             starved: None,
+            stuck: [false; MAX_SOURCES],
             rejected: Rejections::default(),
         }
     }
@@ -300,10 +325,17 @@ impl Node for VesselComputer {
 
         // Sensors -> estimator -> broadcast, at the rates that the landing drone's link carries.
         self.node.prioritise(self.arbiter.landing(now));
+        let vessel = self.node.step(now, &input.vessel);
+        for (source, before) in self.stuck.iter_mut().enumerate() {
+            let stuck = self.node.source(IMU, source).is_stuck;
+            let changed = std::mem::replace(before, stuck) != stuck;
+            events.extend(changed.then_some(VesselEvent::StuckImu { source, stuck }));
+        }
         ComputerOut {
-            vessel: self.node.step(now, &input.vessel),
+            vessel,
             grant: granted.grant,
             commands: relayed.commands,
+            receipts: relayed.receipts,
             statuses,
             events,
         }

@@ -124,6 +124,12 @@ fn source(s: &SourceHealth) -> Finding {
         (Some(age_s), None) => Some(format!("nothing for {age_s:.0} s")),
         (None, None) => Some("no measurement yet".into()),
     };
+    if s.is_stuck {
+        return TOPIC.broken(
+            format!("{counts}; STUCK: it repeats one sample, {} rejected", s.stuck),
+            "its numbers are no measurement: power it off and on, then its cable and its driver",
+        );
+    }
     match silent {
         Some(why) => TOPIC.warning(
             format!("{counts}; {why}"),
@@ -271,7 +277,9 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
     }));
     all.extend(deck.unplaced.iter().map(|id| {
         TOPIC.warning(
-            format!("drone {id} is switched on without a position: it may stand there, and no other is given it"),
+            format!(
+                "drone {id} is switched on without a position: it may stand there, and no other is given it"
+            ),
             format!("wait for its position; or look, and once it is not there: {OPEN}"),
         )
     }));
@@ -408,7 +416,7 @@ mod tests {
             name: "vessel-1".into(),
             days_left,
         };
-        let cases: [(Change<'_>, Level, &str); 21] = [
+        let cases: [(Change<'_>, Level, &str); 22] = [
             (&|w| w.deck.closed = Some(Closure::Crew), Level::Warning, "deck"),
             (&|w| w.deck.closed = Some(Closure::Sensor), Level::Warning, "deck"),
             (
@@ -449,6 +457,7 @@ mod tests {
                 Level::Warning,
                 "source",
             ),
+            (&|w| w.sources[0].is_stuck = true, Level::Broken, "source"),
             (&|w| w.sources[0].mismatched_pulses = 1, Level::Warning, "source"),
             (&|w| w.estimator.estimate_age_s = None, Level::Broken, "estimator"),
             (&|w| w.certificate = held(-2), Level::Broken, "certificate"),

@@ -143,11 +143,7 @@ fn order_directories(computer: &VesselComputer) -> Vec<PathBuf> {
 
 /// Leaves an order of the crew for the process, which takes it within a second, or at its next start.
 pub fn leave(computer: &VesselComputer, order: DeckOrder) -> Result<PathBuf, String> {
-    leave_in(
-        &order_directories(computer),
-        &file_name(computer, "order"),
-        order,
-    )
+    leave_in(&order_directories(computer), &file_name(computer, "order"), order)
 }
 fn leave_in(directories: &[PathBuf], name: &str, order: DeckOrder) -> Result<PathBuf, String> {
     let bytes = serde_json::to_vec(&order).map_err(|e| e.to_string())?;
@@ -410,7 +406,11 @@ mod tests {
         let blocked = block(&path);
         let (file, kept) = open(&path);
         assert_eq!(kept.deck.closed, Some(Closure::CheckpointUnwritable));
-        assert_eq!(kept.deck.claims, occupied().deck.claims, "what it held may be true");
+        assert_eq!(
+            kept.deck.claims,
+            occupied().deck.claims,
+            "what it held may be true"
+        );
         assert!(file.error().unwrap().contains("vessel.deck"));
         assert!(!path.exists(), "no start believes it");
         drop(file);

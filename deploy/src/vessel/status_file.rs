@@ -106,6 +106,12 @@ pub struct SourceHealth {
     pub gated: u64,
     /// Rejected before the gates: too old, from the future, absurd.
     pub rejected: u64,
+    /// Of those, samples of an inertial sensor that repeats one for ever.
+    #[serde(default)]
+    pub stuck: u64,
+    /// It does so now.
+    #[serde(default)]
+    pub is_stuck: bool,
 }
 
 impl SourceHealth {
@@ -130,6 +136,8 @@ impl SourceHealth {
                 health.used += c.taken;
                 health.gated += c.gated;
                 health.rejected += c.rejected;
+                health.stuck += c.stuck;
+                health.is_stuck |= c.is_stuck;
             }
         }
         health
