@@ -199,6 +199,8 @@ pub struct AutopilotLink {
     set_points: u32,
     low_since: Option<DroneTime>,
     diversions: u32,
+    /// When home was sent, and which.
+    home: Option<(DroneTime, Datum)>,
     arm_tries: u32,
     timers: Timers,
 }
@@ -411,6 +413,7 @@ impl Node for AutopilotLink {
         self.report_armed(now, &mut out);
         self.send_periodic(now, &mut out);
         self.publish_deck(now, &mut out);
+        self.send_home(now, &mut out);
 
         let after = (self.mode_and_frame(), self.control_authority());
         if after.1 != before.1 {

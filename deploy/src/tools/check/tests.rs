@@ -535,6 +535,7 @@ fn report_of_the_autopilot_at_the_link_and_of_a_silent_one() {
     let expected = [
         ("MPC_ACC_UP_MAX", ParameterFinding::Wrong(4.0)),
         ("MC_AIRMODE", ParameterFinding::Wrong(0.0)),
+        ("NAV_RCL_ACT", ParameterFinding::Wrong(2.0)),
     ];
     assert_eq!(wrong, expected);
 }
