@@ -13,8 +13,8 @@ pub enum Wanted {
     Within(f64, f64),
     /// This value, and its name.
     Is(f64, &'static str),
-    /// Any but this value, and its name.
-    IsNot(f64, &'static str),
+    /// One of these values, with their names.
+    OneOf(&'static [(f64, &'static str)]),
     /// A bit mask with these bits.
     Bits(u32),
 }
@@ -46,13 +46,11 @@ pub struct Parameter {
 /// Requests without an answer after which a parameter counts as one that the autopilot does not have.
 pub const REQUESTS: u32 = 10;
 
-/// How many of [`PARAMETERS`] are PX4's; the others are ArduCopter's.
-const PX4: usize = 4;
-
-/// All of them: PX4's, then ArduCopter's.
+/// PX4's. Those of lost links, battery, fence and return are for a home that is a boat: it has left the place where home was
+/// set, and a landing there is one on the water.
 ///
-/// Source: PX4's parameter reference (main), ArduPilot's `Parameters.cpp` and `AC_AttitudeControl_Multi.cpp`.
-pub const PARAMETERS: [Parameter; 9] = [
+/// Source: PX4's parameter reference (main): Commander, Geofence, Return Mode.
+pub const PX4: &[Parameter] = &[
     Parameter {
         name: "COM_OF_LOSS_T",
         unit: " s",
@@ -83,6 +81,70 @@ pub const PARAMETERS: [Parameter; 9] = [
         why: "at little thrust its mixer cuts roll and pitch torque",
     },
     Parameter {
+        name: "NAV_RCL_ACT",
+        unit: "",
+        wanted: Wanted::Is(1.0, "Hold"),
+        severity: Severity::Warn,
+        why: "when the remote control is lost it goes where the boat was, or lands on the water",
+    },
+    Parameter {
+        name: "NAV_DLL_ACT",
+        unit: "",
+        wanted: Wanted::OneOf(&[(0.0, "nothing"), (1.0, "Hold")]),
+        severity: Severity::Warn,
+        why: "when the ground station is lost it goes where the boat was, or lands on the water",
+    },
+    Parameter {
+        name: "COM_LOW_BAT_ACT",
+        unit: "",
+        wanted: Wanted::Is(0.0, "Warning"),
+        severity: Severity::Warn,
+        why: "on a low battery it goes where the boat was, or lands on the water, before Alight has chosen a place",
+    },
+    Parameter {
+        name: "GF_ACTION",
+        unit: "",
+        wanted: Wanted::OneOf(&[(0.0, "nothing"), (1.0, "Warning"), (2.0, "Hold")]),
+        severity: Severity::Warn,
+        why: "beyond its fence it goes where the boat was, or lands on the water",
+    },
+    Parameter {
+        name: "RTL_LAND_DELAY",
+        unit: " s",
+        wanted: Wanted::Is(-1.0, "hovers"),
+        severity: Severity::Warn,
+        why: "a return has to end in a hover that a person or Alight takes over: home may be water",
+    },
+    // Of two sensors on a deck that rocks, which the defaults allow.
+    Parameter {
+        name: "COM_ARM_IMU_ACC",
+        unit: " m/s²",
+        wanted: Wanted::Within(0.7, f64::INFINITY),
+        severity: Severity::Warn,
+        why: "on a rocking deck it does not arm",
+    },
+    Parameter {
+        name: "COM_ARM_IMU_GYR",
+        unit: " rad/s",
+        wanted: Wanted::Within(0.25, f64::INFINITY),
+        severity: Severity::Warn,
+        why: "on a rocking deck it does not arm",
+    },
+    Parameter {
+        name: "COM_ARM_MAG_STR",
+        unit: "",
+        wanted: Wanted::OneOf(&[(0.0, "off"), (2.0, "Warning only")]),
+        severity: Severity::Warn,
+        why: "over the steel of a deck it does not arm",
+    },
+];
+
+/// ArduCopter's. Those of lost links, battery, fence and return are for a home that is a boat, as PX4's are.
+///
+/// Source: ArduPilot's `ArduCopter/Parameters.cpp`, `AC_AttitudeControl_Multi.cpp`, `AP_BattMonitor_Params.cpp`,
+/// `AC_Fence.cpp`, `AP_InertialSensor.cpp`, `AP_NavEKF_Source.cpp`.
+pub const ARDU_COPTER: &[Parameter] = &[
+    Parameter {
         name: "GUID_TIMEOUT",
         unit: " s",
         wanted: Wanted::Within(0.1, 0.5),
@@ -106,34 +168,76 @@ pub const PARAMETERS: [Parameter; 9] = [
     Parameter {
         name: "FS_THR_ENABLE",
         unit: "",
-        wanted: Wanted::IsNot(3.0, "Land"),
+        wanted: Wanted::OneOf(&[(0.0, "nothing"), (7.0, "Brake")]),
         severity: Severity::Warn,
-        why: "when the remote control is lost it lands where it is, on the water",
+        why: "when the remote control is lost it goes where the boat was, or lands on the water",
     },
     Parameter {
         name: "FS_GCS_ENABLE",
         unit: "",
-        wanted: Wanted::IsNot(5.0, "Land"),
+        wanted: Wanted::OneOf(&[(0.0, "nothing"), (7.0, "Brake")]),
         severity: Severity::Warn,
-        why: "when the ground station is lost it lands where it is, on the water",
+        why: "when the ground station is lost it goes where the boat was, or lands on the water",
+    },
+    Parameter {
+        name: "BATT_FS_LOW_ACT",
+        unit: "",
+        wanted: Wanted::Is(0.0, "nothing"),
+        severity: Severity::Warn,
+        why: "on a low battery it goes where the boat was, or lands on the water, before Alight has chosen a place",
+    },
+    Parameter {
+        name: "BATT_FS_CRT_ACT",
+        unit: "",
+        wanted: Wanted::OneOf(&[(0.0, "nothing"), (1.0, "Land")]),
+        severity: Severity::Warn,
+        why: "with the last of its battery it goes where the boat was, and falls on the way",
+    },
+    Parameter {
+        name: "FENCE_ACTION",
+        unit: "",
+        wanted: Wanted::OneOf(&[(0.0, "report"), (4.0, "Brake")]),
+        severity: Severity::Warn,
+        why: "beyond its fence it goes where the boat was, or lands on the water",
+    },
+    Parameter {
+        name: "RTL_ALT_FINAL",
+        unit: " cm",
+        wanted: Wanted::Within(300.0, f64::INFINITY),
+        severity: Severity::Warn,
+        why: "a return has to end in a hover that a person or Alight takes over: home may be water",
+    },
+    Parameter {
+        name: "INS_GYR_CAL",
+        unit: "",
+        wanted: Wanted::Is(0.0, "Never"),
+        severity: Severity::Warn,
+        why: "at its start it takes the rocking of the deck for an error of its gyros: calibrate them ashore",
+    },
+    Parameter {
+        name: "EK3_SRC1_YAW",
+        unit: "",
+        wanted: Wanted::OneOf(&[(1.0, "compass"), (2.0, "GPS"), (3.0, "GPS, else compass")]),
+        severity: Severity::Warn,
+        why: "on the deck it has no heading, and finds it in flight",
     },
 ];
 
 /// ArduCopter's parameter of how it reads a set-point's thrust.
 pub const THRUST_OPTION: &str = "GUID_OPTIONS";
 
-/// Those of PX4 with their numbers in [`PARAMETERS`].
+/// Those of PX4 with their numbers, as reasons carry them.
 pub fn of_px4() -> impl Iterator<Item = (usize, &'static Parameter)> {
-    PARAMETERS.iter().enumerate().take(PX4)
+    PX4.iter().enumerate()
 }
-/// Those of ArduCopter with their numbers in [`PARAMETERS`].
+/// Those of ArduCopter with their numbers, which go on from PX4's.
 pub fn of_ardu_copter() -> impl Iterator<Item = (usize, &'static Parameter)> {
-    PARAMETERS.iter().enumerate().skip(PX4)
+    ARDU_COPTER.iter().enumerate().map(|(k, p)| (PX4.len() + k, p))
 }
 
 /// The parameter with this number, as a reason carries it.
 pub(crate) fn numbered(number: f64) -> Option<&'static Parameter> {
-    let mut all = PARAMETERS.iter().enumerate();
+    let mut all = of_px4().chain(of_ardu_copter());
     all.find(|(k, _)| *k as f64 == number).map(|(_, p)| p)
 }
 
@@ -146,7 +250,7 @@ impl Parameter {
                 (value >= low || same(value, low)) && (value <= high || same(value, high))
             }
             Wanted::Is(wanted, _) => same(value, wanted),
-            Wanted::IsNot(other, _) => value.is_finite() && !same(value, other),
+            Wanted::OneOf(values) => values.iter().any(|(wanted, _)| same(value, *wanted)),
             Wanted::Bits(bits) => (0.0..=1e9).contains(&value) && value as u32 & bits == bits,
         }
     }
@@ -171,7 +275,12 @@ impl fmt::Display for Described {
             Wanted::Within(low, high) if high.is_infinite() => write!(f, ", at least {low}{unit}")?,
             Wanted::Within(low, high) => write!(f, ", {low} to {high}{unit}")?,
             Wanted::Is(wanted, name) => write!(f, ", {wanted} ({name})")?,
-            Wanted::IsNot(other, name) => write!(f, ", another than {other} ({name})")?,
+            Wanted::OneOf(values) => {
+                for (k, (wanted, name)) in values.iter().enumerate() {
+                    let before = if k == 0 { "," } else { " or" };
+                    write!(f, "{before} {wanted} ({name})")?;
+                }
+            }
             Wanted::Bits(bits) => write!(f, ", one with {bits} added")?,
         }
         write!(f, " is needed: {}", p.why)
@@ -183,7 +292,7 @@ mod tests {
     use super::*;
 
     fn named(name: &str) -> &'static Parameter {
-        PARAMETERS.iter().find(|p| p.name == name).unwrap()
+        PX4.iter().chain(ARDU_COPTER).find(|p| p.name == name).unwrap()
     }
 
     #[test]
@@ -201,7 +310,18 @@ mod tests {
                 &[8.0, 9.0, 72.0],
                 &[0.0, 7.0, -8.0, f64::INFINITY],
             ),
-            ("FS_THR_ENABLE", &[0.0, 1.0], &[3.0, f64::NAN]),
+            // A return to where the boat was is as bad as a landing on the water.
+            ("FS_THR_ENABLE", &[0.0, 7.0], &[1.0, 3.0, 4.0, 5.0, f64::NAN]),
+            ("NAV_RCL_ACT", &[1.0], &[2.0, 3.0, 5.0]),
+            ("NAV_DLL_ACT", &[0.0, 1.0], &[2.0, 3.0]),
+            ("COM_LOW_BAT_ACT", &[0.0], &[2.0, 3.0]),
+            ("GF_ACTION", &[0.0, 1.0, 2.0], &[3.0, 4.0, 5.0]),
+            ("RTL_LAND_DELAY", &[-1.0], &[0.0, 30.0]),
+            ("BATT_FS_CRT_ACT", &[0.0, 1.0], &[2.0, 3.0, 5.0]),
+            ("FENCE_ACTION", &[0.0, 4.0], &[1.0, 2.0, 3.0]),
+            ("RTL_ALT_FINAL", &[300.0, 1000.0], &[0.0, 50.0]),
+            ("INS_GYR_CAL", &[0.0], &[1.0]),
+            ("EK3_SRC1_YAW", &[1.0, 2.0, 3.0], &[0.0, 8.0]),
         ] {
             let p = named(name);
             assert!(good.iter().all(|v| p.suits(*v)), "{name}");
@@ -221,15 +341,17 @@ mod tests {
         );
         assert!(text("COM_OBL_RC_ACT", 0.0).contains("is 0, 5 (Hold) is needed"));
         assert!(text("GUID_OPTIONS", 1.0).contains("one with 8 added"));
+        assert!(text("NAV_DLL_ACT", 2.0).contains("NAV_DLL_ACT is 2, 0 (nothing) or 1 (Hold) is needed"));
         assert_eq!(text("GUID_TIMEOUT", f64::from(0.3_f32)), "GUID_TIMEOUT is 0.3 s");
     }
 
     #[test]
     fn parameters_have_names_that_fit_a_message_and_belong_to_one_firmware() {
-        assert!(PARAMETERS.iter().all(|p| p.name.len() <= 16));
+        assert!(PX4.iter().chain(ARDU_COPTER).all(|p| p.name.len() <= 16));
         assert!(of_px4().any(|(_, p)| p.name == "MC_AIRMODE"));
         assert!(of_ardu_copter().all(|(k, p)| p.name != "MC_AIRMODE" && numbered(k as f64) == Some(p)));
-        assert_eq!(of_px4().count() + of_ardu_copter().count(), PARAMETERS.len());
+        assert!(of_px4().all(|(k, p)| numbered(k as f64) == Some(p)));
+        assert_eq!(numbered((PX4.len() + ARDU_COPTER.len()) as f64), None);
         assert_eq!(numbered(f64::NAN), None);
     }
 

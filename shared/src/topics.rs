@@ -78,6 +78,8 @@ topics! {
     OPERATOR: "command", msg::OperatorCommand<VesselClock>, Radio, 0.1 Hz, 64, 5000 ms, 2 deep;
     /// Statuses of drones as the vessel received them, for operators.
     DRONES: "drones", msg::DroneStatus, Radio, 2.0 Hz, 128, 2000 ms, 2 deep;
+    /// What became of an operator's command, for operators.
+    RECEIPTS: "receipts", msg::CommandReceipt, Radio, 2.0 Hz, 64, 2000 ms, 2 deep;
     /// The drone's status, for the vessel's deck.
     DRONE_STATUS: "status", msg::DroneStatus, Radio, 2.0 Hz, 128, 2000 ms, 2 deep;
     /// The autopilot's odometry.

@@ -3,7 +3,10 @@
 use core::fmt;
 
 use alight_shared::admission::{Arrival, RejectionReason, Rejections, Sender};
-use alight_shared::msg::{CommandKind, DeckGrant, DroneStatus, OperatorCommand, Reason, State};
+use alight_shared::msg::{
+    CommandKind, CommandReceipt, DeckGrant, DroneStatus, MAX_SOURCES, OperatorCommand, Reason, State,
+    still_armed,
+};
 use alight_shared::node::Node;
 use alight_shared::time::{Time, VesselClock};
 use serde::{Deserialize, Serialize};
@@ -11,9 +14,10 @@ use serde::{Deserialize, Serialize};
 use crate::VesselNodeConfig;
 use crate::deck::{
     ArbiterIn, DeckArbiter, DeckCheckpoint, DeckConfig, DeckInputs, DeckOrder, DroneMonitor, GivenCommand,
-    OperatorIn, OperatorRelay,
+    OperatorIn, OperatorRelay, Starved,
 };
-use crate::node::{VesselIn, VesselNode, VesselOut};
+use crate::node::{IMU, VesselIn, VesselNode, VesselOut};
+use crate::sensors::MAX_REPEATED;
 
 /// What arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -41,6 +45,8 @@ pub struct ComputerOut {
     pub grant: Option<DeckGrant<VesselClock>>,
     /// Commands for the drones that their headers name.
     pub commands: Vec<OperatorCommand<VesselClock>>,
+    /// What became of operators' commands.
+    pub receipts: Vec<CommandReceipt>,
     /// Statuses of drones, for operators.
     pub statuses: Vec<DroneStatus>,
     /// What happened in this step.
@@ -81,6 +87,22 @@ pub enum VesselEvent {
     DeckOrder(DeckOrder),
     /// The deck has another owner.
     DeckOwner(Option<u32>),
+    /// A drone is landed and armed for longer than its disarm takes.
+    StillArmed {
+        /// The drone.
+        drone: u32,
+        /// Since its landing, s.
+        for_s: f32,
+    },
+    /// An inertial sensor repeats one sample, or measures again.
+    StuckImu {
+        /// Its number.
+        source: usize,
+        /// It repeats one.
+        stuck: bool,
+    },
+    /// A drone with a low battery waits for the deck, whose owner is silent.
+    DeckStarved(Starved),
     /// Two drones have one number.
     DoubleNumber {
         /// The number.
@@ -103,7 +125,10 @@ impl VesselEvent {
     /// Somebody has to do something about it.
     pub fn is_warning(&self) -> bool {
         match self {
-            VesselEvent::DoubleNumber { .. } => true,
+            VesselEvent::DoubleNumber { .. }
+            | VesselEvent::StillArmed { .. }
+            | VesselEvent::DeckStarved(_) => true,
+            VesselEvent::StuckImu { stuck, .. } => *stuck,
             VesselEvent::DroneState { .. }
             | VesselEvent::Command { .. }
             | VesselEvent::DeckOrder(_)
@@ -131,6 +156,16 @@ impl fmt::Display for VesselEvent {
             VesselEvent::DeckOrder(DeckOrder::Open) => write!(f, "crew order: deck open"),
             VesselEvent::DeckOwner(Some(drone)) => write!(f, "the deck is reserved for drone {drone}"),
             VesselEvent::DeckOwner(None) => write!(f, "the deck is free"),
+            VesselEvent::StillArmed { drone, for_s } => write!(f, "drone {drone}: {}", still_armed(*for_s)),
+            VesselEvent::StuckImu { source, stuck: true } => write!(
+                f,
+                "inertial sensor {source} is STUCK: {MAX_REPEATED} samples in a row have the same numbers, and no more are \
+                 used: power it off and on, see to its cable and driver"
+            ),
+            VesselEvent::StuckImu { source, stuck: false } => {
+                write!(f, "inertial sensor {source} measures again")
+            }
+            VesselEvent::DeckStarved(s) => write!(f, "{s}"),
             VesselEvent::DoubleNumber {
                 drone,
                 boots: [one, other],
@@ -151,6 +186,10 @@ pub struct VesselComputer {
     relay: OperatorRelay,
     drones: DroneMonitor,
     doubles: Vec<(u32, [u32; 2])>,
+    /// Owner and waiting drone that were reported.
+    starved: Option<[u32; 2]>,
+    /// Inertial sensors that are stuck.
+    stuck: [bool; MAX_SOURCES],
     rejected: Rejections,
 }
 
@@ -163,6 +202,8 @@ impl VesselComputer {
             relay: OperatorRelay::new(vessel, boot),
             drones: DroneMonitor::new(vessel),
             doubles: Vec::new(),
+            starved: None,
+            stuck: [false; MAX_SOURCES],
             rejected: Rejections::default(),
         }
     }
@@ -209,11 +250,21 @@ impl VesselComputer {
     }
 
     /// What has changed of the deck's owner and the drones' numbers.
-    fn deck_events(&mut self, former_owner: Option<u32>, events: &mut Vec<VesselEvent>) {
+    fn deck_events(
+        &mut self,
+        now: Time<VesselClock>,
+        former_owner: Option<u32>,
+        events: &mut Vec<VesselEvent>,
+    ) {
         let doubles: Vec<_> = self.arbiter.doubles().collect();
         let new = doubles.iter().filter(|d| !self.doubles.contains(d));
         events.extend(new.map(|&(drone, boots)| VesselEvent::DoubleNumber { drone, boots }));
         self.doubles = doubles;
+        let starved = self.arbiter.starved(now);
+        let who = starved.map(|s| [s.owner, s.waiting]);
+        let new = starved.filter(|_| who != self.starved);
+        events.extend(new.map(VesselEvent::DeckStarved));
+        self.starved = who;
         let owner = self.arbiter.owner();
         events.extend((owner != former_owner).then_some(VesselEvent::DeckOwner(owner)));
     }
@@ -235,8 +286,15 @@ impl Node for VesselComputer {
         let statuses = self.authentic(&input.statuses, of_drone);
         // A command names no operator.
         let commands = self.authentic(&input.commands, |sender, _| matches!(sender, Sender::Operator(_)));
-        let changed = statuses.iter().filter(|s| self.drones.observe(s));
-        events.extend(changed.map(|s| VesselEvent::of(&s.message)));
+        for status in &statuses {
+            let news = self.drones.observe(status);
+            let drone = status.message.header.drone;
+            events.extend(news.state.then(|| VesselEvent::of(&status.message)));
+            events.extend(
+                news.still_armed
+                    .map(|for_s| VesselEvent::StillArmed { drone, for_s }),
+            );
+        }
         let statuses: Vec<DroneStatus> = statuses.iter().map(|s| s.message).collect();
         let left = input.checkpoint.as_ref();
 
@@ -251,7 +309,7 @@ impl Node for VesselComputer {
                 checkpoint: left.map(|c| c.deck.clone()),
             },
         );
-        self.deck_events(former_owner, &mut events);
+        self.deck_events(now, former_owner, &mut events);
         let relayed = self.relay.step(
             now,
             &OperatorIn {
@@ -267,10 +325,17 @@ impl Node for VesselComputer {
 
         // Sensors -> estimator -> broadcast, at the rates that the landing drone's link carries.
         self.node.prioritise(self.arbiter.landing(now));
+        let vessel = self.node.step(now, &input.vessel);
+        for (source, before) in self.stuck.iter_mut().enumerate() {
+            let stuck = self.node.source(IMU, source).is_stuck;
+            let changed = std::mem::replace(before, stuck) != stuck;
+            events.extend(changed.then_some(VesselEvent::StuckImu { source, stuck }));
+        }
         ComputerOut {
-            vessel: self.node.step(now, &input.vessel),
+            vessel,
             grant: granted.grant,
             commands: relayed.commands,
+            receipts: relayed.receipts,
             statuses,
             events,
         }

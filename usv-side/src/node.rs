@@ -14,7 +14,7 @@ use crate::VesselNodeConfig;
 use crate::apparent_slope::{self, ApparentSlope};
 use crate::estimator::{Estimator, Gated};
 use crate::rate_control::RateControl;
-use crate::sensors::Measurement;
+use crate::sensors::{Measurement, Repetition};
 
 /// Most inputs of one kind in a step; further ones are rejected.
 const MAX_PER_STEP: usize = 100;
@@ -63,7 +63,7 @@ pub struct VesselOut {
 
 /// Kinds of measurements, in the order of [`VesselIn`].
 pub const KINDS: [&str; 4] = ["imu", "gnss", "heading", "attitude"];
-const IMU: usize = 0;
+pub(crate) const IMU: usize = 0;
 const GNSS: usize = 1;
 const HEADING: usize = 2;
 const ATTITUDE: usize = 3;
@@ -79,6 +79,10 @@ pub struct SourceCounts {
     pub out_of_order: u64,
     /// Too old, from the future, or out of range.
     pub rejected: u64,
+    /// Rejected because the sensor repeats one sample.
+    pub stuck: u64,
+    /// It does so now.
+    pub is_stuck: bool,
     /// Not needed: another source of the kind, or an inertial sensor, is in use.
     pub spare: u64,
 }
@@ -88,6 +92,25 @@ pub struct SourceCounts {
 struct SourceState {
     newest: Option<Header<VesselClock>>,
     counts: SourceCounts,
+    /// Of an inertial sensor.
+    repetition: Repetition,
+}
+
+impl SourceState {
+    /// No sample of a stuck inertial sensor reaches the filter; that another sensor stands in for it is decided as after
+    /// a silence.
+    fn check_repetition(&mut self, m: &Measurement) -> Result<(), RejectionReason> {
+        let Measurement::Imu(sample) = m else {
+            return Ok(());
+        };
+        self.counts.is_stuck = self.repetition.is_stuck(sample);
+        self.counts.stuck += u64::from(self.counts.is_stuck);
+        if self.counts.is_stuck {
+            Err(RejectionReason::Stuck)
+        } else {
+            Ok(())
+        }
+    }
 }
 
 /// The source in use of a kind that is used one at a time.
@@ -190,9 +213,12 @@ impl VesselNode {
             // A source beyond the last is invalid, and counted with the last.
             let source = usize::from((*m).into().source()).min(MAX_SOURCES - 1);
             let state = &mut self.sources[kind][source];
-            match rule.admit(now, m, state.newest.as_ref()) {
+            let admitted = rule.admit(now, m, state.newest.as_ref());
+            if admitted.is_ok() {
+                state.newest = Some(*m.header());
+            }
+            match admitted.and_then(|()| state.check_repetition(&(*m).into())) {
                 Ok(()) => {
-                    state.newest = Some(*m.header());
                     let fused = fuse(self, m);
                     let counts = &mut self.sources[kind][source].counts;
                     counts.taken += u64::from(fused.is_some());

@@ -13,6 +13,7 @@ use alight_shared::transport::metrics::{MetricName, Metrics};
 use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_shared::transport::radio::{Publication, Radio, RadioCounts, Urgency};
 use alight_shared::{config, wire};
+use alight_uav::autopilot::still_armed_s;
 
 use crate::config::DroneComputer;
 use crate::exit::{CliError, Exit};
@@ -139,6 +140,9 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
                 landed: flight.landed,
                 deck_distance_m: DroneStatus::deck_distance_m(now, own.as_ref(), forecast.as_ref()),
                 abort: deck.abort,
+                armed: flight.armed,
+                still_armed_s: still_armed_s(now, &deck, flight.armed, &computer.autopilot.disarm)
+                    .map(|s| s as f32),
             };
             if let Ok(bytes) = wire::encode(&status) {
                 radio.send(1, bytes);

@@ -229,7 +229,7 @@ mod tests {
             let of_exposure =
                 |(id, value): &(u32, i32)| (*id == rscam::CID_EXPOSURE_ABSOLUTE).then_some(*value);
             let told = device.told.borrow();
-            assert_eq!(told.iter().filter_map(of_exposure).last(), Some(exposure));
+            assert_eq!(told.iter().filter_map(of_exposure).next_back(), Some(exposure));
             assert_eq!(
                 told.last(),
                 Some(&(rscam::CID_GAIN, if gain < 0 { 20 } else { 7 }))

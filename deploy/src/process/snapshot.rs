@@ -6,6 +6,8 @@ use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotState, DeckForecast, DroneState, LinkState, MissionState, Plan};
 use alight_shared::topics::{self, Topic};
 use alight_shared::transport::process::{InputState, ProcessKind, ProcessState};
+use alight_uav::autopilot::config::DisarmConfig;
+use alight_uav::autopilot::still_armed_s;
 use nalgebra::Vector3;
 
 use crate::cells;
@@ -50,6 +52,11 @@ impl Snapshot {
         let deck = self.forecast.and_then(|f| f.stages.first().copied());
         let apart = deck.map(|d| (drone.position() - Vector3::from(d.position)).norm());
         Some((drone.datum, apart))
+    }
+    /// Since the landing, s, of a drone that is landed and armed for longer than its disarm takes.
+    pub fn still_armed_s(&self, disarm: &DisarmConfig) -> Option<f64> {
+        let (mission, autopilot) = (self.mission.as_ref()?, self.autopilot.as_ref()?);
+        still_armed_s(mission.header.at, mission, autopilot.armed, disarm)
     }
     /// One line of at most 100 columns.
     pub fn line(&self) -> String {

@@ -7,7 +7,8 @@ use std::time::Duration;
 
 use alight_shared::config::{self, Check, Keys};
 use alight_shared::msg::{
-    Command, CommandKind, DroneStatus, Header, MESSAGE_VERSION, MissionState, OperatorCommand, Reason, State,
+    Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, Header, MESSAGE_VERSION,
+    MissionState, OperatorCommand, Reason, State, still_armed,
 };
 use alight_shared::time::{DroneClock, Time, VesselClock};
 use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};
@@ -33,6 +34,8 @@ const MAX_POLLS: u32 = 40;
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 /// From ashore it takes a session and two radios.
 const MAX_POLLS_ASHORE: u32 = 240;
+/// The session is awaited for so long, 3 s, before an order is sent all the same: a vessel that is not received may receive.
+const MAX_POLLS_CONTACT: u32 = 60;
 /// The vessel's status comes twice a second.
 const MAX_POLLS_DECK: u32 = 120;
 /// A command that shows no effect is repeated after so many looks.
@@ -152,7 +155,12 @@ fn deck(args: &CommandArgs, word: DeckWord) -> Result<Exit, CliError> {
         pause(POLL_PERIOD);
         newest = status_file::read(&computer).and_then(Result::ok);
         let ordered = newest.as_ref().map(|s| match s.deck.closed {
-            Some(Closure::Crew | Closure::CheckpointDamaged) => DeckWord::Closed,
+            Some(
+                Closure::Crew
+                | Closure::CheckpointDamaged
+                | Closure::CheckpointMissing
+                | Closure::CheckpointUnwritable,
+            ) => DeckWord::Closed,
             // These close it beside an order.
             Some(Closure::Switch | Closure::Sensor) | None => DeckWord::Open,
         });
@@ -234,6 +242,92 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
     Ok(Exit::of(taken))
 }
 
+/// What the terminal ashore knows of its order.
+struct Ashore {
+    order: OperatorCommand<VesselClock>,
+    /// Nothing is commanded.
+    asks_only: bool,
+    /// Something of the vessel came: the session is open.
+    contact: bool,
+    /// What the vessel reports of this order.
+    receipt: Option<CommandProgress>,
+    drone: Option<DroneStatus>,
+    sent: u32,
+}
+
+impl Ashore {
+    /// A receipt of this order; those of others, and of former ones, say nothing about it.
+    fn receive_receipt(&mut self, r: &CommandReceipt) {
+        let h = &self.order.header;
+        let own =
+            r.operator == [h.boot, h.sequence] && r.header.drone == h.drone && r.header.vessel == h.vessel;
+        if r.header.version == MESSAGE_VERSION && own {
+            self.receipt = Some(r.progress);
+        }
+    }
+    fn receive_status(&mut self, status: DroneStatus) {
+        if status.header.version == MESSAGE_VERSION && status.header.drone == self.order.header.drone {
+            self.drone = Some(status);
+        }
+    }
+    /// Whether to send the order at this look. Before the session is open it would be lost; a vessel that is never received
+    /// may yet receive.
+    fn is_due(&mut self, poll: u32) -> bool {
+        let open = self.contact || poll >= MAX_POLLS_CONTACT;
+        let due = !self.asks_only && open && poll.is_multiple_of(REPEAT_POLLS);
+        self.sent += u32::from(due);
+        due
+    }
+    fn is_answered(&self) -> bool {
+        match self.receipt {
+            None => self.asks_only && self.drone.is_some(),
+            Some(CommandProgress::Pending) => false,
+            Some(
+                CommandProgress::Taken
+                | CommandProgress::GivenUp
+                | CommandProgress::Forbidden
+                | CommandProgress::Replaced
+                | CommandProgress::Unknown,
+            ) => true,
+        }
+    }
+    fn is_taken(&self) -> bool {
+        self.receipt == Some(CommandProgress::Taken) || self.asks_only && self.drone.is_some()
+    }
+    /// What became of the order, for a person.
+    fn outcome(&self) -> &'static str {
+        let abort = self.order.kind == CommandKind::Abort;
+        match self.receipt {
+            _ if self.asks_only => "",
+            Some(CommandProgress::Taken) => "the drone has taken the command",
+            Some(CommandProgress::Pending) if abort => {
+                "the vessel has the abort, and the drone has not acknowledged it:\nit STAYS PENDING, and is repeated until \
+                 the drone does"
+            }
+            Some(CommandProgress::Pending) => {
+                "the vessel has the command, and the drone has not taken it:\nthe vessel gives it up 10 s after it came"
+            }
+            Some(CommandProgress::GivenUp) => "the drone did not take the command, and the vessel gave it up",
+            Some(CommandProgress::Forbidden) => {
+                "the vessel did not pass it on: an abort is pending or has just\nbeen given; look, then command again"
+            }
+            Some(CommandProgress::Replaced) => "a newer command for this drone has replaced it",
+            Some(CommandProgress::Unknown) => {
+                "the vessel was started anew and does not know what became of it:\nlook at the drone, then command again"
+            }
+            None if self.sent == 0 => "the command was NOT SENT",
+            None if abort => {
+                "RECEIPT UNCONFIRMED: whether the vessel has the abort is not known.\nIf it has, it stays pending; if not, \
+                 nothing repeats it:\ncommand it again, or take the drone over by remote control"
+            }
+            None => {
+                "RECEIPT UNCONFIRMED: whether the vessel has the command is not known;\nit may yet act for 10 s: abort if it \
+                 must not"
+            }
+        }
+    }
+}
+
 /// Through the vessel, over the secured radio.
 fn ashore(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliError> {
     let own = certificates::read_certificate(&keys.join("certificate.pem"))?
@@ -244,43 +338,89 @@ fn ashore(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliEr
     config.check(&Keys::ROOT)?;
     let key = format!("alight/{own}/{}", topics::OPERATOR.name);
     let publications = vec![Publication::new(key, Urgency::State)];
-    let received = vessel_key(args.vessel_id, topics::DRONES.name);
-    let mut radio = Radio::open(&config, publications, vec![received])?;
+    // The grants come whether or not a drone is received.
+    let received = [&topics::DRONES, &topics::RECEIPTS, &topics::DECK];
+    let received = received.map(|topic| vessel_key(args.vessel_id, topic.name));
+    let mut radio = Radio::open(&config, publications, received.into())?;
     let kind = args.order.kind();
-    let header: Header<VesselClock> = Header::new(args.vessel_id, args.drone, draw_boot(), 1, Time::EPOCH);
-    let (mut newest, mut waited): (Option<DroneStatus>, u32) = (None, 0);
-    let is_met = |w: &DroneStatus| kind.is_none_or(|k| k.is_met(w.state, w.waiting.code));
-    while waited < MAX_POLLS_ASHORE && !end_requested() {
-        // The session may not be there yet: the same command again is one command.
-        if let Some(Ok(bytes)) = kind
-            .filter(|_| waited.is_multiple_of(REPEAT_POLLS))
-            .map(|kind| wire::encode(&OperatorCommand { header, kind }))
-        {
-            radio.send(0, bytes);
-        }
-        waited += 1;
-        let status = radio
-            .receive(POLL_PERIOD)
-            .and_then(|received| wire::decode::<DroneStatus>(&received.bytes).ok())
-            .filter(|w| w.header.version == MESSAGE_VERSION && w.header.drone == args.drone);
-        newest = status.or(newest);
-        if status.is_some_and(|w| is_met(&w)) {
+    let mut ashore = Ashore {
+        order: OperatorCommand {
+            header: Header::new(args.vessel_id, args.drone, draw_boot(), 1, Time::EPOCH),
+            kind: kind.unwrap_or_default(),
+        },
+        asks_only: kind.is_none(),
+        contact: false,
+        receipt: None,
+        drone: None,
+        sent: 0,
+    };
+    for poll in 0..MAX_POLLS_ASHORE {
+        if end_requested() || ashore.is_answered() {
             break;
         }
+        // The same command again is one command.
+        if let Some(Ok(bytes)) = ashore.is_due(poll).then(|| wire::encode(&ashore.order)) {
+            radio.send(0, bytes);
+        }
+        // What has come until now, and what comes within the period.
+        let mut next = radio.receive(POLL_PERIOD);
+        while let Some(packet) = next {
+            ashore.contact = true;
+            match packet.subscription {
+                0 => wire::decode(&packet.bytes)
+                    .into_iter()
+                    .for_each(|s| ashore.receive_status(s)),
+                1 => wire::decode(&packet.bytes)
+                    .into_iter()
+                    .for_each(|r| ashore.receive_receipt(&r)),
+                _ => {}
+            }
+            next = radio.receive(Duration::ZERO);
+        }
     }
-    let Some(status) = newest else {
-        return Err(CliError(format!(
+    report_ashore(args, (endpoint, &own), &ashore)
+}
+
+fn report_ashore(
+    args: &CommandArgs,
+    (endpoint, own): (&str, &str),
+    ashore: &Ashore,
+) -> Result<Exit, CliError> {
+    if ashore.drone.is_none() && ashore.receipt.is_none() {
+        let reason = format!(
             "{endpoint} relays no status of drone {}: does the vessel run, does it list {own} in radio.tls.peers, \
              and does it receive the drone (systemctl status alight-vessel)?",
             args.drone
-        )));
-    };
-    let taken = is_met(&status);
+        );
+        let outcome = ashore.outcome();
+        return Err(CliError(if outcome.is_empty() {
+            reason
+        } else {
+            format!("{outcome}\n{reason}")
+        }));
+    }
+    let taken = ashore.is_taken();
     if args.json {
-        terminal::line(json!({ "taken": taken, "drone": status }));
-    } else {
-        print_answer(status.state, &status.entered, &status.waiting, taken);
-        terminal::line(format_args!("battery {:.0} %", 100.0 * status.battery));
+        terminal::line(json!({ "taken": taken, "receipt": ashore.receipt, "drone": ashore.drone }));
+        return Ok(Exit::of(taken));
+    }
+    match &ashore.drone {
+        Some(status) => {
+            terminal::line(format_args!("{}: {}", status.state.name(), status.entered));
+            terminal::line(format_args!("waiting: {}", status.waiting));
+            terminal::line(format_args!("battery {:.0} %", 100.0 * status.battery));
+            if let Some(for_s) = status.still_armed_s {
+                terminal::line(format_args!(
+                    "ALARM: drone {}: {}",
+                    args.drone,
+                    still_armed(for_s)
+                ));
+            }
+        }
+        None => terminal::line(format_args!("the vessel receives no drone {}", args.drone)),
+    }
+    if !ashore.asks_only {
+        terminal::line(ashore.outcome());
     }
     Ok(Exit::of(taken))
 }
@@ -290,5 +430,109 @@ fn print_answer(state: State, entered: &Reason, waiting: &Reason, taken: bool) {
     terminal::line(format_args!("waiting: {waiting}"));
     if !taken {
         terminal::line("the mission did not take the command");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::ReasonCode;
+
+    fn ordered(kind: CommandKind) -> Ashore {
+        Ashore {
+            order: OperatorCommand {
+                header: Header::new(1, 3, 5, 1, Time::EPOCH),
+                kind,
+            },
+            asks_only: false,
+            contact: false,
+            receipt: None,
+            drone: None,
+            sent: 0,
+        }
+    }
+    fn receipt(operator: [u32; 2], drone: u32, progress: CommandProgress) -> CommandReceipt {
+        CommandReceipt {
+            header: Header::new(1, drone, 9, 1, Time::EPOCH),
+            operator,
+            kind: CommandKind::Abort,
+            progress,
+        }
+    }
+
+    #[test]
+    fn status_that_fits_by_chance() {
+        let mut terminal = ordered(CommandKind::Abort);
+        // It gave up before, as it would after the abort.
+        let given_up = DroneStatus {
+            header: Header::new(1, 3, 7, 1, Time::EPOCH),
+            state: State::GaveUp,
+            waiting: Reason::plain(ReasonCode::NotCommanded),
+            ..DroneStatus::default()
+        };
+        terminal.receive_status(given_up);
+        assert!(!terminal.is_answered() && !terminal.is_taken());
+        // Nor are the receipts of other orders an answer.
+        for (operator, drone) in [([6, 1], 3), ([5, 2], 3), ([5, 1], 4)] {
+            terminal.receive_receipt(&receipt(operator, drone, CommandProgress::Taken));
+        }
+        assert_eq!(terminal.receipt, None);
+        terminal.receive_receipt(&receipt([5, 1], 3, CommandProgress::Pending));
+        assert!(!terminal.is_answered());
+        terminal.receive_receipt(&receipt([5, 1], 3, CommandProgress::Taken));
+        assert!(terminal.is_answered() && terminal.is_taken());
+    }
+
+    #[test]
+    fn order_before_the_session_is_open() {
+        let mut terminal = ordered(CommandKind::Land);
+        let early = (0..MAX_POLLS_CONTACT).filter(|k| terminal.is_due(*k)).count();
+        assert_eq!((early, terminal.sent), (0, 0));
+        assert_eq!(terminal.outcome(), "the command was NOT SENT");
+        // A vessel that is not received is tried all the same.
+        assert!((MAX_POLLS_CONTACT..MAX_POLLS_ASHORE).any(|k| terminal.is_due(k)));
+        let mut terminal = ordered(CommandKind::Land);
+        terminal.contact = true;
+        let sent = (0..MAX_POLLS_CONTACT).filter(|k| terminal.is_due(*k)).count();
+        assert_eq!(sent as u32, MAX_POLLS_CONTACT / REPEAT_POLLS);
+    }
+
+    #[test]
+    fn silence_after_an_abort() {
+        let mut terminal = ordered(CommandKind::Abort);
+        terminal.sent = 1;
+        assert!(terminal.outcome().starts_with("RECEIPT UNCONFIRMED"));
+        assert!(terminal.outcome().contains("stays pending; if not"));
+        terminal.receipt = Some(CommandProgress::Pending);
+        assert!(terminal.outcome().contains("STAYS PENDING"));
+        terminal.order.kind = CommandKind::Land;
+        assert!(terminal.outcome().contains("gives it up"));
+    }
+
+    #[test]
+    fn outcomes_fit_the_terminal() {
+        let progress = [
+            None,
+            Some(CommandProgress::Pending),
+            Some(CommandProgress::Taken),
+            Some(CommandProgress::GivenUp),
+            Some(CommandProgress::Forbidden),
+            Some(CommandProgress::Replaced),
+            Some(CommandProgress::Unknown),
+        ];
+        for kind in [CommandKind::Abort, CommandKind::Land, CommandKind::Hold] {
+            for receipt in progress {
+                let terminal = Ashore {
+                    receipt,
+                    sent: 1,
+                    ..ordered(kind)
+                };
+                let text = terminal.outcome();
+                assert!(
+                    !text.is_empty() && text.lines().all(|l| l.chars().count() <= 80),
+                    "{text}"
+                );
+            }
+        }
     }
 }

@@ -4,9 +4,10 @@ use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use alight_shared::msg::ReasonCode;
+use alight_shared::msg::{ReasonCode, still_armed};
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory};
+use alight_uav::autopilot::config::DisarmConfig;
 use clap::Args;
 use serde_json::json;
 
@@ -56,25 +57,25 @@ const RETRY_PAUSE: Duration = Duration::from_millis(100);
 /// Shows once, or until stopped.
 pub fn run(args: &StatusArgs) -> Result<Exit, CliError> {
     if let Some(name) = &args.instance {
-        return of(args, name);
+        return of(args, name, &DisarmConfig::default());
     }
     let path = match &args.config {
         Some(path) => path.clone(),
         // A landing of this computer before what is installed on it.
-        None if is_running(&Instance::new(LAND)?) => return of(args, LAND),
+        None if is_running(&Instance::new(LAND)?) => return of(args, LAND, &DisarmConfig::default()),
         None => match check::shipped() {
             Some(path) => path,
-            None => return of(args, LAND),
+            None => return of(args, LAND, &DisarmConfig::default()),
         },
     };
     match gather::computer(&path)? {
         Computer::Vessel(v) => vessel_status::run(&path, &v, args.watch, args.json),
-        Computer::Drone(d) => of(args, &d.instance),
+        Computer::Drone(d) => of(args, &d.instance, &d.autopilot.disarm),
     }
 }
 
 /// Shows the set of processes `name`.
-fn of(args: &StatusArgs, name: &str) -> Result<Exit, CliError> {
+fn of(args: &StatusArgs, name: &str, disarm: &DisarmConfig) -> Result<Exit, CliError> {
     let instance = Instance::new(name)?;
     let mut tries = 0;
     let (memory, mut observer) = loop {
@@ -101,7 +102,7 @@ fn of(args: &StatusArgs, name: &str) -> Result<Exit, CliError> {
             return Ok(Exit::Success);
         }
         observer.poll(None);
-        show(args, name, &observer.snapshot)?;
+        show(args, name, &observer.snapshot, disarm)?;
         if !args.watch || !is_running(&instance) {
             return Ok(Exit::Success);
         }
@@ -114,7 +115,8 @@ fn join(instance: &Instance) -> Result<(Memory, Observer), CliError> {
     Ok((memory, observer))
 }
 
-fn show(args: &StatusArgs, name: &str, snapshot: &Snapshot) -> Result<(), CliError> {
+fn show(args: &StatusArgs, name: &str, snapshot: &Snapshot, disarm: &DisarmConfig) -> Result<(), CliError> {
+    let still_armed_s = snapshot.still_armed_s(disarm);
     if args.json {
         let metrics: serde_json::Map<String, serde_json::Value> = snapshot
             .processes
@@ -131,6 +133,7 @@ fn show(args: &StatusArgs, name: &str, snapshot: &Snapshot) -> Result<(), CliErr
             "metrics": metrics,
             "mission": snapshot.mission,
             "autopilot": snapshot.autopilot,
+            "still_armed_s": still_armed_s,
             "link": snapshot.link,
         });
         terminal::line(object);
@@ -152,6 +155,9 @@ fn show(args: &StatusArgs, name: &str, snapshot: &Snapshot) -> Result<(), CliErr
             m.state.name()
         ));
         terminal::line(format_args!("  waiting   {}", m.waiting));
+    }
+    if let Some(s) = still_armed_s {
+        terminal::line(format_args!("  ALARM     {}", still_armed(s as f32)));
     }
     if let Some(a) = &snapshot.autopilot
         && a.rejection.code != ReasonCode::None

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use alight_shared::msg::still_armed;
 use alight_shared::transport::clock::steady_ns;
 use alight_usv::deck::Closure;
 use serde_json::json;
@@ -123,6 +124,12 @@ fn source(s: &SourceHealth) -> Finding {
         (Some(age_s), None) => Some(format!("nothing for {age_s:.0} s")),
         (None, None) => Some("no measurement yet".into()),
     };
+    if s.is_stuck {
+        return TOPIC.broken(
+            format!("{counts}; STUCK: it repeats one sample, {} rejected", s.stuck),
+            "its numbers are no measurement: power it off and on, then its cable and its driver",
+        );
+    }
     match silent {
         Some(why) => TOPIC.warning(
             format!("{counts}; {why}"),
@@ -234,6 +241,14 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
             "closed: the file of who stands on it was damaged",
             format!("look, and once it is empty: {OPEN}"),
         )],
+        (Some(Closure::CheckpointMissing), _) => vec![TOPIC.warning(
+            "closed: there is no file of who stands on it",
+            format!("look, and once it is empty: {OPEN}"),
+        )],
+        (Some(Closure::CheckpointUnwritable), _) => vec![TOPIC.warning(
+            format!("closed: the file of who stands on it cannot be written, and may be old; {found}"),
+            format!("free space, or make it writable; look, and once it is empty: {OPEN}"),
+        )],
         (Some(Closure::Switch), _) => vec![TOPIC.warning(
             format!("closed by the crew's switch; {found}"),
             "open it at the switch (deck.crew_switch)",
@@ -252,6 +267,20 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
         TOPIC.broken(
             format!("two drones have the number {id}: neither is given the deck"),
             "change bridge.drone_id of one of them",
+        )
+    }));
+    all.extend(deck.starved.iter().map(|s| {
+        TOPIC.broken(
+            s.to_string(),
+            format!("look now: once drone {} is not there: {OPEN}", s.owner),
+        )
+    }));
+    all.extend(deck.unplaced.iter().map(|id| {
+        TOPIC.warning(
+            format!(
+                "drone {id} is switched on without a position: it may stand there, and no other is given it"
+            ),
+            format!("wait for its position; or look, and once it is not there: {OPEN}"),
         )
     }));
     all.extend(deck.aborts.iter().map(|id| {
@@ -287,14 +316,22 @@ fn drones(status: &VesselStatus) -> Vec<Finding> {
         .iter()
         .map(|d| {
             let found = format!(
-                "drone {}: {}: {}; battery {:.0} %, {} ago",
+                "drone {}: {}: {}; {}, battery {:.0} %, {} ago",
                 d.drone,
                 d.state,
                 d.entered,
+                if d.armed { "armed" } else { "disarmed" },
                 100.0 * d.battery,
                 time(d.age_s)
             );
-            if d.age_s > LOST_CONTACT_S {
+            if let Some(for_s) = d.still_armed_s {
+                // Also of a drone that is silent since: whoever goes there has to know.
+                let found = format!("drone {}: {}", d.drone, still_armed(for_s));
+                TOPIC.broken(
+                    found,
+                    format!("keep clear of its rotors; reported {} ago", time(d.age_s)),
+                )
+            } else if d.age_s > LOST_CONTACT_S {
                 TOPIC.warning(found, "it is out of reach or switched off")
             } else {
                 TOPIC.fine(found)
@@ -306,6 +343,8 @@ fn drones(status: &VesselStatus) -> Vec<Finding> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_usv::deck::Starved;
+
     use crate::vessel::status_file::{DeckStatus, DroneContact, ProcessStatus};
 
     fn status() -> VesselStatus {
@@ -332,6 +371,8 @@ mod tests {
                 state: "Descent".into(),
                 entered: "the deck is calm".into(),
                 battery: 0.8,
+                armed: true,
+                still_armed_s: None,
             }],
             estimator: EstimatorStatus {
                 sensor_age_s: [Some(0.01), Some(0.1), Some(0.1)],
@@ -375,7 +416,7 @@ mod tests {
             name: "vessel-1".into(),
             days_left,
         };
-        let cases: [(Change<'_>, Level, &str); 18] = [
+        let cases: [(Change<'_>, Level, &str); 22] = [
             (&|w| w.deck.closed = Some(Closure::Crew), Level::Warning, "deck"),
             (&|w| w.deck.closed = Some(Closure::Sensor), Level::Warning, "deck"),
             (
@@ -386,6 +427,19 @@ mod tests {
             (&|w| w.deck.owner_age_s = Some(60.0), Level::Warning, "deck"),
             (&|w| w.deck.doubles = vec![1], Level::Broken, "deck"),
             (&|w| w.deck.aborts = vec![1], Level::Warning, "deck"),
+            (&|w| w.deck.unplaced = vec![2], Level::Warning, "deck"),
+            (
+                &|w| {
+                    w.deck.starved = Some(Starved {
+                        owner: 1,
+                        silent_s: 75.0,
+                        waiting: 2,
+                        battery: 0.22,
+                    });
+                },
+                Level::Broken,
+                "deck",
+            ),
             (
                 &|w| w.deck.file_error = Some("full".into()),
                 Level::Warning,
@@ -403,6 +457,7 @@ mod tests {
                 Level::Warning,
                 "source",
             ),
+            (&|w| w.sources[0].is_stuck = true, Level::Broken, "source"),
             (&|w| w.sources[0].mismatched_pulses = 1, Level::Warning, "source"),
             (&|w| w.estimator.estimate_age_s = None, Level::Broken, "estimator"),
             (&|w| w.certificate = held(-2), Level::Broken, "certificate"),
@@ -414,6 +469,11 @@ mod tests {
             ),
             (&|w| w.drones.clear(), Level::Warning, "drones"),
             (&|w| w.drones[0].age_s = 60.0, Level::Warning, "drones"),
+            (
+                &|w| w.drones[0].still_armed_s = Some(14.0),
+                Level::Broken,
+                "drones",
+            ),
         ];
         for (change, level, topic) in cases {
             assert_eq!(case(change), (level, vec![topic]), "{topic}");

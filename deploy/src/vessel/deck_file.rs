@@ -1,7 +1,12 @@
 //! The file in which the vessel's process keeps what it must not forget of its deck, and the crew's orders.
 //!
 //! It is written to the disk at each change, whole and under another name first, and carries version and checksum: the
-//! next start finds the old state or the new one. One that cannot be read closes the deck until a person opens it.
+//! next start finds the old state or the new one. What is not known is closed until a person opens it: where the file is
+//! missing, cannot be read, or cannot be replaced at the start (it may be older than what happened since). One that cannot
+//! be replaced later is removed, so that no start finds it. Only on a disk that became read-only it stays, and a start
+//! after that disk became writable again would believe it. The first file is the installation's, or a launcher's.
+//!
+//! The crew's orders lie beside it, or where the disk takes none beside the process's status.
 
 use std::fs::{self, File};
 use std::io::{ErrorKind, Read, Write};
@@ -13,13 +18,13 @@ use std::time::Duration;
 
 use alight_shared::wire;
 use alight_usv::VesselCheckpoint;
-use alight_usv::deck::{DeckCheckpoint, DeckOrder};
+use alight_usv::deck::{Closure, DeckCheckpoint, DeckOrder};
 use serde::{Deserialize, Serialize};
 use tracing::{info, warn};
 
 use crate::config::VesselComputer;
 use crate::process::supervisor::STATE_VARIABLE;
-use crate::vessel::status_file::file_name;
+use crate::vessel::status_file::{self, file_name};
 
 /// Of this layout.
 const VERSION: u32 = 4;
@@ -55,7 +60,7 @@ fn encode(vessel: u32, kept: &VesselCheckpoint) -> Result<Vec<u8>, String> {
     serde_json::to_vec(&content).map_err(|e| e.to_string())
 }
 
-/// What the former start left; None on the first start. An error says why it cannot be known.
+/// What the former start left; None: there is no file. An error says why it cannot be known.
 fn load(path: &Path, vessel: u32) -> Result<Option<VesselCheckpoint>, String> {
     let Some(bytes) = read(path)? else {
         return Ok(None);
@@ -92,7 +97,9 @@ fn read(path: &Path) -> Result<Option<Vec<u8>>, String> {
 /// Replaces a file by one that is on the disk.
 fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let directory = path.parent().unwrap_or(Path::new("."));
-    let new = path.with_extension("new");
+    // A name of its own: state, order and status may lie side by side.
+    let mut new = path.as_os_str().to_owned();
+    new.push(".new");
     let mut file = File::create(&new)?;
     file.write_all(bytes)?;
     file.sync_all()?;
@@ -111,30 +118,89 @@ fn own_path(computer: &VesselComputer) -> PathBuf {
     directory.join(file_name(computer, "deck"))
 }
 
-/// The file of the process that runs, or ran, on this computer.
-fn existing(computer: &VesselComputer) -> Option<PathBuf> {
-    let name = file_name(computer, "deck");
-    let directories = [PathBuf::from(SERVICE_DIRECTORY), std::env::temp_dir()];
-    // Without a name for it the service's comes first: a process that somebody started by hand leaves files too.
-    let named = std::env::var_os(STATE_VARIABLE).map(|_| own_path(computer));
-    let mut paths = named.into_iter().chain(directories.map(|d| d.join(&name)));
-    paths.find(|path| path.exists())
+/// Where an order of the crew is looked for: beside the state, and beside the status for a disk that takes no order.
+fn order_paths(computer: &VesselComputer) -> [PathBuf; 2] {
+    [own_path(computer), status_file::own_path(computer)].map(|p| p.with_extension("order"))
+}
+
+/// Directories where the process that runs, ran or will run on this computer looks for an order, the best first.
+fn order_directories(computer: &VesselComputer) -> Vec<PathBuf> {
+    let (service, by_hand) = (PathBuf::from(SERVICE_DIRECTORY), std::env::temp_dir());
+    let mut all = Vec::new();
+    if std::env::var_os(STATE_VARIABLE).is_some() {
+        all.extend(own_path(computer).parent().map(Path::to_owned));
+    }
+    // One that runs before files that another has left.
+    if let Some((status, is_service)) = status_file::existing(computer) {
+        all.extend(is_service.then(|| service.clone()));
+        all.extend(status.parent().map(Path::to_owned));
+    }
+    let ran_in = |d: &&PathBuf| d.join(file_name(computer, "deck")).exists();
+    all.extend([&service, &by_hand].into_iter().filter(ran_in).cloned());
+    all.extend(service.is_dir().then_some(service));
+    all
 }
 
 /// Leaves an order of the crew for the process, which takes it within a second, or at its next start.
 pub fn leave(computer: &VesselComputer, order: DeckOrder) -> Result<PathBuf, String> {
-    let path = existing(computer)
-        .ok_or("no vessel's process has run on this computer, or this user may not see it")?
-        .with_extension("order");
+    leave_in(&order_directories(computer), &file_name(computer, "order"), order)
+}
+fn leave_in(directories: &[PathBuf], name: &str, order: DeckOrder) -> Result<PathBuf, String> {
     let bytes = serde_json::to_vec(&order).map_err(|e| e.to_string())?;
-    replace(&path, &bytes).map_err(|e| format!("writing {}: {e}", path.display()))?;
-    Ok(path)
+    let mut why = Vec::new();
+    for directory in directories {
+        let path = directory.join(name);
+        match replace(&path, &bytes) {
+            Ok(()) => return Ok(path),
+            Err(e) => why.push(format!("writing {}: {e}", path.display())),
+        }
+    }
+    if why.is_empty() {
+        why.push("no vessel's process has run on this computer, or this user may not see it".into());
+    }
+    Err(why.join("; "))
+}
+
+/// The first file, of an open and empty deck, in the directory of a simulated run.
+pub fn write_first(directory: &Path, computer: &VesselComputer) -> Result<(), String> {
+    let path = directory.join(file_name(computer, "deck"));
+    let bytes = encode(computer.vessel_id, &VesselCheckpoint::default())?;
+    replace(&path, &bytes).map_err(|e| format!("writing {}: {e}", path.display()))
+}
+
+/// What the process begins with: what it found, once the disk has taken it anew. An error says why it has not.
+fn confirm(path: &Path, vessel: u32, found: VesselCheckpoint) -> (VesselCheckpoint, Option<String>) {
+    let written = encode(vessel, &found)
+        .and_then(|bytes| replace(path, &bytes).map_err(|e| format!("writing {}: {e}", path.display())));
+    let Err(e) = written else {
+        return (found, None);
+    };
+    warn!(
+        "{e}: what it holds of the deck may be old, and the deck is closed: free space or make it writable; look, then \
+         alight command deck open"
+    );
+    discard(path);
+    let mut kept = found;
+    kept.deck.closed = kept.deck.closed.or(Some(Closure::CheckpointUnwritable));
+    (kept, Some(e))
+}
+
+/// Removes a file that no start may believe any more.
+fn discard(path: &Path) {
+    match fs::remove_file(path) {
+        Ok(()) => {}
+        Err(e) if e.kind() == ErrorKind::NotFound => {}
+        Err(e) => warn!(
+            "removing {}: {e}: once the disk is writable, a start would believe this old state: remove it by hand",
+            path.display()
+        ),
+    }
 }
 
 /// Keeps the state on the disk.
 pub struct DeckFile {
     vessel: u32,
-    path: PathBuf,
+    orders: [PathBuf; 2],
     newest: Option<VesselCheckpoint>,
     states: Option<SyncSender<Vec<u8>>>,
     writer: Option<JoinHandle<()>>,
@@ -144,12 +210,23 @@ pub struct DeckFile {
 impl DeckFile {
     /// Opens the computer's file; with what the former start left.
     pub fn open(computer: &VesselComputer) -> (DeckFile, VesselCheckpoint) {
-        DeckFile::at(own_path(computer), computer.vessel_id)
+        DeckFile::at(own_path(computer), order_paths(computer), computer.vessel_id)
     }
-    fn at(path: PathBuf, vessel: u32) -> (DeckFile, VesselCheckpoint) {
-        let kept = match load(&path, vessel) {
-            Ok(Some(kept)) => kept,
-            Ok(None) => VesselCheckpoint::default(),
+    fn at(path: PathBuf, orders: [PathBuf; 2], vessel: u32) -> (DeckFile, VesselCheckpoint) {
+        let unknown = |closure| VesselCheckpoint {
+            deck: DeckCheckpoint::unknown(closure),
+            ..VesselCheckpoint::default()
+        };
+        let found = match load(&path, vessel) {
+            Ok(Some(found)) => found,
+            Ok(None) => {
+                warn!(
+                    "there is no {}: who stands on the deck is not known, and it is closed: look, then alight command \
+                     deck open",
+                    path.display()
+                );
+                unknown(Closure::CheckpointMissing)
+            }
             Err(e) => {
                 let damaged = path.with_extension("damaged");
                 // A copy: until the closed state has replaced it, the next start must find it damaged too.
@@ -159,22 +236,21 @@ impl DeckFile {
                      open",
                     path.display()
                 );
-                VesselCheckpoint {
-                    deck: DeckCheckpoint::damaged(),
-                    ..VesselCheckpoint::default()
-                }
+                unknown(Closure::CheckpointDamaged)
             }
         };
+        let (kept, failed) = confirm(&path, vessel, found);
+        let unsaved = failed.as_ref().and_then(|_| encode(vessel, &kept).ok());
         let (sender, receiver) = sync_channel(MAX_WAITING);
-        let error = Arc::new(Mutex::new(None));
+        let error = Arc::new(Mutex::new(failed));
         let writer = {
-            let (path, error) = (path.clone(), Arc::clone(&error));
+            let error = Arc::clone(&error);
             // A disk may take long: the vessel's estimate does not wait for it.
-            std::thread::spawn(move || write_all(&path, &receiver, &error))
+            std::thread::spawn(move || write_all(&path, &receiver, &error, unsaved))
         };
         let file = DeckFile {
             vessel,
-            path,
+            orders,
             newest: None,
             states: Some(sender),
             writer: Some(writer),
@@ -201,16 +277,19 @@ impl DeckFile {
     }
     /// The crew's order, if one was left.
     pub fn order(&self) -> Option<DeckOrder> {
-        let path = self.path.with_extension("order");
-        let order = read(&path).transpose()?;
-        // One that stays would be obeyed again and again, and free the deck of whoever lands later.
-        fs::remove_file(&path).ok()?;
-        match order.and_then(|bytes| serde_json::from_slice(&bytes).map_err(|e| e.to_string())) {
-            Ok(order) => Some(order),
-            Err(e) => {
-                warn!("{}: {e}: no order to the deck", path.display());
-                None
-            }
+        self.orders.iter().find_map(|path| take_order(path))
+    }
+}
+
+fn take_order(path: &Path) -> Option<DeckOrder> {
+    let order = read(path).transpose()?;
+    // One that stays would be obeyed again and again, and free the deck of whoever lands later.
+    fs::remove_file(path).ok()?;
+    match order.and_then(|bytes| serde_json::from_slice(&bytes).map_err(|e| e.to_string())) {
+        Ok(order) => Some(order),
+        Err(e) => {
+            warn!("{}: {e}: no order to the deck", path.display());
+            None
         }
     }
 }
@@ -223,9 +302,13 @@ impl Drop for DeckFile {
     }
 }
 
-/// Writes the newest state until nobody sends any more.
-fn write_all(path: &Path, states: &Receiver<Vec<u8>>, error: &Mutex<Option<String>>) {
-    let mut unsaved: Option<Vec<u8>> = None;
+/// Writes the newest state until nobody sends any more; `unsaved` is one that could not be written before.
+fn write_all(
+    path: &Path,
+    states: &Receiver<Vec<u8>>,
+    error: &Mutex<Option<String>>,
+    mut unsaved: Option<Vec<u8>>,
+) {
     loop {
         let next = match &unsaved {
             None => states.recv().ok(),
@@ -241,7 +324,12 @@ fn write_all(path: &Path, states: &Receiver<Vec<u8>>, error: &Mutex<Option<Strin
         let failed = done.err().map(|e| format!("writing {}: {e}", path.display()));
         match (&failed, &unsaved) {
             (Some(e), None) => {
-                warn!("the deck's state is lost with this process: {e}; tried again every 10 s")
+                warn!(
+                    "the deck's state is lost with this process, and the next start finds the deck closed: {e}; tried \
+                     again every 10 s"
+                );
+                // It is older than what it could not be replaced by.
+                discard(path);
             }
             (None, Some(_)) => info!("the deck's state is in {} again", path.display()),
             (Some(_), Some(_)) | (None, None) => {}
@@ -254,7 +342,7 @@ fn write_all(path: &Path, states: &Receiver<Vec<u8>>, error: &Mutex<Option<Strin
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_usv::deck::{Claim, Closure, DroneClaim};
+    use alight_usv::deck::{Claim, DroneClaim};
 
     fn scratch(name: &str) -> PathBuf {
         let directory = std::env::temp_dir().join(format!("alight-deck-{}-{name}", std::process::id()));
@@ -282,19 +370,94 @@ mod tests {
         fs::remove_dir_all(path.parent().unwrap()).unwrap();
     }
 
+    fn open(path: &Path) -> (DeckFile, VesselCheckpoint) {
+        let beside = path.with_extension("order");
+        let status = path.with_extension("status.order");
+        DeckFile::at(path.to_owned(), [beside, status], 1)
+    }
+    fn closed(path: &Path) -> Option<Closure> {
+        open(path).1.deck.closed
+    }
+
+    #[test]
+    fn missing_deck_file() {
+        let path = scratch("missing");
+        assert_eq!(closed(&path), Some(Closure::CheckpointMissing));
+        // That is written at once: the next start knows no more.
+        assert_eq!(closed(&path), Some(Closure::CheckpointMissing));
+        // The first file of an installation or a simulated run.
+        replace(&path, &encode(1, &VesselCheckpoint::default()).unwrap()).unwrap();
+        assert_eq!(closed(&path), None);
+        remove(&path);
+    }
+
+    /// Permissions stop no test that runs as root: a directory in the place of the new file does.
+    fn block(path: &Path) -> PathBuf {
+        let mut new = path.as_os_str().to_owned();
+        new.push(".new");
+        fs::create_dir(&new).unwrap();
+        new.into()
+    }
+
+    #[test]
+    fn deck_file_not_writable_at_the_start() {
+        let path = scratch("start");
+        replace(&path, &encode(1, &occupied()).unwrap()).unwrap();
+        let blocked = block(&path);
+        let (file, kept) = open(&path);
+        assert_eq!(kept.deck.closed, Some(Closure::CheckpointUnwritable));
+        assert_eq!(
+            kept.deck.claims,
+            occupied().deck.claims,
+            "what it held may be true"
+        );
+        assert!(file.error().unwrap().contains("vessel.deck"));
+        assert!(!path.exists(), "no start believes it");
+        drop(file);
+        fs::remove_dir(blocked).unwrap();
+        assert_eq!(closed(&path), Some(Closure::CheckpointMissing));
+        remove(&path);
+    }
+
+    #[test]
+    fn deck_file_not_writable_after_a_landing() {
+        let path = scratch("landing");
+        replace(&path, &encode(1, &VesselCheckpoint::default()).unwrap()).unwrap();
+        let (mut file, kept) = open(&path);
+        assert_eq!(kept.deck.closed, None);
+        let blocked = block(&path);
+        file.keep(occupied());
+        drop(file);
+        assert!(!path.exists(), "the empty deck that it held is not true any more");
+        fs::remove_dir(blocked).unwrap();
+        assert_eq!(closed(&path), Some(Closure::CheckpointMissing));
+        remove(&path);
+    }
+
+    #[test]
+    fn order_to_a_process_whose_disk_takes_none() {
+        let path = scratch("elsewhere");
+        let (file, _) = open(&path);
+        let directory = path.parent().unwrap();
+        let status = directory.join("run");
+        fs::create_dir(&status).unwrap();
+        let directories = [directory.join("full"), status.clone()];
+        let left = leave_in(&directories, "vessel.order", DeckOrder::Open).unwrap();
+        assert_eq!(left, status.join("vessel.order"));
+        fs::rename(left, path.with_extension("status.order")).unwrap();
+        assert_eq!((file.order(), file.order()), (Some(DeckOrder::Open), None));
+        assert!(leave_in(&[], "vessel.order", DeckOrder::Open).is_err());
+        remove(&path);
+    }
+
     #[test]
     fn deck_file_gives_the_next_start_the_newest_state() {
         let path = scratch("newest");
-        let (mut file, before) = DeckFile::at(path.clone(), 1);
-        assert_eq!(
-            before,
-            VesselCheckpoint::default(),
-            "a first start knows of nobody"
-        );
+        let (mut file, _) = open(&path);
         file.keep(VesselCheckpoint::default());
         file.keep(occupied());
         drop(file);
-        assert_eq!(DeckFile::at(path.clone(), 1).1, occupied());
+        assert_eq!(open(&path).1, occupied());
         remove(&path);
     }
 
@@ -320,7 +483,7 @@ mod tests {
         ];
         for (name, bytes) in cases {
             fs::write(&path, bytes).unwrap();
-            let (_file, kept) = DeckFile::at(path.clone(), 1);
+            let (_file, kept) = open(&path);
             assert_eq!(kept.deck.closed, Some(Closure::CheckpointDamaged), "{name}");
         }
         remove(&path);
@@ -331,7 +494,7 @@ mod tests {
         let path = scratch("blocked");
         let blocked = path.join("vessel.deck");
         fs::write(&path, "a file in the place of the directory").unwrap();
-        let (mut file, _) = DeckFile::at(blocked, 1);
+        let (mut file, _) = open(&blocked);
         file.keep(occupied());
         let mut waits = 0;
         while file.error().is_none() && waits < 1000 {
@@ -350,7 +513,7 @@ mod tests {
     #[test]
     fn deck_file_takes_an_order_of_the_crew_once() {
         let path = scratch("order");
-        let (file, _) = DeckFile::at(path.clone(), 1);
+        let (file, _) = open(&path);
         let order = path.with_extension("order");
         replace(&order, &serde_json::to_vec(&DeckOrder::Closed).unwrap()).unwrap();
         assert_eq!(file.order(), Some(DeckOrder::Closed));

@@ -30,8 +30,9 @@ const DECK: usize = 5;
 const OPERATOR: usize = 6;
 const DRONES: usize = 7;
 const SURROUNDINGS: usize = 8;
+const RECEIPTS: usize = 9;
 /// The topics and how urgent they are; None is the report of the process.
-const PUBLICATIONS: [(Option<&Topic>, Urgency); 9] = [
+const PUBLICATIONS: [(Option<&Topic>, Urgency); 10] = [
     (Some(&topics::ESTIMATE), Urgency::State),
     (Some(&topics::WAVE), Urgency::Model),
     (Some(&topics::PREDICTION), Urgency::Model),
@@ -41,6 +42,7 @@ const PUBLICATIONS: [(Option<&Topic>, Urgency); 9] = [
     (Some(&topics::OPERATOR), Urgency::State),
     (Some(&topics::DRONES), Urgency::Status),
     (Some(&topics::SURROUNDINGS), Urgency::State),
+    (Some(&topics::RECEIPTS), Urgency::State),
 ];
 /// The subscriptions, in their order; the third is the status of drones.
 const TIME_REQUESTS: usize = 0;
@@ -118,6 +120,7 @@ impl VesselRadio {
             vessel,
             grant,
             commands,
+            receipts,
             statuses,
             events: _,
         } = out;
@@ -130,6 +133,7 @@ impl VesselRadio {
         self.send(SURROUNDINGS, &vessel.surroundings);
         if self.operators {
             self.send(DRONES, statuses);
+            self.send(RECEIPTS, receipts);
         }
     }
     /// The report of the process with the rates of the radio; sent, for people can wait, less often while only

@@ -10,7 +10,7 @@ use alight_shared::time::{Time, VesselClock};
 use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessState;
 use alight_shared::transport::rejections::{AccessRejection, AccessRejections};
-use alight_usv::deck::Closure;
+use alight_usv::deck::{Closure, Starved};
 use alight_usv::{ComputerIn, ComputerOut, KINDS, VesselNode};
 use serde::{Deserialize, Serialize};
 
@@ -38,6 +38,12 @@ pub struct DroneContact {
     pub entered: String,
     /// Its battery, 0 to 1.
     pub battery: f64,
+    /// Its motors are armed.
+    #[serde(default)]
+    pub armed: bool,
+    /// Landed and armed for longer than its disarm takes: since the landing, s.
+    #[serde(default)]
+    pub still_armed_s: Option<f32>,
 }
 
 /// The certificate.
@@ -100,6 +106,12 @@ pub struct SourceHealth {
     pub gated: u64,
     /// Rejected before the gates: too old, from the future, absurd.
     pub rejected: u64,
+    /// Of those, samples of an inertial sensor that repeats one for ever.
+    #[serde(default)]
+    pub stuck: u64,
+    /// It does so now.
+    #[serde(default)]
+    pub is_stuck: bool,
 }
 
 impl SourceHealth {
@@ -124,6 +136,8 @@ impl SourceHealth {
                 health.used += c.taken;
                 health.gated += c.gated;
                 health.rejected += c.rejected;
+                health.stuck += c.stuck;
+                health.is_stuck |= c.is_stuck;
             }
         }
         health
@@ -172,6 +186,12 @@ pub struct DeckStatus {
     pub owner_age_s: Option<f64>,
     /// Numbers that two drones have.
     pub doubles: Vec<u32>,
+    /// Drones that were switched on without a position.
+    #[serde(default)]
+    pub unplaced: Vec<u32>,
+    /// A drone with a low battery waits for a silent owner.
+    #[serde(default)]
+    pub starved: Option<Starved>,
     /// Drones that have not acknowledged an abort.
     pub aborts: Vec<u32>,
     /// Why its state would not outlive the process, if it would not.
@@ -189,6 +209,8 @@ impl DeckStatus {
             closed: arbiter.closed(now),
             owner_age_s: arbiter.owner_age_s(now).map(finite),
             doubles: arbiter.doubles().map(|(id, _)| id).collect(),
+            unplaced: arbiter.unplaced().collect(),
+            starved: arbiter.starved(now),
             aborts: relay.unacknowledged().collect(),
             ..DeckStatus::default()
         }
@@ -229,11 +251,21 @@ pub struct VesselStatus {
 }
 
 /// Where the process of this computer writes its status.
-fn own_path(computer: &VesselComputer) -> PathBuf {
+pub fn own_path(computer: &VesselComputer) -> PathBuf {
     let directory = Path::new(SERVICE_DIRECTORY);
     let of_service = std::env::var_os("TMPDIR").is_some_and(|t| Path::new(&t) == directory);
     let temporary = std::env::temp_dir();
     if of_service { directory } else { &temporary }.join(name(computer))
+}
+
+/// The status of the process that runs on this computer, and whether that is the installed service.
+pub fn existing(computer: &VesselComputer) -> Option<(PathBuf, bool)> {
+    let service = Path::new(SERVICE_DIRECTORY).join(name(computer));
+    if service.exists() {
+        return Some((service, true));
+    }
+    let by_hand = std::env::temp_dir().join(name(computer));
+    by_hand.exists().then_some((by_hand, false))
 }
 
 /// The name of a file of this computer's process.
@@ -249,10 +281,7 @@ fn name(computer: &VesselComputer) -> String {
 
 /// The status of this computer's vessel process; None when there is none.
 pub fn read(computer: &VesselComputer) -> Option<Result<VesselStatus, String>> {
-    let path = [Path::new(SERVICE_DIRECTORY).into(), std::env::temp_dir()]
-        .map(|d: PathBuf| d.join(name(computer)))
-        .into_iter()
-        .find(|p| p.exists())?;
+    let (path, _) = existing(computer)?;
     let doing = |e: &dyn std::fmt::Display| format!("reading {}: {e}", path.display());
     let read = || -> Result<VesselStatus, String> {
         if fs::metadata(&path).map_err(|e| doing(&e))?.len() > MAX_BYTES {
@@ -369,6 +398,8 @@ impl StatusFile {
                     state: s.message.state.name().to_owned(),
                     entered: s.message.entered.to_string(),
                     battery: finite(s.message.battery),
+                    armed: s.message.armed,
+                    still_armed_s: s.message.still_armed_s,
                 })
                 .collect(),
             estimator: EstimatorStatus {

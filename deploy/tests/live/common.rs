@@ -41,6 +41,12 @@ pub fn scratch(name: &str) -> PathBuf {
     std::env::temp_dir().join(format!("alight-{name}-{}", std::process::id()))
 }
 
+/// What the vessel's package leaves for the first start: an order to open its deck, on which nothing stands.
+pub fn open_deck(directory: &Path, sensors: &str) {
+    let port = sensors.rsplit(':').next().expect("a port");
+    std::fs::write(directory.join(format!("alight-vessel-{port}.order")), "\"open\"").expect("written");
+}
+
 /// A process whose standard input closes with its test, on which it ends.
 pub struct Running(pub Child);
 

@@ -125,6 +125,8 @@ impl Installed {
         for key in ["epoch_s", "offset_s", "drift_ppm"] {
             clocks.insert(key.into(), 0.0.into());
         }
+        let at = vessel.get("sensors").and_then(toml::Value::as_str);
+        common::open_deck(&directory, at.expect("an address"));
         for (name, computer) in [("vessel", &vessel), ("drone", &drone), ("world", &world)] {
             let text = toml::to_string(computer).expect("TOML");
             std::fs::write(directory.join(format!("{name}.toml")), text).expect("written");

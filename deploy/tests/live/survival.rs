@@ -29,11 +29,10 @@ impl Vessel {
         std::fs::create_dir_all(&directory).expect("made");
         let config = directory.join("vessel.toml");
         let endpoint = format!("udp/{}", free_udp());
-        let text = format!(
-            "sensors = \"127.0.0.1:{}\"\n[radio]\nlisten = [\"{endpoint}\"]\n",
-            free_port()
-        );
+        let sensors = format!("127.0.0.1:{}", free_port());
+        let text = format!("sensors = \"{sensors}\"\n[radio]\nlisten = [\"{endpoint}\"]\n");
         std::fs::write(&config, text).expect("written");
+        common::open_deck(&directory, &sensors);
         Vessel {
             directory,
             config,

@@ -11,7 +11,7 @@ use super::{
 };
 use crate::autopilot_parameters::{REQUESTS, numbered};
 use crate::geodesy::Datum;
-use crate::time::{Clock, DroneClock, Time};
+use crate::time::{Clock, DroneClock, Time, VesselClock};
 use crate::topics;
 
 /// States of the landing mission (Procházka et al., section IV).
@@ -157,7 +157,7 @@ pub enum ReasonCode {
     /// The drone tilts beyond what was commanded, rad: its autopilot loses the attitude.
     TiltExcess,
     /// A parameter of the autopilot must be another: its value; the limit is its number in
-    /// [`crate::autopilot_parameters::PARAMETERS`].
+    /// [`crate::autopilot_parameters`].
     AutopilotParameter,
     /// A parameter of the autopilot was not reported: requests so far; the limit is its number, as above.
     AutopilotParameterUnknown,
@@ -458,6 +458,42 @@ pub struct OperatorCommand<C: Clock> {
 message!(@C OperatorCommand<C>, C, |m| {});
 restamped!(OperatorCommand { kind });
 
+/// How far an operator's command has come at the vessel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[repr(u8)]
+#[serde(rename_all = "snake_case")]
+pub enum CommandProgress {
+    /// Repeated to the drone, which has not shown that it has taken it: an abort for as long as that takes.
+    #[default]
+    Pending,
+    /// A status of the drone that came after it shows it; of an abort its own echo.
+    Taken,
+    /// The drone did not take it in time.
+    GivenUp,
+    /// Not passed on: an abort that the operator may not know of was pending, or given just before.
+    Forbidden,
+    /// A newer command for the drone came.
+    Replaced,
+    /// Known from before a restart of the vessel, and not repeated any more.
+    Unknown,
+}
+
+/// What the vessel tells an operator of one command.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct CommandReceipt {
+    /// Identity of the vessel, the drone that the command is for, and the time of this progress.
+    pub header: Header<VesselClock>,
+    /// Boot and sequence of the operator's message: the vessel's own repetitions have others.
+    pub operator: [u32; 2],
+    /// What was commanded.
+    pub kind: CommandKind,
+    /// How far it has come.
+    pub progress: CommandProgress,
+}
+
+message!(CommandReceipt, VesselClock, |m| {});
+
 impl CommandKind {
     /// Whether a mission that stands so, and waits for this, has done what was commanded.
     pub fn is_met(self, state: State, waiting: ReasonCode) -> bool {
@@ -512,6 +548,15 @@ pub struct DroneStatus {
     pub deck_distance_m: Option<f32>,
     /// Boot and sequence of the newest abort that the mission has received.
     pub abort: Option<[u32; 2]>,
+    /// The motors are armed, by the autopilot's newest report.
+    pub armed: bool,
+    /// Landed and armed for longer than the disarm on the deck takes: since the landing, s.
+    pub still_armed_s: Option<f32>,
+}
+
+/// What to do about a drone that is on the deck and armed, as people read it after its subject.
+pub fn still_armed(for_s: f32) -> String {
+    format!("landed and still ARMED for {for_s:.0} s: disarm by remote control")
 }
 
 impl DroneStatus {
@@ -533,6 +578,7 @@ impl DroneStatus {
 message!(DroneStatus, DroneClock, |m| {
     FRACTION.contains(&m.battery) => "battery",
     m.deck_distance_m.is_none_or(|d| d >= 0.0) => "deck_distance_m",
+    m.still_armed_s.is_none_or(|s| s >= 0.0) => "still_armed_s",
 });
 message!(MissionState, DroneClock, |m| {
     within(&m.hold_position, MAX_POSITION_M) && within([&m.hold_yaw], 50.0) => "hold_position",

@@ -53,8 +53,8 @@ pub use grant::{DECK_CLOSED, DeckGrant, OWNER_ONLY_M, PLACES, WAITING_DISTANCE_M
 /// Numbers of which three digits suffice.
 pub use half::f16;
 pub use mission::{
-    BatteryPlace, Command, CommandKind, DroneStatus, MissionCheckpoint, MissionState, OperatorCommand, Phase,
-    Reason, ReasonCode, State,
+    BatteryPlace, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, MissionCheckpoint,
+    MissionState, OperatorCommand, Phase, Reason, ReasonCode, State, still_armed,
 };
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use seq::Seq;

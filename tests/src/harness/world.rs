@@ -17,7 +17,8 @@ use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime};
 use alight_shared::topics::TIME_REQUEST;
 use alight_shared::wire;
-use alight_uav::autopilot::{AutopilotIn, AutopilotLink};
+use alight_uav::autopilot::config::DisarmConfig;
+use alight_uav::autopilot::{AutopilotIn, AutopilotLink, still_armed_s};
 use alight_uav::camera::node::CameraIdentity;
 use alight_uav::mission::{Mission, MissionConfig, MissionIn, MissionOut};
 use alight_uav::pilot::{Output, Pilot, PilotIn};
@@ -626,6 +627,9 @@ impl DroneComputer {
             landed: autopilot.landed,
             deck_distance_m,
             abort: mission.abort,
+            armed: autopilot.armed,
+            still_armed_s: still_armed_s(header.at, mission, autopilot.armed, &DisarmConfig::default())
+                .map(|s| s as f32),
         }
     }
 }

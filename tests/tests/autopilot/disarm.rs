@@ -51,13 +51,17 @@ fn denied_disarm_is_tried_a_bounded_number_of_times_and_reported_to_a_person() {
     let mut p = pressed(Firmware::Px4, &c);
     p.linked.autopilot.answer = Some(CommandResult::Denied);
     p.pilot = Some(stop);
+    p.mission = State::Landed;
     p.run(20.0);
     assert_eq!(p.commands_of(command::ARM_DISARM).len(), c.disarm.tries as usize);
     assert!(
-        p.texts.iter().any(|t| t.contains("disarm it by hand")),
+        p.texts
+            .iter()
+            .any(|t| t.contains("still armed after 10 commands")),
         "{:?}",
         p.texts
     );
+    assert_eq!(still_armed(&p), ["3 s", "13 s"]);
     // It stays on the deck with its thrust off: set-points go on.
     assert!(p.sent_since(p.t_s - 0.1) > 3 && p.on_deck);
 }
@@ -109,8 +113,19 @@ fn disarm_can_be_left_to_a_person() {
     c.disarm.on_deck = false;
     let mut p = pressed(Firmware::Px4, &c);
     p.pilot = Some(stop);
+    p.mission = State::Landed;
     p.run(5.0);
     assert!(p.commands_of(command::ARM_DISARM).is_empty() && p.linked.autopilot.armed() && p.on_deck);
+    assert_eq!(still_armed(&p), ["3 s"], "somebody has to do it");
+}
+
+/// For how long a person was told that the drone is landed and still armed.
+fn still_armed(p: &Rig) -> Vec<String> {
+    let text = |t: &String| {
+        let after = t.strip_prefix("landed and still ARMED for ")?;
+        Some(after.strip_suffix(": disarm by remote control")?.to_owned())
+    };
+    p.texts.iter().filter_map(text).collect()
 }
 
 #[test]

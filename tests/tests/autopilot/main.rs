@@ -6,6 +6,7 @@ mod arbitrary;
 mod checkpoint;
 mod disarm;
 mod firmwares;
+mod home;
 mod landings;
 mod restarts;
 mod rig;

@@ -55,6 +55,9 @@ pub struct Rig {
     pub on_deck: bool,
     pub pilot: Option<Pilot>,
     pub mission: State,
+    /// When that state was entered.
+    since: Time<DroneClock>,
+    told: State,
     /// The mission says nothing any more.
     pub mission_silent: bool,
     pub low_battery: Option<BatteryPlace>,
@@ -132,6 +135,8 @@ impl Rig {
             on_deck: false,
             pilot: Some(hold),
             mission: State::Idle,
+            since: Time::EPOCH,
+            told: State::Idle,
             mission_silent: false,
             low_battery: None,
             forecast: true,
@@ -227,6 +232,9 @@ impl Rig {
         let mut input = AutopilotIn::default();
         self.sequence += 1;
         let header = Header::new(1, 1, 1, self.sequence, now);
+        if self.told != self.mission {
+            (self.told, self.since) = (self.mission, now);
+        }
         if self.sequence.is_multiple_of(2) {
             input.set_point = self
                 .newest
@@ -235,6 +243,7 @@ impl Rig {
             let mission = MissionState {
                 header,
                 state: self.mission,
+                since: self.since,
                 low_battery: self.low_battery,
                 waiting: Reason::plain(if self.waits_for_flight {
                     ReasonCode::NotFlying

@@ -1,13 +1,21 @@
 //! The deck for other users of the link, when that is configured: `LANDING_TARGET` and a list of numbers.
 
+use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::msg::{DeckStage, SetPoint, SetPointKind};
 use alight_shared::time::Span;
 use alight_shared::topics;
-use nalgebra::UnitQuaternion;
+use nalgebra::{UnitQuaternion, Vector3};
 
-use super::message::Message;
+use super::message::command::SET_HOME;
+use super::message::{CommandLong, Message};
 use super::{AutopilotLink, AutopilotOut, DroneTime};
 
+/// Home is sent when the deck is further than this from the one sent before, m: the errors of two receivers.
+const HOME_MOVED_M: f64 = 5.0;
+/// ... at most this often ...
+const HOME_PERIOD: Span = Span::from_millis(5_000);
+/// ... and again after this long: autopilots set home themselves when they are armed, and a command may be lost.
+const HOME_REPEAT: Span = Span::from_millis(30_000);
 /// Time between two messages.
 const DECK_PERIOD: Span = Span::from_millis(100);
 
@@ -48,5 +56,27 @@ impl AutopilotLink {
             time_us,
             values: [position, velocity, d.euler, d.euler_rates, d.position_sd],
         });
+    }
+    /// Sends the deck's place as home, where that is configured. The command's single precision is half a metre of it.
+    pub(super) fn send_home(&mut self, now: DroneTime, out: &mut AutopilotOut) {
+        let fresh = self.forecast.fresh(now, topics::FORECAST.stale_after).is_some();
+        let (Some(datum), Some(geoid_m), Some(peer)) = (self.datum, self.geoid_m, &self.peer) else {
+            return;
+        };
+        let Some(deck) = self.deck(now).filter(|_| self.config.send_home && fresh) else {
+            return;
+        };
+        let place = datum.at(&Vector::<DroneNed>::from(Vector3::from(deck.position)));
+        let due = self.home.is_none_or(|(at, sent)| {
+            let age = now - at;
+            age >= HOME_REPEAT || age >= HOME_PERIOD && place.distance_m(&sent) > HOME_MOVED_M
+        });
+        if !due {
+            return;
+        }
+        let (lat, lon, height_m) = (place.latitude_deg, place.longitude_deg, place.height_m - geoid_m);
+        let command = CommandLong::new(peer.address, SET_HOME, [0.0, 0.0, 0.0, 0.0, lat, lon, height_m]);
+        out.messages.push(Message::Command(command));
+        self.home = Some((now, place));
     }
 }

@@ -8,11 +8,15 @@
 
 use core::fmt;
 
+use alight_shared::msg::{MissionState, State};
 use alight_shared::time::Span;
 use serde::{Deserialize, Serialize};
 
 use super::DroneTime;
 use super::config::DisarmConfig;
+
+/// Without the pilot's set-points the evidence must hold for so long, s: several time constants of its figures.
+pub(crate) const HOLD_ALONE_S: f64 = 0.2;
 
 /// What is known of the contact, apart from the pilot's touchdown detection.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -167,10 +171,52 @@ impl DisarmSequence {
     }
 }
 
+impl DisarmConfig {
+    /// The longest time from the pilot's touchdown to the answer to the last command, s:
+    /// `evidence_timeout_s + hold_s + tries pause_s`.
+    pub fn longest_s(&self) -> f64 {
+        self.evidence_timeout_s + self.hold_s.max(HOLD_ALONE_S) + f64::from(self.tries) * self.pause_s
+    }
+}
+
+/// Since the landing, s, of a drone that is landed and armed for longer than the disarm takes: all commands were denied,
+/// or `disarm.on_deck` is off. A mission leaves `Landed` when the drone, disarmed in between, is armed again.
+pub fn still_armed_s(now: DroneTime, mission: &MissionState, armed: bool, c: &DisarmConfig) -> Option<f64> {
+    let landed_s = (now - mission.since).secs();
+    (armed && mission.state == State::Landed && landed_s > c.longest_s()).then_some(landed_s)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use alight_shared::time::Time;
+
+    #[test]
+    fn armed_drone_on_the_deck_after_the_sequence() {
+        let c = DisarmConfig::default();
+        // The last command is the pause before the end, and has been answered then.
+        let mut d = DisarmSequence::default();
+        let within = ((c.longest_s() - c.pause_s) * 1e3) as i64;
+        assert_eq!(commands(&mut d, 0, within, &ON_DECK, &c), c.tries);
+        let landed = MissionState {
+            state: State::Landed,
+            since: Time::from_secs(10.0),
+            ..MissionState::default()
+        };
+        let after = |s: f64, m: &MissionState, armed, c: &DisarmConfig| {
+            still_armed_s(Time::from_secs(10.0 + s), m, armed, c).map(|s| s.round())
+        };
+        assert_eq!(after(c.longest_s() - 0.1, &landed, true, &c), None);
+        assert_eq!(after(14.0, &landed, true, &c), Some(14.0));
+        assert_eq!(after(14.0, &landed, false, &c), None);
+        let off = DisarmConfig { on_deck: false, ..c };
+        assert_eq!(after(14.0, &landed, true, &off), Some(14.0));
+        let flies = MissionState {
+            state: State::Hold,
+            ..landed
+        };
+        assert_eq!(after(14.0, &flies, true, &c), None);
+    }
 
     const ON_DECK: ContactEvidence = ContactEvidence {
         landing: true,

@@ -70,6 +70,8 @@ pub mod id {
 pub mod command {
     /// `MAV_CMD_DO_SET_MODE`.
     pub const SET_MODE: u16 = 176;
+    /// `MAV_CMD_DO_SET_HOME`: latitude and longitude, deg, and height above the sea, m, in the last three parameters.
+    pub const SET_HOME: u16 = 179;
     /// `MAV_CMD_COMPONENT_ARM_DISARM`.
     pub const ARM_DISARM: u16 = 400;
     /// `MAV_CMD_SET_MESSAGE_INTERVAL`.

@@ -30,7 +30,7 @@ pub mod wire;
 
 pub use authority::ControlAuthority;
 pub use config::{AutopilotLinkConfig, Diversion};
-pub use disarm::DisarmInhibit;
+pub use disarm::{DisarmInhibit, still_armed_s};
 
 use std::collections::VecDeque;
 
@@ -66,6 +66,8 @@ const MAX_TEXTS: usize = 8;
 const MAX_TIMESYNC_REQUESTS: usize = 16;
 /// Our heartbeat's period (MAVLink's usual).
 const HEARTBEAT: Span = Span::from_millis(1000);
+/// Period of the report of a drone that is landed and still armed.
+const STILL_ARMED: Span = Span::from_millis(10_000);
 /// Period of the autopilot's state to the other nodes.
 const STATE: Span = Span::from_millis(100);
 /// What confirms or forbids our command takes no longer: several heartbeats and requests.
@@ -144,6 +146,7 @@ struct Timers {
     deck: Periodic<DroneClock>,
     origin: Periodic<DroneClock>,
     checkpoint: Periodic<DroneClock>,
+    armed: Periodic<DroneClock>,
 }
 
 /// The link's node.
@@ -196,6 +199,8 @@ pub struct AutopilotLink {
     set_points: u32,
     low_since: Option<DroneTime>,
     diversions: u32,
+    /// When home was sent, and which.
+    home: Option<(DroneTime, Datum)>,
     arm_tries: u32,
     timers: Timers,
 }
@@ -405,8 +410,10 @@ impl Node for AutopilotLink {
         self.divert(now, &mut out);
         self.send_set_point(now, new, &mut out);
         self.arm(now, &mut out);
+        self.report_armed(now, &mut out);
         self.send_periodic(now, &mut out);
         self.publish_deck(now, &mut out);
+        self.send_home(now, &mut out);
 
         let after = (self.mode_and_frame(), self.control_authority());
         if after.1 != before.1 {

@@ -3,7 +3,7 @@
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{
     AutopilotMode, BatteryPlace, Header, LandedState, MissionState, Motors, PlanStage, ReasonCode, SetPoint,
-    SetPointKind, State,
+    SetPointKind, State, still_armed,
 };
 use alight_shared::time::Span;
 use alight_shared::topics;
@@ -13,7 +13,7 @@ use super::config::{DisarmConfig, Diversion};
 use super::disarm::{self, ContactEvidence, DisarmDecision};
 use super::message::{Address, AttitudeTarget, CUSTOM_MODE, CommandLong, Message, PositionTarget, command};
 use super::modes::Firmware;
-use super::{AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, thrust};
+use super::{AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, STILL_ARMED, thrust};
 use crate::pilot::steer;
 
 /// The pilot's set-point is repeated this often while no newer one comes, s: 50 Hz.
@@ -22,8 +22,6 @@ const REPEAT_S: f64 = 0.02;
 const OFFER_WITHIN_M: f64 = 3.0;
 /// A range counts as evidence for so long.
 const RANGE_STALE: Span = Span::from_millis(200);
-/// Without the pilot's set-points the evidence must hold for so long, s: several time constants of its figures.
-const HOLD_ALONE_S: f64 = 0.2;
 /// Thrust with which a link that began on the deck presses while it looks for the evidence, as a fraction of hover.
 const PRESS_OF_HOVER: f64 = 0.5;
 /// The drone climbs by this when it is not on the deck although the pilot reports so, m.
@@ -161,7 +159,7 @@ impl AutopilotLink {
     fn lasting(&self) -> DisarmConfig {
         let c = self.config.disarm;
         DisarmConfig {
-            hold_s: c.hold_s.max(HOLD_ALONE_S),
+            hold_s: c.hold_s.max(disarm::HOLD_ALONE_S),
             height_m: c.height_m.min(disarm::PRESS_BELOW_BLIND_M),
             ..c
         }
@@ -182,8 +180,18 @@ impl AutopilotLink {
         }));
         if sent == self.config.disarm.tries {
             out.texts.push(format!(
-                "still armed after {sent} commands to disarm on the deck: disarm it by hand"
+                "still armed after {sent} commands to disarm on the deck: disarm by remote control"
             ));
+        }
+    }
+
+    /// Whoever watches learns that the drone stands on the deck with running motors, for as long as it does.
+    pub(super) fn report_armed(&mut self, now: DroneTime, out: &mut AutopilotOut) {
+        let armed = self.peer.as_ref().is_some_and(|p| p.armed);
+        let mission = self.fresh_mission(now);
+        let still_s = mission.and_then(|m| disarm::still_armed_s(now, m, armed, &self.config.disarm));
+        if let Some(s) = still_s.filter(|_| self.timers.armed.is_due_spaced(now, STILL_ARMED)) {
+            out.texts.push(still_armed(s as f32));
         }
     }
 

@@ -2,8 +2,14 @@
 //!
 //! Every drone reports the state of its mission ([`DroneStatus`], 2 Hz); the arbiter publishes who owns the
 //! deck ([`DeckGrant`], 2 Hz and at each change). A drone requests the deck by approaching it. It owns the
-//! deck until there is evidence that it has left: it reports from a distance, or the crew says so.
-//! Silence is no evidence: a drone that was granted the deck may have landed and been switched off.
+//! deck until there is evidence that it has left: for seconds it reports itself armed, in the air and at a distance, or the
+//! crew says so ([`claim`]). One status is no evidence, and silence is none: a drone that was granted the deck may have
+//! landed and been switched off, and its radio may fail in one direction, so that it lands unheard. So no silence is long
+//! enough to give the deck to another without a person; while another waits with a low battery the arbiter raises an alarm
+//! ([`Starved`]), and who waits lands at the next place of its own order.
+//!
+//! A drone that is switched on without a position may stand on the deck. Nobody is given the deck until it reports its place;
+//! it takes the deck from nobody.
 //!
 //! Every drone in the air gets a waiting place of its own, beside the deck. Within [`OWNER_ONLY_M`] of the deck there is
 //! its owner alone: nobody is given the deck before the owner before it is beyond that. A silent drone keeps its place.
@@ -12,18 +18,21 @@
 //! Digital inputs close it too, where configured ([`DeckInputs`]): the crew's switch, and a sensor of what lies on the
 //! deck that is no drone's weight. They free it of nobody, and one that is not read any more closes it.
 
+use core::fmt;
+
 use alight_shared::admission::check_message;
 use alight_shared::config;
-use alight_shared::msg::{
-    DECK_CLOSED, DeckGrant, DroneStatus, Header, LandedState, OWNER_ONLY_M, PLACES, State,
-};
+use alight_shared::msg::{DECK_CLOSED, DeckGrant, DroneStatus, Header, LandedState, PLACES, State};
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
+mod claim;
+
 use super::MAX_DRONES;
 use super::checkpoint::{Claim, Closure, DeckCheckpoint, DeckOrder, DroneClaim};
+use claim::Evidence;
 
 /// Time between two grants without a change.
 const PERIOD: Span = Span::from_millis(500);
@@ -36,10 +45,9 @@ const RESTART_SILENCE: Span = Span::from_millis(1500);
 const RIVAL_TIMEOUT: Span = Span::from_millis(10_000);
 /// Alternations of two senders with one number until they count as two: late packets of a former start make one.
 const MIN_ALTERNATIONS: u32 = 2;
-/// A drone on the ground within this distance of the deck's centre stands on it, m: two GNSS receivers and half a deck.
-const ON_DECK_M: f32 = 5.0;
-/// One beyond this distance does not, and has left the owner's surroundings, m.
-const FAR_M: f32 = OWNER_ONLY_M as f32;
+/// A battery below this is low for a drone that waits, 0 to 1: half as much again as the mission's reserve, so that the
+/// crew has time to look.
+const LOW_BATTERY: f64 = 0.3;
 
 config! {
     /// When the deck changes its owner.
@@ -76,8 +84,44 @@ struct Drone {
     inside: bool,
     place: Option<usize>,
     rival: Option<Rival>,
-    /// In descent, not in flare: it does not stand on the deck yet.
+    /// In descent, not in flare, or in the air after one: it does not stand on the deck.
     descends: bool,
+    /// Was switched on without a position, and has not reported one since: may stand on the deck.
+    unplaced: bool,
+    /// What ends its claim, or that it is unplaced.
+    evidence: Option<Evidence>,
+    /// Its newest status itself has it at the deck.
+    at_deck: bool,
+    /// Of its newest status it is armed and in the air.
+    flies: bool,
+    /// 0 to 1; 0 when it is not known.
+    battery: f64,
+}
+
+/// The owner is silent for longer than a landing takes while another drone waits for the deck with a low battery.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Starved {
+    /// The owner.
+    pub owner: u32,
+    /// Since its newest status, s.
+    pub silent_s: f64,
+    /// The one that waits; of several the one with the least battery.
+    pub waiting: u32,
+    /// Its battery, 0 to 1.
+    pub battery: f64,
+}
+
+impl fmt::Display for Starved {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "drone {} has the deck and is silent for {:.0} s, and drone {} waits for it with {:.0} % of its battery",
+            self.owner,
+            self.silent_s,
+            self.waiting,
+            100.0 * self.battery
+        )
+    }
 }
 
 /// Another sender with the same number: the drone itself started anew, or a second drone.
@@ -132,33 +176,6 @@ impl Drone {
         });
         restarted
     }
-}
-
-impl Claim {
-    fn of(status: &DroneStatus, before: Claim) -> Claim {
-        let near = status.deck_distance_m.is_some_and(|d| d <= ON_DECK_M);
-        let was_there = before >= Claim::Landing;
-        match (status.state, status.landed) {
-            (State::Landed, _) if !is_far(status) => Claim::OnDeck,
-            (State::Descent | State::Flare, _) => Claim::Landing,
-            (State::GetAltitude | State::Approach | State::TrackingStable, _) => Claim::Requesting,
-            (State::Tracking, _) => Claim::Above,
-            // Carried off.
-            _ if is_far(status) => Claim::Away,
-            // Parked, switched on again, or its landing was given up when it stood already.
-            (_, LandedState::OnGround) if was_there || near => Claim::OnDeck,
-            // A mission that began anew knows less than it did.
-            (State::Idle, LandedState::Unknown) if was_there => before,
-            (
-                State::Idle | State::Landed | State::Hold | State::GaveUp,
-                LandedState::Unknown | LandedState::OnGround | LandedState::InAir,
-            ) => Claim::Away,
-        }
-    }
-}
-
-fn is_far(status: &DroneStatus) -> bool {
-    status.deck_distance_m.is_some_and(|d| d > FAR_M)
 }
 
 /// Levels of the digital inputs that were read since the last step; None: not read, unreadable or not configured.
@@ -277,6 +294,32 @@ impl DeckArbiter {
     pub fn rejected(&self) -> u64 {
         self.rejected
     }
+    /// Drones that were switched on without a position: nobody is given the deck until they report one.
+    pub fn unplaced(&self) -> impl Iterator<Item = u32> {
+        let unplaced = |d: &&Drone| d.unplaced;
+        self.drones.iter().filter(unplaced).map(|d| d.header.drone)
+    }
+    /// Whether a person has to look, because a drone with a low battery waits for a silent owner.
+    pub fn starved(&self, now: Time<VesselClock>) -> Option<Starved> {
+        let owner = self.drones.iter().find(|d| self.owner == Some(d.header.drone))?;
+        let silent_s = (now - owner.received).secs();
+        // Whatever it had begun without a radio has ended since.
+        if silent_s <= self.config.status_timeout_s {
+            return None;
+        }
+        let waits = |d: &&Drone| {
+            let low = d.battery > 0.0 && d.battery < LOW_BATTERY;
+            d.claim == Claim::Requesting && low && d.is_fresh(now) && d.header.drone != owner.header.drone
+        };
+        let waiting = self.drones.iter().filter(waits);
+        let lowest = waiting.min_by(|a, b| a.battery.total_cmp(&b.battery))?;
+        Some(Starved {
+            owner: owner.header.drone,
+            silent_s,
+            waiting: lowest.header.drone,
+            battery: lowest.battery,
+        })
+    }
     /// What the next start of the process begins with.
     pub fn checkpoint(&self) -> DeckCheckpoint {
         let kept =
@@ -286,7 +329,7 @@ impl DeckArbiter {
             boot: d.header.boot,
             claim: d.claim,
             place: d.place,
-            inside: d.inside,
+            inside: d.inside || d.unplaced,
         });
         DeckCheckpoint {
             owner: self.owner,
@@ -309,6 +352,11 @@ impl DeckArbiter {
             place: c.place,
             rival: None,
             descends: false,
+            unplaced: false,
+            evidence: None,
+            at_deck: false,
+            flies: false,
+            battery: 0.0,
         });
         self.drones = drones.collect();
     }
@@ -331,14 +379,26 @@ impl DeckArbiter {
             self.rejected = self.rejected.saturating_add(1);
             return;
         }
-        let claim = Claim::of(status, before.map_or(Claim::Away, |d| d.claim));
+        let former = before.map_or(Claim::Away, |d| d.claim);
+        let begins = before.is_none_or(|d| d.header.boot != h.boot);
+        let shows = if former >= Claim::Landing {
+            claim::shows_departure(status)
+        } else {
+            claim::shows_place(status)
+        };
+        let evidence = Evidence::with(before.filter(|_| !begins).and_then(|d| d.evidence), now, shows);
+        let sustained = evidence.is_some_and(|e| e.is_sustained());
+        let claim = Claim::of(status, former, sustained);
+        let parked = status.deck_distance_m.is_none() && !claim::flies(status);
+        let was_unplaced = before.is_some_and(|d| d.unplaced) && !sustained;
+        let unplaced = claim == Claim::Away && (was_unplaced || begins && parked);
         let was_inside = before.is_some_and(|d| d.inside);
         let on_ground = claim == Claim::Away && status.landed == LandedState::OnGround;
         let inside = match status.deck_distance_m {
             _ if claim >= Claim::Landing => true,
             _ if on_ground => false,
             // Until it knows that it gave way it may yet fly in.
-            Some(_) => !is_far(status) || was_inside && self.may_be_unknown(now),
+            Some(_) => !claim::is_far(status) || was_inside && self.may_be_unknown(now),
             None => was_inside,
         };
         let place = before
@@ -355,7 +415,14 @@ impl DeckArbiter {
             inside,
             place: place.filter(|_| !on_ground),
             rival: known.and_then(|d| d.rival),
-            descends: status.state == State::Descent,
+            descends: status.state == State::Descent
+                || Claim::reported(status) < Claim::Landing && claim::flies(status),
+            unplaced,
+            // What ended one claim is no evidence against the next.
+            evidence: evidence.filter(|_| (claim >= Claim::Landing) == (former >= Claim::Landing)),
+            at_deck: Claim::is_at_deck(status),
+            flies: claim::flies(status),
+            battery: status.battery,
         };
         match index.and_then(|k| self.drones.get_mut(k)) {
             Some(slot) => *slot = drone,
@@ -372,8 +439,14 @@ impl DeckArbiter {
                 // Whoever is silent and stands there, the crew does not see; one that waits in the air keeps its place.
                 self.drones
                     .retain(|d| d.is_fresh(now) || d.claim < Claim::Landing);
-                for d in self.drones.iter_mut().filter(|d| !d.is_fresh(now)) {
-                    (d.claim, d.inside) = (Claim::Away, false);
+                for d in &mut self.drones {
+                    d.unplaced = false;
+                    if !d.is_fresh(now) {
+                        (d.claim, d.inside) = (Claim::Away, false);
+                    } else if d.claim >= Claim::Landing && !d.at_deck {
+                        // Neither it nor the crew has it there.
+                        (d.claim, d.inside) = (Claim::Away, d.inside && d.flies);
+                    }
                 }
             }
         }
@@ -393,7 +466,8 @@ impl DeckArbiter {
         let owner = self.owner;
         let owns = |d: &Drone| owner == Some(d.header.drone);
         self.drones.retain(|d| {
-            let holds = owns(d) || d.claim >= Claim::Landing || d.inside || d.place.is_some();
+            let remembered = d.claim >= Claim::Landing || d.inside || d.unplaced;
+            let holds = owns(d) || remembered || d.place.is_some();
             holds || (now - d.received).secs() <= c.status_timeout_s
         });
         let (drones, open) = (|| self.drones.iter(), self.closed(now).is_none());
@@ -411,8 +485,11 @@ impl DeckArbiter {
         // One that is silent may be on its way down; one that goes elsewhere climbs first.
         let idle = |d: &Drone| d.is_fresh(now) && (now - d.since).secs() > c.idle_timeout_s;
         let current = drones().find(|d| owns(d) && (d.claim > Claim::Away || d.inside));
-        // Nobody is given the deck while another may be above it, or may not know yet that it lost it.
-        let free = |next: &&Drone| !drones().any(|d| d.inside && d.header.drone != next.header.drone);
+        // Nobody is given the deck while another may be above or on it, or may not know yet that it lost it.
+        let free = |next: &&Drone| {
+            let may_be_there = |d: &Drone| d.inside || d.unplaced;
+            !drones().any(|d| may_be_there(d) && d.header.drone != next.header.drone)
+        };
         let ready =
             self.began.is_some_and(|t| (now - t).secs() >= c.startup_hold_s) && !self.may_be_unknown(now);
         let assigned = match current {

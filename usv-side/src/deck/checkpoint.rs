@@ -28,6 +28,10 @@ pub enum Closure {
     Switch,
     /// By its sensor something lies on it that is no drone, or the sensor cannot be read.
     Sensor,
+    /// There is no checkpoint: who stands on it is not known.
+    CheckpointMissing,
+    /// Its checkpoint cannot be written, so that what was found may be older than what happened.
+    CheckpointUnwritable,
 }
 
 /// What a drone has to do with the deck.
@@ -73,10 +77,10 @@ pub struct DeckCheckpoint {
 }
 
 impl DeckCheckpoint {
-    /// In the place of one that cannot be read.
-    pub fn damaged() -> DeckCheckpoint {
+    /// In the place of one that is missing or cannot be read: nobody is known, so the deck is closed.
+    pub fn unknown(closure: Closure) -> DeckCheckpoint {
         DeckCheckpoint {
-            closed: Some(Closure::CheckpointDamaged),
+            closed: Some(closure),
             ..DeckCheckpoint::default()
         }
     }

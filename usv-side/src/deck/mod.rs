@@ -6,7 +6,7 @@ pub mod checkpoint;
 pub mod monitor;
 pub mod operator;
 
-pub use arbiter::{ArbiterIn, ArbiterOut, DeckArbiter, DeckConfig, DeckInputs};
+pub use arbiter::{ArbiterIn, ArbiterOut, DeckArbiter, DeckConfig, DeckInputs, Starved};
 pub use checkpoint::{Claim, Closure, DeckCheckpoint, DeckOrder, DroneClaim, GivenCommand};
 pub use monitor::DroneMonitor;
 pub use operator::{OperatorIn, OperatorOut, OperatorRelay};

@@ -8,6 +8,15 @@ use alight_shared::time::VesselClock;
 
 use super::MAX_DRONES;
 
+/// What a status changes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct News {
+    /// The mission's state is another than before.
+    pub(crate) state: bool,
+    /// For the first time the drone is landed and armed for longer than its disarm takes: since its landing, s.
+    pub(crate) still_armed: Option<f32>,
+}
+
 /// The newest status of each drone, with its arrival.
 #[derive(Clone, Debug)]
 pub struct DroneMonitor {
@@ -29,8 +38,8 @@ impl DroneMonitor {
             rejected: 0,
         }
     }
-    /// A status arrived; true when the mission's state is another than before.
-    pub(crate) fn observe(&mut self, status: &Arrival<VesselClock, DroneStatus>) -> bool {
+    /// A status arrived: what people are to know of it.
+    pub(crate) fn observe(&mut self, status: &Arrival<VesselClock, DroneStatus>) -> News {
         let new = &status.message;
         let header = &new.header;
         let before = self.drones.get(&header.drone).map(|s| &s.message);
@@ -38,13 +47,18 @@ impl DroneMonitor {
         let full = before.is_none() && self.drones.len() >= MAX_DRONES;
         if check_message(new).is_err() || header.vessel != self.vessel || repeated || full {
             self.rejected += 1;
-            return false;
+            return News::default();
         }
-        let changed = before.is_none_or(|s| s.state != new.state);
+        let news = News {
+            state: before.is_none_or(|s| s.state != new.state),
+            still_armed: new
+                .still_armed_s
+                .filter(|_| before.is_none_or(|s| s.still_armed_s.is_none())),
+        };
         self.received += 1;
         self.newest = Some(header.drone);
         self.drones.insert(header.drone, *status);
-        changed
+        news
     }
     /// Every drone's newest status, with its arrival.
     pub fn statuses(&self) -> impl Iterator<Item = &Arrival<VesselClock, DroneStatus>> {
@@ -88,8 +102,8 @@ mod tests {
     #[test]
     fn drone_monitor_counts_and_reports_each_state_once() {
         let mut monitor = DroneMonitor::new(1);
-        assert!(monitor.observe(&status(1, 4, 1, State::Tracking)));
-        assert!(!monitor.observe(&status(1, 4, 2, State::Tracking)));
+        assert!(monitor.observe(&status(1, 4, 1, State::Tracking)).state);
+        assert!(!monitor.observe(&status(1, 4, 2, State::Tracking)).state);
         let mut nan = status(1, 4, 3, State::Landed);
         nan.message.battery = f64::NAN;
         let mut version = status(1, 4, 3, State::Landed);
@@ -97,15 +111,24 @@ mod tests {
         let foreign = status(2, 4, 3, State::Landed);
         let repeated = status(1, 4, 2, State::Landed);
         for bad in [foreign, repeated, nan, version] {
-            assert!(!monitor.observe(&bad));
+            assert!(!monitor.observe(&bad).state);
         }
         // Another drone between two statuses of one is no change of state.
-        assert!(monitor.observe(&status(1, 5, 1, State::Idle)));
-        assert!(!monitor.observe(&status(1, 4, 3, State::Tracking)));
-        assert!(monitor.observe(&status(1, 4, 4, State::Landed)));
+        assert!(monitor.observe(&status(1, 5, 1, State::Idle)).state);
+        assert!(!monitor.observe(&status(1, 4, 3, State::Tracking)).state);
+        assert!(monitor.observe(&status(1, 4, 4, State::Landed)).state);
         assert_eq!((monitor.received(), monitor.rejected()), (5, 4));
+        let armed = |sequence, still_armed_s| {
+            let mut armed = status(1, 4, sequence, State::Landed);
+            armed.message.still_armed_s = still_armed_s;
+            armed
+        };
+        let reported = [(5, Some(3.0)), (6, Some(3.5)), (7, None), (8, Some(3.0))]
+            .map(|(k, s)| monitor.observe(&armed(k, s)).still_armed);
+        assert_eq!(reported, [Some(3.0), None, None, Some(3.0)]);
+        assert_eq!(monitor.newest().map(|s| s.message.header.sequence), Some(8));
         let newest = monitor.newest().map(|s| (s.at, s.message.header.drone));
-        assert_eq!(newest, Some((Time::from_secs(4.0), 4)));
+        assert_eq!(newest, Some((Time::from_secs(8.0), 4)));
         assert_eq!(monitor.statuses().count(), 2);
     }
 }

@@ -7,11 +7,17 @@
 //!
 //! An operator's terminal repeats its command for 12 s. The relay knows the commands that it was given, and when, also
 //! after a new start of the vessel's process ([`GivenCommand`]).
+//!
+//! To each of an operator's messages, and whenever it changes, the relay answers how far that command has come
+//! ([`CommandReceipt`]): a state of the drone that fits it by chance is no answer, and silence does not tell whether an
+//! abort is pending.
 
 use std::collections::VecDeque;
 
 use alight_shared::admission::{RejectionReason, Rejections, check_identity};
-use alight_shared::msg::{CommandKind, DroneStatus, Header, OperatorCommand};
+use alight_shared::msg::{
+    CommandKind, CommandProgress, CommandReceipt, DroneStatus, Header, OperatorCommand,
+};
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
@@ -33,11 +39,21 @@ struct Relayed {
     next: Time<VesselClock>,
     /// Sequence that the first of its repetitions has at least.
     first: u32,
+    progress: CommandProgress,
 }
 
 impl Relayed {
     fn drone(&self) -> u32 {
         self.given.command.header.drone
+    }
+    /// It is not repeated any more, for this reason.
+    fn close(&mut self, progress: CommandProgress) {
+        (self.given.open, self.progress) = (false, progress);
+    }
+    /// Whether it is the same command of the same operator.
+    fn is_of(&self, h: &Header<VesselClock>) -> bool {
+        let known = &self.given.command.header;
+        (known.drone, known.boot, known.sequence) == (h.drone, h.boot, h.sequence)
     }
     /// Whether this abort keeps another command away.
     fn forbids(&self, command: &OperatorCommand<VesselClock>) -> bool {
@@ -65,6 +81,8 @@ pub struct OperatorOut {
     pub accepted: Vec<OperatorCommand<VesselClock>>,
     /// For the drones that their headers name.
     pub commands: Vec<OperatorCommand<VesselClock>>,
+    /// For operators.
+    pub receipts: Vec<CommandReceipt>,
 }
 
 /// The node that passes commands on.
@@ -76,6 +94,8 @@ pub struct OperatorRelay {
     /// In the order in which they came; of a drone's one at most is open.
     commands: VecDeque<Relayed>,
     rejected: Rejections,
+    /// Sequence of the receipts.
+    receipts: u32,
 }
 
 impl OperatorRelay {
@@ -87,6 +107,7 @@ impl OperatorRelay {
             sequence: 0,
             commands: VecDeque::new(),
             rejected: Rejections::default(),
+            receipts: 0,
         }
     }
     /// Commands that were not passed on, by reason.
@@ -112,10 +133,15 @@ impl OperatorRelay {
                 header.at = now;
                 restored.open &= restored.command.kind == CommandKind::Abort;
             }
-            self.push(now, restored);
+            let progress = if restored.open {
+                CommandProgress::Pending
+            } else {
+                CommandProgress::Unknown
+            };
+            self.push(now, restored, progress);
         }
     }
-    fn push(&mut self, now: Time<VesselClock>, given: GivenCommand) {
+    fn push(&mut self, now: Time<VesselClock>, given: GivenCommand, progress: CommandProgress) {
         if self.commands.len() >= MAX_COMMANDS {
             let spare = self.commands.iter().position(|c| !c.given.open);
             self.commands.remove(spare.unwrap_or(0));
@@ -124,6 +150,7 @@ impl OperatorRelay {
             given,
             next: now,
             first: self.sequence.wrapping_add(1),
+            progress,
         });
     }
 
@@ -134,11 +161,7 @@ impl OperatorRelay {
         command: &OperatorCommand<VesselClock>,
     ) -> Result<(), RejectionReason> {
         let h = &command.header;
-        let same = |c: &Relayed| {
-            let known = &c.given.command.header;
-            (known.drone, known.boot, known.sequence) == (h.drone, h.boot, h.sequence)
-        };
-        if self.commands.iter().any(same) {
+        if self.commands.iter().any(|c| c.is_of(h)) {
             return Err(RejectionReason::Duplicate);
         }
         check_identity(h, self.vessel, h.drone)?;
@@ -157,14 +180,42 @@ impl OperatorRelay {
         // Also one that does not count is known: its repetitions do not count later.
         let forbidden = self.commands.iter().any(|c| c.forbids(&command));
         for c in self.commands.iter_mut().filter(|c| !forbidden && replaced(c)) {
-            c.given.open = false;
+            c.close(CommandProgress::Replaced);
         }
-        let open = !forbidden;
-        self.push(now, GivenCommand { command, open });
+        let (open, progress) = if forbidden {
+            (false, CommandProgress::Forbidden)
+        } else {
+            (true, CommandProgress::Pending)
+        };
+        self.push(now, GivenCommand { command, open }, progress);
         if forbidden {
             return Err(RejectionReason::Unaware);
         }
         Ok(())
+    }
+
+    /// The receipts of the commands that have changed since they stood so, and of those that an operator has just sent.
+    fn answer(
+        &mut self,
+        now: Time<VesselClock>,
+        before: &[(Header<VesselClock>, CommandProgress)],
+        sent: &[OperatorCommand<VesselClock>],
+    ) -> Vec<CommandReceipt> {
+        let mut receipts = Vec::new();
+        for c in &self.commands {
+            let changed = before.iter().any(|(h, p)| c.is_of(h) && c.progress != *p);
+            if changed || sent.iter().any(|s| c.is_of(&s.header)) {
+                self.receipts = self.receipts.wrapping_add(1);
+                let command = &c.given.command;
+                receipts.push(CommandReceipt {
+                    header: Header::new(self.vessel, c.drone(), self.boot, self.receipts, now),
+                    operator: [command.header.boot, command.header.sequence],
+                    kind: command.kind,
+                    progress: c.progress,
+                });
+            }
+        }
+        receipts
     }
 
     /// Whether a status shows that its drone has taken a command.
@@ -190,6 +241,8 @@ impl Node for OperatorRelay {
 
     fn step(&mut self, now: Time<VesselClock>, input: &OperatorIn) -> OperatorOut {
         self.restore(now, &input.given);
+        let standing = |c: &Relayed| (c.given.command.header, c.progress);
+        let before: Vec<_> = self.commands.iter().map(standing).collect();
         let mut out = OperatorOut::default();
         for command in &input.commands {
             match self.accept(now, command) {
@@ -205,7 +258,11 @@ impl Node for OperatorRelay {
             };
             let command = c.given.command;
             let given_up = command.kind != CommandKind::Abort && now - command.header.at > TIMEOUT;
-            c.given.open = !given_up && !input.statuses.iter().any(|s| self.is_met(&c, s));
+            if input.statuses.iter().any(|s| self.is_met(&c, s)) {
+                c.close(CommandProgress::Taken);
+            } else if given_up {
+                c.close(CommandProgress::GivenUp);
+            }
             if c.given.open && now >= c.next {
                 c.next = now + REPEAT_PERIOD;
                 self.sequence = self.sequence.wrapping_add(1);
@@ -219,6 +276,7 @@ impl Node for OperatorRelay {
                 *slot = c;
             }
         }
+        out.receipts = self.answer(now, &before, &input.commands);
         out
     }
 }
@@ -295,6 +353,73 @@ mod tests {
         assert!(step(&mut relay, 3.0, None, climbing).1.is_empty());
         assert!(step(&mut relay, 4.0, None, None).1.is_empty());
         assert_eq!(relay.rejected().total(), 0);
+    }
+
+    /// What the relay tells operators in a step: boot, sequence and progress.
+    fn receipts(
+        relay: &mut OperatorRelay,
+        t_s: f64,
+        command: Option<OperatorCommand<VesselClock>>,
+        status: Option<DroneStatus>,
+    ) -> Vec<(u32, u32, CommandProgress)> {
+        let input = OperatorIn {
+            commands: command.into_iter().collect(),
+            statuses: status.into_iter().collect(),
+            ..OperatorIn::default()
+        };
+        let out = relay.step(Time::from_secs(t_s), &input);
+        assert!(
+            out.receipts
+                .iter()
+                .all(|r| r.header.vessel == 1 && r.header.drone == 3)
+        );
+        let told = out
+            .receipts
+            .iter()
+            .map(|r| (r.operator[0], r.operator[1], r.progress));
+        told.collect()
+    }
+
+    #[test]
+    fn receipts_of_a_command_in_every_progress() {
+        use CommandProgress::{Forbidden, GivenUp, Pending, Replaced, Taken, Unknown};
+        let mut relay = OperatorRelay::new(1, 9);
+        let of = |sequence, kind| Some(command(sequence, 3, kind));
+        let gave_up = Some(status(State::GaveUp, ReasonCode::NotCommanded));
+        // A drone that gave up before is no answer to an abort.
+        let abort = of(1, CommandKind::Abort);
+        assert_eq!(receipts(&mut relay, 1.0, abort, gave_up), [(5, 1, Pending)]);
+        assert_eq!(receipts(&mut relay, 1.1, None, gave_up), []);
+        // Each repetition by the terminal is answered.
+        assert_eq!(receipts(&mut relay, 1.5, abort, gave_up), [(5, 1, Pending)]);
+        assert_eq!(
+            receipts(&mut relay, 1.6, of(2, CommandKind::Land), None),
+            [(5, 2, Forbidden)]
+        );
+        let over = echo(&relay);
+        assert_eq!(receipts(&mut relay, 2.0, None, over), [(5, 1, Taken)]);
+        assert_eq!(receipts(&mut relay, 2.5, abort, None), [(5, 1, Taken)]);
+        assert_eq!(
+            receipts(&mut relay, 4.0, of(3, CommandKind::Land), None),
+            [(5, 3, Pending)]
+        );
+        let hold = of(4, CommandKind::Hold);
+        assert_eq!(
+            receipts(&mut relay, 4.5, hold, None),
+            [(5, 3, Replaced), (5, 4, Pending)]
+        );
+        assert_eq!(receipts(&mut relay, 14.6, None, None), [(5, 4, GivenUp)]);
+        // An abort that is pending stays so through a restart; of the others the next process knows no more.
+        assert_eq!(
+            receipts(&mut relay, 15.0, of(5, CommandKind::Abort), None),
+            [(5, 5, Pending)]
+        );
+        let (mut relay, _) = restarted(&relay, 16.0);
+        assert_eq!(
+            receipts(&mut relay, 16.5, of(5, CommandKind::Abort), None),
+            [(5, 5, Pending)]
+        );
+        assert_eq!(receipts(&mut relay, 17.0, hold, None), [(5, 4, Unknown)]);
     }
 
     #[test]

@@ -19,7 +19,8 @@ fn time(tick: i64) -> Time<VesselClock> {
 fn imu(tick: i64) -> ImuSample {
     ImuSample {
         header: Header::new(1, 0, 1, tick as u32, time(tick)),
-        gyro: [0.0; 3],
+        // A step of noise: one that never changes is stuck.
+        gyro: [1e-6 * (tick % 3) as f64, 0.0, 0.0],
         accelerometer: [0.0, 0.0, -9.806_65],
         ..ImuSample::default()
     }
@@ -56,6 +57,39 @@ fn rest(tick: i64) -> VesselIn {
 }
 fn node() -> VesselNode {
     VesselNode::new(&VesselNodeConfig::default(), 1, 9)
+}
+
+#[test]
+fn stuck_inertial_sensor_beside_a_good_one() {
+    let frozen = |k: i64| ImuSample {
+        header: imu(k).header,
+        gyro: [0.0, 0.3, 0.0],
+        ..imu(0)
+    };
+    let mut n = node();
+    let mut step = |k: i64, with: &dyn Fn(i64) -> Vec<ImuSample>| {
+        let imu = with(k);
+        n.step(time(k), &VesselIn { imu, ..rest(k) });
+        (n.source(IMU, 0), n.source(IMU, 1))
+    };
+    for k in 0..500 {
+        step(k, &|k| vec![imu(k)]);
+    }
+    // It sticks with fresh stamps, and the other stands in for it as after a silence.
+    let both = |k: i64| vec![frozen(k), ImuSample { source: 1, ..imu(k) }];
+    let mut at = (SourceCounts::default(), SourceCounts::default());
+    for k in 500..700 {
+        at = step(k, &both);
+    }
+    let repeated = u64::from(crate::sensors::MAX_REPEATED) - 1;
+    assert!(at.0.is_stuck && !at.1.is_stuck);
+    assert_eq!((at.0.stuck, at.0.rejected), (200 - repeated, 200 - repeated));
+    assert!(at.1.taken > 100, "{:?}", at.1);
+    for k in 700..710 {
+        at = step(k, &|k| vec![imu(k)]);
+    }
+    assert!(!at.0.is_stuck, "it measures again");
+    assert_eq!(n.rejected().of(RejectionReason::Stuck) as u64, 200 - repeated);
 }
 
 #[test]

@@ -9,6 +9,7 @@ mod config;
 mod mav;
 mod nmea;
 mod node;
+mod stuck;
 mod ubx;
 
 pub use average::Average;
@@ -18,6 +19,7 @@ pub use config::{Format, HeaveSign, Mount, Mounting, SourceConfig, SourcesConfig
 pub use mav::MavlinkDecoder;
 pub use nmea::NmeaDecoder;
 pub use node::{MAX_STEP_BYTES, SensorNode, SensorsIn, SensorsOut, SourceStatus};
+pub use stuck::{MAX_REPEATED, Repetition};
 pub use ubx::UbxDecoder;
 
 use alight_shared::msg::{AttitudeFix, GnssFix, Header, HeadingFix, ImuSample};

@@ -49,6 +49,7 @@ use crate::process::scheduling;
 use crate::process::supervision::Limits;
 use crate::process::supervisor::{Event, Supervisor, arguments};
 use crate::terminal::{self, note};
+use crate::vessel::deck_file;
 
 /// The world's time zero lies this much in the future when the processes start, ns.
 const START_DELAY_NS: i64 = 1_500_000_000;
@@ -383,6 +384,8 @@ impl<'a> Landing<'a> {
             max_failures: Some(MAX_FAILURES),
         };
         let mut supervisor = Supervisor::new(owned.instance().directory(), plan.log.clone(), limits)?;
+        // A simulated deck is empty before anything lands there.
+        deck_file::write_first(&owned.instance().directory(), &plan.vessel).map_err(CliError)?;
         plan.air.start(&mut supervisor)?;
         let mut kinds = vec![ProcessKind::World, ProcessKind::Vessel];
         kinds.extend(ProcessKind::DRONE);

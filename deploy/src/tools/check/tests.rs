@@ -401,7 +401,7 @@ fn camera_check_tells_a_fit_tag_from_none_in_view() {
         let mut facts = drone();
         facts.cameras.push(looked(Ok(view)));
         let all = judge(&facts);
-        let view = all.iter().filter(|f| f.topic == "camera").next_back().unwrap();
+        let view = all.iter().rfind(|f| f.topic == "camera").unwrap();
         (view.level, view.found.clone())
     };
     let fit = found(exposed(0.6, 0.01));
@@ -612,6 +612,7 @@ fn report_of_the_autopilot_at_the_link_and_of_a_silent_one() {
     let expected = [
         ("MPC_ACC_UP_MAX", ParameterFinding::Wrong(4.0)),
         ("MC_AIRMODE", ParameterFinding::Wrong(0.0)),
+        ("NAV_RCL_ACT", ParameterFinding::Wrong(2.0)),
     ];
     assert_eq!(wrong, expected);
 }

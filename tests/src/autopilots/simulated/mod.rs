@@ -72,6 +72,8 @@ pub struct SimulatedAutopilot {
     pub silent: bool,
     /// Fault: answers every command with this instead of obeying.
     pub answer: Option<CommandResult>,
+    /// Home, its height above the sea; None before it was set by a command.
+    pub home: Option<Datum>,
     /// Fault: answers no TIMESYNC.
     pub no_timesync: bool,
     /// Fault: does not report its origin.
@@ -137,6 +139,7 @@ impl SimulatedAutopilot {
             answer: None,
             no_timesync: false,
             no_origin: false,
+            home: None,
             remote_control_lost: false,
             data_link_lost: false,
             commands: VecDeque::new(),

@@ -22,12 +22,15 @@ use crate::physics::drone::{AutopilotConfig, LossAction};
 /// CURRENT_MODE is sent at this period while the mode stays.
 const MODE_PERIOD: Span = Span::from_millis(500);
 /// PX4's parameters that are integers.
-const INTEGERS: [&str; 5] = [
+const INTEGERS: [&str; 8] = [
     "COM_OBL_RC_ACT",
     "MC_AIRMODE",
     "NAV_RCL_ACT",
     "COM_RCL_EXCEPT",
     "NAV_DLL_ACT",
+    "COM_LOW_BAT_ACT",
+    "GF_ACTION",
+    "COM_ARM_MAG_STR",
 ];
 /// Greatest value that a set-point may have.
 const MAX_VALUE: f64 = 1e5;
@@ -72,6 +75,12 @@ pub(super) fn parameters(c: &AutopilotConfig) -> BTreeMap<&'static str, f64> {
             ("NAV_RCL_ACT", 2.0),
             ("COM_RCL_EXCEPT", 4.0),
             ("NAV_DLL_ACT", 0.0),
+            ("COM_LOW_BAT_ACT", 0.0),
+            ("GF_ACTION", 2.0),
+            ("RTL_LAND_DELAY", -1.0),
+            ("COM_ARM_IMU_ACC", 0.7),
+            ("COM_ARM_IMU_GYR", 0.25),
+            ("COM_ARM_MAG_STR", 2.0),
         ],
         Firmware::ArduCopter => vec![
             ("GUID_TIMEOUT", c.loss_after_s),
@@ -79,6 +88,12 @@ pub(super) fn parameters(c: &AutopilotConfig) -> BTreeMap<&'static str, f64> {
             ("ATC_THR_MIX_MIN", 0.1),
             ("FS_THR_ENABLE", 1.0),
             ("FS_GCS_ENABLE", 0.0),
+            ("BATT_FS_LOW_ACT", 0.0),
+            ("BATT_FS_CRT_ACT", 0.0),
+            ("FENCE_ACTION", 4.0),
+            ("RTL_ALT_FINAL", 1000.0),
+            ("INS_GYR_CAL", 0.0),
+            ("EK3_SRC1_YAW", 1.0),
             // Goes on in GUIDED without remote control.
             ("FS_OPTIONS", 4.0),
         ],
@@ -230,6 +245,10 @@ impl SimulatedAutopilot {
                 }
             }
             command::REQUEST_MESSAGE => CommandResult::Accepted,
+            command::SET_HOME => {
+                self.home = Some(Datum::new(p[4], p[5], p[6]));
+                CommandResult::Accepted
+            }
             _ => CommandResult::Unsupported,
         }
     }

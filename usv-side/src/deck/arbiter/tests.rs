@@ -87,21 +87,223 @@ impl Rig {
                 State::GetAltitude | State::Approach | State::Hold | State::GaveUp => Some(25.0),
                 _ => Some(1.0),
             },
+            armed: !matches!(state, State::Idle | State::Landed),
             ..DroneStatus::default()
         }
     }
     /// The owner after a drone in this state has reported once from so far from the deck, beside one that waits.
     fn run_at(&mut self, (id, state): (u32, State), distance_m: f32) -> u32 {
-        self.t_s += 0.5;
-        self.sequence += 1;
-        let status = DroneStatus {
+        let flies = DroneStatus {
             landed: LandedState::InAir,
+            armed: true,
             deck_distance_m: Some(distance_m),
             ..self.status((id, state))
         };
-        self.step(vec![status, self.status((2, State::Approach))]);
+        self.run_as(flies, 1)
+    }
+    /// The owner after so many of these statuses, at 2 Hz, beside a drone that waits.
+    fn run_as(&mut self, status: DroneStatus, times: u32) -> u32 {
+        for _ in 0..times {
+            self.t_s += 0.5;
+            self.sequence += 1;
+            let mut status = status;
+            status.header.sequence = self.sequence;
+            self.step(vec![status, self.status((2, State::Approach))]);
+        }
         self.arbiter.owner().unwrap_or(0)
     }
+    /// The first drone has landed, and is silent or not.
+    fn with_a_landed_drone() -> Rig {
+        let mut rig = Rig::new();
+        rig.run(&[(1, State::TrackingStable)], 0.5);
+        rig.run(&[(1, State::Landed)], 5.0);
+        rig
+    }
+    /// A status of the first drone, in the air at this distance.
+    fn flying(&self, distance_m: f32) -> DroneStatus {
+        DroneStatus {
+            landed: LandedState::InAir,
+            armed: true,
+            deck_distance_m: Some(distance_m),
+            ..self.status((1, State::Idle))
+        }
+    }
+}
+
+#[test]
+fn one_status_from_beyond_of_a_drone_on_the_deck() {
+    let far = |change: fn(&mut DroneStatus)| {
+        let mut rig = Rig::with_a_landed_drone();
+        let mut status = rig.flying(200.0);
+        change(&mut status);
+        let owners = [rig.run_as(status, 1), rig.run_as(status, 6)];
+        (owners, rig.arbiter.occupied(Time::from_secs(rig.t_s)))
+    };
+    // Several over seconds, armed and in the air: it has left.
+    assert_eq!(far(|_| {}), ([1, 2], false));
+    let contrary: [fn(&mut DroneStatus); 6] = [
+        |s| s.armed = false,
+        |s| s.landed = LandedState::OnGround,
+        |s| s.landed = LandedState::Unknown,
+        |s| s.deck_distance_m = None,
+        |s| s.deck_distance_m = Some(14.0),
+        // Its own mission has it on the deck, whose position it has wrong.
+        |s| s.state = State::Landed,
+    ];
+    for (k, change) in contrary.into_iter().enumerate() {
+        assert_eq!(far(change), ([1, 1], true), "{k}");
+    }
+    // The same of one that was on its way down when it was received last.
+    for (state, distance_m) in [
+        (State::Hold, None),
+        (State::GaveUp, None),
+        (State::GaveUp, Some(16.0)),
+    ] {
+        let mut rig = Rig::new();
+        rig.run(&[(1, State::TrackingStable)], 0.5);
+        rig.run(&[(1, State::Flare)], 1.0);
+        let status = DroneStatus {
+            deck_distance_m: distance_m,
+            ..rig.status((1, state))
+        };
+        assert_eq!(rig.run_as(status, 1), 1, "{state:?}");
+        assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 1, "{state:?}");
+    }
+}
+
+#[test]
+fn evidence_of_a_departure_between_contrary_statuses() {
+    let mut rig = Rig::with_a_landed_drone();
+    let (far, near) = (rig.flying(200.0), rig.flying(1.0));
+    for _ in 0..20 {
+        assert_eq!([rig.run_as(far, 5), rig.run_as(near, 1)], [1, 1]);
+    }
+    // A silence, or another start of the drone, ends it as well.
+    for _ in 0..3 {
+        assert_eq!(
+            [rig.run_as(far, 5), rig.run(&[(2, State::Approach)], 3.0)],
+            [1, 1]
+        );
+    }
+    for boot in 8..12 {
+        let mut anew = far;
+        anew.header.boot = boot;
+        rig.run(&[(2, State::Approach)], 1.5);
+        assert_eq!(rig.run_as(anew, 5), 1);
+    }
+    // Many at once are no time.
+    let mut rig = Rig::with_a_landed_drone();
+    let burst = (1..20).map(|k| {
+        let mut far = rig.flying(200.0);
+        far.header.sequence = rig.sequence + k;
+        far
+    });
+    rig.step(burst.collect());
+    assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 1);
+}
+
+#[test]
+fn crew_opens_the_deck_of_a_drone_carried_off() {
+    for distance_m in [Some(200.0), None] {
+        let mut rig = Rig::with_a_landed_drone();
+        let ashore = DroneStatus {
+            landed: LandedState::OnGround,
+            deck_distance_m: distance_m,
+            state: State::Idle,
+            ..rig.status((1, State::Landed))
+        };
+        assert_eq!(rig.run_as(ashore, 20), 1, "{distance_m:?}: no one looked");
+        rig.order(DeckOrder::Open);
+        assert_eq!(rig.run_as(ashore, 4), 2, "{distance_m:?}");
+    }
+    // In the air above the deck it is not freed by an order.
+    let mut rig = Rig::new();
+    rig.run(&[(1, State::TrackingStable)], 0.5);
+    rig.run(&[(1, State::Flare)], 1.0);
+    let mut blind = rig.flying(1.0);
+    blind.deck_distance_m = None;
+    rig.run_as(blind, 2);
+    rig.order(DeckOrder::Open);
+    assert_ne!(rig.run_as(blind, 20), 2);
+}
+
+#[test]
+fn drone_switched_on_without_a_position() {
+    let parked = |landed, distance_m| {
+        let mut rig = Rig::new();
+        let status = DroneStatus {
+            landed,
+            deck_distance_m: distance_m,
+            ..rig.status((1, State::Idle))
+        };
+        (rig.run_as(status, 1), rig, status)
+    };
+    for landed in [LandedState::OnGround, LandedState::Unknown] {
+        let (_, mut rig, status) = parked(landed, None);
+        assert_eq!(rig.run_as(status, 60), 0, "{landed:?}");
+        assert_eq!(rig.arbiter.unplaced().collect::<Vec<_>>(), [1]);
+        // Also when it is switched off, and the vessel is started anew.
+        assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 0);
+        rig.restart(Some(rig.arbiter.checkpoint()));
+        assert_eq!(rig.run_as(status, 60), 0, "{landed:?}");
+        // One position may be wrong; several tell where it stands.
+        let far = DroneStatus {
+            deck_distance_m: Some(200.0),
+            ..status
+        };
+        let mut other = Rig::new();
+        other.run_as(status, 4);
+        assert_eq!([other.run_as(far, 1), other.run_as(status, 4)], [0, 0]);
+        assert_eq!(other.run_as(far, 8), 2, "{landed:?}");
+        // Or the crew sees that nothing stands there.
+        let (_, mut rig, status) = parked(landed, None);
+        rig.run_as(status, 4);
+        rig.order(DeckOrder::Open);
+        assert_eq!(rig.run_as(status, 4), 2, "{landed:?}");
+    }
+    // It takes the deck from nobody who has it.
+    let mut rig = Rig::new();
+    rig.run(&[(2, State::TrackingStable)], 0.5);
+    let status = DroneStatus {
+        landed: LandedState::OnGround,
+        ..rig.status((1, State::Idle))
+    };
+    assert_eq!(rig.run_as(status, 60), 2);
+}
+
+#[test]
+fn low_battery_behind_a_silent_owner() {
+    let mut rig = Rig::new();
+    rig.run(&[(1, State::TrackingStable)], 2.0);
+    let waits = |rig: &mut Rig, secs: u32, battery| {
+        for _ in 0..2 * secs {
+            rig.t_s += 0.5;
+            rig.sequence += 1;
+            let low = DroneStatus {
+                battery,
+                ..rig.status((2, State::Approach))
+            };
+            rig.step(vec![low, rig.status((3, State::Approach))]);
+        }
+        rig.arbiter.starved(Time::from_secs(rig.t_s))
+    };
+    assert_eq!(waits(&mut rig, 59, 0.22), None, "it may be landing");
+    let starved = waits(&mut rig, 16, 0.22).unwrap();
+    assert_eq!((starved.owner, starved.waiting), (1, 2));
+    assert!((starved.silent_s - 75.0).abs() < 1.0 && (starved.battery - 0.22).abs() < 1e-9);
+    for battery in [0.8, 0.0] {
+        assert_eq!(waits(&mut rig, 1, battery), None, "{battery}");
+    }
+    assert!(waits(&mut rig, 600, 0.22).is_some() && rig.arbiter.owner() == Some(1));
+    // The owner is received again, and stays for a while.
+    rig.run(&[(1, State::Descent)], 0.5);
+    assert_eq!(waits(&mut rig, 1, 0.22), None);
+    rig.run(&[(3, State::Approach)], 600.0);
+    assert_eq!(
+        rig.arbiter.starved(Time::from_secs(rig.t_s)),
+        None,
+        "nobody low waits"
+    );
 }
 
 #[test]
@@ -115,13 +317,14 @@ fn deck_arbiter_grants_the_first_request_until_take_off() {
     // Switched off on the deck: however long.
     assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 1);
     // Until it has left, not before.
-    for (distance_m, owner) in [(1.0, 1), (14.0, 1), (16.0, 2)] {
+    for (distance_m, owner) in [(1.0, 1), (14.0, 1), (16.0, 1)] {
         assert_eq!(
             rig.run_at((1, State::GaveUp), distance_m),
             owner,
             "{distance_m} m"
         );
     }
+    assert_eq!(rig.run_as(rig.flying(25.0), 6), 2);
 }
 
 #[test]
@@ -132,7 +335,7 @@ fn deck_arbiter_frees_the_deck_after_a_manual_take_off() {
     assert_eq!(rig.run(&[(1, State::Idle)], 5.0), 1);
     let at = |rig: &mut Rig, distance_m| rig.run_at((1, State::Idle), distance_m);
     assert_eq!([at(&mut rig, 1.0), at(&mut rig, 14.0)], [1, 1], "it climbs");
-    assert_eq!(at(&mut rig, 16.0), 2);
+    assert_eq!(rig.run_as(rig.flying(25.0), 7), 2);
 }
 
 #[test]
@@ -202,7 +405,8 @@ fn deck_arbiter_lets_a_drone_that_broke_off_climb_before_another_descends() {
     assert_eq!([at(&mut rig, 1.0), at(&mut rig, 14.0)], [1, 1], "it climbs");
     // It goes silent there: nobody knows where it is.
     assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 1);
-    assert_eq!(at(&mut rig, 16.0), 2);
+    assert_eq!(at(&mut rig, 16.0), 1);
+    assert_eq!(rig.run_as(rig.flying(25.0), 6), 2);
 }
 
 #[test]
@@ -252,7 +456,8 @@ fn deck_arbiter_takes_a_drone_that_reports_from_the_deck_for_standing_there() {
     let cases = [
         (Some(1.0), LandedState::OnGround, 1),
         (Some(200.0), LandedState::OnGround, 2),
-        (None, LandedState::OnGround, 2),
+        // It may stand there.
+        (None, LandedState::OnGround, 0),
         // Above it, whatever it means to do there.
         (Some(1.0), LandedState::InAir, 0),
     ];
@@ -270,31 +475,6 @@ fn deck_arbiter_takes_a_drone_that_reports_from_the_deck_for_standing_there() {
             "{distance_m:?}, {landed:?}"
         );
     }
-    // It was carried off without having been switched off.
-    let mut rig = Rig::new();
-    rig.run(&[(1, State::TrackingStable)], 0.5);
-    rig.run(&[(1, State::Landed)], 5.0);
-    rig.t_s += 0.5;
-    rig.sequence += 1;
-    let ashore = DroneStatus {
-        deck_distance_m: Some(200.0),
-        ..rig.status((1, State::Landed))
-    };
-    rig.step(vec![ashore]);
-    assert_eq!(rig.run(&[(2, State::Approach)], 3.0), 2);
-    // It was carried off, and is switched on ashore.
-    let mut rig = Rig::new();
-    rig.run(&[(1, State::TrackingStable)], 0.5);
-    rig.run(&[(1, State::Landed)], 5.0);
-    assert_eq!(rig.run(&[(2, State::Approach)], 60.0), 1);
-    rig.t_s += 0.5;
-    let ashore = parked(&rig, Some(200.0), LandedState::OnGround);
-    let ashore = DroneStatus {
-        header: Header::new(1, 1, 8, 1, ashore.header.at),
-        ..ashore
-    };
-    rig.step(vec![ashore]);
-    assert_eq!(rig.run(&[(2, State::Approach)], 0.5), 2);
 }
 
 #[test]
@@ -330,13 +510,15 @@ fn deck_arbiter_remembers_a_drone_on_the_deck_and_one_on_its_way_through_a_resta
         rig.order(DeckOrder::Open);
         assert_eq!(rig.run(&waiting, 4.0), 2, "{last:?}");
     }
-    // Of a file that is damaged nothing is known.
-    let mut rig = Rig::new();
-    rig.restart(Some(DeckCheckpoint::damaged()));
-    assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 0);
-    assert_eq!(rig.arbiter.published, DECK_CLOSED);
-    rig.order(DeckOrder::Open);
-    assert_eq!(rig.run(&[(2, State::Approach)], 0.5), 2);
+    // Of a file that is missing or damaged nothing is known.
+    for closure in [Closure::CheckpointMissing, Closure::CheckpointDamaged] {
+        let mut rig = Rig::new();
+        rig.restart(Some(DeckCheckpoint::unknown(closure)));
+        assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 0);
+        assert_eq!(rig.arbiter.published, DECK_CLOSED);
+        rig.order(DeckOrder::Open);
+        assert_eq!(rig.run(&[(2, State::Approach)], 0.5), 2);
+    }
 }
 
 #[test]
@@ -383,6 +565,8 @@ fn deck_arbiter_takes_a_drone_that_was_started_anew_for_itself() {
         let status = DroneStatus {
             header: Header::new(1, 1, 8, k, at),
             deck_distance_m: Some(2.0 * k as f32),
+            landed: LandedState::InAir,
+            armed: true,
             ..rig.status((1, State::Idle))
         };
         rig.step(vec![status]);

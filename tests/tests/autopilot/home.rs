@@ -1,0 +1,52 @@
+//! The deck's place as the autopilot's home.
+
+use alight_shared::geodesy::Datum;
+use alight_uav::autopilot::AutopilotLinkConfig;
+use alight_uav::autopilot::message::command;
+
+use crate::rig::{Rig, hold, lead};
+use crate::{BOTH, config};
+
+#[test]
+fn home_follows_the_deck() {
+    for firmware in BOTH {
+        let c = AutopilotLinkConfig {
+            send_home: true,
+            ..config()
+        };
+        let mut p = Rig::new(firmware, 5.0, &c);
+        let origin = Datum::new(43.5, 16.3, 12.0);
+        (p.linked.autopilot.origin, p.linked.autopilot.geoid_m) = (origin, Some(38.0));
+        p.forecast = true;
+        p.run(4.0);
+        p.take_command();
+        p.pilot = Some(hold);
+        p.run(16.0);
+        // At rest: once, and no more within half a minute.
+        let times = |p: &Rig| -> Vec<f64> {
+            let home = p.commands.iter().filter(|(_, c)| c.command == command::SET_HOME);
+            home.map(|(t, _)| *t).collect()
+        };
+        assert_eq!(times(&p).len(), 1, "{firmware:?}");
+        let home = p.linked.autopilot.home.unwrap();
+        assert!(home.distance_m(&origin) < 3.0, "{firmware:?}: {home:?}");
+        // Under way at 1 m/s: the drone stays above it.
+        p.pilot = Some(lead);
+        p.run(40.0);
+        let times = times(&p);
+        assert!((5..=9).contains(&times.len()), "{firmware:?}: {times:?}");
+        assert!(times.windows(2).all(|w| w[1] - w[0] > 4.99), "{times:?}");
+        let moved = p.linked.autopilot.home.unwrap().distance_m(&home);
+        assert!((20.0..80.0).contains(&moved), "{moved} m");
+    }
+}
+
+#[test]
+fn home_is_the_autopilots_own_unless_configured() {
+    for firmware in BOTH {
+        let mut p = Rig::commanding(firmware, 5.0, &config());
+        p.forecast = true;
+        p.run(10.0);
+        assert!(p.commands_of(command::SET_HOME).is_empty() && p.linked.autopilot.home.is_none());
+    }
+}

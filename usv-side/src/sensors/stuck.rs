@@ -1,0 +1,92 @@
+//! An inertial sensor that repeats one sample for ever with fresh stamps: a driver whose bus hangs, a frozen register.
+
+use alight_shared::msg::ImuSample;
+
+/// So many samples in a row with the same six numbers are no measurement.
+///
+/// A MEMS sensor's white noise per sample is `sigma >= LSB / 3` on each axis (data sheets: 1 to 5 LSB at 100 Hz and more).
+/// Two samples at rest then fall into one step of an axis with `p <= erf(1.5 / sqrt 2)^2 + ... = 0.76`, into that of all six
+/// with `p^6 <= 0.2`, and 24 in a row with `0.2^24 = 2e-17`: less than once in ten years at 1 kHz. A driver that publishes
+/// each of the sensor's samples several times over, up to 24 times, passes.
+pub const MAX_REPEATED: u32 = 25;
+
+/// The newest numbers of one sensor, and how often they came in a row.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Repetition {
+    numbers: [u64; 6],
+    count: u32,
+}
+
+impl Repetition {
+    /// Takes a sample; whether its sensor is stuck. Compared bit by bit: nothing is rounded.
+    pub fn is_stuck(&mut self, m: &ImuSample) -> bool {
+        let ([p, q, r], [x, y, z]) = (m.gyro, m.accelerometer);
+        let numbers = [p, q, r, x, y, z].map(f64::to_bits);
+        self.count = if numbers == self.numbers {
+            self.count.saturating_add(1)
+        } else {
+            1
+        };
+        self.numbers = numbers;
+        self.now()
+    }
+    /// Whether it was stuck at its newest sample.
+    pub fn now(&self) -> bool {
+        self.count >= MAX_REPEATED
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Uniform in 0 to 1 (splitmix64), so that the test owns its numbers.
+    struct Uniform(u64);
+    impl Uniform {
+        fn next(&mut self) -> f64 {
+            self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+            let mut z = self.0;
+            z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+            z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+            ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+        }
+        /// Normal, with standard deviation 1 (Box and Muller).
+        fn normal(&mut self) -> f64 {
+            let radius = (-2.0 * self.next().max(1e-300).ln()).sqrt();
+            radius * (std::f64::consts::TAU * self.next()).cos()
+        }
+    }
+
+    /// A sample at rest, in steps of `lsb`, whose noise is a third of a step.
+    fn still(noise: &mut Uniform, lsb: f64) -> ImuSample {
+        let mut axis = |mean: f64| ((mean / lsb + noise.normal() / 3.0).round()) * lsb;
+        ImuSample {
+            gyro: [axis(0.0), axis(0.0), axis(0.0)],
+            accelerometer: [axis(0.0), axis(0.0), axis(-9.81)],
+            ..ImuSample::default()
+        }
+    }
+
+    #[test]
+    fn quantised_sensor_of_a_vessel_at_rest() {
+        let (mut noise, mut newest) = (Uniform(7), Repetition::default());
+        let mut longest = 0;
+        for _ in 0..1_000_000 {
+            assert!(!newest.is_stuck(&still(&mut noise, 1e-3)));
+            longest = longest.max(newest.count);
+        }
+        assert!((2..MAX_REPEATED / 2).contains(&longest), "{longest}");
+    }
+
+    #[test]
+    fn repeated_sample_until_another_comes() {
+        let (mut noise, mut newest) = (Uniform(7), Repetition::default());
+        let frozen = still(&mut noise, 1e-3);
+        let stuck = (0..200).filter(|_| newest.is_stuck(&frozen)).count();
+        assert_eq!(stuck as u32, 200 - (MAX_REPEATED - 1));
+        // One axis is enough.
+        let mut alive = frozen;
+        alive.gyro[1] += 1e-3;
+        assert!(!newest.is_stuck(&alive));
+    }
+}
