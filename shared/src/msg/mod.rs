@@ -47,14 +47,14 @@ pub use deck::{
 };
 pub use drone::{
     AutopilotMode, AutopilotState, DroneState, LandedState, LinkCheckpoint, Motors, PLAN_STAGES, Plan,
-    PlanStage, PredictorCheckpoint, SetPoint, SetPointKind, Solve,
+    PlanStage, PredictorCheckpoint, SetPoint, SetPointKind, ShadowComparison, Solve,
 };
 pub use grant::{DECK_CLOSED, DeckGrant, OWNER_ONLY_M, PLACES, WAITING_DISTANCE_M, WaitingPlace};
 /// Numbers of which three digits suffice.
 pub use half::f16;
 pub use mission::{
-    BatteryPlace, Command, CommandKind, DroneStatus, MissionCheckpoint, MissionState, OperatorCommand, Phase,
-    Reason, ReasonCode, State,
+    BatteryPlace, Command, CommandKind, DroneStatus, LandingMode, MissionCheckpoint, MissionState,
+    OperatorCommand, Phase, Reason, ReasonCode, State,
 };
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use seq::Seq;
@@ -68,7 +68,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 16;
+pub const MESSAGE_VERSION: u16 = 17;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
