@@ -67,11 +67,11 @@ impl BatteryMonitor {
         {
             self.readings.pop_front();
         }
-        self.measure(now, a);
+        self.measure(now, a, c);
     }
 
-    /// How fast it empties.
-    fn measure(&mut self, now: DroneTime, a: &AutopilotState) {
+    /// How fast it empties, by the charge that counts: a reading that is lost is no fall.
+    fn measure(&mut self, now: DroneTime, a: &AutopilotState, c: &MissionConfig) {
         let dt = self.last.map_or(0.0, |at| (now - at).secs()).clamp(0.0, 1.0);
         self.last = Some(now);
         if !a.armed {
@@ -82,7 +82,7 @@ impl BatteryMonitor {
             let gain = 1.0 - (-dt / CURRENT_TIME_S).exp();
             self.current_a = Some(self.current_a.map_or(amps, |i| i + gain * (amps - i)));
         }
-        let Some(charge) = a.battery else { return };
+        let Some(charge) = self.charge(c) else { return };
         let Some((at, before)) = self.anchor.filter(|(_, before)| charge < before + RISE) else {
             self.anchor = Some((now, charge));
             return;

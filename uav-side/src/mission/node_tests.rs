@@ -228,10 +228,8 @@ fn repeated_landing_after_a_take_over() {
 /// A person chooses Hold or Brake, and OFFBOARD or GUIDED minutes later: nothing descends without a new order.
 #[test]
 fn hold_of_a_person_ends_the_order() {
-    for (mode, lapsed, after) in [
-        (AutopilotMode::Hold, false, State::Idle),
-        (AutopilotMode::Hold, true, State::GetAltitude),
-    ] {
+    let mode = AutopilotMode::Hold;
+    for (lapsed, flies) in [(false, false), (true, true)] {
         let mut m = node();
         assert_eq!(told(&mut m, 20.0, vec![land(7, 1, 20.0)]), State::GetAltitude);
         for k in 0..30 {
@@ -241,12 +239,11 @@ fn hold_of_a_person_ends_the_order() {
             m.step(at(t), &held);
             assert_eq!(m.phase.state(), State::Idle);
         }
-        assert_eq!(told(&mut m, 25.0, Vec::new()), after, "lapsed: {lapsed}");
-        assert_eq!(
-            told(&mut m, 25.1, vec![land(7, 2, 20.0)]),
-            after,
-            "lapsed: {lapsed}"
-        );
+        let flown = [(25.0, Vec::new()), (25.1, vec![land(7, 2, 20.0)])].map(|(t, repeated)| {
+            let state = told(&mut m, t, repeated);
+            state.phase() == Phase::Navigation
+        });
+        assert_eq!(flown, [flies; 2], "lapsed: {lapsed}");
     }
 }
 

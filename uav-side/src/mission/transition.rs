@@ -167,7 +167,8 @@ fn low_battery(
 /// The order outlives a lapse of the set-points, and ends where a person takes the drone over before they are back.
 fn after_lapse(progress: &mut Progress, s: &Situation) {
     match s.flight {
-        ControlState::Unknown | ControlState::Lapsed => {}
+        ControlState::Unknown => {}
+        ControlState::Lapsed => progress.lapsed = true,
         ControlState::OnGround | ControlState::Ours => progress.lapsed = false,
         ControlState::Disarmed | ControlState::OtherControl(_) => {
             progress.landing &= !progress.lapsed;
@@ -243,10 +244,7 @@ fn interrupt(
             progress.landing = false;
             return Some(MissionPhase::Idle.enter(ReasonCode::NotFlying));
         }
-        ControlState::Lapsed => {
-            progress.lapsed = true;
-            return Some(MissionPhase::Idle.enter(ReasonCode::NotFlying));
-        }
+        ControlState::Lapsed => return Some(MissionPhase::Idle.enter(ReasonCode::NotFlying)),
         ControlState::OtherControl(_) => {
             progress.landing = false;
             return Some(MissionPhase::Idle.enter(ReasonCode::NotFlying));
