@@ -69,7 +69,7 @@ pub(crate) fn airborne(header: Header<DroneClock>) -> AutopilotState {
         armed: true,
         mode: AutopilotMode::Offboard,
         landed: LandedState::InAir,
-        battery: 0.9,
+        battery: Some(0.9),
         thrust: 0.34,
         hover_thrust: 0.34,
         ..AutopilotState::default()

@@ -126,9 +126,14 @@ pub struct Solver {
 pub struct Autopilot {
     pub mode: String,
     pub armed: bool,
-    pub battery: f64,
+    pub battery: Option<f64>,
+    pub battery_v: Option<f64>,
+    pub battery_a: Option<f64>,
+    pub lapsed: bool,
     pub thrust: f64,
     pub hover_thrust: f64,
+    pub shadow_apart_deg: Option<f64>,
+    pub shadow_apart_mps: Option<f64>,
 }
 
 /// The pilot's set-point.

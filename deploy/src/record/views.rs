@@ -345,8 +345,13 @@ impl Views {
                 mode: format!("{:?}", a.mode),
                 armed: a.armed,
                 battery: a.battery,
+                battery_v: a.battery_v,
+                battery_a: a.battery_a,
+                lapsed: a.lapsed,
                 thrust: a.thrust,
                 hover_thrust: a.hover_thrust,
+                shadow_apart_deg: a.shadow.map(|s| s.apart_rad.to_degrees()),
+                shadow_apart_mps: a.shadow.map(|s| s.apart_mps),
             };
             self.autopilot.put(sink, t, &view);
         }

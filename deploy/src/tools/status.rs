@@ -4,7 +4,9 @@ use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use alight_shared::msg::{ReasonCode, still_armed};
+use alight_shared::msg::{
+    AutopilotState, LandingMode, MissionState, ReasonCode, ShadowComparison, still_armed,
+};
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory};
 use alight_uav::autopilot::config::DisarmConfig;
@@ -164,6 +166,10 @@ fn show(args: &StatusArgs, name: &str, snapshot: &Snapshot, disarm: &DisarmConfi
     {
         terminal::line(format_args!("  autopilot no landing: {}", a.rejection));
     }
+    if let Some(a) = &snapshot.autopilot {
+        show_battery(a, snapshot.mission.as_ref());
+        show_mode(a, snapshot.mission.as_ref());
+    }
     if let Some((origin, apart)) = snapshot.frame() {
         let deck = apart.map_or("no forecast of the deck".into(), |m| {
             format!("deck {m:.0} m away")
@@ -211,4 +217,66 @@ fn show(args: &StatusArgs, name: &str, snapshot: &Snapshot, disarm: &DisarmConfi
         snapshot.radio()
     ));
     Ok(())
+}
+
+/// The battery, and what the way to the deck and one attempt cost of it.
+fn show_battery(a: &AutopilotState, mission: Option<&MissionState>) {
+    let charge = a.battery.map_or("charge not reported".into(), |b| {
+        let needs = mission.map_or(String::new(), |m| {
+            format!(" (needs {:.0} %)", 100.0 * m.battery_reserve)
+        });
+        format!("{:.0} %{needs}", 100.0 * b)
+    });
+    let volts = a.battery_v.map_or(String::new(), |v| format!(", {v:.1} V"));
+    let amps = a.battery_a.map_or(String::new(), |i| format!(", {i:.1} A"));
+    terminal::line(format_args!("  battery   {charge}{volts}{amps}"));
+}
+
+/// How far the landing goes, when not onto the deck.
+fn show_mode(a: &AutopilotState, mission: Option<&MissionState>) {
+    match mission.map_or(LandingMode::Land, |m| m.mode) {
+        LandingMode::Land => {}
+        LandingMode::Match => {
+            let lowest_m = mission.and_then(|m| m.lowest_clearance_m).unwrap_or_default();
+            terminal::line(format_args!(
+                "  match     follows the deck {lowest_m:.1} m above it and climbs"
+            ));
+        }
+        LandingMode::Shadow => match &a.shadow {
+            None => terminal::line("  shadow    a person flies; nothing to compare yet"),
+            Some(s) => terminal::line(format_args!("  shadow    {}", shadow(s))),
+        },
+    }
+}
+
+/// What would be commanded beside what is flown.
+fn shadow(s: &ShadowComparison) -> String {
+    let [roll, pitch] = s.tilt.map(f64::to_degrees);
+    let motors = if s.stops { "; would stop the motors" } else { "" };
+    format!(
+        "would command roll {roll:.1} pitch {pitch:.1} deg, thrust {:.2}; apart by {:.1} deg, {:.2} m/s{motors}",
+        s.thrust,
+        s.apart_rad.to_degrees(),
+        s.apart_mps
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shadow_line_says_what_would_be_commanded() {
+        let s = ShadowComparison {
+            tilt: [0.1, -0.05],
+            thrust: 0.41,
+            apart_rad: 0.02,
+            apart_mps: 0.3,
+            ..ShadowComparison::default()
+        };
+        assert_eq!(
+            shadow(&s),
+            "would command roll 5.7 pitch -2.9 deg, thrust 0.41; apart by 1.1 deg, 0.30 m/s"
+        );
+    }
 }

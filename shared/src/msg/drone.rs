@@ -4,8 +4,8 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    FRACTION, Header, MAX_ACCELERATION_MPS2, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS,
-    Reason, Seq, deviations, within,
+    FRACTION, Header, LandingMode, MAX_ACCELERATION_MPS2, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS,
+    MAX_SPEED_MPS, Reason, Seq, deviations, within,
 };
 use crate::frames::wrap_angle;
 use crate::geodesy::Datum;
@@ -122,18 +122,45 @@ pub struct AutopilotState {
     pub armed: bool,
     /// Its mode.
     pub mode: AutopilotMode,
+    /// It holds by itself because our set-points ceased, and follows them again as soon as they come; in any other hold
+    /// it is a person's.
+    pub lapsed: bool,
     /// Its own opinion.
     pub landed: LandedState,
     /// Counts jumps of its position estimate.
     pub origin_resets: u8,
-    /// Remaining battery, 0 to 1.
-    pub battery: f64,
+    /// Remaining battery, 0 to 1; None: not reported.
+    pub battery: Option<f64>,
+    /// Its voltage, V; None: not reported.
+    pub battery_v: Option<f64>,
+    /// Its current, A; None: not reported.
+    pub battery_a: Option<f64>,
     /// Collective thrust that it applies now, 0 to 1 of the maximum.
     pub thrust: f64,
     /// Its own estimate of the collective thrust that hovers, 0 to 1.
     pub hover_thrust: f64,
     /// Why no landing is permitted with it as it is (no origin, a parameter); without a code: it suits.
     pub rejection: Reason,
+    /// While a person flies and nothing is commanded: what would have been.
+    pub shadow: Option<ShadowComparison>,
+}
+
+/// What a landing that only looks on would command, beside what the person who flies does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct ShadowComparison {
+    /// Roll and pitch that would be commanded, rad.
+    pub tilt: [f64; 2],
+    /// Collective thrust, 0 to 1 of the maximum.
+    pub thrust: f64,
+    /// Velocity, NED, m/s.
+    pub velocity: [f64; 3],
+    /// It would stop the motors.
+    pub stops: bool,
+    /// Between the thrust axes that would be commanded and are flown, rad.
+    pub apart_rad: f64,
+    /// Between the velocities, m/s.
+    pub apart_mps: f64,
 }
 
 /// Checkpoint of the link to the autopilot: a successor goes on commanding before the autopilot's own failsafe begins.
@@ -150,6 +177,8 @@ pub struct LinkCheckpoint {
     pub vehicle: u8,
     /// Its `MAV_AUTOPILOT`.
     pub autopilot: u8,
+    /// How far the mission's landing goes, by its newest state; None: nothing was received of it.
+    pub mode: Option<LandingMode>,
     /// Its own opinion of where it is.
     pub landed: LandedState,
     /// Our clock less the autopilot's, ns.
@@ -392,7 +421,15 @@ message!(DroneState, DroneClock, |m| {
     deviations([&m.position_sd, &m.velocity_sd, &m.euler_sd], 1e4) => "standard deviations",
 });
 message!(AutopilotState, DroneClock, |m| {
-    FRACTION.contains(&m.battery) => "battery",
+    m.battery.is_none_or(|b| FRACTION.contains(&b)) => "battery",
+    m.battery_v.is_none_or(|v| (0.0..=1e3).contains(&v)) => "battery_v",
+    m.battery_a.is_none_or(|a| a.abs() <= 1e4) => "battery_a",
+    m.shadow.is_none_or(|s| {
+        within(&s.tilt, MAX_ANGLE_RAD)
+            && FRACTION.contains(&s.thrust)
+            && within(&s.velocity, MAX_SPEED_MPS)
+            && within([&s.apart_rad, &s.apart_mps], 2.0 * MAX_SPEED_MPS)
+    }) => "shadow",
     FRACTION.contains(&m.thrust) => "thrust",
     FRACTION.contains(&m.hover_thrust) => "hover_thrust",
 });

@@ -177,6 +177,12 @@ pub enum ReasonCode {
     OriginMoved,
     /// The vessel is too far away, m.
     VesselTooFar,
+    /// Follows the deck at its lowest clearance and does not land: for so long, s.
+    Matching,
+    /// Nearer to the deck than it may come, m.
+    TooNear,
+    /// Has followed the deck at this clearance, m, for as long as it was to, s.
+    Matched,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -228,7 +234,10 @@ impl fmt::Display for Reason {
             ReasonCode::Commanded => write!(f, "landing commanded"),
             ReasonCode::Reached => write!(f, "reached"),
             ReasonCode::NotCommanded => write!(f, "no landing commanded"),
-            ReasonCode::NotFlying => write!(f, "not flying, not armed or not in offboard mode"),
+            ReasonCode::NotFlying => write!(
+                f,
+                "not flying, not armed, or not in OFFBOARD (PX4) or GUIDED (ArduPilot)"
+            ),
             ReasonCode::NoVessel => write!(f, "no vessel state received from within 100 km"),
             ReasonCode::OdometryStale => write!(f, "own odometry {v:.2} s old (limit {l:.2})"),
             ReasonCode::ForecastStale => write!(f, "deck forecast {v:.2} s old (limit {l:.2})"),
@@ -327,6 +336,9 @@ impl fmt::Display for Reason {
             ReasonCode::VesselTooFar => {
                 write!(f, "the vessel is {:.1} km away (limit {:.0})", v / 1e3, l / 1e3)
             }
+            ReasonCode::Matching => write!(f, "matches the deck for {v:.1} s (needs {l:.0})"),
+            ReasonCode::TooNear => write!(f, "{v:.2} m above the deck (lowest {l:.2})"),
+            ReasonCode::Matched => write!(f, "matched the deck at {v:.1} m for {l:.0} s: climbs"),
             ReasonCode::TooWindy => write!(f, "wind pushes with up to {v:.1} m/s² (limit {l:.1})"),
         }
     }
@@ -343,6 +355,20 @@ pub enum BatteryPlace {
     Home,
     /// Where it is: the autopilot's land mode.
     Here,
+}
+
+/// How far a landing goes: the ladder to a first landing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[repr(u8)]
+#[serde(rename_all = "kebab-case")]
+pub enum LandingMode {
+    /// A person flies. Everything is computed and shown, nothing is commanded.
+    Shadow,
+    /// Follows the deck down to the lowest clearance, holds there and climbs.
+    Match,
+    /// Onto the deck.
+    #[default]
+    Land,
 }
 
 /// The mission's state and what it permits.
@@ -377,6 +403,12 @@ pub struct MissionState {
     pub with_deck: bool,
     /// Waits beside the deck: there, from the deck's centre, north and east, m.
     pub waiting_offset: Option<[f64; 2]>,
+    /// How far the landing goes.
+    pub mode: LandingMode,
+    /// No plan leads lower over the deck, along its normal, m; None: onto it.
+    pub lowest_clearance_m: Option<f64>,
+    /// Remaining battery that the way to the deck and one attempt take, or that is kept in any case, 0 to 1.
+    pub battery_reserve: f64,
     /// Where it lands, once the battery is below the reserve.
     pub low_battery: Option<BatteryPlace>,
     /// Boot and sequence of the newest abort that it has received.
@@ -583,6 +615,8 @@ message!(DroneStatus, DroneClock, |m| {
 message!(MissionState, DroneClock, |m| {
     within(&m.hold_position, MAX_POSITION_M) && within([&m.hold_yaw], 50.0) => "hold_position",
     within(m.waiting_offset.iter().flatten(), MAX_POSITION_M) => "waiting_offset",
+    m.lowest_clearance_m.is_none_or(|c| (0.0..=1e3).contains(&c)) => "lowest_clearance_m",
+    (0.0..=1e3).contains(&m.battery_reserve) => "battery_reserve",
     (0.0..=1e3).contains(&m.height_m) && (0.0..=10.0).contains(&m.descent_mps) => "height_m or descent_mps",
 });
 message!(MissionCheckpoint, DroneClock, |m| {

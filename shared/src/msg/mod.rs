@@ -47,14 +47,14 @@ pub use deck::{
 };
 pub use drone::{
     AutopilotMode, AutopilotState, DroneState, LandedState, LinkCheckpoint, Motors, PLAN_STAGES, Plan,
-    PlanStage, PredictorCheckpoint, SetPoint, SetPointKind, Solve,
+    PlanStage, PredictorCheckpoint, SetPoint, SetPointKind, ShadowComparison, Solve,
 };
 pub use grant::{DECK_CLOSED, DeckGrant, OWNER_ONLY_M, PLACES, WAITING_DISTANCE_M, WaitingPlace};
 /// Numbers of which three digits suffice.
 pub use half::f16;
 pub use mission::{
-    BatteryPlace, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, MissionCheckpoint,
-    MissionState, OperatorCommand, Phase, Reason, ReasonCode, State, still_armed,
+    BatteryPlace, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, LandingMode,
+    MissionCheckpoint, MissionState, OperatorCommand, Phase, Reason, ReasonCode, State, still_armed,
 };
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use seq::Seq;

@@ -6,7 +6,7 @@ use std::rc::Rc;
 use alight_shared::msg::{AutopilotState, LinkCheckpoint};
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
-use alight_uav::autopilot::message::{Address, Frame, Message};
+use alight_uav::autopilot::message::{Address, Frame, Message, command};
 use alight_uav::autopilot::wire::{Decoder, encode};
 use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotOut, ControlAuthority};
 
@@ -85,6 +85,8 @@ pub struct LinkedAutopilot {
     /// To the link.
     pub up: Wire,
     down: Wire,
+    /// Set-points, modes and orders to arm or disarm that the link has sent.
+    pub commanded: u32,
     make: MakeLink,
     boot: u32,
     /// A state that was reported where only set-points were looked for.
@@ -108,6 +110,7 @@ impl LinkedAutopilot {
             cut: false,
             up: Wire::new(config, streams, "link.up"),
             down: Wire::new(config, streams, "link.down"),
+            commanded: 0,
             make,
             boot,
             state: None,
@@ -174,8 +177,18 @@ impl LinkedAutopilot {
         let out = link.step(now, &AutopilotIn { checkpoint, ..input });
         self.kept = out.checkpoint.unwrap_or(self.kept);
         for message in &out.messages {
+            self.commanded += u32::from(commands(message));
             self.down.send(t, out.from, message);
         }
         out
+    }
+}
+
+/// Whether it makes the autopilot do something.
+fn commands(message: &Message) -> bool {
+    match message {
+        Message::Position(_) | Message::AttitudeThrust(_) => true,
+        Message::Command(c) => matches!(c.command, command::SET_MODE | command::ARM_DISARM),
+        _ => false,
     }
 }

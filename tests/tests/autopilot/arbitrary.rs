@@ -86,8 +86,15 @@ fn message() -> impl Strategy<Value = Message> {
             })
         }),
         (0..6_u8).prop_map(|state| Message::Landed { state }),
-        (any::<u8>(), number().prop_map(Some))
-            .prop_map(|(number, remaining)| Message::Battery { number, remaining }),
+        (any::<u8>(), [number(), number(), number()]).prop_map(|(number, values)| {
+            let [remaining, voltage_v, current_a] = values.map(Some);
+            Message::Battery {
+                number,
+                remaining,
+                voltage_v,
+                current_a,
+            }
+        }),
         number().prop_map(|thrust| Message::AttitudeTargetThrust { thrust }),
         any::<u32>().prop_map(|custom_mode| Message::Mode { custom_mode }),
         (

@@ -156,6 +156,8 @@ fn failsafes_of_the_autopilot_are_respected() {
         p.run(30.0);
         assert!(p.silent_since() - at <= 0.1);
         assert_eq!(p.state().mode, mode);
+        // A Hold or a Brake that a person chose while set-points came.
+        assert!(p.states.iter().all(|s| !s.lapsed), "{firmware:?} {mode:?}");
     }
 }
 
@@ -173,11 +175,52 @@ fn silent_pilot_leaves_the_drone_to_the_failsafe_and_may_return() {
             mode: AutopilotMode::Hold
         }
     );
+    assert!(p.state().lapsed);
     // The person's choice is still OFFBOARD: PX4 returns to it with the stream.
     p.pilot = Some(hold);
     p.run(2.0);
     assert_eq!(p.mode(), AutopilotMode::Offboard);
     p.assert_commanding();
+    assert!(!p.state().lapsed);
+}
+
+#[test]
+fn hold_that_a_person_chose_in_a_lapse() {
+    let mut p = Rig::commanding(Firmware::Px4, 5.0, &config());
+    p.pilot = None;
+    p.run(1.0);
+    assert!(p.state().lapsed);
+    p.choose(AutopilotMode::Hold);
+    p.pilot = Some(hold);
+    // Set-points stream, and it does not come back.
+    p.run(5.0);
+    assert_eq!(p.mode(), AutopilotMode::Hold);
+    assert!(!p.state().lapsed);
+}
+
+#[test]
+fn lapse_of_a_link_that_was_started_anew() {
+    for (away_s, lapsed) in [(0.7, true), (8.0, false)] {
+        let mut p = Rig::commanding(Firmware::Px4, 5.0, &config());
+        p.pilot = None;
+        p.restart_link(away_s);
+        p.run(1.0);
+        assert_eq!(p.state().mode, AutopilotMode::Hold);
+        assert_eq!(p.state().lapsed, lapsed, "{away_s} s");
+    }
+}
+
+#[test]
+fn battery_at_0_percent_and_without_a_gauge() {
+    let mut c = config();
+    c.battery.diversion = Diversion::None;
+    let mut p = Rig::new(Firmware::Px4, 5.0, &c);
+    p.linked.autopilot.battery = 0.0;
+    p.run(4.0);
+    assert_eq!(p.state().battery, Some(0.0));
+    p.linked.autopilot.battery_reported = false;
+    p.run(4.0);
+    assert_eq!(p.state().battery, None);
 }
 
 #[test]
@@ -364,7 +407,7 @@ fn hover_thrust_is_identified_in_flight_and_reported() {
             "{firmware:?}: {}",
             s.hover_thrust
         );
-        assert!((s.battery - 0.9).abs() < 0.011);
+        assert!((s.battery.unwrap() - 0.9).abs() < 0.011);
     }
 }
 
@@ -491,6 +534,8 @@ fn other_systems_on_the_link_are_not_taken_for_the_autopilot() {
     let empty = Message::Battery {
         number: 0,
         remaining: Some(0.0),
+        voltage_v: None,
+        current_a: None,
     };
     for _ in 0..100 {
         // A ground station, a camera of the same drone, another drone that is flown by hand.
@@ -501,7 +546,12 @@ fn other_systems_on_the_link_are_not_taken_for_the_autopilot() {
         p.run(0.05);
         p.assert_commanding();
     }
-    assert!(p.states.iter().skip(20).all(|s| s.battery > 0.5));
+    assert!(
+        p.states
+            .iter()
+            .skip(20)
+            .all(|s| s.battery.is_some_and(|b| b > 0.5))
+    );
 }
 
 #[test]

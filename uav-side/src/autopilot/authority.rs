@@ -131,7 +131,7 @@ pub(crate) struct Evidence {
     pub(crate) mode: AutopilotMode,
     /// Motors may turn.
     pub(crate) armed: bool,
-    /// Nothing was commanded for a moment.
+    /// It holds by itself, because nothing was commanded for a moment.
     pub(crate) lapsed: bool,
 }
 

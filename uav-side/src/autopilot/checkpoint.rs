@@ -28,6 +28,8 @@ impl AutopilotLink {
         let Some(m) = self.recovery.checkpoint().filter(|m| m.commanding) else {
             return;
         };
+        self.lapse.succeed(now, m.header.at);
+        self.mode = self.mode.or(m.mode);
         match validate(now, self.drone_id, &m) {
             Ok(()) => self.resume(now, &m),
             Err(why) => {
@@ -85,6 +87,7 @@ impl AutopilotLink {
             commanding: self.control_authority().commands(),
             vehicle: peer.address.system,
             autopilot: peer.firmware.number(),
+            mode: self.mode,
             landed: peer.landed,
             clock_offset_ns,
             clock_error_s: clock_error_s.min(1.0),

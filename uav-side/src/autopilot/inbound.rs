@@ -102,9 +102,14 @@ impl AutopilotLink {
                 peer.streams.received(message::id::EXTENDED_SYS_STATE);
                 peer.landed(*state);
             }
-            Message::Battery { number, remaining } => {
+            Message::Battery {
+                number,
+                remaining,
+                voltage_v,
+                current_a,
+            } => {
                 peer.streams.received(message::id::BATTERY_STATUS);
-                peer.battery(*number, *remaining);
+                peer.battery(*number, [*remaining, *voltage_v, *current_a]);
             }
             Message::AttitudeTargetThrust { thrust } => {
                 peer.streams.received(message::id::ATTITUDE_TARGET);

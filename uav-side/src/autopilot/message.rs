@@ -299,6 +299,10 @@ pub enum Message {
         number: u8,
         /// Remaining, 0 to 1; None when not reported.
         remaining: Option<f64>,
+        /// V; None when not reported.
+        voltage_v: Option<f64>,
+        /// A; None when not reported.
+        current_a: Option<f64>,
     },
     /// `ATTITUDE_TARGET`: the present reference of the autopilot's attitude loop.
     AttitudeTargetThrust {

@@ -3,8 +3,8 @@
 //! process around it is `alight autopilot`.
 //!
 //! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
-//! [`disarm`] (when motors are stopped), this file (one step), [`inbound`] and [`outbound`] (its two
-//! halves), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
+//! [`lapse`] (whose hold it is), [`disarm`] (when motors are stopped), this file (one step), [`inbound`] and [`outbound`] (its two
+//! halves), [`shadow`] (a person flies and nothing is commanded), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
 //! [`parameters`] (what a landing relies on), and [`wire`] for the bytes.
 //!
 //! Safety does not rest on this node being alive. Without its set-points PX4 leaves OFFBOARD after
@@ -19,11 +19,13 @@ mod deck;
 mod disarm;
 mod drone_state;
 mod inbound;
+mod lapse;
 pub mod message;
 pub mod modes;
 mod outbound;
 pub mod parameters;
 mod peer;
+mod shadow;
 mod streams;
 mod thrust;
 pub mod wire;
@@ -38,8 +40,8 @@ use alight_shared::admission::{Latest, Periodic};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, DeckForecast, DroneState, Header, LandedState, LinkCheckpoint,
-    MissionState, RangeSample, Reason, ReasonCode, SetPoint,
+    AutopilotMode, AutopilotState, DeckForecast, DroneState, Header, LandedState, LandingMode,
+    LinkCheckpoint, MissionState, RangeSample, Reason, ReasonCode, SetPoint,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -52,6 +54,7 @@ use authority::{AuthorityStateMachine, Evidence};
 use clock::RemoteClock;
 use disarm::DisarmSequence;
 use drone_state::DroneStateAssembler;
+use lapse::LapseMonitor;
 use message::{Address, CUSTOM_MODE, CommandLong, Frame, Heartbeat, Message, command};
 use peer::Peer;
 use thrust::HoverThrust;
@@ -72,8 +75,6 @@ const STILL_ARMED: Span = Span::from_millis(10_000);
 const STATE: Span = Span::from_millis(100);
 /// What confirms or forbids our command takes no longer: several heartbeats and requests.
 const UNDECIDED: Span = Span::from_millis(5000);
-/// Nothing was commanded for longer than this, s: an autopilot that holds then does so by itself.
-const LAPSE_S: f64 = 0.1;
 /// Period of requests for an origin that is known: an estimator that restarts moves its origin.
 const ORIGIN: Span = Span::from_millis(5000);
 /// Period of requests for an unknown origin.
@@ -184,6 +185,8 @@ pub struct AutopilotLink {
 
     set_point: Latest<SetPoint>,
     mission: Latest<MissionState>,
+    /// How far the mission's landing goes, by its newest state however old; None: nothing was received of it.
+    mode: Option<LandingMode>,
     forecast: Latest<DeckForecast>,
 
     authority: AuthorityStateMachine,
@@ -196,6 +199,7 @@ pub struct AutopilotLink {
     /// The last set-point with motors running.
     flown: Option<SetPoint>,
     sent_at: Option<DroneTime>,
+    lapse: LapseMonitor,
     set_points: u32,
     low_since: Option<DroneTime>,
     diversions: u32,
@@ -279,7 +283,7 @@ impl AutopilotLink {
             heartbeat,
             mode: p.map_or(AutopilotMode::Other, |p| p.mode),
             armed: p.is_some_and(|p| p.armed),
-            lapsed: self.sent_at.is_none_or(|at| !recent(at, LAPSE_S)),
+            lapsed: self.lapse.is_lapsed(),
         }
     }
 
@@ -333,6 +337,7 @@ impl AutopilotLink {
         }
         self.timers.state.restart(now, STATE);
         let header = self.header(Output::State, now);
+        let shadow = self.shadow(now);
         let p = self.peer.as_ref()?;
         let ours = self.control_authority().has_the_mode();
         let settled = self.hover.settled(self.config.hover_thrust_s);
@@ -343,9 +348,12 @@ impl AutopilotLink {
                 AutopilotMode::Offboard if !ours => AutopilotMode::Other,
                 mode => mode,
             },
+            lapsed: self.lapse.is_lapsed(),
             landed: p.landed,
             origin_resets: self.drone_state.resets,
-            battery: p.charge().unwrap_or(0.0),
+            battery: p.charge(),
+            battery_v: p.voltage_v(),
+            battery_a: p.current_a(),
             thrust: p
                 .thrust_now(now)
                 .map_or(0.0, |t| thrust::fraction(t, self.config.thrust_curve)),
@@ -355,6 +363,7 @@ impl AutopilotLink {
                 Some(_) if self.config.check_parameters => p.parameters.rejection(),
                 Some(_) => Reason::default(),
             },
+            shadow,
         })
     }
     /// Armed in our mode, and what confirms or forbids our command is under way: after a lapse of the link the mission
@@ -393,27 +402,32 @@ impl Node for AutopilotLink {
         for frame in input.received.iter().take(MAX_FRAMES) {
             heartbeat |= self.receive(now, frame, &mut out);
         }
-        if let Some(m) = &input.mission {
-            self.mission.offer(now, m);
+        if let Some(m) = &input.mission
+            && self.mission.offer(now, m)
+        {
+            self.mode = Some(m.mode);
         }
         if let Some(f) = &input.forecast {
             self.forecast.offer(now, f);
         }
         let new = input.set_point.is_some_and(|s| self.set_point.offer(now, &s));
 
+        self.watch_lapse(now);
         let evidence = self.evidence(now, heartbeat);
         self.authority
             .step(now, &evidence, Span::from_secs(self.config.takeover_pause_s));
         if evidence.mode != AutopilotMode::Offboard {
             self.diversions = 0;
         }
-        self.divert(now, &mut out);
-        self.send_set_point(now, new, &mut out);
-        self.arm(now, &mut out);
+        if self.may_command() {
+            self.divert(now, &mut out);
+            self.send_set_point(now, new, &mut out);
+            self.arm(now, &mut out);
+            self.send_home(now, &mut out);
+        }
         self.report_armed(now, &mut out);
         self.send_periodic(now, &mut out);
         self.publish_deck(now, &mut out);
-        self.send_home(now, &mut out);
 
         let after = (self.mode_and_frame(), self.control_authority());
         if after.1 != before.1 {

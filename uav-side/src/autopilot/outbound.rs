@@ -412,7 +412,9 @@ impl AutopilotLink {
             Some(BatteryPlace::Here) => (Diversion::Land, f64::INFINITY, 0.0),
             Some(BatteryPlace::Deck) | None => (b.diversion, b.reserve, b.for_s),
         };
-        let Some(charge) = peer.charge().filter(|c| *c < limit) else {
+        // What the mission has chosen it may have by the voltage alone.
+        let charge = peer.charge().or(limit.is_infinite().then_some(0.0));
+        let Some(charge) = charge.filter(|c| *c < limit) else {
             self.low_since = None;
             return;
         };

@@ -18,6 +18,10 @@ const ANSWER: Span = Span::from_millis(500);
 const REVIEW: Span = Span::from_millis(1000);
 /// Time until one that was never reported is requested again.
 const SILENT: Span = Span::from_millis(5000);
+/// PX4's time without set-points until it leaves OFFBOARD.
+const LOSS_TIME: &str = "COM_OF_LOSS_T";
+/// The same before it is reported, s: the longest with which a landing is permitted.
+const UNKNOWN_LOSS_S: f64 = 0.5;
 
 /// What is known of one.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -169,6 +173,11 @@ impl Parameters {
             Some(Finding::Unknown(_)) => self.thrust_was_thrust.then_some(true),
             Some(Finding::Wrong(_)) => Some(false),
         }
+    }
+    /// So long after the last set-point PX4 leaves OFFBOARD (COM_OF_LOSS_T), s.
+    pub(super) fn loss_s(&self) -> f64 {
+        let item = self.items.iter().find(|i| i.parameter.name == LOSS_TIME);
+        item.and_then(|i| i.value).unwrap_or(UNKNOWN_LOSS_S)
     }
     /// What a person has to know of what was found since the last call.
     pub(super) fn news(&mut self) -> impl Iterator<Item = String> + '_ {

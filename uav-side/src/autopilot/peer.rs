@@ -12,6 +12,8 @@ use super::streams::Streams;
 
 /// A reported thrust is used for so long.
 const THRUST_STALE: Span = Span::from_millis(300);
+/// No battery of a multirotor has more, V.
+const MAX_V: f64 = 500.0;
 /// Batteries, at most.
 const MAX_BATTERIES: usize = 4;
 
@@ -25,7 +27,8 @@ pub(crate) struct Peer {
     pub(crate) heartbeat_at: DroneTime,
     pub(crate) landed: LandedState,
     pub(crate) streams: Streams,
-    batteries: [Option<f64>; MAX_BATTERIES],
+    /// Charge (0 to 1), voltage (V) and current (A) of each.
+    batteries: [[Option<f64>; 3]; MAX_BATTERIES],
     thrust: Option<(DroneTime, f64)>,
     pub(crate) parameters: Parameters,
 }
@@ -46,7 +49,7 @@ impl Peer {
             heartbeat_at: now,
             landed: LandedState::Unknown,
             streams: Streams::new(firmware, c, now),
-            batteries: [None; MAX_BATTERIES],
+            batteries: [[None; 3]; MAX_BATTERIES],
             thrust: None,
             parameters: Parameters::new(firmware, attitudes, now),
         }
@@ -65,14 +68,23 @@ impl Peer {
             _ => LandedState::Unknown,
         };
     }
-    pub(crate) fn battery(&mut self, number: u8, remaining: Option<f64>) {
+    pub(crate) fn battery(&mut self, number: u8, [charge, voltage_v, current_a]: [Option<f64>; 3]) {
         if let Some(b) = self.batteries.get_mut(usize::from(number)) {
-            *b = remaining.filter(|r| (0.0..=1.0).contains(r));
+            let charge = charge.filter(|r| (0.0..=1.0).contains(r));
+            *b = [charge, voltage_v.filter(|v| (0.0..=MAX_V).contains(v)), current_a];
         }
     }
     /// Charge of the emptiest battery, 0 to 1; None when none is reported.
     pub(crate) fn charge(&self) -> Option<f64> {
-        self.batteries.iter().flatten().copied().reduce(f64::min)
+        self.batteries.iter().filter_map(|b| b[0]).reduce(f64::min)
+    }
+    /// Voltage of the lowest, V.
+    pub(crate) fn voltage_v(&self) -> Option<f64> {
+        self.batteries.iter().filter_map(|b| b[1]).reduce(f64::min)
+    }
+    /// Current of all, A.
+    pub(crate) fn current_a(&self) -> Option<f64> {
+        self.batteries.iter().filter_map(|b| b[2]).reduce(|a, b| a + b)
     }
     pub(crate) fn thrust(&mut self, now: DroneTime, thrust: f64) {
         if (0.0..=1.0).contains(&thrust) {

@@ -167,6 +167,7 @@ pub(super) fn progress(m: &MissionCheckpoint) -> Progress {
         low_battery: m.state.low_battery,
         stopped: m.stopped,
         overruled: false,
+        lapsed: false,
     }
 }
 
@@ -179,8 +180,10 @@ pub(super) fn safe_start(
     c: &MissionConfig,
 ) -> Result<Option<(MissionPhase, Reason)>, ()> {
     match s.flight {
-        // The autopilot's own hold is a lapse of the link, after which the drone is ours again.
-        ControlState::Unknown | ControlState::OtherControl(AutopilotMode::Hold) => return Err(()),
+        // Out of a hold the drone may be ours again at any time, and low over the deck.
+        ControlState::Unknown | ControlState::Lapsed | ControlState::OtherControl(AutopilotMode::Hold) => {
+            return Err(());
+        }
         ControlState::Disarmed | ControlState::OtherControl(_) => return Ok(None),
         ControlState::OnGround | ControlState::Ours => {}
     }

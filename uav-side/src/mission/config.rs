@@ -1,7 +1,7 @@
 //! Parameters of the mission.
 
 use alight_shared::config;
-use alight_shared::msg::BatteryPlace;
+use alight_shared::msg::{BatteryPlace, LandingMode};
 
 config! {
     /// Parameters of the state machine. Heights are of the drone's centre of mass above the deck's
@@ -148,10 +148,35 @@ config! {
         /// begun is ended on the deck.
         /// Chosen: from above the deck no way home over open water.
         pub battery_order: Vec<BatteryPlace> = vec![BatteryPlace::Deck, BatteryPlace::Home, BatteryPlace::Here];
+        /// A charge below the reserve counts once no reading of this long was above, s.
+        /// Chosen: full thrust, under which a voltage sags, lasts 2 s at most.
+        pub battery_lasts_s: f64 = 5.0, in 0.0..=60.0;
+        /// Voltage below which for that long the battery is empty whatever its gauge says, V; 0: the gauge alone counts.
+        pub battery_minimum_v: f64 = 0.0, in 0.0..=500.0;
+        /// Capacity, by which the current gives the power, Ah; 0: the power is the rate at which the gauge falls.
+        pub battery_capacity_ah: f64 = 0.0, in 0.0..=1e3;
+        /// What one attempt takes above the deck, from the arrival to the ground or back up, s.
+        /// Source: tracking, descent and flare last 20 to 40 s in moderate seas.
+        pub battery_attempt_s: f64 = 60.0, in 0.0..=600.0;
+        /// Air speed on the way to the vessel, for what the way costs before its speed is measured, m/s.
+        /// Source: The planner's horizontal speed.
+        pub battery_air_speed_mps: f64 = 8.0, in 1.0..=30.0;
+        /// How far a landing goes: "shadow" (a person flies and lands; everything is computed and shown, nothing is
+        /// commanded), "match" (follows the deck down to `lowest_clearance_m`, holds `match_s` and climbs) or "land".
+        pub mode: LandingMode = LandingMode::Land;
+        /// With `mode = "match"` the feet come no nearer to the deck, m.
+        /// Chosen: the deck of a sea of 1 m does not rise so far while a pilot who is late by a second climbs.
+        pub lowest_clearance_m: f64 = 2.0, in 1.0..=50.0;
+        /// With `mode = "match"` it follows the deck there for so long, s.
+        pub match_s: f64 = 10.0, in 1.0..=60.0;
         /// The whole landing, from the command on, may take this long, s.
         pub mission_timeout_s: f64 = 600.0, in 10.0..=36_000.0;
     }
     check |this, at| {
+        let highest = this.tracking_height_m - 1.0;
+        if this.mode == LandingMode::Match {
+            at.range("lowest_clearance_m", this.lowest_clearance_m, 1.0, highest)?;
+        }
         at.range(
             "tracking_height_m",
             this.tracking_height_m,
@@ -190,5 +215,18 @@ config! {
             this.max_attempts,
             "1 to 1000",
         )?;
+    }
+}
+
+/// In `match` the plan stays above the lowest clearance by this, m: what forecast and tracking err by.
+const MATCH_MARGIN_M: f64 = 0.5;
+
+impl MissionConfig {
+    /// No plan leads lower over the deck, m; None: onto it.
+    pub fn lowest_plan_m(&self) -> Option<f64> {
+        match self.mode {
+            LandingMode::Match => Some(self.lowest_clearance_m + MATCH_MARGIN_M),
+            LandingMode::Shadow | LandingMode::Land => None,
+        }
     }
 }

@@ -416,8 +416,25 @@ fn mission_returns_to_idle_when_control_is_lost() {
     let d = step(COMMITTED, &s);
     goes(&d, State::Idle, NotFlying);
     assert!(!d.progress.landing, "a person flies: nothing resumes by itself");
+    // Also a Hold or a Brake that a person chose.
     let s = with(|s| s.flight = ControlState::OtherControl(AutopilotMode::Hold));
-    assert!(step(TRACKING, &s).progress.landing);
+    assert!(!step(TRACKING, &s).progress.landing);
     let s = with(|s| s.flight = ControlState::Disarmed);
     goes(&step(TRACKING, &s), State::Idle, NotFlying);
+}
+
+#[test]
+fn order_outlives_a_lapse_and_ends_with_a_takeover() {
+    let lapsed = with(|s| s.flight = ControlState::Lapsed);
+    let d = step(DESCENT, &lapsed);
+    goes(&d, State::Idle, NotFlying);
+    assert!(d.progress.landing);
+    let d = run(&d, &lapsed, 5.0);
+    // Set-points are back: it begins anew.
+    goes(&step(&d, &fair()), State::GetAltitude, Commanded);
+    for mode in [AutopilotMode::Other, AutopilotMode::Hold, AutopilotMode::Return] {
+        let taken = step(&d, &with(|s| s.flight = ControlState::OtherControl(mode)));
+        waits(&taken, State::Idle, NotCommanded);
+        waits(&run(&taken, &fair(), 60.0), State::Idle, NotCommanded);
+    }
 }

@@ -4,6 +4,7 @@
 //! remember), `situation` (every quantity it judges), `staying` (will the landed drone stay?), then `checkpoint` (what
 //! outlives the process). This file keeps the inputs and writes the output.
 
+mod battery;
 mod checkpoint;
 pub mod config;
 mod limits;
@@ -17,6 +18,8 @@ mod wind;
 
 #[cfg(test)]
 mod interrupt_tests;
+#[cfg(test)]
+mod ladder_tests;
 #[cfg(test)]
 mod node_tests;
 #[cfg(test)]
@@ -40,6 +43,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
 use crate::odometry::origin::DroneFrame;
+use battery::BatteryMonitor;
 use checkpoint::{Beginning, Begun};
 use phase::{MissionPhase, Progress, gave_up, hold_height, moving_place, stands_aside};
 use situation::{ControlState, Deck, OwnState, Reservation, Situation, rotors_carry};
@@ -120,6 +124,7 @@ pub struct Mission {
     mean_deck_z: MeanDeckHeight,
     wind: WindMonitor,
     tilt: TiltMonitor,
+    battery: BatteryMonitor,
     /// The deck's steepest recent tilt, rad, and when it was updated.
     steepest: Option<(Time<DroneClock>, f64)>,
     /// Flies over the deck at its speed: the wind now is the wind on the deck.
@@ -135,6 +140,8 @@ pub struct Mission {
     since: Time<DroneClock>,
     entered: Reason,
     due: Time<DroneClock>,
+    /// When it last stepped.
+    stepped: Option<Time<DroneClock>>,
     /// When it last published its state.
     published: Option<Time<DroneClock>>,
 }
@@ -177,9 +184,11 @@ impl Mission {
         let mut moved_m = None;
         if let Some(m) = &input.autopilot
             && self.autopilot.offer(now, m)
-            && self.frame.has_jumped(m)
         {
-            moved_m = Some(0.0);
+            self.battery.update(m, &self.config);
+            if self.frame.has_jumped(m) {
+                moved_m = Some(0.0);
+            }
         }
         if let Some(m) = &input.drone
             && self.drone.offer(now, m)
@@ -235,6 +244,18 @@ impl Mission {
         left.max(tilt)
     }
 
+    /// The speed made good on the way to the deck.
+    fn watch_way(&mut self, now: Time<DroneClock>, s: &Situation) {
+        let dt = self.stepped.map_or(0.0, |at| (now - at).secs()).clamp(0.0, 1.0);
+        self.stepped = Some(now);
+        let approaches = self.phase.state() == State::Approach;
+        if let Some(d) = s.fresh_deck() {
+            let assumed_mps = self.config.battery_air_speed_mps - d.leaving_mps;
+            let closing_mps = approaches.then_some(d.closing_mps);
+            self.battery.approach(dt, d.distance_m, closing_mps, assumed_mps);
+        }
+    }
+
     fn follows(&self, s: &Situation) -> bool {
         self.phase.state().phase() == Phase::Follow
             && s.fresh_deck()
@@ -253,15 +274,18 @@ impl Mission {
         let mean_deck_z = self.mean_deck_z.value();
         Situation {
             now,
-            flight: ControlState::of(autopilot),
+            flight: ControlState::of(autopilot, c.mode),
             rejection: autopilot
                 .map(|a| a.rejection)
                 .filter(|why| why.code != ReasonCode::None),
             moved: self
                 .moved
                 .map(|(_, by_m)| Reason::new(ReasonCode::OriginMoved, by_m, 0.0)),
-            // A link that does not report it gives zero, at which nothing flies.
-            battery: autopilot.map(|a| a.battery).filter(|b| *b > 0.0),
+            battery: autopilot.and_then(|_| self.battery.charge(c)),
+            battery_reserve: deck.map_or(c.battery_reserve, |d| {
+                let assumed_mps = c.battery_air_speed_mps - d.leaving_mps;
+                self.battery.reserve(d.distance_m, assumed_mps, c)
+            }),
             own,
             odometry_age_s: self.drone.age_s(now),
             odometry_limit_s: topics::DRONE_STATE.stale_after.secs(),
@@ -298,7 +322,10 @@ impl Mission {
     /// Back to tracking after the longest time in a landing state: the loop is bounded.
     fn limit_duration(&self, decision: Decision, now: Time<DroneClock>, s: &Situation) -> Decision {
         let limit = match decision.phase.state() {
-            State::Descent => self.config.descent_timeout_s,
+            State::Descent => {
+                let holds_s = self.config.lowest_plan_m().map_or(0.0, |_| self.config.match_s);
+                self.config.descent_timeout_s + holds_s
+            }
             State::Flare => self.config.flare_timeout_s,
             State::Idle
             | State::GetAltitude
@@ -334,7 +361,8 @@ impl Mission {
         let Some(deck) = s.fresh_deck().filter(|_| controlled) else {
             return 0.0;
         };
-        if let MissionPhase::Descent { paused: None, .. } = self.phase
+        if let MissionPhase::Descent { paused, .. } = self.phase
+            && (paused.is_none() || c.lowest_plan_m().is_some())
             && deck.vision_age_s <= c.descent_vision_s
         {
             return c.descent_mps;
@@ -488,6 +516,9 @@ impl Mission {
             hold_yaw,
             with_deck,
             waiting_offset,
+            mode: c.mode,
+            lowest_clearance_m: c.lowest_plan_m(),
+            battery_reserve: s.battery_reserve,
             low_battery: self.progress.low_battery,
             abort: self.commands.abort().map(|h| [h.boot, h.sequence]),
         }
@@ -521,6 +552,7 @@ impl Node for Mission {
             order = self.commands.first_of(now, &input.commands);
         }
         self.follows = self.follows(&s);
+        self.watch_way(now, &s);
         let tilt = self.recent_tilt(now, s.fresh_deck());
         s.staying = Staying::of(self.forecast.get(), tilt, &self.wind, self.config.friction);
         let decision = match order {
@@ -529,14 +561,19 @@ impl Node for Mission {
         };
         let decision = decision.unwrap_or_else(|| decide(self.phase, self.progress, order, &s, &self.config));
         let decision = self.limit_duration(decision, now, &s);
+        // Out of a lapse, by a person.
+        let taken = self.progress.lapsed && !decision.progress.lapsed;
         self.progress = decision.progress;
         let was = self.phase.state();
         self.phase = decision.phase;
         let changed = decision.entered.is_some();
-        // Given back after a lapse it may be near the deck, with nothing to do there.
-        let lapsed = s.flight == ControlState::OtherControl(AutopilotMode::Hold);
-        self.unjudged |= changed && lapsed && self.phase == MissionPhase::Idle;
-        if changed && self.phase == MissionPhase::Idle && !self.progress.landing {
+        // Given back after a hold it may be near the deck, with nothing to do there.
+        let holds = matches!(
+            s.flight,
+            ControlState::Lapsed | ControlState::OtherControl(AutopilotMode::Hold)
+        );
+        self.unjudged |= changed && holds && self.phase == MissionPhase::Idle;
+        if (changed || taken) && self.phase == MissionPhase::Idle && !self.progress.landing {
             // Whoever took the drone over has it landed by a new order, not by one that is repeated.
             self.commands.supersede(now);
         }

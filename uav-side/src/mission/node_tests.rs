@@ -225,6 +225,52 @@ fn repeated_landing_after_a_take_over() {
     }
 }
 
+/// A person chooses Hold or Brake, and OFFBOARD or GUIDED minutes later: nothing descends without a new order.
+#[test]
+fn hold_of_a_person_ends_the_order() {
+    let mode = AutopilotMode::Hold;
+    for (lapsed, flies) in [(false, false), (true, true)] {
+        let mut m = node();
+        assert_eq!(told(&mut m, 20.0, vec![land(7, 1, 20.0)]), State::GetAltitude);
+        for k in 0..30 {
+            let t = 21.0 + 0.1 * f64::from(k);
+            let mut held = fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3]);
+            held.autopilot = held.autopilot.map(|a| AutopilotState { mode, lapsed, ..a });
+            m.step(at(t), &held);
+            assert_eq!(m.phase.state(), State::Idle);
+        }
+        let flown = [(25.0, Vec::new()), (25.1, vec![land(7, 2, 20.0)])].map(|(t, repeated)| {
+            let state = told(&mut m, t, repeated);
+            state.phase() == Phase::Navigation
+        });
+        assert_eq!(flown, [flies; 2], "lapsed: {lapsed}");
+    }
+}
+
+/// One reading of an empty battery, and one that lasts.
+#[test]
+fn empty_battery_diverts_when_it_lasts() {
+    let mut m = node();
+    let step = |m: &mut Mission, t: f64, battery: Option<f64>, commands| {
+        let mut input = fresh_input((t * 100.0) as u32, at(t), [60.0, 0.0, -16.3]);
+        input.autopilot = input.autopilot.map(|a| AutopilotState { battery, ..a });
+        m.step(at(t), &MissionIn { commands, ..input });
+        m.progress.low_battery.is_some()
+    };
+    assert!(!step(&mut m, 20.0, Some(0.8), vec![land(7, 1, 20.0)]));
+    for k in 1..100 {
+        let t = 20.0 + 0.1 * f64::from(k);
+        // A gauge that loses its reading, once a second.
+        let battery = if k % 10 == 0 { 0.0 } else { 0.8 };
+        assert!(!step(&mut m, t, Some(battery), Vec::new()), "{t}");
+    }
+    for k in 0..60 {
+        let t = 30.0 + 0.1 * f64::from(k);
+        let diverts = step(&mut m, t, Some(0.0), Vec::new());
+        assert_eq!(diverts, k >= 50, "{t}");
+    }
+}
+
 /// A repetition under the next sequence number is no order to use the battery's reserve.
 #[test]
 fn repeated_landing_below_the_reserve() {
@@ -232,19 +278,22 @@ fn repeated_landing_below_the_reserve() {
     let low = |t: f64, commands| {
         let mut input = fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3]);
         input.autopilot = input.autopilot.map(|a| AutopilotState {
-            battery: 0.3 * config().battery_reserve,
+            battery: Some(0.3 * config().battery_reserve),
             ..a
         });
         MissionIn { commands, ..input }
     };
     assert_eq!(told(&mut m, 20.0, vec![land(7, 1, 20.0)]), State::GetAltitude);
-    m.step(at(20.5), &low(20.5, Vec::new()));
+    for k in 0..70 {
+        let t = 20.5 + 0.1 * f64::from(k);
+        m.step(at(t), &low(t, Vec::new()));
+    }
     assert_eq!(m.phase.state(), State::GaveUp);
-    for (t, repeated) in [(21.0, land(7, 2, 20.01)), (21.5, land(7, 3, 19.99))] {
+    for (t, repeated) in [(27.5, land(7, 2, 20.01)), (28.0, land(7, 3, 19.99))] {
         m.step(at(t), &low(t, vec![repeated]));
         assert_eq!(m.phase.state(), State::GaveUp, "{repeated:?}");
     }
-    m.step(at(22.0), &low(22.0, vec![land(7, 4, 22.0)]));
+    m.step(at(28.5), &low(28.5, vec![land(7, 4, 28.5)]));
     assert_eq!(m.phase.state(), State::Hold);
 }
 
@@ -430,7 +479,7 @@ fn drone_given_back_after_a_lapse_low_above_the_deck_climbs_also_without_radio_o
             let mut input = fresh_input(k, t, [0.1, 0.0, z]);
             input.forecast.as_mut().unwrap().radio_age_s = 9.0;
             let a = input.autopilot.as_mut().unwrap();
-            a.mode = mode;
+            (a.mode, a.lapsed) = (mode, mode == AutopilotMode::Hold);
             if unfit {
                 a.rejection = Reason::plain(ReasonCode::AutopilotParameterUnknown);
             }
@@ -641,7 +690,7 @@ proptest! {
                     s.position_sd = [b.sd.abs(); 3];
                 }
                 let a = input.autopilot.as_mut().unwrap();
-                (a.armed, a.mode, a.battery) = (b.armed, b.mode, b.battery.abs().min(1.0));
+                (a.armed, a.mode, a.battery) = (b.armed, b.mode, Some(b.battery.abs().min(1.0)));
                 if b.mask & 1 == 0 { input.forecast = None }
                 if b.mask & 2 == 0 { input.drone = None }
                 if b.mask & 4 == 0 { input.autopilot = None }

@@ -151,6 +151,8 @@ pub struct Progress {
     pub stopped: bool,
     /// The pilot's touchdown was false: its stop counts for nothing until it is taken back.
     pub overruled: bool,
+    /// Set-points ceased and the autopilot holds: the landing goes on once they are back.
+    pub lapsed: bool,
 }
 
 impl Progress {

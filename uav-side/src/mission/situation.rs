@@ -3,8 +3,8 @@
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, DECK_CLOSED, DeckForecast, DeckGrant, DroneState, LandedState, Reason,
-    ReasonCode, WAITING_DISTANCE_M, WaitingPlace,
+    AutopilotMode, AutopilotState, DECK_CLOSED, DeckForecast, DeckGrant, DroneState, LandedState,
+    LandingMode, Reason, ReasonCode, WAITING_DISTANCE_M, WaitingPlace,
 };
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
@@ -26,13 +26,16 @@ pub enum ControlState {
     OnGround,
     /// Armed, under a person's or the autopilot's own control.
     OtherControl(AutopilotMode),
+    /// Armed, in the autopilot's hold because set-points ceased: nobody has taken the drone over.
+    Lapsed,
     /// Armed, in the air, following set-points.
     Ours,
 }
 
 impl ControlState {
-    /// From the autopilot's state; None when it is missing or stale.
-    pub fn of(autopilot: Option<&AutopilotState>) -> Self {
+    /// From the autopilot's state; None when it is missing or stale. Where the mission only looks on, whoever flies the
+    /// drone flies what it would.
+    pub fn of(autopilot: Option<&AutopilotState>, mode: LandingMode) -> Self {
         let Some(a) = autopilot else {
             return ControlState::Unknown;
         };
@@ -40,6 +43,9 @@ impl ControlState {
             return ControlState::Disarmed;
         }
         match (a.mode, a.landed) {
+            (_, LandedState::OnGround) if mode == LandingMode::Shadow => ControlState::OnGround,
+            _ if mode == LandingMode::Shadow => ControlState::Ours,
+            (AutopilotMode::Hold, _) if a.lapsed => ControlState::Lapsed,
             (AutopilotMode::Offboard, LandedState::OnGround) => ControlState::OnGround,
             (AutopilotMode::Offboard, LandedState::InAir | LandedState::Unknown) => ControlState::Ours,
             (
@@ -157,6 +163,10 @@ pub struct Deck {
     pub bearing_rad: f64,
     /// Centre of the feet in the deck's plane: along and across, m.
     pub feet: Vector2<f64>,
+    /// Speed at which the drone comes nearer to the deck, m/s.
+    pub closing_mps: f64,
+    /// Speed at which the vessel goes away from the drone, m/s.
+    pub leaving_mps: f64,
     /// Horizontal speed relative to the deck, m/s.
     pub relative_speed_mps: f64,
     /// Age of the newest vessel estimate, s.
@@ -228,8 +238,11 @@ impl Deck {
             .or(forecast.stages.last().copied())?;
         let second = forecast.at(start + Span::from_secs(1.0));
         let turn = second.map_or(0.0, |s| wrap_angle(s.euler[2] - here.euler[2]).abs());
+        let to_deck = -r.xy() / r.xy().norm().max(1e-3);
         Some(Deck {
             clearance_m,
+            closing_mps: v.xy().dot(&to_deck),
+            leaving_mps: Vector3::from(here.velocity).xy().dot(&to_deck),
             distance_m: r.x.hypot(r.y),
             ring_m: ring_m(&forecast.surroundings, drone),
             escapes: forecast.surroundings.escape.is_some(),
@@ -281,8 +294,10 @@ pub struct Situation {
     pub rejection: Option<Reason>,
     /// The drone's frame has moved, and no forecast has come since.
     pub moved: Option<Reason>,
-    /// Remaining battery; None when not reported.
+    /// Remaining battery that counts; None when not reported.
     pub battery: Option<f64>,
+    /// What has to be left of it, 0 to 1.
+    pub battery_reserve: f64,
     /// The newest odometry.
     pub own: Option<OwnState>,
     /// Its age, s.

@@ -2,9 +2,9 @@
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::ReasonCode::{
-    Commanded, Deviated, Infeasible, Missed, NoPlace, NoPlan, NoVessel, NoVision, NotCommanded, NotFlying,
-    NotSteady, Operator, Reached, SpeedUncertain, TiltExcess, TooFar, TooFast, TooSteep, TooWindy, Uncertain,
-    VesselTooFar, VisionLost,
+    Commanded, Deviated, Infeasible, Matched, Matching, Missed, NoPlace, NoPlan, NoVessel, NoVision,
+    NotCommanded, NotFlying, NotSteady, Operator, Reached, SpeedUncertain, TiltExcess, TooFar, TooFast,
+    TooNear, TooSteep, TooWindy, Uncertain, VesselTooFar, VisionLost,
 };
 use alight_shared::msg::{PLACES, Reason};
 use nalgebra::Vector3;
@@ -342,6 +342,9 @@ fn descent(
     if let Some(why) = s.reservation.lost().filter(|_| !close) {
         return Transition::BreakOff(why);
     }
+    if let Some(lowest_m) = c.lowest_plan_m() {
+        return matching(lowest_m, violated, paused, deck, violation, s, c);
+    }
     let rejection = not_ready_to_flare(deck, s, c, wide);
     if deck.clearance_m < c.flare_clearance_m && (rejection.is_none() || close) {
         let flare = MissionPhase::Flare {
@@ -357,6 +360,36 @@ fn descent(
     }
     let sinking = Reason::new(TooFar, deck.clearance_m, c.flare_clearance_m);
     MissionPhase::Descent { violated, paused }.stay(stopped.or(violation).unwrap_or(sinking))
+}
+
+/// No further above the lowest plan than this it follows the deck there, m: what is left of the heave.
+const MATCHED_WITHIN_M: f64 = 0.5;
+
+/// The end of a descent that does not land: with the deck at the lowest plan since `matched`, then up.
+fn matching(
+    lowest_m: f64,
+    violated: Option<DroneTime>,
+    matched: Option<DroneTime>,
+    deck: &Deck,
+    violation: Option<Reason>,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Transition {
+    if deck.clearance_m < c.lowest_clearance_m {
+        let why = Reason::new(TooNear, deck.clearance_m, c.lowest_clearance_m);
+        return Transition::BreakOff(why);
+    }
+    let there = deck.clearance_m < lowest_m + MATCHED_WITHIN_M;
+    let (paused, lasted) = lasting(there, matched, s.now);
+    if lasted >= c.match_s {
+        return gave_up(s, c).enter(Reason::new(Matched, c.lowest_clearance_m, c.match_s));
+    }
+    let waits = if there {
+        Reason::new(Matching, lasted, c.match_s)
+    } else {
+        Reason::new(TooFar, deck.clearance_m, lowest_m)
+    };
+    MissionPhase::Descent { violated, paused }.stay(violation.unwrap_or(waits))
 }
 
 /// Flare: until touchdown; deck missed or lost breaks it off, soft reasons only while it is not
@@ -419,7 +452,7 @@ fn landed(
     }
     let armed = matches!(
         s.flight,
-        ControlState::OnGround | ControlState::OtherControl(_) | ControlState::Ours
+        ControlState::OnGround | ControlState::OtherControl(_) | ControlState::Lapsed | ControlState::Ours
     );
     if disarmed && armed {
         return MissionPhase::Idle.enter(Reached);

@@ -35,6 +35,7 @@ pub(super) fn fair() -> Situation {
         rejection: None,
         moved: None,
         battery: Some(0.9),
+        battery_reserve: config().battery_reserve,
         own: Some(OwnState {
             position: Vector3::new(0.0, 0.0, -8.3),
             velocity: Vector3::zeros(),
@@ -49,6 +50,8 @@ pub(super) fn fair() -> Situation {
             escapes: false,
             bearing_rad: 0.0,
             feet: Vector2::zeros(),
+            closing_mps: 0.0,
+            leaving_mps: 0.0,
             relative_speed_mps: 0.1,
             radio_age_s: 0.1,
             vision_age_s: 0.05,

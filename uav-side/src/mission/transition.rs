@@ -4,7 +4,7 @@
 //! Interrupts first (touchdown, abort, loss of control, stale data, hold, battery, time limit), then
 //! what the state itself does, in `states`.
 
-use alight_shared::msg::{AutopilotMode, BatteryPlace, CommandKind, Phase, Reason, ReasonCode};
+use alight_shared::msg::{BatteryPlace, CommandKind, Phase, Reason, ReasonCode};
 
 use super::checkpoint::{AT_REST_M, ends_softer};
 use super::config::MissionConfig;
@@ -90,7 +90,8 @@ fn completes(phase: MissionPhase, progress: &Progress, s: &Situation, c: &Missio
         .fresh_deck()
         .is_some_and(|d| d.clearance_m < AT_REST_M || d.climb_contact_mps.is_some_and(|v| v > limit));
     let beneath = s.outside_m <= c.lost_outside_m && !s.motors_stopped;
-    phase.state().phase() == Phase::Landing && (progress.stopped || harder && beneath)
+    let touches = c.lowest_plan_m().is_none();
+    touches && phase.state().phase() == Phase::Landing && (progress.stopped || harder && beneath)
 }
 
 /// Data may be this old where a landing is completed without them, s.
@@ -106,7 +107,8 @@ fn completes_without_data(
     let known = s.forecast_age_s.max(s.odometry_age_s) <= COMPLETES_WITHOUT_DATA_S;
     let softer = |d: &Deck| ends_softer(d, s, c);
     let lands = phase.state().phase() == Phase::Landing && !progress.stopped;
-    lands && known && s.deck.as_ref().is_some_and(softer)
+    let touches = c.lowest_plan_m().is_none();
+    lands && touches && known && s.deck.as_ref().is_some_and(softer)
 }
 
 /// What stale data lead to: hold until they are fresh, unless an operator has stopped the landing meanwhile.
@@ -131,17 +133,20 @@ fn low_battery(
     c: &MissionConfig,
 ) -> Option<Transition> {
     let b = s.battery?;
-    if b >= c.battery_reserve || progress.reserve_waived {
+    if b >= s.battery_reserve || progress.reserve_waived {
         return None;
     }
-    let why = |code| Reason::new(code, b, c.battery_reserve);
+    let why = |code| Reason::new(code, b, s.battery_reserve);
     let lands = phase.state().phase() == Phase::Landing;
     let free = !matches!(s.reservation, Reservation::Others(holder) if holder != 0);
-    let lasts = lands || b >= (1.0 - FOR_WAITING) * c.battery_reserve;
-    let deck = s.fresh_deck().filter(|_| progress.landing && free && lasts);
+    let lasts = lands || b >= (1.0 - FOR_WAITING) * s.battery_reserve;
+    let touches = c.lowest_plan_m().is_none();
+    let deck = s
+        .fresh_deck()
+        .filter(|_| progress.landing && free && lasts && touches);
     let had = |p: &&BatteryPlace| **p != BatteryPlace::Deck || deck.is_some();
     let place = c.battery_order.iter().find(had).copied();
-    if lands && place != Some(BatteryPlace::Deck) {
+    if lands && place != Some(BatteryPlace::Deck) && touches {
         return None;
     }
     let before = core::mem::replace(&mut progress.low_battery, place);
@@ -159,6 +164,19 @@ fn low_battery(
     Some(gave_up(s, c).enter(why(code)))
 }
 
+/// The order outlives a lapse of the set-points, and ends where a person takes the drone over before they are back.
+fn after_lapse(progress: &mut Progress, s: &Situation) {
+    match s.flight {
+        ControlState::Unknown => {}
+        ControlState::Lapsed => progress.lapsed = true,
+        ControlState::OnGround | ControlState::Ours => progress.lapsed = false,
+        ControlState::Disarmed | ControlState::OtherControl(_) => {
+            progress.landing &= !progress.lapsed;
+            progress.lapsed = false;
+        }
+    }
+}
+
 /// What holds in every state that flies.
 fn interrupt(
     phase: MissionPhase,
@@ -168,6 +186,7 @@ fn interrupt(
     c: &MissionConfig,
 ) -> Option<Transition> {
     progress.overruled &= s.motors_stopped;
+    after_lapse(progress, s);
     if phase.flies() && s.motors_stopped && !progress.overruled {
         return Some(MissionPhase::LANDED.enter(ReasonCode::Touchdown));
     }
@@ -210,7 +229,7 @@ fn interrupt(
             progress.low_battery = None;
             progress.attempts = 0;
             progress.started = s.now;
-            progress.reserve_waived = s.battery.is_some_and(|b| b < c.battery_reserve);
+            progress.reserve_waived = s.battery.is_some_and(|b| b < s.battery_reserve);
             if gives_up {
                 return Some(holding(HoldCause::Data, s, c).enter(ReasonCode::Commanded));
             }
@@ -225,9 +244,9 @@ fn interrupt(
             progress.landing = false;
             return Some(MissionPhase::Idle.enter(ReasonCode::NotFlying));
         }
-        ControlState::OtherControl(mode) => {
-            // The autopilot's own hold is a lapse of the link; anything else is a person's command.
-            progress.landing &= mode == AutopilotMode::Hold;
+        ControlState::Lapsed => return Some(MissionPhase::Idle.enter(ReasonCode::NotFlying)),
+        ControlState::OtherControl(_) => {
+            progress.landing = false;
             return Some(MissionPhase::Idle.enter(ReasonCode::NotFlying));
         }
         ControlState::Unknown if phase.needs_data() => {

@@ -526,6 +526,7 @@ impl Pilot {
             .is_some_and(|a| a.armed && a.mode == AutopilotMode::Offboard);
         let committed = below.is_some_and(|b| b.clearance <= self.config.safety.commit_clearance_m);
         let permitted = commands
+            && mission.is_some_and(|m| m.lowest_clearance_m.is_none())
             && mission.is_some_and(|m| {
                 let near = committed && matches!(m.state, State::Descent | State::Landed);
                 m.state == State::Flare || near
@@ -615,7 +616,7 @@ impl Pilot {
             .filter(|p| !landed && !self.is_withdrawn(now, p, &mission))
             .and_then(|p| p.sample(self.acts_at(now)).map(|stage| (*p, stage)));
         let flare = mission.state == State::Flare;
-        let lands = mission.state.phase() == Phase::Landing;
+        let lands = mission.state.phase() == Phase::Landing && mission.lowest_clearance_m.is_none();
         // A mission that fell silent in the descent would have gone on to the flare.
         let committed = close && (flare || landed || silent && lands);
         if silent {

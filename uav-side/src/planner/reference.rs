@@ -23,6 +23,8 @@ const ABORTED_DESCENT_MPS2: f64 = 6.0;
 /// A drone on its way up climbs away from the deck at full rate while it is nearer to it than this, upwards and sideways,
 /// m: more than a deck rises within the time in which it gets there.
 const NEAR_DECK_M: f64 = 3.0;
+/// The reference rests on the lowest clearance, the bound of the plan lies lower by this, m: they do not pull at each other.
+const UNDERCUT_M: f64 = 0.2;
 /// A deck further from its mean height than this is no heave: the frame or the estimate moved, m.
 const HEIGHT_JUMP_M: f64 = 3.0;
 
@@ -39,6 +41,8 @@ pub struct Reference {
     pub deck: Vec<DeckStage>,
     /// Lowest height over the water outside the deck's outline, m.
     pub minimum_altitude_m: f64,
+    /// Lowest clearance of the feet over the deck in a plan, m; None: none.
+    pub lowest_clearance_m: Option<f64>,
     /// Mean height of the deck, NED z, m; 0 while no deck is known.
     pub mean_z: f64,
     /// Volumes around the deck, and where the plan passes each of them.
@@ -135,6 +139,7 @@ impl ReferenceGenerator {
         let (stages, step_s, start) = (self.config.stages, self.config.step_s, problem.state);
         let mission = &view.mission;
         reference.minimum_altitude_m = mission.minimum_altitude_m;
+        reference.lowest_clearance_m = mission.lowest_clearance_m;
         reference.deck.clear();
         let mean_z = view.forecast.as_ref().and_then(|f| {
             sample_deck(now, f, stages, step_s, &mut reference.deck);
@@ -183,7 +188,7 @@ impl ReferenceGenerator {
                 (Goal::Hold, *self.frozen.get_or_insert(here))
             }
         };
-        reference.touch = matches!(goal, Goal::Touch);
+        reference.touch = matches!(goal, Goal::Touch) && mission.lowest_clearance_m.is_none();
 
         problem.reference.clear();
         problem.weight.clear();
@@ -351,7 +356,10 @@ impl ReferenceGenerator {
                     let Some((z, vz)) = contact_z(k + 1) else {
                         continue;
                     };
-                    let (clearance, sinking) = profile.at(step_s * (k as f64 + 1.0));
+                    let (mut clearance, mut sinking) = profile.at(step_s * (k as f64 + 1.0));
+                    if let Some(lowest) = mission.lowest_clearance_m.filter(|l| clearance < *l) {
+                        (clearance, sinking) = (lowest, 0.0);
+                    }
                     r[2] = z - clearance;
                     r[8] = vz + sinking;
                 }
@@ -470,7 +478,20 @@ impl ReferenceGenerator {
             return water_z;
         };
         let tops = reference.passages.iter().filter_map(|p| p.top_z(deck, x, y));
-        tops.fold(water_z, f64::min)
+        tops.fold(water_z.min(self.deck_ceiling(reference, deck, x, y)), f64::min)
+    }
+
+    /// The lowest clearance over the deck's plane near the deck, nothing where a plan may touch: `n (p - c) - l = h` solved
+    /// for the height, with the normal `n`, the deck's centre `c` and the feet's distance `l`.
+    fn deck_ceiling(&self, reference: &Reference, deck: &DeckStage, x: f64, y: f64) -> f64 {
+        let (dx, dy) = (x - deck.position[0], y - deck.position[1]);
+        let near = dx.hypot(dy) < NEAR_DECK_M;
+        let Some(lowest) = reference.lowest_clearance_m.filter(|_| near) else {
+            return NO_CEILING;
+        };
+        let n = deck.normal();
+        let height = lowest - UNDERCUT_M + self.drone.feet_below_m - n.x * dx - n.y * dy;
+        deck.position[2] + height / n.z.min(-0.3)
     }
 
     /// The minimum altitude over the water, nothing over the deck.

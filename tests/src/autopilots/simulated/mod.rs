@@ -68,6 +68,8 @@ pub struct SimulatedAutopilot {
     pub resets: u8,
     /// Charge, 0 to 1.
     pub battery: f64,
+    /// It has a gauge.
+    pub battery_reported: bool,
     /// Fault: sends nothing.
     pub silent: bool,
     /// Fault: answers every command with this instead of obeying.
@@ -135,6 +137,7 @@ impl SimulatedAutopilot {
             range_m: None,
             resets: 0,
             battery: config.battery,
+            battery_reported: true,
             silent: false,
             answer: None,
             no_timesync: false,

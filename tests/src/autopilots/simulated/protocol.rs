@@ -374,7 +374,9 @@ impl SimulatedAutopilot {
             },
             id::BATTERY_STATUS => Message::Battery {
                 number: 0,
-                remaining: Some(self.battery),
+                remaining: self.battery_reported.then_some(self.battery),
+                voltage_v: None,
+                current_a: None,
             },
             id::ATTITUDE_TARGET => Message::AttitudeTargetThrust {
                 thrust: self.flight.reported_thrust(),

@@ -75,6 +75,8 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
             remaining: (0..=100)
                 .contains(&d.battery_remaining)
                 .then(|| f64::from(d.battery_remaining) * 0.01),
+            voltage_v: volts(&d.voltages),
+            current_a: (d.current_battery >= 0).then(|| f64::from(d.current_battery) * 0.01),
         },
         M::ATTITUDE_TARGET(d) => Message::AttitudeTargetThrust {
             thrust: d.thrust.into(),
@@ -168,6 +170,13 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
         },
         _ => return None,
     })
+}
+
+/// Voltage of a pack, V, from its cells' in mV; a pack without cells reports in the first one's place, 65535 is none.
+fn volts(cells: &[u16]) -> Option<f64> {
+    let known = cells.iter().filter(|v| !matches!(**v, 0 | u16::MAX));
+    let sum: f64 = known.map(|v| f64::from(*v)).sum();
+    (sum > 0.0).then_some(sum * 1e-3)
 }
 
 fn odometry(d: &m::ODOMETRY_DATA, payload: Fields<'_>) -> Option<OdometryReport> {

@@ -68,8 +68,19 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             landed_state: m::MavLandedState::from_u8(*state)?,
             ..m::EXTENDED_SYS_STATE_DATA::DEFAULT
         }),
-        Message::Battery { number, remaining } => M::BATTERY_STATUS(m::BATTERY_STATUS_DATA {
+        Message::Battery {
+            number,
+            remaining,
+            voltage_v,
+            current_a,
+        } => M::BATTERY_STATUS(m::BATTERY_STATUS_DATA {
             id: *number,
+            // mV of the whole pack in the place of its first cell, and cA.
+            voltages: core::array::from_fn(|k| match voltage_v {
+                Some(v) if k == 0 => (v * 1e3).round() as u16,
+                Some(_) | None => u16::MAX,
+            }),
+            current_battery: current_a.map_or(-1, |a| (a * 1e2).round() as i16),
             battery_remaining: remaining.map_or(-1, |r| (r * 100.0).round() as i8),
             ..m::BATTERY_STATUS_DATA::DEFAULT
         }),

@@ -66,6 +66,15 @@ struct Way {
     mean_z: f64,
     /// The wind that the drone is blown along with, m/s².
     wind: Vector2<f64>,
+    /// What is met is not the deck but a plane this far above it along its normal, m.
+    lifted_m: f64,
+}
+
+impl Way {
+    /// The plane is met, and not touched.
+    fn stops_above(&self) -> bool {
+        self.lifted_m > 0.0
+    }
 }
 
 impl Law for Rendezvous {
@@ -100,6 +109,8 @@ impl Law for Rendezvous {
             return None;
         };
         let left = self.write_references(now, &view.mission, forecast, problem, reference);
+        let touches = view.mission.lowest_clearance_m.is_none();
+        let left = left.filter(|_| touches);
         reference.touch = left.is_some();
         reference.alignment = problem.alignment();
         generator.keep_above(reference, problem);
@@ -142,7 +153,8 @@ impl Rendezvous {
         // Steep decks are met off their centre: a drone 0.3 m down a slope of 20 deg has 0.1 m less
         // below it than the centre says, and would stay above the deck that much longer.
         let lateral_offset = self.lateral_offset(&start, here);
-        let contact = self.contact_z(here, &lateral_offset);
+        let lifted_m = mission.lowest_clearance_m.unwrap_or(0.0);
+        let contact = self.contact_z(here, &lateral_offset, lifted_m);
         let mean_z = reference.mean_z;
         // Height over the surface that the profile follows at this height.
         let over =
@@ -159,7 +171,7 @@ impl Rendezvous {
             // Low over the deck the tag is out of view: waiting there drifts off.
             let flare = mission.state == Mode::Flare;
             let c = &self.config.touchdown_time;
-            let window_s = if flare { 0.0 } else { c.window_s };
+            let window_s = if flare || lifted_m > 0.0 { 0.0 } else { c.window_s };
             let c = TouchdownTimeConfig { window_s, ..*c };
             let left = self
                 .touchdown_time
@@ -171,11 +183,16 @@ impl Rendezvous {
         };
         let way = Way {
             left,
-            ceiling: clearance,
+            ceiling: if lifted_m > 0.0 {
+                clearance.max(0.0)
+            } else {
+                clearance
+            },
             floor,
             lateral_offset,
             mean_z,
             wind,
+            lifted_m,
         };
         let stages = problem.reference.iter_mut().zip(&mut problem.weight);
         for (k, ((r, q), deck)) in stages.zip(reference.deck.iter().skip(1)).enumerate() {
@@ -209,15 +226,21 @@ impl Rendezvous {
 
     /// Height of the centre of mass (NED z) of an aligned drone that stands on the deck `lateral_offset` its
     /// centre, m: `z - (n_x o_x + n_y o_y) / n_z + l n_z` with the normal `n`, the offset `o` and the
-    /// feet's distance `l`.
-    fn contact_z(&self, deck: &DeckStage, lateral_offset: &Vector2<f64>) -> f64 {
+    /// feet's distance `l`; `lifted_m` higher along the normal.
+    fn contact_z(&self, deck: &DeckStage, lateral_offset: &Vector2<f64>, lifted_m: f64) -> f64 {
         let n = deck.normal();
-        deck.position[2] + n.xy().dot(lateral_offset) / (-n.z).max(0.3) + self.feet * n.z
+        let up = (-n.z).max(0.3);
+        deck.position[2] + (n.xy().dot(lateral_offset) - lifted_m) / up + self.feet * n.z
     }
 
     /// The height that the profile has `time` from now, where it can be followed.
     fn wanted(&self, time: f64, way: &Way) -> Height {
-        let wanted = if way.left.is_finite() {
+        let wanted = if way.stops_above() && way.left < time {
+            Height {
+                clearance: 0.0,
+                sinking: 0.0,
+            }
+        } else if way.left.is_finite() {
             self.profile.at(way.left - time)
         } else {
             Height {
@@ -254,7 +277,7 @@ impl Rendezvous {
         let n = deck.normal();
         let spin = angular_velocity(deck);
         let turn = spin.cross(&n) * self.feet;
-        let contact = self.contact_z(deck, &way.lateral_offset);
+        let contact = self.contact_z(deck, &way.lateral_offset, way.lifted_m);
         let (tilt, gain) = if c.true_tilt {
             let gain = (GRAVITY - deck.acceleration[2]) / GRAVITY;
             (aligned_acceleration(deck) / GRAVITY, gain)
@@ -277,7 +300,8 @@ impl Rendezvous {
             FaaDistance::PerStage => h.clearance,
             FaaDistance::Current => way.ceiling,
         };
-        let near = clearance.max(0.0) / c.near_m;
+        let height = (clearance.max(0.0) / c.near_m).powi(2);
+        let near = (clearance.max(0.0) + way.lifted_m) / c.near_m;
         let g = (-near * near - after * after).exp();
         for i in 0..2 {
             q[i] = c.horizontal.at(g);
@@ -291,6 +315,8 @@ impl Rendezvous {
         let meant = tilt + way.wind * (contact / GRAVITY);
         r[3] = meant.y;
         r[4] = -meant.x;
+        // Above the deck its height alone is matched.
+        let g = if way.stops_above() { (-height).exp() } else { g };
         q[2] = c.vertical.at(g);
         q[8] = c.vertical_velocity.at(g);
     }

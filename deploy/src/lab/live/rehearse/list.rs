@@ -10,8 +10,7 @@ pub const CONFIGURATIONS: u8 = 5;
 pub const CHECK: u8 = 6;
 pub const VESSEL: u8 = 8;
 pub const DRONE: u8 = 9;
-pub const COMMAND: u8 = 10;
-pub const LANDING: u8 = 11;
+pub const LADDER: u8 = 10;
 
 /// Width of what is checked, so that the figures stand in a column.
 const WHAT: usize = 25;
@@ -90,8 +89,7 @@ mod tests {
             (CHECK, "Run `sudo -u alight alight check`"),
             (VESSEL, "Vessel moored"),
             (DRONE, "Drone on the ground"),
-            (COMMAND, "Propellers off, armed"),
-            (LANDING, "Tethered"),
+            (LADDER, "Climb the ladder"),
         ] {
             assert!(text.contains(&format!("\n{step}. {begins}")), "{step}: {begins}");
         }
@@ -102,11 +100,11 @@ mod tests {
         let mut list = CheckList::new(true);
         list.add(CERTIFICATES, "certificates", true, "vessel-1, drone-1");
         assert!(list.ok());
-        list.add(LANDING, "landed", false, "in the water");
+        list.add(LADDER, "landed", false, "in the water");
         assert!(!list.ok());
         assert_eq!(
             line(&list.rows()[1]),
-            "NOT OK 11  landed                    in the water"
+            "NOT OK 10  landed                    in the water"
         );
     }
 }

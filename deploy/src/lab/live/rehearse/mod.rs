@@ -458,7 +458,7 @@ impl<'a> Rehearsal<'a> {
         let answer = String::from_utf8_lossy(&said);
         let answer = answer.lines().next().unwrap_or_default();
         list.add(
-            list::COMMAND,
+            list::LADDER,
             "alight command land",
             output.status.success(),
             answer,
@@ -550,7 +550,7 @@ impl<'a> Rehearsal<'a> {
     fn show_verdict(&self, list: &mut CheckList) {
         let Some(landed) = &self.landed else {
             list.add(
-                list::LANDING,
+                list::LADDER,
                 "landed",
                 false,
                 format!("not within {} s", self.args.time_limit),
@@ -569,13 +569,13 @@ impl<'a> Rehearsal<'a> {
             }
             _ => format!("{}: {}", o.outcome.name(), o.reason),
         };
-        list.add(list::LANDING, "landed", o.success, figure);
+        list.add(list::LADDER, "landed", o.success, figure);
         let disarmed = o.stop_time_s.is_some() && self.armed != Some(true);
         let figure = match o.stop_time_s {
             Some(s) => format!("{s:.2} s after the first contact"),
             None => "motors on".into(),
         };
-        list.add(list::LANDING, "disarmed", disarmed, figure);
+        list.add(list::LADDER, "disarmed", disarmed, figure);
     }
 
     /// What the services wrote last.

@@ -1,0 +1,152 @@
+//! The ladder to a first landing: a person lands while Alight looks on, and a drone that follows the deck and climbs.
+// Helpers of tests may panic, as tests do.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use alight_shared::msg::{AutopilotState, CommandKind, LandingMode, ReasonCode, State};
+use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_sim::harness::physics::TICK;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::tap::{NoTap, Tap};
+use alight_sim::harness::world::World;
+use alight_sim::physics::sea::SeaConfig;
+use alight_uav::mission::{MissionIn, MissionOut};
+use nalgebra::Vector3;
+
+fn moderate() -> Scenario {
+    Scenario {
+        sea: SeaConfig::paper(0.5, 5.0),
+        ..Scenario::default()
+    }
+}
+fn nodes(mode: LandingMode) -> NodeConfigs {
+    let mut nodes = NodeConfigs::default();
+    nodes.drone.mission.mode = mode;
+    nodes
+}
+
+/// What the mission saw of the autopilot, and where it was.
+#[derive(Default)]
+struct Seen {
+    autopilot: Vec<AutopilotState>,
+    states: Vec<State>,
+}
+
+impl Tap for Seen {
+    fn mission(&mut self, _: Time<TrueTime>, _: Time<DroneClock>, input: &MissionIn, output: &MissionOut) {
+        self.autopilot.extend(input.autopilot);
+        let state = output.state.map(|m| m.state);
+        self.states
+            .extend(state.filter(|s| self.states.last() != Some(s)));
+    }
+}
+
+/// Height of a person's descent over the deck after `t`, m: above it, down to 2 m, there for a while, onto it.
+fn by_hand(t: f64) -> f64 {
+    match t {
+        t if t < 15.0 => 8.0,
+        t if t < 27.0 => 8.0 - 0.5 * (t - 15.0),
+        t if t < 40.0 => 2.0,
+        t => 2.0 - 0.4 * (t - 40.0),
+    }
+}
+
+#[test]
+fn shadow_commands_nothing_while_a_person_lands() {
+    let (scenario, nodes) = (moderate(), nodes(LandingMode::Shadow));
+    for seed in [71, 72] {
+        let mut world = World::new(&scenario, &nodes, seed).unwrap();
+        let mut seen = Seen::default();
+        world.warm_up(&mut seen);
+        world.command(CommandKind::Land);
+        let mut landed_for = 0;
+        for _ in 0..(70.0 / TICK.secs()) as u32 {
+            world.tick(&mut seen);
+            let t = world.physics().time_since_start().secs();
+            let over = world.physics().deck().position.0 - Vector3::z() * by_hand(t);
+            let apart = over - world.physics().drone(0).unwrap().position.0;
+            let on_deck = world.observation().feet_height_m() < 0.05;
+            let autopilot = &mut world.linked(0).unwrap().autopilot;
+            autopilot.hold_at(autopilot.position() + apart);
+            // Once it stands, the person disarms.
+            landed_for = if on_deck { landed_for + 1 } else { 0 };
+            if landed_for > 30 {
+                autopilot.arm(false);
+            }
+        }
+        assert!(
+            !world.linked(0).unwrap().autopilot.armed(),
+            "seed {seed}: never landed"
+        );
+        assert_eq!(world.linked(0).unwrap().commanded, 0, "seed {seed}");
+        // It would have flown the whole way, and the person's disarm ends it.
+        for state in [
+            State::GetAltitude,
+            State::Approach,
+            State::TrackingStable,
+            State::Descent,
+        ] {
+            assert!(seen.states.contains(&state), "seed {seed}: {:?}", seen.states);
+        }
+        assert_eq!(
+            seen.states.last(),
+            Some(&State::Idle),
+            "seed {seed}: {:?}",
+            seen.states
+        );
+        let compared: Vec<_> = seen.autopilot.iter().filter_map(|a| a.shadow).collect();
+        assert!(compared.len() > 300, "seed {seed}: {}", compared.len());
+        assert!(
+            compared
+                .iter()
+                .all(|s| !s.stops && s.apart_rad < 1.0 && s.thrust > 0.0)
+        );
+        // Above the deck both hover.
+        let mut apart: Vec<f64> = compared.iter().map(|s| s.apart_rad.to_degrees()).collect();
+        apart.sort_by(f64::total_cmp);
+        let median = apart[apart.len() / 2];
+        assert!((0.01..15.0).contains(&median), "seed {seed}: {median} deg");
+    }
+}
+
+#[test]
+fn match_holds_over_the_deck_and_climbs() {
+    let (scenario, nodes) = (moderate(), nodes(LandingMode::Match));
+    let c = &nodes.drone.mission;
+    let mut flown = Vec::new();
+    for seed in 81..87 {
+        let mut world = World::new(&scenario, &nodes, seed).unwrap();
+        world.warm_up(&mut NoTap);
+        world.command(CommandKind::Land);
+        let (mut least_m, mut near_s, mut matched_at, mut climbed_m) = (f64::INFINITY, 0.0, None, 0.0_f64);
+        for _ in 0..(180.0 / TICK.secs()) as u32 {
+            world.tick(&mut NoTap);
+            let t = world.physics().time_since_start().secs();
+            let o = world.observation();
+            assert!(o.contacts.is_empty(), "seed {seed}: a contact");
+            // The lowest foot.
+            let height_m = o.feet.iter().map(|f| f[2]).fold(f64::INFINITY, f64::min);
+            least_m = least_m.min(height_m);
+            near_s += if height_m < c.lowest_clearance_m + 1.5 {
+                TICK.secs()
+            } else {
+                0.0
+            };
+            let m = world.mission_state();
+            if m.state == State::GaveUp {
+                assert_eq!(m.entered.code, ReasonCode::Matched, "seed {seed}: {}", m.entered);
+                matched_at.get_or_insert(t);
+                climbed_m = climbed_m.max(height_m);
+            }
+            if matched_at.is_some_and(|at| t > at + 12.0) {
+                break;
+            }
+        }
+        flown.push(format!(
+            "seed {seed}: lowest {least_m:.2} m, near for {near_s:.1} s, matched at {matched_at:?} s, \
+             then up to {climbed_m:.1} m"
+        ));
+        let sound = least_m >= c.lowest_clearance_m && near_s >= c.match_s && climbed_m > 10.0;
+        assert!(sound && matched_at.is_some(), "{}", flown.join("\n"));
+    }
+    println!("{}", flown.join("\n"));
+}

@@ -1,0 +1,242 @@
+//! The battery: what its gauge and voltage have shown for long enough, how fast it empties, and what the way to the deck
+//! costs of it.
+
+use std::collections::VecDeque;
+
+use alight_shared::msg::AutopilotState;
+
+use super::config::MissionConfig;
+use super::phase::DroneTime;
+
+/// Readings kept at most: a minute at the rate of the autopilot's state, and some.
+const MAX_READINGS: usize = 1024;
+/// The gauge has to fall by this between two measurements of its rate, two of its steps.
+const FALL: f64 = 0.02;
+/// A gauge that rises by this is another battery.
+const RISE: f64 = 0.05;
+/// Share of a new measurement in the power.
+const NEW: f64 = 0.3;
+/// Time constant of the current, s: gusts and manoeuvres pass.
+const CURRENT_TIME_S: f64 = 10.0;
+/// Time constant of the speed at which it comes nearer, s.
+const CLOSING_TIME_S: f64 = 10.0;
+/// Nearer than this the way has no speed of its own, m.
+const ARRIVED_M: f64 = 30.0;
+/// No slower is assumed, m/s: the cost stays finite.
+const LEAST_MPS: f64 = 0.5;
+
+/// Watches the battery.
+#[derive(Clone, Debug, Default)]
+pub(super) struct BatteryMonitor {
+    /// Readings that nothing later has reached, falling: the first is the greatest of the watched time.
+    readings: VecDeque<(DroneTime, f64)>,
+    began: Option<DroneTime>,
+    last: Option<DroneTime>,
+    /// The gauge at its last fall that counted.
+    anchor: Option<(DroneTime, f64)>,
+    /// Charge per second, by the gauge.
+    by_gauge: Option<f64>,
+    /// The current, A.
+    current_a: Option<f64>,
+    /// The speed at which the drone comes nearer to the deck, m/s.
+    closing_mps: Option<f64>,
+}
+
+impl BatteryMonitor {
+    /// Takes the autopilot's newest state.
+    pub(super) fn update(&mut self, a: &AutopilotState, c: &MissionConfig) {
+        let now = a.header.at;
+        let empty = a.battery_v.is_some_and(|v| v < c.battery_minimum_v);
+        let Some(charge) = (if empty { Some(0.0) } else { a.battery }) else {
+            self.readings.clear();
+            self.began = None;
+            return;
+        };
+        self.began.get_or_insert(now);
+        while self.readings.back().is_some_and(|(_, r)| *r <= charge) {
+            self.readings.pop_back();
+        }
+        if self.readings.len() == MAX_READINGS {
+            self.readings.pop_front();
+        }
+        self.readings.push_back((now, charge));
+        while self
+            .readings
+            .front()
+            .is_some_and(|(at, _)| (now - *at).secs() > c.battery_lasts_s)
+        {
+            self.readings.pop_front();
+        }
+        self.measure(now, a, c);
+    }
+
+    /// How fast it empties, by the charge that counts: a reading that is lost is no fall.
+    fn measure(&mut self, now: DroneTime, a: &AutopilotState, c: &MissionConfig) {
+        let dt = self.last.map_or(0.0, |at| (now - at).secs()).clamp(0.0, 1.0);
+        self.last = Some(now);
+        if !a.armed {
+            (self.anchor, self.by_gauge, self.current_a) = (None, None, None);
+            return;
+        }
+        if let Some(amps) = a.battery_a {
+            let gain = 1.0 - (-dt / CURRENT_TIME_S).exp();
+            self.current_a = Some(self.current_a.map_or(amps, |i| i + gain * (amps - i)));
+        }
+        let Some(charge) = self.charge(c) else { return };
+        let Some((at, before)) = self.anchor.filter(|(_, before)| charge < before + RISE) else {
+            self.anchor = Some((now, charge));
+            return;
+        };
+        let lasted = (now - at).secs();
+        if before - charge >= FALL && lasted > 0.0 {
+            let measured = (before - charge) / lasted;
+            self.by_gauge = Some(self.by_gauge.map_or(measured, |p| p + NEW * (measured - p)));
+            self.anchor = Some((now, charge));
+        }
+    }
+
+    /// The charge that counts, 0 to 1: the greatest of the last `battery_lasts_s`, so that neither one reading nor a voltage
+    /// that sags under thrust does anything; 0 where the voltage has been below its minimum for so long. None while nothing
+    /// is reported, or not for so long.
+    pub(super) fn charge(&self, c: &MissionConfig) -> Option<f64> {
+        let lasted = (self.last? - self.began?).secs();
+        let (_, charge) = self.readings.front()?;
+        (lasted >= c.battery_lasts_s).then_some(*charge)
+    }
+
+    /// Follows the speed at which the drone comes nearer to a deck that is `distance_m` away, while it flies there;
+    /// `assumed_mps` before. Wind and the vessel's way are in it.
+    pub(super) fn approach(&mut self, dt: f64, distance_m: f64, closing_mps: Option<f64>, assumed_mps: f64) {
+        let closing = closing_mps.filter(|_| distance_m > ARRIVED_M);
+        self.closing_mps = closing.map(|v| {
+            let before = self.closing_mps.unwrap_or(assumed_mps);
+            before + (1.0 - (-dt / CLOSING_TIME_S).exp()) * (v - before)
+        });
+    }
+
+    /// Charge per second, 0 to 1 per second: the current over the capacity where both are known, or the gauge's own fall;
+    /// 0 until that is measured.
+    fn power(&self, c: &MissionConfig) -> f64 {
+        let by_current = self.current_a.filter(|_| c.battery_capacity_ah > 0.0);
+        let by_current = by_current.map(|i| i / (3600.0 * c.battery_capacity_ah));
+        by_current.or(self.by_gauge).unwrap_or(0.0).max(0.0)
+    }
+
+    /// The charge that has to be left: for the way of `distance_m` to the deck at the speed made good, and one attempt, by
+    /// the power that is measured, `P (d / v + t)`; at least the configured reserve.
+    pub(super) fn reserve(&self, distance_m: f64, assumed_mps: f64, c: &MissionConfig) -> f64 {
+        let speed = self.closing_mps.unwrap_or(assumed_mps).max(LEAST_MPS);
+        let way_s = if distance_m.is_finite() {
+            distance_m / speed
+        } else {
+            0.0
+        };
+        let needed = self.power(c) * (way_s + c.battery_attempt_s);
+        c.battery_reserve.max(needed.min(1.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::Header;
+    use alight_shared::time::Time;
+
+    fn config() -> MissionConfig {
+        MissionConfig::default()
+    }
+    fn state(t: f64, battery: Option<f64>) -> AutopilotState {
+        AutopilotState {
+            header: Header::new(0, 1, 1, 0, Time::from_secs(t)),
+            armed: true,
+            battery,
+            ..AutopilotState::default()
+        }
+    }
+    /// Ten readings a second for `seconds` from `from_s` on.
+    fn run(
+        m: &mut BatteryMonitor,
+        c: &MissionConfig,
+        from_s: f64,
+        seconds: f64,
+        a: impl Fn(f64) -> AutopilotState,
+    ) {
+        for k in 0..(10.0 * seconds) as u32 {
+            let t = from_s + 0.1 * f64::from(k);
+            m.update(&a(t), c);
+        }
+    }
+
+    #[test]
+    fn battery_at_0_percent_is_empty_and_not_unreported() {
+        let (mut m, c) = (BatteryMonitor::default(), config());
+        run(&mut m, &c, 0.0, 10.0, |t| state(t, Some(0.0)));
+        assert_eq!(m.charge(&c), Some(0.0));
+        run(&mut m, &c, 10.0, 10.0, |t| state(t, None));
+        assert_eq!(m.charge(&c), None);
+    }
+
+    #[test]
+    fn battery_low_for_less_than_its_time() {
+        let (mut m, c) = (BatteryMonitor::default(), config());
+        run(&mut m, &c, 0.0, 10.0, |t| state(t, Some(0.5)));
+        m.update(&state(10.0, Some(0.0)), &c);
+        assert_eq!(m.charge(&c), Some(0.5), "one reading");
+        run(&mut m, &c, 10.1, 4.5, |t| state(t, Some(0.1)));
+        assert_eq!(m.charge(&c), Some(0.5), "4.5 s");
+        run(&mut m, &c, 14.6, 1.0, |t| state(t, Some(0.1)));
+        assert_eq!(m.charge(&c), Some(0.1));
+    }
+
+    #[test]
+    fn battery_voltage_that_sags_or_stays_low() {
+        let c = MissionConfig {
+            battery_minimum_v: 13.6,
+            ..config()
+        };
+        let at = |t: f64, v: f64| AutopilotState {
+            battery_v: Some(v),
+            ..state(t, Some(0.6))
+        };
+        let mut m = BatteryMonitor::default();
+        // Two seconds of full thrust, every five.
+        run(&mut m, &c, 0.0, 60.0, |t| {
+            at(t, if t % 5.0 < 2.0 { 13.0 } else { 14.8 })
+        });
+        assert_eq!(m.charge(&c), Some(0.6));
+        run(&mut m, &c, 60.0, 6.0, |t| at(t, 13.0));
+        assert_eq!(m.charge(&c), Some(0.0));
+    }
+
+    #[test]
+    fn battery_reserve_is_what_the_way_and_an_attempt_cost() {
+        let (mut m, c) = (BatteryMonitor::default(), config());
+        // A gauge in whole per cents, of a battery for 1000 s.
+        run(&mut m, &c, 0.0, 300.0, |t| {
+            state(t, Some((90.0 - 0.1 * t).round() / 100.0))
+        });
+        let (d, v) = (3000.0, 8.0);
+        let needed = 1e-3 * (d / v + c.battery_attempt_s);
+        let found = m.reserve(d, v, &c);
+        assert!((found / needed - 1.0).abs() < 0.1, "{found} of {needed}");
+        assert_eq!(m.reserve(20.0, v, &c), c.battery_reserve);
+        // Into the wind, after a vessel that leaves: 4 m/s made good.
+        for _ in 0..600 {
+            m.approach(0.1, d, Some(4.0), v);
+        }
+        let against = m.reserve(d, v, &c);
+        let needed = 1e-3 * (d / 4.0 + c.battery_attempt_s);
+        assert!((against / needed - 1.0).abs() < 0.1, "{against} of {needed}");
+        // By the current: 20 A of 10 Ah empty it in 1800 s.
+        let c = MissionConfig {
+            battery_capacity_ah: 10.0,
+            ..c
+        };
+        run(&mut m, &c, 300.0, 60.0, |t| AutopilotState {
+            battery_a: Some(20.0),
+            ..state(t, Some(0.6))
+        });
+        let needed = (d / 4.0 + c.battery_attempt_s) / 1800.0;
+        assert!((m.reserve(d, v, &c) - needed).abs() < 0.01);
+    }
+}
