@@ -139,7 +139,11 @@ config! {
 
 /// Prints one with every key, with the addresses that `alight vessel` and `alight drone` have by default.
 pub fn print_world() -> Result<Exit, CliError> {
-    let text = commented(&SimulatedWorld::default()).doing("writing the configuration as TOML")?;
+    let mut world = SimulatedWorld::default();
+    // What is started by hand beside it has this computer's clock.
+    let clocks = &mut world.scenario.sensors.clocks;
+    (clocks.epoch_s, clocks.offset_s, clocks.drift_ppm) = (0.0, 0.0, 0.0);
+    let text = commented(&world).doing("writing the configuration as TOML")?;
     terminal::line(text.trim_end());
     Ok(Exit::Success)
 }
