@@ -36,7 +36,7 @@ pub enum LabCommand {
     Rao(RaoArgs),
     /// Land once in real time: all processes of vessel and drone, simulated vehicles.
     Land(Box<LandArgs>),
-    /// Rehearse an installation: both services as shipped or as configured, against simulated vehicles.
+    /// Rehearse an installation: what the packages install, on simulated vehicles.
     Rehearse(Box<RehearseArgs>),
     /// The former name of `land --trials N`.
     #[command(hide = true)]
