@@ -40,14 +40,21 @@ impl Tap for Seen {
     }
 }
 
-/// Height of a person's descent over the deck after `t`, m: above it, down to 2 m, there for a while, onto it.
+/// Height of a person's way over the deck after `t`, m: at the approach's height, at the tracking height, down to 2 m, there
+/// for a while, onto it.
 fn by_hand(t: f64) -> f64 {
-    match t {
-        t if t < 15.0 => 8.0,
-        t if t < 27.0 => 8.0 - 0.5 * (t - 15.0),
-        t if t < 40.0 => 2.0,
-        t => 2.0 - 0.4 * (t - 40.0),
-    }
+    let down = [
+        (20.0, 1.0, 15.0, 7.0),
+        (45.0, 0.5, 7.0, 2.0),
+        (60.0, 0.4, 2.0, -1.0),
+    ];
+    down.iter().fold(15.0, |height, (from_s, speed, from_m, to_m)| {
+        if t < *from_s {
+            height
+        } else {
+            (from_m - speed * (t - from_s)).max(*to_m)
+        }
+    })
 }
 
 #[test]
@@ -59,7 +66,7 @@ fn shadow_commands_nothing_while_a_person_lands() {
         world.warm_up(&mut seen);
         world.command(CommandKind::Land);
         let mut landed_for = 0;
-        for _ in 0..(70.0 / TICK.secs()) as u32 {
+        for _ in 0..(90.0 / TICK.secs()) as u32 {
             world.tick(&mut seen);
             let t = world.physics().time_since_start().secs();
             let over = world.physics().deck().position.0 - Vector3::z() * by_hand(t);
