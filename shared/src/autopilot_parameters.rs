@@ -46,8 +46,8 @@ pub struct Parameter {
 /// Requests without an answer after which a parameter counts as one that the autopilot does not have.
 pub const REQUESTS: u32 = 10;
 
-/// PX4's. Those of lost links, battery, fence and return are for a home that is a boat: it has left the place where home was
-/// set, and a landing there is one on the water.
+/// PX4's. Those of lost links, battery, fence and return are for a home that is a boat: it has left the place where
+/// home was set, and a landing there is one on the water.
 ///
 /// Source: PX4's parameter reference (main): Commander, Geofence, Return Mode.
 pub const PX4: &[Parameter] = &[

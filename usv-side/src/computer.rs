@@ -159,8 +159,8 @@ impl fmt::Display for VesselEvent {
             VesselEvent::StillArmed { drone, for_s } => write!(f, "drone {drone}: {}", still_armed(*for_s)),
             VesselEvent::StuckImu { source, stuck: true } => write!(
                 f,
-                "inertial sensor {source} is STUCK: {MAX_REPEATED} samples in a row have the same numbers, and no more are \
-                 used: power it off and on, see to its cable and driver"
+                "inertial sensor {source} is STUCK: {MAX_REPEATED} samples in a row have the same numbers, and no \
+                 more are used: power it off and on, see to its cable and driver"
             ),
             VesselEvent::StuckImu { source, stuck: false } => {
                 write!(f, "inertial sensor {source} measures again")

@@ -34,7 +34,8 @@ const MAX_POLLS: u32 = 40;
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 /// From ashore it takes a session and two radios.
 const MAX_POLLS_ASHORE: u32 = 240;
-/// The session is awaited for so long, 3 s, before an order is sent all the same: a vessel that is not received may receive.
+/// The session is awaited for so long, 3 s, before an order is sent all the same: a vessel that is not received may
+/// receive.
 const MAX_POLLS_CONTACT: u32 = 60;
 /// The vessel's status comes twice a second.
 const MAX_POLLS_DECK: u32 = 120;
@@ -270,8 +271,8 @@ impl Ashore {
             self.drone = Some(status);
         }
     }
-    /// Whether to send the order at this look. Before the session is open it would be lost; a vessel that is never received
-    /// may yet receive.
+    /// Whether to send the order at this look. Before the session is open it would be lost; a vessel that is never
+    /// received may yet receive.
     fn is_due(&mut self, poll: u32) -> bool {
         let open = self.contact || poll >= MAX_POLLS_CONTACT;
         let due = !self.asks_only && open && poll.is_multiple_of(REPEAT_POLLS);
@@ -301,11 +302,12 @@ impl Ashore {
             _ if self.asks_only => "",
             Some(CommandProgress::Taken) => "the drone has taken the command",
             Some(CommandProgress::Pending) if abort => {
-                "the vessel has the abort, and the drone has not acknowledged it:\nit STAYS PENDING, and is repeated until \
-                 the drone does"
+                "the vessel has the abort, and the drone has not acknowledged it:\nit STAYS PENDING, and is \
+                 repeated until the drone does"
             }
             Some(CommandProgress::Pending) => {
-                "the vessel has the command, and the drone has not taken it:\nthe vessel gives it up 10 s after it came"
+                "the vessel has the command, and the drone has not taken it:\nthe vessel gives it up 10 s after \
+                 it came"
             }
             Some(CommandProgress::GivenUp) => "the drone did not take the command, and the vessel gave it up",
             Some(CommandProgress::Forbidden) => {
@@ -313,16 +315,17 @@ impl Ashore {
             }
             Some(CommandProgress::Replaced) => "a newer command for this drone has replaced it",
             Some(CommandProgress::Unknown) => {
-                "the vessel was started anew and does not know what became of it:\nlook at the drone, then command again"
+                "the vessel was started anew and does not know what became of it:\nlook at the drone, then \
+                 command again"
             }
             None if self.sent == 0 => "the command was NOT SENT",
             None if abort => {
-                "RECEIPT UNCONFIRMED: whether the vessel has the abort is not known.\nIf it has, it stays pending; if not, \
-                 nothing repeats it:\ncommand it again, or take the drone over by remote control"
+                "RECEIPT UNCONFIRMED: whether the vessel has the abort is not known.\nIf it has, it stays \
+                 pending; if not, nothing repeats it:\ncommand it again, or take the drone over by remote control"
             }
             None => {
-                "RECEIPT UNCONFIRMED: whether the vessel has the command is not known;\nit may yet act for 10 s: abort if it \
-                 must not"
+                "RECEIPT UNCONFIRMED: whether the vessel has the command is not known;\nit may yet act for 10 s: \
+                 abort if it must not"
             }
         }
     }

@@ -1,10 +1,11 @@
 //! The file in which the vessel's process keeps what it must not forget of its deck, and the crew's orders.
 //!
 //! It is written to the disk at each change, whole and under another name first, and carries version and checksum: the
-//! next start finds the old state or the new one. What is not known is closed until a person opens it: where the file is
-//! missing, cannot be read, or cannot be replaced at the start (it may be older than what happened since). One that cannot
-//! be replaced later is removed, so that no start finds it. Only on a disk that became read-only it stays, and a start
-//! after that disk became writable again would believe it. The first file is the installation's, or a launcher's.
+//! next start finds the old state or the new one. What is not known is closed until a person opens it: where the file
+//! is missing, cannot be read, or cannot be replaced at the start (it may be older than what happened since). One that
+//! cannot be replaced later is removed, so that no start finds it. Only on a disk that became read-only it stays, and
+//! a start after that disk became writable again would believe it. The first file is the installation's, or a
+//! launcher's.
 //!
 //! The crew's orders lie beside it, or where the disk takes none beside the process's status.
 

@@ -1,6 +1,7 @@
 //! The deck's place as the autopilot's home.
 
 use alight_shared::geodesy::Datum;
+use alight_shared::msg::State;
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::autopilot::message::command;
 
@@ -20,6 +21,7 @@ fn home_follows_the_deck() {
         p.forecast = true;
         p.run(4.0);
         p.take_command();
+        p.mission = State::Tracking;
         p.pilot = Some(hold);
         p.run(16.0);
         // At rest: once, and no more within half a minute.
@@ -34,10 +36,10 @@ fn home_follows_the_deck() {
         p.pilot = Some(lead);
         p.run(40.0);
         let times = times(&p);
-        assert!((5..=9).contains(&times.len()), "{firmware:?}: {times:?}");
+        assert!((4..=9).contains(&times.len()), "{firmware:?}: {times:?}");
         assert!(times.windows(2).all(|w| w[1] - w[0] > 4.99), "{times:?}");
         let moved = p.linked.autopilot.home.unwrap().distance_m(&home);
-        assert!((20.0..80.0).contains(&moved), "{moved} m");
+        assert!((15.0..80.0).contains(&moved), "{moved} m");
     }
 }
 

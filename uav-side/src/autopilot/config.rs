@@ -82,8 +82,9 @@ config! {
         /// No landing before the autopilot's parameters that it relies on were read and suit. Without: what does not
         /// suit is reported only.
         pub check_parameters: bool = true;
-        /// The deck is sent to the autopilot as its home (`MAV_CMD_DO_SET_HOME`) when it has moved, so that a return of its own
-        /// leads to the vessel and not to where she was. It has to end in a hover there (RTL_LAND_DELAY, RTL_ALT_FINAL).
+        /// The deck is sent to the autopilot as its home (`MAV_CMD_DO_SET_HOME`) when it has moved, so that a return
+        /// of its own leads to the vessel and not to where she was. It has to end in a hover there (RTL_LAND_DELAY,
+        /// RTL_ALT_FINAL).
         pub send_home: bool = false;
         /// Alight may arm a drone that stands on the ground in the mode that a person gave.
         pub may_arm: bool = false;

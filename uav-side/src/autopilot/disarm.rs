@@ -179,8 +179,8 @@ impl DisarmConfig {
     }
 }
 
-/// Since the landing, s, of a drone that is landed and armed for longer than the disarm takes: all commands were denied,
-/// or `disarm.on_deck` is off. A mission leaves `Landed` when the drone, disarmed in between, is armed again.
+/// Since the landing, s, of a drone that is landed and armed for longer than the disarm takes: all commands were
+/// denied, or `disarm.on_deck` is off. A mission leaves `Landed` when the drone, disarmed in between, is armed again.
 pub fn still_armed_s(now: DroneTime, mission: &MissionState, armed: bool, c: &DisarmConfig) -> Option<f64> {
     let landed_s = (now - mission.since).secs();
     (armed && mission.state == State::Landed && landed_s > c.longest_s()).then_some(landed_s)

@@ -1,18 +1,19 @@
 //! The deck arbiter: of several drones one at a time may descend.
 //!
-//! Every drone reports the state of its mission ([`DroneStatus`], 2 Hz); the arbiter publishes who owns the
-//! deck ([`DeckGrant`], 2 Hz and at each change). A drone requests the deck by approaching it. It owns the
-//! deck until there is evidence that it has left: for seconds it reports itself armed, in the air and at a distance, or the
-//! crew says so ([`claim`]). One status is no evidence, and silence is none: a drone that was granted the deck may have
-//! landed and been switched off, and its radio may fail in one direction, so that it lands unheard. So no silence is long
-//! enough to give the deck to another without a person; while another waits with a low battery the arbiter raises an alarm
-//! ([`Starved`]), and who waits lands at the next place of its own order.
+//! Every drone reports the state of its mission ([`DroneStatus`], 2 Hz); the arbiter publishes who owns the deck
+//! ([`DeckGrant`], 2 Hz and at each change). A drone requests the deck by approaching it. It owns the deck until there
+//! is evidence that it has left: for seconds it reports itself armed, in the air and at a distance, or the crew says
+//! so ([`claim`]). One status is no evidence, and silence is none: a drone that was granted the deck may have landed
+//! and been switched off, and its radio may fail in one direction, so that it lands unheard. So no silence is long
+//! enough to give the deck to another without a person; while another waits with a low battery the arbiter raises an
+//! alarm ([`Starved`]), and who waits lands at the next place of its own order.
 //!
 //! A drone that is switched on without a position may stand on the deck. Nobody is given the deck until it reports its place;
 //! it takes the deck from nobody.
 //!
-//! Every drone in the air gets a waiting place of its own, beside the deck. Within [`OWNER_ONLY_M`] of the deck there is
-//! its owner alone: nobody is given the deck before the owner before it is beyond that. A silent drone keeps its place.
+//! Every drone in the air gets a waiting place of its own, beside the deck. Within [`OWNER_ONLY_M`] of the deck there
+//! is its owner alone: nobody is given the deck before the owner before it is beyond that. A silent drone keeps its
+//! place.
 //!
 //! The crew closes and opens the deck ([`DeckOrder`]). A [`DeckCheckpoint`] outlives the process.
 //! Digital inputs close it too, where configured ([`DeckInputs`]): the crew's switch, and a sensor of what lies on the

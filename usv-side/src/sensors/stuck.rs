@@ -4,10 +4,10 @@ use alight_shared::msg::ImuSample;
 
 /// So many samples in a row with the same six numbers are no measurement.
 ///
-/// A MEMS sensor's white noise per sample is `sigma >= LSB / 3` on each axis (data sheets: 1 to 5 LSB at 100 Hz and more).
-/// Two samples at rest then fall into one step of an axis with `p <= erf(1.5 / sqrt 2)^2 + ... = 0.76`, into that of all six
-/// with `p^6 <= 0.2`, and 24 in a row with `0.2^24 = 2e-17`: less than once in ten years at 1 kHz. A driver that publishes
-/// each of the sensor's samples several times over, up to 24 times, passes.
+/// A MEMS sensor's white noise per sample is `sigma >= LSB / 3` on each axis (data sheets: 1 to 5 LSB at 100 Hz and
+/// more). Two samples at rest then fall into one step of an axis with `p <= erf(1.5 / sqrt 2)^2 + ... = 0.76`, into
+/// that of all six with `p^6 <= 0.2`, and 24 in a row with `0.2^24 = 2e-17`: less than once in ten years at 1 kHz. A
+/// driver that publishes each of the sensor's samples several times over, up to 24 times, passes.
 pub const MAX_REPEATED: u32 = 25;
 
 /// The newest numbers of one sensor, and how often they came in a row.

@@ -1,5 +1,5 @@
-//! What a drone has to do with the deck, by its statuses. A claim to it begins with one status; a remembered one ends by
-//! sustained and consistent evidence, or by the crew.
+//! What a drone has to do with the deck, by its statuses. A claim to it begins with one status; a remembered one ends
+//! by sustained and consistent evidence, or by the crew.
 
 use alight_shared::msg::{DroneStatus, LandedState, OWNER_ONLY_M, State};
 use alight_shared::time::{Span, Time, VesselClock};
@@ -48,7 +48,8 @@ pub(super) fn is_far(status: &DroneStatus) -> bool {
     status.deck_distance_m.is_some_and(|d| d > FAR_M)
 }
 
-/// In the air by its autopilot, armed. A land detector that misses a heaving deck reports this of a landed drone as well.
+/// In the air by its autopilot, armed. A land detector that misses a heaving deck reports this of a landed drone as
+/// well.
 pub(super) fn flies(status: &DroneStatus) -> bool {
     status.armed && status.landed == LandedState::InAir
 }

@@ -38,6 +38,7 @@ use crate::process::observer::Observer;
 use crate::process::scheduling;
 use crate::process::supervisor::pause;
 use crate::terminal;
+use crate::vessel::deck_file;
 use crate::vessel::status_file::{self, CertificateStatus, SourceHealth, VesselStatus};
 
 /// Time between two looks.
@@ -311,6 +312,8 @@ impl<'a> Rehearsal<'a> {
 
     fn start_vessel(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
         let directory = self.plan.directory.path();
+        // As the package leaves it: the crew found the deck free.
+        deck_file::write_first(directory, &self.plan.vessel).map_err(CliError)?;
         self.vessel = Some(Service::start("vessel", &self.program, directory)?);
         self.await_ready(list, list::VESSEL, "alight-vessel", |r| r.vessel.as_ref())
     }
