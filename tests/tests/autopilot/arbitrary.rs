@@ -86,14 +86,11 @@ fn message() -> impl Strategy<Value = Message> {
             })
         }),
         (0..6_u8).prop_map(|state| Message::Landed { state }),
-        (any::<u8>(), [number(), number(), number()]).prop_map(|(number, values)| {
-            let [remaining, voltage_v, current_a] = values.map(Some);
-            Message::Battery {
-                number,
-                remaining,
-                voltage_v,
-                current_a,
-            }
+        (any::<u8>(), three()).prop_map(|(number, [remaining, voltage, current])| Message::Battery {
+            number,
+            remaining: Some(remaining),
+            voltage_v: Some(voltage),
+            current_a: Some(current),
         }),
         number().prop_map(|thrust| Message::AttitudeTargetThrust { thrust }),
         any::<u32>().prop_map(|custom_mode| Message::Mode { custom_mode }),

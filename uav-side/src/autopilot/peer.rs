@@ -14,6 +14,8 @@ use super::streams::Streams;
 const THRUST_STALE: Span = Span::from_millis(300);
 /// No battery of a multirotor has more, V.
 const MAX_V: f64 = 500.0;
+/// None gives or takes more, A.
+const MAX_A: f64 = 2000.0;
 /// Batteries, at most.
 const MAX_BATTERIES: usize = 4;
 
@@ -71,7 +73,9 @@ impl Peer {
     pub(crate) fn battery(&mut self, number: u8, [charge, voltage_v, current_a]: [Option<f64>; 3]) {
         if let Some(b) = self.batteries.get_mut(usize::from(number)) {
             let charge = charge.filter(|r| (0.0..=1.0).contains(r));
-            *b = [charge, voltage_v.filter(|v| (0.0..=MAX_V).contains(v)), current_a];
+            let voltage_v = voltage_v.filter(|v| (0.0..=MAX_V).contains(v));
+            let current_a = current_a.filter(|a| a.abs() <= MAX_A);
+            *b = [charge, voltage_v, current_a];
         }
     }
     /// Charge of the emptiest battery, 0 to 1; None when none is reported.
