@@ -24,8 +24,8 @@ pub(crate) use tracking::steer;
 use alight_shared::admission::Latest;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, DeckForecast, DeckStage, DroneState, Header, LandedState, Message,
-    MissionState, Motors, Phase, Plan, PlanStage, RangeSample, SetPoint, SetPointKind, State,
+    AutopilotMode, AutopilotState, DeckForecast, DeckStage, DroneState, Header, LandedState, LandingMode,
+    Message, MissionState, Motors, Phase, Plan, PlanStage, RangeSample, SetPoint, SetPointKind, State,
 };
 use alight_shared::node::Node;
 use alight_shared::surroundings::Surroundings;
@@ -739,6 +739,10 @@ impl Node for Pilot {
             self.delay.received(age, dt, &self.config.delay);
         }
         self.learn(now, new.as_ref(), dt, below.as_ref());
+        if mission.is_some_and(|m| m.mode == LandingMode::Shadow) {
+            // Nobody follows the last command.
+            self.tracker.reset();
+        }
         let set_point = self.fly(now, dt, mission, &body, below.as_ref());
         let followed = self
             .autopilot

@@ -35,7 +35,8 @@ use alight_shared::admission::{InOrder, Latest, Rule};
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotState, DeckForecast, DroneState, Header, Message, MissionState, Phase, Plan, PlanStage, Solve,
+    AutopilotState, DeckForecast, DroneState, Header, LandingMode, Message, MissionState, Phase, Plan,
+    PlanStage, Solve,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -381,6 +382,10 @@ impl Node for Planner {
                     return PlannerOut::default();
                 }
                 self.begin_landing(phase);
+                if mission.mode == LandingMode::Shadow {
+                    // Nobody follows the last plan.
+                    self.solved = None;
+                }
                 self.last_solve = Some((now, phase));
                 let mut plan = self.plan(now, &mission);
                 if let Some(plan) = &mut plan {
