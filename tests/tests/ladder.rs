@@ -108,7 +108,7 @@ fn shadow_commands_nothing_while_a_person_lands() {
         apart.sort_by(f64::total_cmp);
         let [median, most] = [apart.len() / 2, apart.len() * 9 / 10].map(|k| apart[k]);
         println!("seed {seed}: apart by {median:.1} deg in the median, 9 of 10 below {most:.1} deg");
-        assert!((0.01..45.0).contains(&median), "seed {seed}: {median} deg");
+        assert!((0.01..10.0).contains(&median), "seed {seed}: {median} deg");
     }
 }
 

@@ -4,7 +4,7 @@ use core::fmt;
 
 use alight_shared::admission::{Arrival, RejectionReason, Rejections, Sender};
 use alight_shared::msg::{
-    CommandKind, CommandReceipt, DeckGrant, DroneStatus, MAX_SOURCES, OperatorCommand, Reason, State,
+    Charge, CommandKind, CommandReceipt, DeckGrant, DroneStatus, MAX_SOURCES, OperatorCommand, Reason, State,
     still_armed,
 };
 use alight_shared::node::Node;
@@ -73,8 +73,8 @@ pub enum VesselEvent {
         state: State,
         /// Why it was entered.
         entered: Reason,
-        /// Its battery, 0 to 1.
-        battery: f64,
+        /// Its battery, 0 to 1; None: not reported.
+        battery: Option<f64>,
     },
     /// An operator's command was accepted.
     Command {
@@ -147,9 +147,9 @@ impl fmt::Display for VesselEvent {
                 battery,
             } => write!(
                 f,
-                "drone {drone}: {}: {entered} (battery {:.0} %)",
+                "drone {drone}: {}: {entered} (battery {})",
                 state.name(),
-                100.0 * battery
+                Charge(*battery)
             ),
             VesselEvent::Command { drone, kind } => write!(f, "an operator commands drone {drone}: {kind:?}"),
             VesselEvent::DeckOrder(DeckOrder::Closed) => write!(f, "crew order: deck closed"),
@@ -352,7 +352,7 @@ mod tests {
             header: Header::new(1, 3, boot, sequence, Time::EPOCH),
             state,
             entered: Reason::plain(ReasonCode::Operator),
-            battery: 0.5,
+            battery: Some(0.5),
             ..DroneStatus::default()
         };
         Arrival {

@@ -136,7 +136,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
                 entered: deck.entered,
                 waiting: deck.waiting,
                 attempts: deck.attempts,
-                battery: flight.battery.unwrap_or(0.0),
+                battery: flight.battery,
                 landed: flight.landed,
                 deck_distance_m: DroneStatus::deck_distance_m(now, own.as_ref(), forecast.as_ref()),
                 abort: deck.abort,

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use alight_shared::config::{self, Check, Keys};
 use alight_shared::msg::{
-    Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, Header, MESSAGE_VERSION,
+    Charge, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, Header, MESSAGE_VERSION,
     MissionState, OperatorCommand, Reason, State, still_armed,
 };
 use alight_shared::time::{DroneClock, Time, VesselClock};
@@ -411,7 +411,7 @@ fn report_ashore(
         Some(status) => {
             terminal::line(format_args!("{}: {}", status.state.name(), status.entered));
             terminal::line(format_args!("waiting: {}", status.waiting));
-            terminal::line(format_args!("battery {:.0} %", 100.0 * status.battery));
+            terminal::line(format_args!("battery {}", Charge(status.battery)));
             if let Some(for_s) = status.still_armed_s {
                 terminal::line(format_args!(
                     "ALARM: drone {}: {}",

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use alight_shared::msg::still_armed;
+use alight_shared::msg::{Charge, still_armed};
 use alight_shared::transport::clock::steady_ns;
 use alight_usv::deck::Closure;
 use serde_json::json;
@@ -316,12 +316,12 @@ fn drones(status: &VesselStatus) -> Vec<Finding> {
         .iter()
         .map(|d| {
             let found = format!(
-                "drone {}: {}: {}; {}, battery {:.0} %, {} ago",
+                "drone {}: {}: {}; {}, battery {}, {} ago",
                 d.drone,
                 d.state,
                 d.entered,
                 if d.armed { "armed" } else { "disarmed" },
-                100.0 * d.battery,
+                Charge(d.battery),
                 time(d.age_s)
             );
             if let Some(for_s) = d.still_armed_s {
@@ -370,7 +370,7 @@ mod tests {
                 age_s: 0.3,
                 state: "Descent".into(),
                 entered: "the deck is calm".into(),
-                battery: 0.8,
+                battery: Some(0.8),
                 armed: true,
                 still_armed_s: None,
             }],

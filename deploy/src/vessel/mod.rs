@@ -217,8 +217,8 @@ fn metrics(
             MetricName::DroneMessageAge.seconds((now - newest.at).secs()),
             MetricName::DroneState.with(MetricValue::State(Some(status.state))),
             MetricName::DroneDescents.count(status.attempts),
-            MetricName::DroneBattery.fraction(status.battery),
         ]);
+        metrics.extend(status.battery.map(|b| MetricName::DroneBattery.fraction(b)));
     }
     metrics
 }

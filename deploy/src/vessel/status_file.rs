@@ -36,8 +36,8 @@ pub struct DroneContact {
     pub state: String,
     /// Why it is in it.
     pub entered: String,
-    /// Its battery, 0 to 1.
-    pub battery: f64,
+    /// Its battery, 0 to 1; None: not reported.
+    pub battery: Option<f64>,
     /// Its motors are armed.
     #[serde(default)]
     pub armed: bool,
@@ -397,7 +397,7 @@ impl StatusFile {
                     age_s: (at - s.at).secs().max(0.0),
                     state: s.message.state.name().to_owned(),
                     entered: s.message.entered.to_string(),
-                    battery: finite(s.message.battery),
+                    battery: s.message.battery,
                     armed: s.message.armed,
                     still_armed_s: s.message.still_armed_s,
                 })

@@ -96,7 +96,7 @@ fn forged(key: &str, bytes: &[u8], how: usize) -> Vec<u8> {
         // The drone's status; the vessel's report has neither version nor vessel and is left as it is.
         _ if key.contains("drone") => forged!(bytes, DroneStatus, how, |m: &mut DroneStatus| {
             m.header.sequence += 1;
-            m.battery = f64::NAN;
+            m.battery = Some(f64::NAN);
         }),
         _ => bytes[..bytes.len() / 3].to_vec(),
     }

@@ -239,7 +239,11 @@ impl fmt::Display for Reason {
                 "not flying, not armed, or not in OFFBOARD (PX4) or GUIDED (ArduPilot)"
             ),
             ReasonCode::NoVessel => write!(f, "no vessel state received from within 100 km"),
+            ReasonCode::OdometryStale if v.is_infinite() => write!(f, "no odometry of the autopilot yet"),
             ReasonCode::OdometryStale => write!(f, "own odometry {v:.2} s old (limit {l:.2})"),
+            ReasonCode::ForecastStale if v.is_infinite() => {
+                write!(f, "no deck forecast yet: no vessel estimate was received")
+            }
             ReasonCode::ForecastStale => write!(f, "deck forecast {v:.2} s old (limit {l:.2})"),
             ReasonCode::NoVision => write!(f, "deck not seen yet"),
             ReasonCode::VisionLost => write!(f, "deck not seen for {v:.2} s (limit {l:.2})"),
@@ -572,8 +576,8 @@ pub struct DroneStatus {
     pub waiting: Reason,
     /// Descents begun so far.
     pub attempts: u32,
-    /// Remaining battery, 0 to 1; 0 when the autopilot does not report it.
-    pub battery: f64,
+    /// Remaining battery, 0 to 1; None when the autopilot does not report it.
+    pub battery: Option<f64>,
     /// The autopilot's own opinion of where it is.
     pub landed: LandedState,
     /// Horizontal distance from the deck's centre by odometry and forecast, m; None while either is old.
@@ -589,6 +593,19 @@ pub struct DroneStatus {
 /// What to do about a drone that is on the deck and armed, as people read it after its subject.
 pub fn still_armed(for_s: f32) -> String {
     format!("landed and still ARMED for {for_s:.0} s: disarm by remote control")
+}
+
+/// A battery's charge for people: per cent, or that it is not reported.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Charge(pub Option<f64>);
+
+impl fmt::Display for Charge {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            Some(charge) => write!(f, "{:.0} %", 100.0 * charge),
+            None => f.write_str("not reported"),
+        }
+    }
 }
 
 impl DroneStatus {
@@ -608,7 +625,7 @@ impl DroneStatus {
 }
 
 message!(DroneStatus, DroneClock, |m| {
-    FRACTION.contains(&m.battery) => "battery",
+    m.battery.is_none_or(|b| FRACTION.contains(&b)) => "battery",
     m.deck_distance_m.is_none_or(|d| d >= 0.0) => "deck_distance_m",
     m.still_armed_s.is_none_or(|s| s >= 0.0) => "still_armed_s",
 });

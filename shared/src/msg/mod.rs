@@ -53,7 +53,7 @@ pub use grant::{DECK_CLOSED, DeckGrant, OWNER_ONLY_M, PLACES, WAITING_DISTANCE_M
 /// Numbers of which three digits suffice.
 pub use half::f16;
 pub use mission::{
-    BatteryPlace, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, LandingMode,
+    BatteryPlace, Charge, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, LandingMode,
     MissionCheckpoint, MissionState, OperatorCommand, Phase, Reason, ReasonCode, State, still_armed,
 };
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};

@@ -623,7 +623,7 @@ impl DroneComputer {
             entered: mission.entered,
             waiting: mission.waiting,
             attempts: mission.attempts,
-            battery: autopilot.battery.unwrap_or(0.0),
+            battery: autopilot.battery,
             landed: autopilot.landed,
             deck_distance_m,
             abort: mission.abort,

@@ -95,8 +95,8 @@ struct Drone {
     at_deck: bool,
     /// Of its newest status it is armed and in the air.
     flies: bool,
-    /// 0 to 1; 0 when it is not known.
-    battery: f64,
+    /// 0 to 1; None: not reported.
+    battery: Option<f64>,
 }
 
 /// The owner is silent for longer than a landing takes while another drone waits for the deck with a low battery.
@@ -309,16 +309,20 @@ impl DeckArbiter {
             return None;
         }
         let waits = |d: &&Drone| {
-            let low = d.battery > 0.0 && d.battery < LOW_BATTERY;
-            d.claim == Claim::Requesting && low && d.is_fresh(now) && d.header.drone != owner.header.drone
+            d.claim == Claim::Requesting && d.is_fresh(now) && d.header.drone != owner.header.drone
         };
-        let waiting = self.drones.iter().filter(waits);
-        let lowest = waiting.min_by(|a, b| a.battery.total_cmp(&b.battery))?;
+        let low = |d: &Drone| {
+            d.battery
+                .filter(|b| *b < LOW_BATTERY)
+                .map(|b| (d.header.drone, b))
+        };
+        let waiting = self.drones.iter().filter(waits).filter_map(low);
+        let (waiting, battery) = waiting.min_by(|(_, a), (_, b)| a.total_cmp(b))?;
         Some(Starved {
             owner: owner.header.drone,
             silent_s,
-            waiting: lowest.header.drone,
-            battery: lowest.battery,
+            waiting,
+            battery,
         })
     }
     /// What the next start of the process begins with.
@@ -357,7 +361,7 @@ impl DeckArbiter {
             evidence: None,
             at_deck: false,
             flies: false,
-            battery: 0.0,
+            battery: None,
         });
         self.drones = drones.collect();
     }

@@ -89,7 +89,7 @@ mod tests {
         let message = DroneStatus {
             header: Header::new(vessel, drone, 7, sequence, Time::EPOCH),
             state,
-            battery: 0.5,
+            battery: Some(0.5),
             ..DroneStatus::default()
         };
         Arrival {
@@ -105,7 +105,7 @@ mod tests {
         assert!(monitor.observe(&status(1, 4, 1, State::Tracking)).state);
         assert!(!monitor.observe(&status(1, 4, 2, State::Tracking)).state);
         let mut nan = status(1, 4, 3, State::Landed);
-        nan.message.battery = f64::NAN;
+        nan.message.battery = Some(f64::NAN);
         let mut version = status(1, 4, 3, State::Landed);
         version.message.header.version = MESSAGE_VERSION + 1;
         let foreign = status(2, 4, 3, State::Landed);

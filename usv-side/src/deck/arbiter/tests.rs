@@ -76,7 +76,7 @@ impl Rig {
         DroneStatus {
             header: Header::new(1, id, 7, self.sequence, at),
             state,
-            battery: 0.8,
+            battery: Some(0.8),
             landed: match state {
                 State::Idle => LandedState::Unknown,
                 State::Landed => LandedState::OnGround,
@@ -287,17 +287,18 @@ fn low_battery_behind_a_silent_owner() {
         }
         rig.arbiter.starved(Time::from_secs(rig.t_s))
     };
-    assert_eq!(waits(&mut rig, 59, 0.22), None, "it may be landing");
-    let starved = waits(&mut rig, 16, 0.22).unwrap();
+    assert_eq!(waits(&mut rig, 59, Some(0.22)), None, "it may be landing");
+    let starved = waits(&mut rig, 16, Some(0.22)).unwrap();
     assert_eq!((starved.owner, starved.waiting), (1, 2));
     assert!((starved.silent_s - 75.0).abs() < 1.0 && (starved.battery - 0.22).abs() < 1e-9);
-    for battery in [0.8, 0.0] {
-        assert_eq!(waits(&mut rig, 1, battery), None, "{battery}");
+    for battery in [Some(0.8), None] {
+        assert_eq!(waits(&mut rig, 1, battery), None, "{battery:?}");
     }
-    assert!(waits(&mut rig, 600, 0.22).is_some() && rig.arbiter.owner() == Some(1));
+    assert!(waits(&mut rig, 1, Some(0.0)).is_some(), "an empty one");
+    assert!(waits(&mut rig, 600, Some(0.22)).is_some() && rig.arbiter.owner() == Some(1));
     // The owner is received again, and stays for a while.
     rig.run(&[(1, State::Descent)], 0.5);
-    assert_eq!(waits(&mut rig, 1, 0.22), None);
+    assert_eq!(waits(&mut rig, 1, Some(0.22)), None);
     rig.run(&[(3, State::Approach)], 600.0);
     assert_eq!(
         rig.arbiter.starved(Time::from_secs(rig.t_s)),
