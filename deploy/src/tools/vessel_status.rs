@@ -15,7 +15,7 @@ use crate::process::snapshot::time;
 use crate::process::supervisor::pause;
 use crate::terminal;
 use crate::tools::check;
-use crate::tools::check::rules::{Finding, Level, Topic};
+use crate::tools::check::finding::{Finding, Level, Topic};
 use crate::vessel::deck_inputs;
 use crate::vessel::status_file::{self, CertificateStatus, EstimatorStatus, SourceHealth, VesselStatus};
 

@@ -4,7 +4,7 @@
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 
 use crate::tools::check::facts::SourceCheck;
-use crate::tools::check::rules::{Finding, Topic};
+use crate::tools::check::finding::{Finding, Topic};
 use crate::tools::check::sources::LISTEN_S;
 
 /// A receiver that reports less often is a plotter's, Hz: between 1 Hz and the 4 or 5 Hz of those for autopilots.
@@ -59,13 +59,16 @@ fn class(given: [u64; 4]) -> Result<VesselClass, &'static str> {
     }
 }
 
-/// The class of a vessel whose sources were listened to; nothing while one of them cannot be heard, which is a finding of
-/// its own.
+/// The class of a vessel whose sources were listened to; nothing while one of them gave nothing, which is a finding of its
+/// own.
 pub fn vessel(sources: &[SourceCheck]) -> Option<Finding> {
     const TOPIC: Topic = Topic("class");
     let mut given = [0; 4];
     for source in sources {
         let (_, status) = source.received.as_ref().ok()?;
+        if status.given.iter().all(|n| *n == 0) {
+            return None;
+        }
         given.iter_mut().zip(status.given).for_each(|(sum, n)| *sum += n);
     }
     if sources.is_empty() {
@@ -136,7 +139,7 @@ mod tests {
 
     #[test]
     fn deck_too_small_for_the_feet() {
-        use crate::tools::check::rules::Level;
+        use crate::tools::check::finding::Level;
         let drone = DroneGeometry::default();
         let of = |side: f64| DeckGeometry {
             length_m: 2.5,

@@ -5,6 +5,7 @@ mod autopilot;
 mod camera;
 mod equipment;
 pub mod facts;
+pub mod finding;
 pub mod gather;
 pub mod rules;
 mod sources;
@@ -18,7 +19,7 @@ use serde_json::json;
 
 use crate::exit::{CliError, Exit};
 use crate::terminal;
-use rules::{Finding, Level};
+use finding::{Finding, Level};
 
 /// Where the packages put the configuration.
 const SHIPPED: [&str; 2] = ["/etc/alight/vessel.toml", "/etc/alight/drone.toml"];

@@ -5,15 +5,14 @@ use alight_shared::geodesy::Datum;
 use alight_shared::transport::radio::RadioConfig;
 use alight_uav::autopilot::parameters::Finding as ParameterFinding;
 use alight_uav::mission::MAX_VESSEL_DISTANCE_M;
-use serde::Serialize;
 
 use crate::certificates::{Certificate, RENEWAL_DAYS, common_name};
-use crate::exit::Exit;
 use crate::tools::check::equipment;
 use crate::tools::check::facts::{
     AutopilotReport, CameraCheck, Computer, DeckInputCheck, Facts, Identity, Port, PortState, Reach,
     SharedMemory, SourceCheck,
 };
+use crate::tools::check::finding::{Finding, Topic};
 use crate::vessel::deck_inputs;
 
 /// Shared memory that a drone's processes take, bytes: 7 MB measured with `alight land`; with people
@@ -32,73 +31,6 @@ const MAX_SATURATION: f64 = 0.1;
 const OTHERS: u32 = 0o077;
 /// Bits with which a group may read, and nothing else.
 const GROUP_READS: u32 = 0o040;
-
-/// How bad.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Level {
-    /// As it should be.
-    Fine,
-    /// Works, but not as it should.
-    Warning,
-    /// Does not work.
-    Broken,
-}
-
-impl Level {
-    /// The worst of what was found.
-    pub fn worst(findings: &[Finding]) -> Level {
-        findings.iter().map(|f| f.level).max().unwrap_or(Level::Fine)
-    }
-    /// How a command ends that found nothing worse.
-    pub const fn exit(self) -> Exit {
-        match self {
-            Level::Fine => Exit::Success,
-            Level::Warning => Exit::Failed,
-            Level::Broken => Exit::Broken,
-        }
-    }
-}
-
-/// One thing that was looked at.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Finding {
-    /// What was looked at.
-    pub topic: &'static str,
-    /// How bad.
-    pub level: Level,
-    /// What was found.
-    pub found: String,
-    /// What to do; empty when fine.
-    pub remedy: String,
-}
-
-/// What is looked at, as it is named in a finding.
-#[derive(Clone, Copy)]
-pub struct Topic(pub &'static str);
-
-impl Topic {
-    fn finding(self, level: Level, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
-        Finding {
-            topic: self.0,
-            level,
-            found: found.into(),
-            remedy: remedy.into(),
-        }
-    }
-    /// As it should be.
-    pub fn fine(self, found: impl Into<String>) -> Finding {
-        self.finding(Level::Fine, found, "")
-    }
-    /// Works, but not as it should.
-    pub fn warning(self, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
-        self.finding(Level::Warning, found, remedy)
-    }
-    /// Does not work.
-    pub fn broken(self, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
-        self.finding(Level::Broken, found, remedy)
-    }
-}
 
 /// The findings about `facts`, in the order in which a person mends them.
 pub fn judge(facts: &Facts) -> Vec<Finding> {

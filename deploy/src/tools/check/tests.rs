@@ -26,7 +26,8 @@ use crate::tools::check::facts::{
     AutopilotReport, CameraCheck, CameraView, ClockSync, Computer, DeckInputCheck, Facts, Identity, Port,
     PortState, Reach, SensorReadings, SharedMemory, SourceCheck,
 };
-use crate::tools::check::rules::{Finding, Level, judge};
+use crate::tools::check::finding::{Finding, Level};
+use crate::tools::check::rules::judge;
 use crate::tools::check::{CheckArgs, autopilot, gather, run, sources};
 
 fn certificate(name: &str, days_left: i64) -> Certificate {
