@@ -227,7 +227,7 @@ impl Predictor {
         if self.radio_at.is_none_or(|t| e.header.at > t) {
             self.radio_at = Some(e.header.at);
             self.radio_sequence = Some(known);
-            self.waves.set_lever_arm(e.deck_centre());
+            self.waves.set_lever_arm(e.deck_centre(), e.eta[5]);
             self.stated = observation::stated(e);
         }
         Ok(())

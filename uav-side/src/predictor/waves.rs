@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 use alight_shared::msg::{PREDICTION_STAGES, Seq, VesselPrediction, WaveModel};
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::vessel_model::{HEAVE, Mode, Modes, PITCH, ROLL, SURGE, SWAY, YAW};
-use nalgebra::{Complex, Vector3};
+use nalgebra::{Complex, Rotation2, Vector3};
 
 use super::config::PredictorConfig;
 
@@ -59,16 +59,16 @@ pub struct DeckModes {
 }
 
 impl DeckModes {
-    /// Modes at their time of validity plus `t` seconds, of a deck whose centre is on the `lever_arm` (m) from the
-    /// vessel's reference point: bow up moves it aft, starboard down to starboard. `step_s` is the step of
-    /// [`DeckModes::advance`].
+    /// Modes at their time of validity plus `t` seconds, of a deck whose centre is on the `lever_arm` (m, north, east, down
+    /// of a level vessel) from the vessel's reference point: bow up moves it aft, starboard down to starboard, and a swing
+    /// of the heading across the lever arm. `step_s` is the step of [`DeckModes::advance`].
     fn new(modes: &Modes<DroneClock>, t: f64, lever_arm: &Vector3<f64>, step_s: f64) -> Self {
         let deck = |m: &Mode| {
             let grown = (m.pole * t).exp();
             let (c, path) = (m.shape.map(|c| c * grown), m.integral());
             [
-                c[SURGE] * path + c[PITCH] * lever_arm.z,
-                c[SWAY] * path - c[ROLL] * lever_arm.z,
+                c[SURGE] * path + c[PITCH] * lever_arm.z - c[YAW] * lever_arm.y,
+                c[SWAY] * path - c[ROLL] * lever_arm.z + c[YAW] * lever_arm.x,
                 c[HEAVE],
                 c[ROLL],
                 c[PITCH],
@@ -130,8 +130,10 @@ pub struct Waves {
     residual_damping: [f64; 2],
     /// Newest last.
     messages: VecDeque<Modes<DroneClock>>,
-    /// Centre of the deck from the vessel's reference point, m.
+    /// Centre of the deck from the vessel's reference point in the vessel's axes, m.
     lever_arm: Vector3<f64>,
+    /// The same of a level vessel on her heading, north, east, down, m.
+    level_arm: Vector3<f64>,
     /// What predicting adds to the estimate's error, as the vessel has measured it: per stage of its prediction, every
     /// `spread_step_s`. Empty before the first prediction.
     spread: Seq<[f64; AXES], PREDICTION_STAGES>,
@@ -161,6 +163,7 @@ impl Waves {
             residual_damping: [c.residual_fresh_damping, c.residual_damping],
             messages: VecDeque::with_capacity(MAX_MESSAGES + 1),
             lever_arm: c.deck.centre(),
+            level_arm: Vector3::new(0.0, 0.0, c.deck.centre().z),
             spread: Seq::new(),
             spread_step_s: 1.0,
             largest: [0.0; AXES],
@@ -224,13 +227,15 @@ impl Waves {
         core::array::from_fn(|d| before[d] + f * (after[d] - before[d]))
     }
 
-    /// Where the deck's centre is on the vessel, m.
+    /// Where the deck's centre is on the vessel, in her axes, m.
     pub fn lever_arm(&self) -> &Vector3<f64> {
         &self.lever_arm
     }
-    /// The vessel has said where the deck's centre is, m.
-    pub fn set_lever_arm(&mut self, lever_arm: Vector3<f64>) {
+    /// The vessel has reported where the deck's centre is in her axes (m), and her heading, rad.
+    pub fn set_lever_arm(&mut self, lever_arm: Vector3<f64>, heading: f64) {
         self.lever_arm = lever_arm;
+        let level = Rotation2::new(heading) * lever_arm.xy();
+        self.level_arm = Vector3::new(level.x, level.y, lever_arm.z);
     }
 
     /// Takes how far the vessel's own prediction is off; one without stages says nothing.
@@ -289,7 +294,7 @@ impl Waves {
         let largest: [f64; AXES] =
             core::array::from_fn(|i| (self.largest[i] * self.unit(i)).max(f64::MIN_POSITIVE));
         let unknown = core::array::from_fn(|i| (left[i] / largest[i]).powi(2).min(1.0));
-        let mut modes = DeckModes::new(newest, 0.0, &self.lever_arm, 0.0).modes;
+        let mut modes = DeckModes::new(newest, 0.0, &self.level_arm, 0.0).modes;
         // The largest ones in heave and tilt are kept apart.
         let weight =
             |c: &[Complex<f64>; AXES]| -> f64 { (2..5).map(|i| (c[i].norm() / largest[i]).powi(2)).sum() };
@@ -325,7 +330,7 @@ impl Waves {
         let Some(m) = self.messages.get(i.saturating_sub(1)) else {
             return DeckModes::default();
         };
-        DeckModes::new(m, (t - m.at).secs().max(-MAX_BACK_S), &self.lever_arm, step_s)
+        DeckModes::new(m, (t - m.at).secs().max(-MAX_BACK_S), &self.level_arm, step_s)
     }
     /// By how much the deck's motion at time `to` differs between the modes that were the newest at `from` and those at
     /// `to`: the former less the latter. None when they are the same.
@@ -336,7 +341,7 @@ impl Waves {
             return None;
         }
         let motion =
-            |m: &Modes<DroneClock>| DeckModes::new(m, (to - m.at).secs(), &self.lever_arm, 0.0).motion();
+            |m: &Modes<DroneClock>| DeckModes::new(m, (to - m.at).secs(), &self.level_arm, 0.0).motion();
         let (before, after) = (motion(before), motion(after));
         let less = |a: [f64; AXES], b: [f64; AXES]| core::array::from_fn(|i| a[i] - b[i]);
         Some(DeckMotion {
@@ -358,5 +363,34 @@ impl Waves {
         let age = (now - newest.at).secs().max(0.0);
         let (held, then) = (self.left(age), self.left(age + ahead));
         core::array::from_fn(|i| (then[i] * then[i] - held[i] * held[i]).max(0.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A vessel that heads east and yaws by 0.1 rad in 5 s, with her deck 4 m aft: it swings north and south.
+    #[test]
+    fn yaw_swings_a_deck_off_the_reference_point() {
+        let mut waves = Waves::new(&PredictorConfig::default());
+        waves.set_lever_arm(Vector3::new(-4.0, 0.0, -1.3), FRAC_PI_2);
+        let mut shape = [Complex::default(); AXES];
+        shape[YAW] = Complex::from(0.1);
+        let modes = Modes {
+            at: Time::EPOCH,
+            modes: vec![Mode {
+                pole: Complex::new(0.0, 1.257),
+                shape,
+            }],
+        };
+        let now = DeckModes::new(&modes, 0.0, &waves.level_arm, 0.0).motion();
+        assert!((now.value[0] - 0.4).abs() < 1e-9, "north {:?}", now.value);
+        assert!(
+            now.value[1].abs() < 1e-9 && now.value[2].abs() < 1e-9,
+            "{:?}",
+            now.value
+        );
+        assert!((now.value[YAW] - 0.1).abs() < 1e-12);
     }
 }
