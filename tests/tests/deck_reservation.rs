@@ -301,7 +301,9 @@ fn low_battery_in(state: State, nodes: &NodeConfigs, seed: u64) -> Fleet {
 
 #[test]
 fn low_battery_above_the_deck_leads_onto_it_within_the_limits() {
-    let nodes = NodeConfigs::default();
+    let mut nodes = NodeConfigs::default();
+    // A descent takes less than the time for which a low charge has to last.
+    nodes.drone.mission.battery_lasts_s = 0.5;
     for seed in 51..54 {
         for state in [State::Tracking, State::Descent] {
             let mut fleet = low_battery_in(state, &nodes, seed);
