@@ -12,8 +12,8 @@ use super::phase::DroneTime;
 const MAX_READINGS: usize = 1024;
 /// The gauge has to fall by this between two measurements of its rate, two of its steps.
 const FALL: f64 = 0.02;
-/// A gauge that rises by this is another battery.
-const RISE: f64 = 0.05;
+/// A gauge that jumps by this is another battery, or a gauge that has corrected itself: it tells nothing of the power.
+const JUMP: f64 = 0.05;
 /// Share of a new measurement in the power.
 const NEW: f64 = 0.3;
 /// Time constant of the current, s: gusts and manoeuvres pass.
@@ -83,7 +83,7 @@ impl BatteryMonitor {
             self.current_a = Some(self.current_a.map_or(amps, |i| i + gain * (amps - i)));
         }
         let Some(charge) = self.charge(c) else { return };
-        let Some((at, before)) = self.anchor.filter(|(_, before)| charge < before + RISE) else {
+        let Some((at, before)) = self.anchor.filter(|(_, before)| (charge - before).abs() < JUMP) else {
             self.anchor = Some((now, charge));
             return;
         };
@@ -174,6 +174,16 @@ mod tests {
         assert_eq!(m.charge(&c), Some(0.0));
         run(&mut m, &c, 10.0, 10.0, |t| state(t, None));
         assert_eq!(m.charge(&c), None);
+    }
+
+    /// A gauge that corrects itself from 90 to 19 % has not emptied the battery within seconds.
+    #[test]
+    fn battery_gauge_that_corrects_itself() {
+        let (mut m, c) = (BatteryMonitor::default(), config());
+        run(&mut m, &c, 0.0, 20.0, |t| state(t, Some(0.9)));
+        run(&mut m, &c, 20.0, 20.0, |t| state(t, Some(0.19)));
+        assert_eq!(m.charge(&c), Some(0.19));
+        assert_eq!(m.reserve(0.0, 5.0, &c), c.battery_reserve);
     }
 
     #[test]
