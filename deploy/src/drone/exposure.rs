@@ -153,7 +153,7 @@ mod tests {
     use alight_uav::camera::TagLight;
     use std::cell::RefCell;
 
-    /// A device that has these controls, with minimum, maximum and value, and what it was told.
+    /// A device that has these controls, with minimum, maximum and value, and what was set.
     struct Device {
         controls: Vec<(u32, [i32; 3])>,
         told: RefCell<Vec<(u32, i32)>>,

@@ -514,7 +514,7 @@ pub enum CommandProgress {
     Unknown,
 }
 
-/// What the vessel tells an operator of one command.
+/// Receipt of one command of an operator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
 pub struct CommandReceipt {

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use super::{AutopilotLink, DroneTime};
 
 impl AutopilotLink {
-    /// Set-points, modes, arming and disarming may be commanded. Before a mission was heard it may be one that only looks on.
+    /// Set-points, modes, arming and disarming may be commanded. Before one is received it may be a mission that only looks on.
     pub(super) fn may_command(&self) -> bool {
         match self.mode {
             Some(LandingMode::Land | LandingMode::Match) => true,

@@ -12,7 +12,7 @@ use super::phase::DroneTime;
 const MAX_READINGS: usize = 1024;
 /// The gauge has to fall by this between two measurements of its rate, two of its steps.
 const FALL: f64 = 0.02;
-/// A gauge that jumps by this is another battery, or a gauge that has corrected itself: it tells nothing of the power.
+/// A gauge that jumps by this is another battery, or a gauge that has corrected itself: no measurement of the power.
 const JUMP: f64 = 0.05;
 /// Share of a new measurement in the power.
 const NEW: f64 = 0.3;

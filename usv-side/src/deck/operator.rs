@@ -355,7 +355,7 @@ mod tests {
         assert_eq!(relay.rejected().total(), 0);
     }
 
-    /// What the relay tells operators in a step: boot, sequence and progress.
+    /// Receipts for operators in a step: boot, sequence and progress.
     fn receipts(
         relay: &mut OperatorRelay,
         t_s: f64,

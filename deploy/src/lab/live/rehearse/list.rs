@@ -1,4 +1,4 @@
-//! What was seen of each step of deploy/docs/install.md.
+//! Observations at each step of deploy/docs/install.md.
 
 use serde::Serialize;
 
