@@ -156,14 +156,14 @@ mod tests {
     /// A device that has these controls, with minimum, maximum and value, and what was set.
     struct Device {
         controls: Vec<(u32, [i32; 3])>,
-        told: RefCell<Vec<(u32, i32)>>,
+        written: RefCell<Vec<(u32, i32)>>,
     }
 
     impl Device {
         fn with(controls: &[(u32, [i32; 3])]) -> Device {
             Device {
                 controls: controls.to_vec(),
-                told: RefCell::default(),
+                written: RefCell::default(),
             }
         }
     }
@@ -182,7 +182,7 @@ mod tests {
         }
         fn set(&self, id: u32, value: i32) -> Result<(), Error> {
             self.query(id)?;
-            self.told.borrow_mut().push((id, value));
+            self.written.borrow_mut().push((id, value));
             Ok(())
         }
     }
@@ -205,11 +205,11 @@ mod tests {
     fn exposure_is_taken_from_the_automatic_first() {
         let device = Device::with(&WEBCAM);
         let control = ExposureControl::take(&device, &source(0.004, -1)).unwrap();
-        let told = device.told.borrow();
-        assert_eq!(told[0], (rscam::CID_EXPOSURE_AUTO, 1));
+        let written = device.written.borrow();
+        assert_eq!(written[0], (rscam::CID_EXPOSURE_AUTO, 1));
         // What the automatic had, 31.2 ms, is longer than permitted.
         assert_eq!(
-            told[1..],
+            written[1..],
             [(rscam::CID_EXPOSURE_ABSOLUTE, 40), (rscam::CID_GAIN, 20)]
         );
         assert!((control.setting().exposure_s - 0.004).abs() < 1e-9);
@@ -228,10 +228,10 @@ mod tests {
             control.meter(&device, 9, 10, &bright).unwrap();
             let of_exposure =
                 |(id, value): &(u32, i32)| (*id == rscam::CID_EXPOSURE_ABSOLUTE).then_some(*value);
-            let told = device.told.borrow();
-            assert_eq!(told.iter().filter_map(of_exposure).next_back(), Some(exposure));
+            let written = device.written.borrow();
+            assert_eq!(written.iter().filter_map(of_exposure).next_back(), Some(exposure));
             assert_eq!(
-                told.last(),
+                written.last(),
                 Some(&(rscam::CID_GAIN, if gain < 0 { 20 } else { 7 }))
             );
         }

@@ -2,7 +2,7 @@
 //! the camera by its images, and a vessel's service that is killed while the drone follows.
 
 use std::io::{BufRead, BufReader};
-use std::process::Stdio;
+use std::process::{Output, Stdio};
 
 use alight_uav::autopilot::modes::Firmware;
 use serde_json::Value;
@@ -23,6 +23,20 @@ fn left(pid: u32) -> Vec<String> {
         .collect()
 }
 
+/// The report of a rehearsal that landed.
+fn landed(out: &Output) -> Value {
+    // For a person, with --nocapture.
+    println!("{}", errors(out));
+    let report: Value = serde_json::from_str(printed(out).trim()).expect("an object");
+    assert_eq!(
+        report["landed"]["outcome"]["outcome"],
+        "success",
+        "{}",
+        errors(out)
+    );
+    report
+}
+
 #[test]
 fn rehearsal_of_the_shipped_files_lands() {
     let child = alight("rehearse --seed 103 --restart vessel --json")
@@ -33,17 +47,9 @@ fn rehearsal_of_the_shipped_files_lands() {
         .expect("the program runs");
     let pid = child.id();
     let out = child.wait_with_output().expect("it ends");
-    // For a person, with --nocapture.
-    println!("{}", errors(&out));
-    let seen: Value = serde_json::from_str(printed(&out).trim()).expect("an object");
-    assert_eq!(
-        seen["landed"]["outcome"]["outcome"],
-        "success",
-        "{}",
-        errors(&out)
-    );
-    assert!(out.status.success() && seen["ok"] == true, "{}", errors(&out));
-    let steps = seen["steps"].as_array().expect("a list");
+    let report = landed(&out);
+    assert!(out.status.success() && report["ok"] == true, "{}", errors(&out));
+    let steps = report["steps"].as_array().expect("a list");
     for what in [
         "certificates",
         "alight check, vessel",
@@ -74,15 +80,7 @@ fn rehearsal_with_a_firmware_outside_lands() {
         firmware.config.display()
     ));
     let armed = firmware.armed_in_the_end();
-    // For a person, with --nocapture.
-    println!("{}", errors(&out));
-    let seen: Value = serde_json::from_str(printed(&out).trim()).expect("an object");
-    assert_eq!(
-        seen["landed"]["outcome"]["outcome"],
-        "success",
-        "{}",
-        errors(&out)
-    );
+    landed(&out);
     assert!(out.status.success() && !armed, "{}", errors(&out));
 }
 

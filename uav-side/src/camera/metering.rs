@@ -347,8 +347,8 @@ mod tests {
         }
     }
 
-    #[test]
-    fn metering_ignores_images_of_the_former_setting() {
+    /// A camera at 1 ms and gain 1.
+    fn from_a_millisecond() -> Metering {
         let range = |most| Range {
             least: 0.0001,
             most,
@@ -358,7 +358,12 @@ mod tests {
             exposure_s: 0.001,
             gain: 1.0,
         };
-        let mut metering = Metering::new(range(LONGEST_S), range(8.0), start);
+        Metering::new(range(LONGEST_S), range(8.0), start)
+    }
+
+    #[test]
+    fn metering_ignores_images_of_the_former_setting() {
+        let mut metering = from_a_millisecond();
         let dark = Light::Tag(TagLight {
             white: 90,
             ..TagLight::default()
@@ -371,16 +376,7 @@ mod tests {
 
     #[test]
     fn metering_holds_through_single_images_without_the_tag() {
-        let range = |most| Range {
-            least: 0.0001,
-            most,
-            step: 0.0001,
-        };
-        let start = Setting {
-            exposure_s: 0.001,
-            gain: 1.0,
-        };
-        let mut metering = Metering::new(range(LONGEST_S), range(8.0), start);
+        let mut metering = from_a_millisecond();
         let water = Light::Mean(15.0);
         assert!((10..15).all(|image| metering.step(image, image, &water).is_none()));
         let next = metering.step(15, 15, &water).unwrap();

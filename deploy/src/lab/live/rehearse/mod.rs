@@ -280,8 +280,11 @@ impl<'a> Rehearsal<'a> {
             let Some(output) = check else {
                 return Ok(Waited::Stopped);
             };
-            let said: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
-            let findings = said["findings"].as_array().map(Vec::as_slice).unwrap_or_default();
+            let printed: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+            let findings = printed["findings"]
+                .as_array()
+                .map(Vec::as_slice)
+                .unwrap_or_default();
             let of = |level: &'static str| findings.iter().filter(move |f| f["level"] == level);
             let (broken, warnings) = (of("broken").count(), of("warning").count());
             let figure = format!("{broken} BROKEN, {warnings} WARNING, {} fine", of("fine").count());
@@ -457,8 +460,8 @@ impl<'a> Rehearsal<'a> {
         let Some(output) = self.ask(list, &["command", "land", "--config", &config])? else {
             return Ok(Waited::Stopped);
         };
-        let said = [output.stdout, output.stderr].concat();
-        let answer = String::from_utf8_lossy(&said);
+        let printed = [output.stdout, output.stderr].concat();
+        let answer = String::from_utf8_lossy(&printed);
         let answer = answer.lines().next().unwrap_or_default();
         list.add(
             list::LADDER,
@@ -515,15 +518,20 @@ impl<'a> Rehearsal<'a> {
         let number = self.plan.drone.bridge.drone_id;
         let status = self.vessel_status();
         let drones = status.as_ref().map(|s| s.drones.as_slice()).unwrap_or_default();
-        let heard = drones.iter().find(|d| d.drone == number);
-        let figure = match (heard, status.as_ref().map(|s| &s.certificate)) {
+        let received = drones.iter().find(|d| d.drone == number);
+        let figure = match (received, status.as_ref().map(|s| &s.certificate)) {
             (None, _) => format!("it does not receive drone {number}"),
             (Some(d), Some(CertificateStatus::Held { name, .. })) => {
                 format!("{name} received it {:.1} s ago: {}", d.age_s, d.state)
             }
             (Some(d), Some(_) | None) => format!("received {:.1} s ago: {}", d.age_s, d.state),
         };
-        list.add(list::DRONE, "drone's status on vessel", heard.is_some(), figure);
+        list.add(
+            list::DRONE,
+            "drone's status on vessel",
+            received.is_some(),
+            figure,
+        );
     }
     fn show_vision(&self, list: &mut CheckList) {
         let camera = self
@@ -584,9 +592,9 @@ impl<'a> Rehearsal<'a> {
     /// What the services wrote last.
     fn complain(&self, list: &CheckList) {
         let services = [self.vessel.as_ref(), self.drone.as_ref(), Some(&self.world)];
-        for said in services.into_iter().flatten().map(Service::complaints) {
-            if !said.is_empty() {
-                list.say(said);
+        for printed in services.into_iter().flatten().map(Service::complaints) {
+            if !printed.is_empty() {
+                list.say(printed);
             }
         }
     }
