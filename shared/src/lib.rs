@@ -1,7 +1,7 @@
 //! The vocabulary of Alight: what vessel and drone agree on, without any middleware.
 //!
 //! Read in this order: [`time`], [`frames`], [`geodesy`], [`msg`], [`topics`], [`node`], [`config`], [`admission`], then
-//! what both computers estimate with: [`vessel_model`] and [`estimation`].
+//! what both computers estimate with: [`vessel_model`], [`motion_model`] and [`estimation`].
 
 pub mod admission;
 pub mod autopilot_parameters;
@@ -13,6 +13,7 @@ pub mod geodesy;
 pub mod geometry;
 #[cfg(feature = "mavlink")]
 pub mod mavlink;
+pub mod motion_model;
 pub mod msg;
 pub mod node;
 pub mod surroundings;

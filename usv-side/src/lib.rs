@@ -6,7 +6,7 @@
 //! | [`sensors`] | bytes of the vessel's sensors to measurements with their time |
 //! | [`node`] | [`VesselNode`]: admission, [`estimator`], broadcast, time replies |
 //! | [`estimator`] | the Kalman filter |
-//! | [`motion_model`] | identification of the motion, prediction and the measured spread of its error |
+//! | [`alight_shared::motion_model`] | identification of the motion, prediction and the measured spread of its error |
 //! | [`apparent_slope`] | the deck's slope for a drone that stands on it |
 //! | [`rate_control`] | the rates that the radio carries |
 //! | [`deck`] | the deck arbiter and the operator relay |
@@ -21,7 +21,6 @@ pub mod estimator;
 #[cfg(test)]
 mod fixtures;
 pub mod log;
-pub mod motion_model;
 pub mod node;
 pub mod rate_control;
 pub mod review;

@@ -27,7 +27,7 @@ use alight_shared::vessel_model::{
 use nalgebra::{Rotation2, Vector2, Vector3};
 
 use crate::VesselNodeConfig;
-use crate::motion_model::MotionModel;
+use alight_shared::motion_model::MotionModel;
 pub use consistency::{Channel, Consistency, Fit};
 pub use tilt::Tilt;
 
@@ -70,7 +70,7 @@ pub struct Estimator {
     /// Of filters before the last restart.
     consistency: Consistency,
     /// Of the filter before the last restart, for the next one.
-    motion: MotionModel,
+    motion: MotionModel<VesselClock>,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -93,7 +93,7 @@ pub(crate) struct Filter {
     pub(crate) mean_heading_rate: f64,
     pub(crate) adaptive_noise: adaptive_noise::AdaptiveNoise,
     /// Identified modes of the motion.
-    pub(crate) motion: MotionModel,
+    pub(crate) motion: MotionModel<VesselClock>,
     /// What the waves are reckoned about.
     pub(crate) slow: SlowMotion,
     step: Step,

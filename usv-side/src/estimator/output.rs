@@ -12,7 +12,7 @@ use nalgebra::{Rotation2, Vector2};
 
 use super::{Filter, GNSS_BIAS, Tilt};
 use crate::VesselNodeConfig;
-use crate::motion_model::MotionSample;
+use alight_shared::motion_model::MotionSample;
 
 impl Filter {
     /// NED from the reference-parallel frame.

@@ -1,11 +1,12 @@
 //! The identification on motions whose modes are known.
 
-use alight_shared::vessel_model::{HEAVE, PITCH, ROLL};
+use crate::vessel_model::{HEAVE, PITCH, ROLL};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::*;
+use crate::time::VesselClock;
 
 /// Heave and tilt of waves (rad/s, m, rad, phase) at time `t`, in the order of a sample's value, and their rates.
 fn waves(t: f64) -> ([f64; DOFS], [f64; 5]) {
@@ -31,7 +32,7 @@ fn waves(t: f64) -> ([f64; DOFS], [f64; 5]) {
 }
 
 /// The model after `seconds` of these waves with white noise of this size on every quantity.
-fn after(seconds: f64, noise: f64) -> MotionModel {
+fn after(seconds: f64, noise: f64) -> MotionModel<VesselClock> {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut model = MotionModel::default();
     for k in 0..(seconds / SAMPLE_S) as u32 {
@@ -56,7 +57,7 @@ fn motion_model_finds_the_frequencies_and_predicts_the_waves() {
     let model = after(120.0, 0.003);
     let modes = model.modes().unwrap();
     for omega in [1.15, 1.26, 2.4] {
-        let near = |m: &&alight_shared::vessel_model::Mode| (m.pole.im - omega).abs() < 0.03;
+        let near = |m: &&Mode| (m.pole.im - omega).abs() < 0.03;
         let found = modes.modes.iter().find(near).unwrap();
         assert!(-found.pole.re < 0.05, "{omega}: {}", found.pole);
     }

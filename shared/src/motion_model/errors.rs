@@ -2,8 +2,8 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::time::{Span, Time, VesselClock};
-use alight_shared::vessel_model::{DOFS, Motion};
+use crate::time::{Clock, Span, Time};
+use crate::vessel_model::{DOFS, Motion};
 
 use super::{MotionSample, SAMPLE_S};
 
@@ -24,16 +24,16 @@ const MAX_WAITING: usize = 64;
 
 /// A prediction that waits for its time.
 #[derive(Clone, Copy, Debug)]
-struct Waiting {
-    due: Time<VesselClock>,
+struct Waiting<C: Clock> {
+    due: Time<C>,
     horizon: usize,
     value: [f64; DOFS],
 }
 
 /// Mean squares of the errors.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Errors {
-    waiting: VecDeque<Waiting>,
+pub(super) struct Errors<C: Clock> {
+    waiting: VecDeque<Waiting<C>>,
     squares: [[f64; DOFS]; SPREAD_AT_S.len()],
     /// The same of the last seconds.
     recent: [[f64; DOFS]; SPREAD_AT_S.len()],
@@ -41,14 +41,14 @@ pub(super) struct Errors {
     since: u32,
 }
 
-impl Errors {
+impl<C: Clock> Errors<C> {
     /// Whether a prediction is to be kept.
     pub(super) fn is_due(&mut self) -> bool {
         self.since += 1;
         self.since >= EVERY
     }
     /// Keeps the motion predicted at `now` for each of [`SPREAD_AT_S`].
-    pub(super) fn push(&mut self, now: Time<VesselClock>, predicted: [Motion; SPREAD_AT_S.len()]) {
+    pub(super) fn push(&mut self, now: Time<C>, predicted: [Motion; SPREAD_AT_S.len()]) {
         self.since = 0;
         for (horizon, (ahead, motion)) in SPREAD_AT_S.into_iter().zip(predicted).enumerate() {
             if self.waiting.len() < MAX_WAITING {
@@ -61,7 +61,7 @@ impl Errors {
         }
     }
     /// Compares what is due.
-    pub(super) fn compare(&mut self, now: &MotionSample) {
+    pub(super) fn compare(&mut self, now: &MotionSample<C>) {
         let near = Span::from_secs(0.51 * SAMPLE_S);
         let Errors {
             waiting,

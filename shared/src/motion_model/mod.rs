@@ -17,8 +17,8 @@ mod subspace;
 
 use std::collections::VecDeque;
 
-use alight_shared::time::{Span, Time, VesselClock};
-use alight_shared::vessel_model::{DOFS, HEAVE, Mode, Modes, Motion};
+use crate::time::{Clock, Span, Time};
+use crate::vessel_model::{DOFS, HEAVE, Mode, Modes, Motion};
 use nalgebra::Complex;
 
 use errors::Errors;
@@ -38,9 +38,9 @@ const FADE_S: f64 = 1.0;
 
 /// The vessel's motion at an instant, in axes parallel to NED.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MotionSample {
+pub struct MotionSample<C: Clock> {
     /// Time of validity.
-    pub at: Time<VesselClock>,
+    pub at: Time<C>,
     /// Velocity about its mean north and east (m/s), heave (m down), tilt about north and east (rad), heading about
     /// its mean (rad).
     pub value: [f64; DOFS],
@@ -59,33 +59,33 @@ fn fading(now: impl Fn(usize) -> f64) -> Mode {
 
 /// Predictor of the vessel's motion.
 #[derive(Clone, Debug, Default)]
-pub struct MotionModel {
+pub struct MotionModel<C: Clock> {
     /// Newest last.
-    record: VecDeque<MotionSample>,
+    record: VecDeque<MotionSample<C>>,
     regression: Regression,
     fit: Option<Fit>,
     model: Option<Model>,
     /// The modes by the newest sample.
-    modes: Option<Modes<VesselClock>>,
+    modes: Option<Modes<C>>,
     since_fit: u32,
     /// Of the modes, which the drone rolls on.
-    errors: Errors,
+    errors: Errors<C>,
 }
 
-impl MotionModel {
+impl<C: Clock> MotionModel<C> {
     /// Whether a sample at `at` is due.
-    pub fn is_due(&self, at: Time<VesselClock>) -> bool {
+    pub fn is_due(&self, at: Time<C>) -> bool {
         self.record
             .back()
             .is_none_or(|last| at - last.at > Span::from_secs(SAMPLE_S - 1e-3))
     }
 
     /// Takes the motion of an instant. Samples that are not finite are left out.
-    pub fn push(&mut self, sample: MotionSample) {
+    pub fn push(&mut self, sample: MotionSample<C>) {
         if !sample.value.iter().chain(&sample.rate).all(|v| v.is_finite()) {
             return;
         }
-        let gap = |last: &MotionSample| (sample.at - last.at).secs() > MAX_GAP_S || sample.at <= last.at;
+        let gap = |last: &MotionSample<C>| (sample.at - last.at).secs() > MAX_GAP_S || sample.at <= last.at;
         if self.record.back().is_some_and(gap) {
             self.record.clear();
         }
@@ -124,7 +124,7 @@ impl MotionModel {
 
     /// The modes with their shapes at the newest sample. Before the first identification, and after a gap until the
     /// past is whole again, the motion fades to its mean.
-    fn modes_at(&self, newest: &MotionSample) -> Modes<VesselClock> {
+    fn modes_at(&self, newest: &MotionSample<C>) -> Modes<C> {
         let identified = self
             .model
             .as_ref()
@@ -139,7 +139,7 @@ impl MotionModel {
         Modes { at: newest.at, modes }
     }
     /// The modes with their present shapes, valid at the newest sample; None before the first.
-    pub fn modes(&self) -> Option<&Modes<VesselClock>> {
+    pub fn modes(&self) -> Option<&Modes<C>> {
         self.modes.as_ref()
     }
     /// Mean of the tilt: the trim. The other degrees of freedom are about their means.
@@ -169,7 +169,7 @@ impl MotionModel {
         out
     }
     /// The waves' part of each degree of freedom at time `at`; None before the first identification.
-    pub fn waves(&self, at: Time<VesselClock>) -> Option<[f64; DOFS]> {
+    pub fn waves(&self, at: Time<C>) -> Option<[f64; DOFS]> {
         self.model.as_ref()?;
         let modes = self.modes()?;
         Some(modes.motion((at - modes.at).secs()).map(|m| m[0]))

@@ -1,7 +1,7 @@
 //! From the sums to the modes, in parts that each take less than two milliseconds.
 
-use alight_shared::msg::MAX_MODES;
-use alight_shared::vessel_model::{DOFS, HEAVE, Mode, SURGE, SWAY, YAW};
+use crate::msg::MAX_MODES;
+use crate::vessel_model::{DOFS, HEAVE, Mode, SURGE, SWAY, YAW};
 use faer::linalg::solvers::{Solve, SolveLstsq};
 use faer::{Mat, Side, c64};
 use nalgebra::{Complex, DVector};

@@ -2,7 +2,8 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY};
+use crate::time::Clock;
+use crate::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY};
 use nalgebra::{DMatrix, DVector};
 
 use super::MotionSample;
@@ -59,7 +60,7 @@ impl Default for Regression {
 }
 
 /// The quantities of the past.
-fn channels(s: &MotionSample) -> [f64; CHANNELS] {
+fn channels<C: Clock>(s: &MotionSample<C>) -> [f64; CHANNELS] {
     let [_, _, heave, roll, pitch, _] = s.value;
     let [sinks, dr, dp, north, east] = s.rate;
     [heave, roll, pitch, sinks, dr, dp, north, east]
@@ -78,7 +79,7 @@ pub(super) fn channels_of(dof: usize) -> (Option<usize>, Option<usize>) {
 }
 
 /// The past as seen at sample `i` of the record; None where the record does not reach.
-pub(super) fn past(record: &VecDeque<MotionSample>, i: usize) -> Option<DVector<f64>> {
+pub(super) fn past<C: Clock>(record: &VecDeque<MotionSample<C>>, i: usize) -> Option<DVector<f64>> {
     let mut z = DVector::zeros(INPUTS);
     for (l, lag) in LAG.iter().enumerate() {
         let s = record.get(i.checked_sub(*lag)?)?;
@@ -89,7 +90,7 @@ pub(super) fn past(record: &VecDeque<MotionSample>, i: usize) -> Option<DVector<
 
 impl Regression {
     /// Adds the row whose future has just become complete.
-    pub(super) fn push(&mut self, record: &VecDeque<MotionSample>) {
+    pub(super) fn push<C: Clock>(&mut self, record: &VecDeque<MotionSample<C>>) {
         let Some(now) = record.len().checked_sub(1 + REACH) else {
             return;
         };
