@@ -89,16 +89,27 @@ impl<C: Clock> Errors<C> {
             false
         });
     }
-    /// Standard deviations `ahead` seconds on: zero now, as measured at [`SPREAD_AT_S`], between them in proportion,
-    /// held after the last. `deviation` of the motion itself stands in until errors are measured.
-    pub(super) fn spread(&self, deviation: [f64; DOFS], ahead: f64) -> [f64; DOFS] {
+    /// Mean square error `ahead` seconds on, one of [`SPREAD_AT_S`]; None until measured.
+    pub(super) fn mean_squares(&self, ahead: f64) -> Option<[f64; DOFS]> {
+        let h = SPREAD_AT_S.iter().position(|t| *t == ahead)?;
+        (self.count[h] >= FIRST).then(|| self.squares[h])
+    }
+    /// Standard deviations `ahead` seconds on: zero now, as measured at [`SPREAD_AT_S`] and at least `least` there,
+    /// between them in proportion, held after the last. `deviation` of the motion itself stands in until errors are
+    /// measured.
+    pub(super) fn spread(
+        &self,
+        deviation: [f64; DOFS],
+        least: &[[f64; DOFS]; SPREAD_AT_S.len()],
+        ahead: f64,
+    ) -> [f64; DOFS] {
         let (mut before, mut from) = ([0.0; DOFS], 0.0);
         for (h, to) in SPREAD_AT_S.into_iter().enumerate() {
             let sd = if self.count[h] < FIRST {
                 deviation
             } else {
                 // What has lately been worse than usual will be for a while.
-                core::array::from_fn(|d| self.squares[h][d].max(self.recent[h][d]).sqrt())
+                core::array::from_fn(|d| self.squares[h][d].max(self.recent[h][d]).sqrt().max(least[h][d]))
             };
             if ahead <= to {
                 let f = ((ahead - from) / (to - from)).clamp(0.0, 1.0);

@@ -9,159 +9,185 @@
 //! `C_wave` the shapes, and the hull's own response is part of both, because the motion that is seen has passed
 //! through it.
 //!
-//! The error of its predictions is measured, not assumed: each is kept until it is due ([`errors`]).
+//! It is identified twice side by side, in axes parallel to NED and in axes that turn with the vessel: a small hull
+//! follows the slope of the water, whose waves keep their direction when she turns; a long one swings in her own roll
+//! and pitch. Both predictions are weighted by the inverse of their mean square errors of late (Bates and Granger
+//! 1969), so that a hull between the two, and one that turns, is predicted by what holds for it.
+//!
+//! The error of the predictions is measured, not assumed: each is kept until it is due ([`errors`]).
 
 mod errors;
+mod identification;
 mod regression;
 mod subspace;
 
-use std::collections::VecDeque;
-
+use crate::msg::MAX_MODES;
 use crate::time::{Clock, Span, Time};
-use crate::vessel_model::{DOFS, HEAVE, Mode, Modes, Motion};
+use crate::vessel_model::{DOFS, HEAVE, Mode, Modes, Motion, PITCH, ROLL, SURGE, SWAY};
 use nalgebra::Complex;
 
 use errors::Errors;
-use regression::{OBSERVED, PAST, REACH, Regression};
-use subspace::{Fit, Model, WITHOUT_SLOW};
+use identification::{Axes, Identification};
+use regression::OBSERVED;
 
 /// Time between two samples, s: ten a second, eight to the period of the fastest deck (0.95 Hz).
 pub const SAMPLE_S: f64 = 0.1;
-/// A longer gap between two samples empties the record, s: the past of a regression has no holes.
-const MAX_GAP_S: f64 = 0.15;
-/// Samples between two identifications: five seconds, within which no sea changes.
-const REFIT: u32 = 50;
-/// Rows before the first identification.
-const FIRST_FIT: f64 = 100.0;
 /// What no mode holds fades in this time, s: a quarter of a wave.
 const FADE_S: f64 = 1.0;
+/// The two are weighted by their errors so far ahead, s.
+const WEIGHED_AT_S: f64 = 1.0;
 
 /// The vessel's motion at an instant, in axes parallel to NED.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotionSample<C: Clock> {
     /// Time of validity.
     pub at: Time<C>,
-    /// Velocity about its mean north and east (m/s), heave (m down), tilt about north and east (rad), heading about
-    /// its mean (rad).
+    /// Mean heading, rad.
+    pub mean_heading: f64,
+    /// Velocity about its mean north and east (m/s), heave (m down), tilt about north and east about the trim (rad),
+    /// heading about its mean (rad).
     pub value: [f64; DOFS],
     /// Rates of heave (m/s), of the tilt about north and about east (rad/s) and of the velocity along north and east as
     /// the vessel's mean course turns (m/s²).
     pub rate: [f64; 5],
 }
 
-/// A motion that fades, by its value now in each degree of freedom.
-fn fading(now: impl Fn(usize) -> f64) -> Mode {
-    Mode {
-        pole: Complex::from(-1.0 / FADE_S),
-        shape: core::array::from_fn(|d| Complex::from(now(d))),
+impl<C: Clock> MotionSample<C> {
+    /// The same in axes turned by `angle` (rad) about down.
+    fn turned(&self, angle: f64) -> MotionSample<C> {
+        let (s, c) = angle.sin_cos();
+        let turn = |[x, y]: [f64; 2]| [c * x + s * y, c * y - s * x];
+        let [north, east, heave, about_north, about_east, yaw] = self.value;
+        let ([x, y], [roll, pitch]) = (turn([north, east]), turn([about_north, about_east]));
+        let [sinks, dn, de, an, ae] = self.rate;
+        let ([dr, dp], [ax, ay]) = (turn([dn, de]), turn([an, ae]));
+        MotionSample {
+            value: [x, y, heave, roll, pitch, yaw],
+            rate: [sinks, dr, dp, ax, ay],
+            ..*self
+        }
     }
 }
 
 /// Predictor of the vessel's motion.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct MotionModel<C: Clock> {
-    /// Newest last.
-    record: VecDeque<MotionSample<C>>,
-    regression: Regression,
-    fit: Option<Fit>,
-    model: Option<Model>,
-    /// The modes by the newest sample.
+    newest: Option<MotionSample<C>>,
+    /// In axes parallel to NED, and in axes that turn with the vessel.
+    identified: [Identification<C>; 2],
+    /// The modes of both with their weights, by the newest sample.
     modes: Option<Modes<C>>,
-    since_fit: u32,
+    /// How far both predict apart, per degree of freedom, at [`errors::SPREAD_AT_S`].
+    apart: [[f64; DOFS]; errors::SPREAD_AT_S.len()],
     /// Of the modes, which the drone rolls on.
     errors: Errors<C>,
+}
+
+impl<C: Clock> Default for MotionModel<C> {
+    fn default() -> Self {
+        MotionModel {
+            newest: None,
+            identified: [Axes::Earth, Axes::Vessel].map(Identification::new),
+            modes: None,
+            apart: Default::default(),
+            errors: Errors::default(),
+        }
+    }
 }
 
 impl<C: Clock> MotionModel<C> {
     /// Whether a sample at `at` is due.
     pub fn is_due(&self, at: Time<C>) -> bool {
-        self.record
-            .back()
+        self.newest
             .is_none_or(|last| at - last.at > Span::from_secs(SAMPLE_S - 1e-3))
     }
 
     /// Takes the motion of an instant. Samples that are not finite are left out.
     pub fn push(&mut self, sample: MotionSample<C>) {
-        if !sample.value.iter().chain(&sample.rate).all(|v| v.is_finite()) {
+        let numbers = sample.value.iter().chain(&sample.rate);
+        if !numbers.chain([&sample.mean_heading]).all(|v| v.is_finite()) {
             return;
         }
-        let gap = |last: &MotionSample<C>| (sample.at - last.at).secs() > MAX_GAP_S || sample.at <= last.at;
-        if self.record.back().is_some_and(gap) {
-            self.record.clear();
+        for i in &mut self.identified {
+            i.push(&sample);
         }
-        self.record.push_back(sample);
-        while self.record.len() > PAST + REACH {
-            self.record.pop_front();
-        }
-        self.regression.push(&self.record);
-        self.since_fit += 1;
+        self.newest = Some(sample);
         self.errors.compare(&sample);
-        self.modes = Some(self.modes_at(&sample));
+        self.mix(&sample);
         if self.errors.is_due() {
             let predicted = errors::SPREAD_AT_S.map(|ahead| self.modal_motion(ahead));
             self.errors.push(sample.at, predicted);
         }
     }
 
-    /// Does one bounded part of an identification under way, or begins one that is due.
-    pub fn work(&mut self) {
-        self.fit = match self.fit.take() {
-            Some(fit) => match fit.advance() {
-                subspace::Progress::Working(fit) => Some(*fit),
-                subspace::Progress::Done(model) => {
-                    self.model = Some(*model);
-                    None
-                }
-                subspace::Progress::Failed => None,
-            },
-            None if self.since_fit >= REFIT && self.regression.rows() >= FIRST_FIT => {
-                self.since_fit = 0;
-                Some(Fit::new(&self.regression))
-            }
-            None => None,
+    /// The modes of both, weighted, and how far they are apart; before the first identification a motion that fades.
+    fn mix(&mut self, newest: &MotionSample<C>) {
+        let known: Vec<_> = self
+            .identified
+            .iter()
+            .filter_map(|i| Some((i.modes()?, i.mean_squares(WEIGHED_AT_S))))
+            .collect();
+        let most = MAX_MODES / known.len().max(1);
+        // Both weigh the same until the errors of both are measured; axes that are mixed by a turn share a weight.
+        let weight = |squares: &Option<[f64; DOFS]>, d: usize| -> f64 {
+            let group: &[usize] = match d {
+                SURGE | SWAY => &[SURGE, SWAY],
+                ROLL | PITCH => &[ROLL, PITCH],
+                _ => &[d],
+            };
+            squares.map_or(1.0, |s| 1.0 / group.iter().map(|&k| s[k]).sum::<f64>().max(1e-12))
         };
+        let measured = known.iter().all(|(_, squares)| squares.is_some());
+        let share: Vec<[f64; DOFS]> = known
+            .iter()
+            .map(|(_, squares)| {
+                core::array::from_fn(|d| {
+                    let of = |s: &Option<[f64; DOFS]>| if measured { weight(s, d) } else { 1.0 };
+                    of(squares) / known.iter().map(|(_, s)| of(s)).sum::<f64>()
+                })
+            })
+            .collect();
+        let mixed = known.iter().zip(&share).flat_map(|((modes, _), share)| {
+            modes.modes.iter().take(most).map(|m| Mode {
+                pole: m.pole,
+                shape: core::array::from_fn(|d| m.shape[d] * share[d]),
+            })
+        });
+        let mut modes: Vec<Mode> = mixed.collect();
+        self.apart = Default::default();
+        if let ([(a, _), (b, _)], [of_a, of_b]) = (&known[..], &share[..]) {
+            for (apart, ahead) in self.apart.iter_mut().zip(errors::SPREAD_AT_S) {
+                let (p, q) = (a.motion(ahead), b.motion(ahead));
+                *apart = core::array::from_fn(|d| (of_a[d] * of_b[d]).sqrt() * (p[d][0] - q[d][0]).abs());
+            }
+        }
+        if known.is_empty() {
+            modes.push(fading(|d| newest.value[d]));
+        }
+        self.modes = Some(Modes { at: newest.at, modes });
     }
 
-    /// The modes with their shapes at the newest sample. Before the first identification, and after a gap until the
-    /// past is whole again, the motion fades to its mean.
-    fn modes_at(&self, newest: &MotionSample<C>) -> Modes<C> {
-        let identified = self
-            .model
-            .as_ref()
-            .zip(regression::past(&self.record, self.record.len() - 1));
-        let modes = identified.map_or_else(
-            || {
-                let mean = self.mean();
-                vec![fading(|d| newest.value[d] - mean[d])]
-            },
-            |(model, past)| model.modes(&past),
-        );
-        Modes { at: newest.at, modes }
+    /// Does one bounded part of an identification under way, or begins one that is due.
+    pub fn work(&mut self) {
+        for i in &mut self.identified {
+            if i.work() {
+                return;
+            }
+        }
     }
+
     /// The modes with their present shapes, valid at the newest sample; None before the first.
     pub fn modes(&self) -> Option<&Modes<C>> {
         self.modes.as_ref()
     }
-    /// Mean of the tilt: the trim. The other degrees of freedom are about their means.
-    fn mean(&self) -> [f64; DOFS] {
-        let mut mean = self.model.as_ref().map_or(self.regression.mean(), |m| m.mean);
-        for d in WITHOUT_SLOW {
-            mean[d] = 0.0;
-        }
-        mean
-    }
-    /// Mean and modes `t` seconds after the newest sample; zero before the first.
+    /// The modes `t` seconds after the newest sample; zero before the first.
     fn modal_motion(&self, t: f64) -> Motion {
-        let mut out = self.modes.as_ref().map_or_else(Motion::default, |m| m.motion(t));
-        for (sum, mean) in out.iter_mut().zip(self.mean()) {
-            sum[0] += mean;
-        }
-        out
+        self.modes.as_ref().map_or_else(Motion::default, |m| m.motion(t))
     }
     /// The same with what the modes leave of heave now, which fades: its slow part, an error of the mean water level.
     pub fn motion(&self, t: f64) -> Motion {
         let mut out = self.modal_motion(t);
-        let heave = self.record.back().map_or(0.0, |s| s.value[HEAVE]);
+        let heave = self.newest.map_or(0.0, |s| s.value[HEAVE]);
         let rest = fading(|_| heave - self.modal_motion(0.0)[HEAVE][0]);
         for (sum, part) in out[HEAVE].iter_mut().zip(rest.motion(t)[HEAVE]) {
             *sum += part;
@@ -170,13 +196,12 @@ impl<C: Clock> MotionModel<C> {
     }
     /// The waves' part of each degree of freedom at time `at`; None before the first identification.
     pub fn waves(&self, at: Time<C>) -> Option<[f64; DOFS]> {
-        self.model.as_ref()?;
-        let modes = self.modes()?;
+        let modes = self.modes().filter(|_| self.is_identified())?;
         Some(modes.motion((at - modes.at).secs()).map(|m| m[0]))
     }
     /// Whether its motion has been identified, be it that of a vessel in a calm that no model predicts.
     pub fn is_identified(&self) -> bool {
-        self.model.is_some()
+        self.identified.iter().any(Identification::is_identified)
     }
     /// Share of the variance of heave and tilt that is predicted a second ahead, 0 to 1; 0 before the first
     /// identification.
@@ -191,13 +216,22 @@ impl<C: Clock> MotionModel<C> {
             .sum();
         1.0 - left / OBSERVED.len() as f64
     }
-    /// Standard deviation per degree of freedom of what rolling the modes on is off by, `ahead` seconds on.
+    /// Standard deviation per degree of freedom of what rolling the modes on is off by, `ahead` seconds on: as measured,
+    /// and at least how far the two identifications predict apart now.
     pub fn spread(&self, ahead: f64) -> [f64; DOFS] {
-        self.errors.spread(self.deviation(), ahead)
+        self.errors.spread(self.deviation(), &self.apart, ahead)
     }
     /// Standard deviation of each degree of freedom of late.
     pub fn deviation(&self) -> [f64; DOFS] {
-        self.regression.deviation()
+        self.identified[0].deviation()
+    }
+}
+
+/// A motion that fades, by its value now in each degree of freedom.
+fn fading(now: impl Fn(usize) -> f64) -> Mode {
+    Mode {
+        pole: Complex::from(-1.0 / FADE_S),
+        shape: core::array::from_fn(|d| Complex::from(now(d))),
     }
 }
 

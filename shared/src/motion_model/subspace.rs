@@ -20,7 +20,7 @@ const MIN_DECAY: f64 = 0.004;
 /// Least size of an eigenvalue: what it leaves after a step.
 const DEAD: f64 = 0.37;
 /// Degrees of freedom whose mean and slow modes are left out: they are a course, and errors of the mean water level.
-pub(super) const WITHOUT_SLOW: [usize; 4] = [SURGE, SWAY, HEAVE, YAW];
+const WITHOUT_SLOW: [usize; 4] = [SURGE, SWAY, HEAVE, YAW];
 /// Time of a step of the system, s.
 const STEP_S: f64 = SAMPLE_S * STRIDE as f64;
 
@@ -31,7 +31,6 @@ pub(super) struct Fit {
     scale_in: DVector<f64>,
     scale_out: DVector<f64>,
     mean_in: DVector<f64>,
-    mean_out: DVector<f64>,
     /// Covariance of the scaled inputs and of outputs with inputs.
     gram: Mat<f64>,
     cross: Mat<f64>,
@@ -66,7 +65,6 @@ pub(super) enum Progress {
 #[derive(Clone, Debug)]
 pub(super) struct Model {
     mean_in: DVector<f64>,
-    pub(super) mean: [f64; DOFS],
     modes: Vec<ModeFit>,
 }
 
@@ -129,7 +127,6 @@ impl Fit {
             scale_in,
             scale_out,
             mean_in,
-            mean_out,
             gram,
             cross,
         }
@@ -292,7 +289,6 @@ impl Fit {
         modes.truncate(MAX_MODES);
         Some(Model {
             mean_in: self.mean_in.clone(),
-            mean: core::array::from_fn(|d| self.mean_out[d]),
             modes: modes.into_iter().map(|(_, m)| m).collect(),
         })
     }

@@ -11,7 +11,6 @@ use crate::time::VesselClock;
 /// Heave and tilt of waves (rad/s, m, rad, phase) at time `t`, in the order of a sample's value, and their rates.
 fn waves(t: f64) -> ([f64; DOFS], [f64; 5]) {
     let (mut value, mut rate) = ([0.0; DOFS], [0.0; 5]);
-    value[ROLL] = 0.05;
     for (omega, heave, tilt, phase) in [
         (1.15, 0.4, 0.03, 0.2),
         (1.26, 0.3, -0.02, 2.0),
@@ -31,6 +30,55 @@ fn waves(t: f64) -> ([f64; DOFS], [f64; 5]) {
     (value, rate)
 }
 
+/// Waves that only roll the vessel, by her own axes, or that tilt the water the same way whichever way she heads: the
+/// error of the tilt predicted a second ahead over the motion, on a course that turns by 90 deg every 25 s.
+fn error_on_a_square(turns_with_vessel: bool) -> f64 {
+    let mut model = MotionModel::<VesselClock>::default();
+    let (mut waiting, mut squares, mut motion) = (std::collections::VecDeque::new(), 0.0, 0.0);
+    for k in 0..3000 {
+        let t = SAMPLE_S * f64::from(k);
+        let (leg, since) = ((t / 25.0).floor(), t % 25.0);
+        let heading = core::f64::consts::FRAC_PI_2 * (leg + (since / 8.0).min(1.0));
+        let axes = if turns_with_vessel { heading } else { 0.0 };
+        let (tilt, rate) = [(1.15, 0.04), (1.7, 0.03), (2.4, 0.02)]
+            .into_iter()
+            .fold((0.0, 0.0), |(v, r), (w, a): (f64, f64)| {
+                (v + a * (w * t).sin(), r + a * w * (w * t).cos())
+            });
+        let (s, c) = axes.sin_cos();
+        let mut sample = MotionSample {
+            at: Time::from_secs(t),
+            mean_heading: heading,
+            value: [0.0; DOFS],
+            rate: [0.0, c * rate, s * rate, 0.0, 0.0],
+        };
+        (sample.value[ROLL], sample.value[PITCH]) = (c * tilt, s * tilt);
+        model.push(sample);
+        model.work();
+        let predicted = model.motion(1.0);
+        waiting.push_back([predicted[ROLL][0], predicted[PITCH][0]]);
+        if waiting.len() > 10
+            && let Some([roll, pitch]) = waiting.pop_front()
+            && t > 100.0
+        {
+            squares += (roll - c * tilt).powi(2) + (pitch - s * tilt).powi(2);
+            motion += tilt * tilt;
+        }
+    }
+    (squares / motion).sqrt()
+}
+
+#[test]
+fn both_kinds_of_hull_are_predicted_through_turns() {
+    for turns_with_vessel in [false, true] {
+        let error = error_on_a_square(turns_with_vessel);
+        assert!(
+            error < 0.35,
+            "turns with the vessel: {turns_with_vessel}: {error}"
+        );
+    }
+}
+
 /// The model after `seconds` of these waves with white noise of this size on every quantity.
 fn after(seconds: f64, noise: f64) -> MotionModel<VesselClock> {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
@@ -42,6 +90,7 @@ fn after(seconds: f64, noise: f64) -> MotionModel<VesselClock> {
             |v: f64| v + noise * <StandardNormal as Distribution<f64>>::sample(&StandardNormal, &mut rng);
         let sample = MotionSample {
             at,
+            mean_heading: 0.0,
             value: value.map(&mut noisy),
             rate: rate.map(&mut noisy),
         };
@@ -79,6 +128,7 @@ fn motion_model_starts_its_record_anew_after_a_gap_and_ignores_nan() {
     assert!(model.modes().is_some());
     let sample = |at: f64, v: f64| MotionSample {
         at: Time::from_secs(at),
+        mean_heading: 0.0,
         value: [v; DOFS],
         rate: [0.0; 5],
     };

@@ -58,7 +58,7 @@ use crate::surroundings::Surroundings;
 use crate::time::{Clock, Time, VesselClock};
 
 /// Most modes that a wave model carries.
-pub const MAX_MODES: usize = 12;
+pub const MAX_MODES: usize = 24;
 /// Spans of time that [`WaveModel::slopes`] looks back over.
 pub const SLOPE_WINDOWS: usize = 60;
 /// Length of each of these spans, s; together two minutes.

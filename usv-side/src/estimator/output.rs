@@ -130,14 +130,16 @@ impl Filter {
         // Without what turns the course.
         let a = self.ned(acceleration[SURGE], acceleration[SWAY])
             - self.mean_heading_rate * Vector2::new(-velocity.y, velocity.x);
+        let trim = self.slow.trim(self.mean_heading);
         self.motion.push(MotionSample {
             at: self.at,
+            mean_heading: self.mean_heading,
             value: [
                 v.x,
                 v.y,
                 b.get(HEAVE, ETA),
-                north,
-                east,
+                north - trim.x,
+                east - trim.y,
                 self.slow.off(b.get(YAW, ETA)),
             ],
             rate: [b.get(HEAVE, NU), c * dr - s * dp, s * dr + c * dp, a.x, a.y],
@@ -156,19 +158,32 @@ impl Filter {
         let now = self.ned(b.get(SURGE, ETA), b.get(SWAY, ETA));
         let v = self.mean_velocity;
         let moved = |t: f64| [SURGE, SWAY].map(|d| modes.path(d, t));
+        // The mean velocity turns with the mean heading: its way and what it becomes.
+        let rate = self.mean_heading_rate;
+        let mean = |t: f64| {
+            let half = Rotation2::new(0.5 * rate * t) * v;
+            let chord = if rate == 0.0 {
+                t
+            } else {
+                (0.5 * rate * t).sin() / (0.5 * rate)
+            };
+            (half * chord, Rotation2::new(rate * t) * v)
+        };
         let back = moved(since);
         let heave = self.motion.motion(0.0)[HEAVE][0];
         let origin = [
-            now.x - v.x * since - back[0],
-            now.y - v.y * since - back[1],
+            now.x + mean(-since).0.x - back[0],
+            now.y + mean(-since).0.y - back[1],
             heave + b.get(HEAVE, GNSS_BIAS),
         ];
         let stages = Seq::filled((0..PREDICTION_STAGES).map(|k| {
             let ahead = k as f64 * config.broadcast.prediction_step_s;
             let (m, path) = (self.motion.motion(ahead), moved(ahead));
-            let yaw = self.mean_heading + self.mean_heading_rate * (ahead - since) + m[YAW][0];
+            let (from, (way, v)) = (mean(-since).0, mean(ahead - since));
+            let mean_heading = self.mean_heading + self.mean_heading_rate * (ahead - since);
+            let (yaw, trim) = (mean_heading + m[YAW][0], self.slow.trim(mean_heading));
             let tilt = Tilt {
-                angles: [m[ROLL][0], m[PITCH][0]],
+                angles: [m[ROLL][0] + trim.x, m[PITCH][0] + trim.y],
                 rates: [m[ROLL][1], m[PITCH][1]],
                 heading: wrap_angle(yaw),
                 heading_rate: self.mean_heading_rate + m[YAW][1],
@@ -176,8 +191,8 @@ impl Filter {
             let [roll, pitch, _] = tilt.euler();
             let rates = tilt.euler_rates();
             let eta = [
-                v.x * ahead + path[0],
-                v.y * ahead + path[1],
+                way.x - from.x + path[0],
+                way.y - from.y + path[1],
                 m[HEAVE][0] - heave,
                 roll,
                 pitch,

@@ -1,0 +1,143 @@
+//! The motion identified in one pair of horizontal axes.
+
+use std::collections::VecDeque;
+
+use crate::time::Clock;
+use crate::vessel_model::{DOFS, Mode, Modes, PITCH, ROLL, SURGE, SWAY};
+
+use super::MotionSample;
+use super::errors::{Errors, SPREAD_AT_S};
+use super::regression::{self, PAST, REACH, Regression};
+use super::subspace::{Fit, Model, Progress};
+
+/// A longer gap between two samples empties the record, s: the past of a regression has no holes.
+const MAX_GAP_S: f64 = 0.15;
+/// Samples between two identifications: five seconds, within which no sea changes.
+const REFIT: u32 = 50;
+/// Rows before the first identification.
+const FIRST_FIT: f64 = 100.0;
+
+/// Which way the horizontal axes point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Axes {
+    /// North and east.
+    Earth,
+    /// Along the vessel's mean heading and to starboard of it.
+    Vessel,
+}
+
+impl Axes {
+    /// By how much they are turned from NED, rad.
+    fn angle(self, mean_heading: f64) -> f64 {
+        match self {
+            Axes::Earth => 0.0,
+            Axes::Vessel => mean_heading,
+        }
+    }
+}
+
+/// Record, regression and modes in one pair of axes.
+#[derive(Clone, Debug)]
+pub(super) struct Identification<C: Clock> {
+    axes: Axes,
+    /// In these axes, newest last.
+    record: VecDeque<MotionSample<C>>,
+    regression: Regression,
+    fit: Option<Fit>,
+    model: Option<Model>,
+    /// Parallel to NED, by the newest sample.
+    modes: Option<Modes<C>>,
+    since_fit: u32,
+    errors: Errors<C>,
+}
+
+impl<C: Clock> Identification<C> {
+    pub(super) fn new(axes: Axes) -> Self {
+        Identification {
+            axes,
+            record: VecDeque::with_capacity(PAST + REACH + 1),
+            regression: Regression::default(),
+            fit: None,
+            model: None,
+            modes: None,
+            since_fit: 0,
+            errors: Errors::default(),
+        }
+    }
+
+    /// Takes a sample in axes parallel to NED.
+    pub(super) fn push(&mut self, sample: &MotionSample<C>) {
+        let gap = |last: &MotionSample<C>| (sample.at - last.at).secs() > MAX_GAP_S || sample.at <= last.at;
+        if self.record.back().is_some_and(gap) {
+            self.record.clear();
+        }
+        let angle = self.axes.angle(sample.mean_heading);
+        self.record.push_back(sample.turned(angle));
+        while self.record.len() > PAST + REACH {
+            self.record.pop_front();
+        }
+        self.regression.push(&self.record);
+        self.since_fit += 1;
+        self.errors.compare(sample);
+        self.modes = self
+            .model
+            .as_ref()
+            .zip(regression::past(&self.record, self.record.len() - 1))
+            .map(|(model, past)| Modes {
+                at: sample.at,
+                modes: model.modes(&past).iter().map(|m| turned(m, -angle)).collect(),
+            });
+        if let Some(modes) = self.modes.as_ref().filter(|_| self.errors.is_due()) {
+            self.errors
+                .push(sample.at, SPREAD_AT_S.map(|ahead| modes.motion(ahead)));
+        }
+    }
+
+    /// Does one bounded part of an identification under way, or begins one that is due; false when there was none.
+    pub(super) fn work(&mut self) -> bool {
+        self.fit = match self.fit.take() {
+            Some(fit) => match fit.advance() {
+                Progress::Working(fit) => Some(*fit),
+                Progress::Done(model) => {
+                    self.model = Some(*model);
+                    None
+                }
+                Progress::Failed => None,
+            },
+            None if self.since_fit >= REFIT && self.regression.rows() >= FIRST_FIT => {
+                self.since_fit = 0;
+                Some(Fit::new(&self.regression))
+            }
+            None => return false,
+        };
+        true
+    }
+
+    /// The modes by the newest sample, the strongest first; None before the first identification, and after a gap until
+    /// the past is whole again.
+    pub(super) fn modes(&self) -> Option<&Modes<C>> {
+        self.modes.as_ref()
+    }
+    pub(super) fn is_identified(&self) -> bool {
+        self.model.is_some()
+    }
+    /// Mean square error per degree of freedom of the predictions `ahead` seconds on; None until measured.
+    pub(super) fn mean_squares(&self, ahead: f64) -> Option<[f64; DOFS]> {
+        self.errors.mean_squares(ahead)
+    }
+    /// Standard deviation of each degree of freedom of late, in these axes.
+    pub(super) fn deviation(&self) -> [f64; DOFS] {
+        self.regression.deviation()
+    }
+}
+
+/// A mode as it is in axes turned by `angle` (rad) about down.
+fn turned(m: &Mode, angle: f64) -> Mode {
+    let (s, c) = angle.sin_cos();
+    let mut shape = m.shape;
+    for [x, y] in [[SURGE, SWAY], [ROLL, PITCH]] {
+        shape[x] = m.shape[x] * c + m.shape[y] * s;
+        shape[y] = m.shape[y] * c - m.shape[x] * s;
+    }
+    Mode { shape, ..*m }
+}
