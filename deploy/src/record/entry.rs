@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 /// Encoding of the channels of this module, as MCAP calls it.
 pub const ENCODING: &str = "alight-record";
 /// Format of the entries; a replay refuses any other.
-pub const FORMAT: u32 = 15;
+pub const FORMAT: u32 = 16;
 
 /// One step of a node.
 #[derive(Serialize, Deserialize)]
