@@ -773,9 +773,9 @@ fn steady_course_is_wanted_from_the_descent_to_the_touchdown_and_not_of_a_silent
     }
     // It may be on its way down for as long as a descent lasts.
     rig.run(&[(1, State::Descent)], 1.0);
-    rig.run(&[], 60.0);
+    rig.run(&[], 59.0);
     assert!(wants(&rig));
-    rig.run(&[], 0.5);
+    rig.run(&[], 1.5);
     assert!(!wants(&rig));
     // One that begins no descent because of the course asks for a better one.
     rig.sequence += 1;
