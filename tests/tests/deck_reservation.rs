@@ -218,9 +218,10 @@ fn drone_leaves_a_deck_on_which_something_comes_to_lie_and_lands_once_it_is_free
     nodes.deck.occupancy_sensor = "sensor".into();
     let mut fleet = Fleet::new(1, &nodes, 29);
     let sense = |fleet: &mut Fleet, occupied| {
-        let closed = None;
-        let occupied = Some(occupied);
-        fleet.world.deck_inputs(DeckInputs { closed, occupied });
+        fleet.world.deck_inputs(DeckInputs {
+            occupied: Some(occupied),
+            ..DeckInputs::default()
+        });
     };
     sense(&mut fleet, true);
     fleet.fly(60.0, |_| false);

@@ -51,6 +51,8 @@ pub struct ComputerOut {
     pub statuses: Vec<DroneStatus>,
     /// What happened in this step.
     pub events: Vec<VesselEvent>,
+    /// A drone wants the vessel to keep course and speed.
+    pub wants_steady: bool,
 }
 
 /// What must not be forgotten when the process or the computer is started anew.
@@ -154,6 +156,11 @@ impl fmt::Display for VesselEvent {
             VesselEvent::Command { drone, kind } => write!(f, "an operator commands drone {drone}: {kind:?}"),
             VesselEvent::DeckOrder(DeckOrder::Closed) => write!(f, "crew order: deck closed"),
             VesselEvent::DeckOrder(DeckOrder::Open) => write!(f, "crew order: deck open"),
+            VesselEvent::DeckOrder(DeckOrder::Steady(0)) => write!(f, "crew order: no course is stated"),
+            VesselEvent::DeckOrder(DeckOrder::Steady(for_s)) => {
+                write!(f, "crew order: course and speed are kept for {for_s} s")
+            }
+            VesselEvent::DeckOrder(DeckOrder::Turning) => write!(f, "crew order: the vessel turns"),
             VesselEvent::DeckOwner(Some(drone)) => write!(f, "the deck is reserved for drone {drone}"),
             VesselEvent::DeckOwner(None) => write!(f, "the deck is free"),
             VesselEvent::StillArmed { drone, for_s } => write!(f, "drone {drone}: {}", still_armed(*for_s)),
@@ -338,6 +345,7 @@ impl Node for VesselComputer {
             receipts: relayed.receipts,
             statuses,
             events,
+            wants_steady: self.arbiter.wants_steady(now),
         }
     }
 }

@@ -55,6 +55,10 @@ pub enum Order {
     Status,
     /// On the vessel: close the deck or open it.
     Deck,
+    /// On the vessel: course and speed are kept for a while (`--for`).
+    Steady,
+    /// On the vessel: she turns or may turn, until `steady` is ordered.
+    Turning,
 }
 
 /// What the crew says of the deck.
@@ -73,7 +77,7 @@ impl Order {
             Order::Land => Some(CommandKind::Land),
             Order::Abort => Some(CommandKind::Abort),
             Order::Hold => Some(CommandKind::Hold),
-            Order::Status | Order::Deck => None,
+            Order::Status | Order::Deck | Order::Steady | Order::Turning => None,
         }
     }
 }
@@ -84,6 +88,7 @@ impl Order {
     after_help = "Run it as the user that runs Alight: sudo -u alight alight command abort\n\
 From ashore: alight command abort --vessel quic/192.168.7.1:7447 --keys keys/operator-1\n\
 On the vessel: sudo -u alight alight command deck closed\n\
+               sudo -u alight alight command steady --for 60\n\
 Exit codes: 0 the mission or the vessel took it, 1 it did not in time, 2 bad input or no mission answers."
 )]
 pub struct CommandArgs {
@@ -93,7 +98,10 @@ pub struct CommandArgs {
     /// With `deck`: closed or open
     #[arg(value_enum, required_if_eq("order", "deck"))]
     pub deck: Option<DeckWord>,
-    /// Configuration of the drone's computer, with `deck` of the vessel's (TOML) [default: /etc/alight/drone.toml or
+    /// With `steady`: for so long, s; 0: nothing is stated any more
+    #[arg(long = "for", value_name = "SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u32).range(0..=3600))]
+    pub for_s: u32,
+    /// Configuration of the drone's computer, with `deck`, `steady` and `turning` of the vessel's (TOML) [default: /etc/alight/drone.toml or
     /// /etc/alight/vessel.toml]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
@@ -127,7 +135,12 @@ impl CommandArgs {
 pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
     match (args.order, args.deck) {
         (Order::Deck, Some(word)) => return deck(args, word),
-        (Order::Land | Order::Abort | Order::Hold | Order::Status, Some(_)) => {
+        (Order::Steady, None) => return course(args, DeckOrder::Steady(args.for_s)),
+        (Order::Turning, None) => return course(args, DeckOrder::Turning),
+        (
+            Order::Land | Order::Abort | Order::Hold | Order::Status | Order::Steady | Order::Turning,
+            Some(_),
+        ) => {
             return Err(CliError("closed and open belong to `alight command deck`".into()));
         }
         (_, None) => {}
@@ -138,14 +151,47 @@ pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
     }
 }
 
+/// The computer of the vessel, on which `what` is done.
+fn on_board(args: &CommandArgs, what: &str) -> Result<VesselComputer, CliError> {
+    if args.vessel.is_some() || args.instance.is_some() {
+        return Err(CliError(format!(
+            "{what} on the vessel's own computer: no --vessel, no --instance"
+        )));
+    }
+    Ok(config::load(&args.config_or("/etc/alight/vessel.toml"))?)
+}
+
+/// What the helm intends, to the vessel's process on this computer.
+fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
+    let computer = on_board(args, "the course is stated")?;
+    let left = deck_file::leave(&computer, order).map_err(CliError)?;
+    let taken = (0..MAX_POLLS_DECK).any(|_| {
+        pause(POLL_PERIOD);
+        !left.exists()
+    });
+    // A promise that is taken up later would be a wrong one.
+    let withdrawn = !taken && std::fs::remove_file(&left).is_ok();
+    let newest = status_file::read(&computer).and_then(Result::ok);
+    if args.json {
+        terminal::line(json!({ "taken": taken, "withdrawn": withdrawn, "deck": newest.map(|s| s.deck) }));
+    } else if !taken {
+        terminal::line(
+            "the vessel's process has not taken it, and it is withdrawn: systemctl status alight-vessel",
+        );
+    } else {
+        let stated = match order {
+            DeckOrder::Steady(0) => "nothing is stated of the course",
+            DeckOrder::Steady(_) => "course and speed are kept; a turn at the helm's switch counts more",
+            DeckOrder::Turning | DeckOrder::Closed | DeckOrder::Open => "no drone descends while she turns",
+        };
+        terminal::line(stated);
+    }
+    Ok(Exit::of(taken))
+}
+
 /// To the vessel's process on this computer.
 fn deck(args: &CommandArgs, word: DeckWord) -> Result<Exit, CliError> {
-    if args.vessel.is_some() || args.instance.is_some() {
-        return Err(CliError(
-            "the deck is closed and opened on the vessel's own computer: no --vessel, no --instance".into(),
-        ));
-    }
-    let computer: VesselComputer = config::load(&args.config_or("/etc/alight/vessel.toml"))?;
+    let computer = on_board(args, "the deck is closed and opened")?;
     let order = match word {
         DeckWord::Closed => DeckOrder::Closed,
         DeckWord::Open => DeckOrder::Open,

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use alight_shared::msg::{Charge, still_armed};
+use alight_shared::msg::{Charge, Course, still_armed};
 use alight_shared::transport::clock::steady_ns;
 use alight_usv::deck::Closure;
 use serde_json::json;
@@ -16,8 +16,10 @@ use crate::process::supervisor::pause;
 use crate::terminal;
 use crate::tools::check;
 use crate::tools::check::finding::{Finding, Level, Topic};
-use crate::vessel::deck_inputs;
-use crate::vessel::status_file::{self, CertificateStatus, EstimatorStatus, SourceHealth, VesselStatus};
+use crate::vessel::status_file::{
+    self, CertificateStatus, DeckStatus, EstimatorStatus, SourceHealth, VesselStatus,
+};
+use crate::vessel::{deck_inputs, helm_lamp};
 
 /// A status older than this is a dead or a frozen process's, s: six of its periods.
 const STALE_S: f64 = 3.0;
@@ -80,6 +82,7 @@ fn judge(status: &VesselStatus, now_ns: i64) -> Vec<Finding> {
     all.push(certificate(&status.certificate));
     all.push(unauthorised_peers(status));
     all.extend(deck(status));
+    all.extend(course(&status.deck));
     all.extend(drones(status));
     all
 }
@@ -303,6 +306,33 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
     all
 }
 
+/// What the helm states, and what it is asked for.
+fn course(deck: &DeckStatus) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("course");
+    let stated = match deck.course {
+        Course::Unknown => "nothing stated".to_owned(),
+        Course::Steady(for_s) => format!("steady for {for_s:.0} s"),
+        Course::Turning => "turning".to_owned(),
+    };
+    let asks = deck.wants_steady && deck.course == Course::Turning;
+    let mut all = vec![if asks {
+        TOPIC.warning(
+            format!("{stated}; a drone waits for a steady course, or breaks its descent off"),
+            "keep course and speed, and say so: the helm's switch, or alight command steady",
+        )
+    } else if deck.wants_steady {
+        TOPIC.fine(format!("{stated}; a drone descends: KEEP COURSE AND SPEED"))
+    } else {
+        TOPIC.fine(stated)
+    }];
+    all.extend(
+        deck.lamp_error
+            .iter()
+            .map(|e| TOPIC.warning(e, helm_lamp::REMEDY)),
+    );
+    all
+}
+
 fn drones(status: &VesselStatus) -> Vec<Finding> {
     const TOPIC: Topic = Topic("drones");
     if status.drones.is_empty() {
@@ -345,7 +375,7 @@ mod tests {
     use super::*;
     use alight_usv::deck::Starved;
 
-    use crate::vessel::status_file::{DeckStatus, DroneContact, ProcessStatus};
+    use crate::vessel::status_file::{DroneContact, ProcessStatus};
 
     fn status() -> VesselStatus {
         VesselStatus {

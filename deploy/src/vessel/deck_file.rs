@@ -282,11 +282,20 @@ impl DeckFile {
     }
 }
 
+/// A promise of a steady course that lay there for longer is none.
+const MAX_PROMISE_AGE: Duration = Duration::from_secs(10);
+
 fn take_order(path: &Path) -> Option<DeckOrder> {
     let order = read(path).transpose()?;
+    let left_at = fs::metadata(path).and_then(|file| file.modified());
+    let is_old = left_at.is_ok_and(|at| at.elapsed().is_ok_and(|age| age > MAX_PROMISE_AGE));
     // One that stays would be obeyed again and again, and free the deck of whoever lands later.
     fs::remove_file(path).ok()?;
     match order.and_then(|bytes| serde_json::from_slice(&bytes).map_err(|e| e.to_string())) {
+        Ok(DeckOrder::Steady(for_s)) if is_old => {
+            warn!("a promise of {for_s} s of steady course was left too long ago, and does not count");
+            None
+        }
         Ok(order) => Some(order),
         Err(e) => {
             warn!("{}: {e}: no order to the deck", path.display());

@@ -1,5 +1,6 @@
 //! The deck's digital inputs as Linux offers them: files that hold 0 or 1, such as `/sys/class/gpio/gpio17/value`, or
-//! what a program writes that reads another interface. The crew's switch, and a sensor of what lies on the deck.
+//! what a program writes that reads another interface. The crew's switch, a sensor of what lies on the deck, and the
+//! helm's switch.
 //!
 //! Each is read twice a second in a thread of its own, since a driver may take long. One that cannot be read yields no
 //! level, and the deck arbiter then counts it as active.
@@ -26,10 +27,11 @@ pub const REMEDY: &str = "it counts as 1: export it, make it a file of 0 or 1 th
                           the key in vessel.toml";
 
 /// The inputs that may be configured: key and path; an empty path is none.
-pub fn configured(deck: &DeckConfig) -> [(&'static str, &str); 2] {
+pub fn configured(deck: &DeckConfig) -> [(&'static str, &str); 3] {
     [
         ("deck.crew_switch", &deck.crew_switch),
         ("deck.occupancy_sensor", &deck.occupancy_sensor),
+        ("deck.helm_switch", &deck.helm_switch),
     ]
 }
 
@@ -109,7 +111,7 @@ impl Input {
 }
 
 /// All inputs that are configured.
-pub struct InputFiles([Option<Input>; 2]);
+pub struct InputFiles([Option<Input>; 3]);
 
 impl InputFiles {
     /// Begins to read them.
@@ -118,8 +120,12 @@ impl InputFiles {
     }
     /// The levels that were read since the last call.
     pub fn poll(&mut self, now_ns: i64) -> DeckInputs {
-        let [closed, occupied] = self.0.each_mut().map(|i| i.as_mut().and_then(|i| i.poll(now_ns)));
-        DeckInputs { closed, occupied }
+        let [closed, occupied, turning] = self.0.each_mut().map(|i| i.as_mut().and_then(|i| i.poll(now_ns)));
+        DeckInputs {
+            closed,
+            occupied,
+            turning,
+        }
     }
     /// Why inputs cannot be read: key, path and error.
     pub fn errors(&self) -> Vec<String> {
@@ -160,6 +166,7 @@ mod tests {
         let read = DeckInputs {
             closed: Some(true),
             occupied: None,
+            turning: None,
         };
         assert_eq!(files.poll(0), read);
         let [error] = &files.errors()[..] else {

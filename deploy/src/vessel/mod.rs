@@ -2,6 +2,7 @@
 
 pub mod deck_file;
 pub mod deck_inputs;
+pub mod helm_lamp;
 pub mod radio;
 pub mod sensor_supervisor;
 pub mod sensors;
@@ -31,6 +32,7 @@ use crate::process::life::Process;
 use crate::process::notify::Notify;
 use crate::vessel::deck_file::DeckFile;
 use crate::vessel::deck_inputs::InputFiles;
+use crate::vessel::helm_lamp::HelmLamp;
 use crate::vessel::radio::VesselRadio;
 use crate::vessel::sensor_supervisor::SensorSupervisor;
 use crate::vessel::status_file::{DeckStatus, StatusFile};
@@ -51,6 +53,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut radio = VesselRadio::open(&computer)?;
     let (mut deck_file, left) = DeckFile::open(&computer);
     let mut deck_inputs = InputFiles::start(&computer.deck, steady_ns());
+    let mut helm_lamp = HelmLamp::start(&computer.deck.helm_lamp);
     let mut status_file = StatusFile::new(&computer);
     let mut people = ForPeople::new(!computer.sensor.sources.is_empty(), steady_ns());
     // The last to start: an error before it leaves no process behind.
@@ -84,6 +87,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
             radio.publish(out);
             true
         });
+        helm_lamp.set(out.wants_steady);
         people.show(&out, process.now(), process.node().node());
         deck_file.keep(process.node().checkpoint());
         status_file.observe(steady_ns(), &input, &out);
@@ -100,6 +104,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
             let deck = DeckStatus {
                 file_error: deck_file.error(),
                 input_errors: deck_inputs.errors(),
+                lamp_error: helm_lamp.error(),
                 ..DeckStatus::of(now, process.node())
             };
             let node = (process.node(), now);

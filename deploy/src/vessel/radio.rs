@@ -123,6 +123,7 @@ impl VesselRadio {
             receipts,
             statuses,
             events: _,
+            wants_steady: _,
         } = out;
         self.send(ESTIMATE, &vessel.estimate);
         self.send(TIME_REPLY, &vessel.time_replies);

@@ -6,6 +6,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use alight_shared::msg::Course;
 use alight_shared::time::{Time, VesselClock};
 use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessState;
@@ -198,6 +199,15 @@ pub struct DeckStatus {
     pub file_error: Option<String>,
     /// Digital inputs that cannot be read, and why.
     pub input_errors: Vec<String>,
+    /// Why the lamp at the helm cannot be driven, if it cannot.
+    #[serde(default)]
+    pub lamp_error: Option<String>,
+    /// What the helm intends.
+    #[serde(default)]
+    pub course: Course,
+    /// A drone wants the vessel to keep course and speed.
+    #[serde(default)]
+    pub wants_steady: bool,
 }
 
 impl DeckStatus {
@@ -212,6 +222,8 @@ impl DeckStatus {
             unplaced: arbiter.unplaced().collect(),
             starved: arbiter.starved(now),
             aborts: relay.unacknowledged().collect(),
+            course: arbiter.course(now),
+            wants_steady: arbiter.wants_steady(now),
             ..DeckStatus::default()
         }
     }

@@ -175,6 +175,8 @@ pub struct DeckForecast {
     pub wave_confidence: f64,
     /// The deck's mean heading without the waves' share, rad.
     pub mean_heading: f64,
+    /// Its rate, rad/s.
+    pub mean_heading_rate: f64,
     /// The trajectory.
     pub stages: Seq<DeckStage, FORECAST_STAGES>,
     /// Apparent slope of the deck of late, as the vessel reported it ([`super::WaveModel::slopes`]); empty while
@@ -231,6 +233,7 @@ message!(LinkState, DroneClock, |m| {
 message!(DeckForecast, DroneClock, |m| {
     m.step > Span::ZERO => "step",
     m.surroundings.is_sound() => "surroundings",
+    within([&m.mean_heading_rate], MAX_RATE_RPS) => "mean_heading_rate",
     m.stages.iter().all(|s| {
         within(&s.position, MAX_POSITION_M)
             && within(&s.velocity, MAX_SPEED_MPS)

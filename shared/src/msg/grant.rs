@@ -39,6 +39,38 @@ impl WaitingPlace {
     }
 }
 
+/// Longest time for which a vessel states a steady course, s.
+pub const MAX_STEADY_S: f32 = 3600.0;
+
+/// What the helm intends with course and speed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub enum Course {
+    /// Nothing is stated, or what was has expired.
+    #[default]
+    Unknown,
+    /// Course and speed are kept for so long from the message's time of validity on, s.
+    Steady(f32),
+    /// The vessel turns or changes her speed, or may at any moment.
+    Turning,
+}
+
+impl Course {
+    /// The same `age_s` later, s: a promise expires by itself.
+    pub fn after(self, age_s: f64) -> Course {
+        match self {
+            Course::Unknown | Course::Turning => self,
+            Course::Steady(for_s) => {
+                let left_s = for_s - age_s as f32;
+                if left_s > 0.0 {
+                    Course::Steady(left_s)
+                } else {
+                    Course::Unknown
+                }
+            }
+        }
+    }
+}
+
 /// The vessel announces which drone may descend to its deck. Repeated while it runs: a drone descends only
 /// on a fresh grant that names it, and breaks a descent off on one that names another.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -53,6 +85,8 @@ pub struct DeckGrant<C: Clock> {
     pub occupied: bool,
     /// The drones that have the waiting places, from the lowest on; 0: free.
     pub places: [u32; PLACES],
+    /// What the helm intends.
+    pub course: Course,
 }
 
 impl<C: Clock> DeckGrant<C> {
@@ -66,6 +100,12 @@ impl<C: Clock> DeckGrant<C> {
 restamped!(DeckGrant {
     owner,
     occupied,
-    places
+    places,
+    course
 });
-message!(@C DeckGrant<C>, C, |m| {});
+message!(@C DeckGrant<C>, C, |m| {
+    match m.course {
+        Course::Unknown | Course::Turning => true,
+        Course::Steady(for_s) => (0.0..=MAX_STEADY_S).contains(&for_s),
+    } => "course",
+});

@@ -183,6 +183,12 @@ pub enum ReasonCode {
     TooNear,
     /// Has followed the deck at this clearance, m, for as long as it was to, s.
     Matched,
+    /// The vessel states that she turns or may turn.
+    VesselTurns,
+    /// The landing would outlast the stated steadiness of the vessel's course: its time, and what is left of it, s.
+    CourseEnds,
+    /// The vessel's turn may change the deck's velocity too much before the forecast follows, m/s.
+    TurnTooFast,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -343,6 +349,15 @@ impl fmt::Display for Reason {
             ReasonCode::Matching => write!(f, "matches the deck for {v:.1} s (needs {l:.0})"),
             ReasonCode::TooNear => write!(f, "{v:.2} m above the deck (lowest {l:.2})"),
             ReasonCode::Matched => write!(f, "matched the deck at {v:.1} m for {l:.0} s: climbs"),
+            ReasonCode::VesselTurns => write!(f, "the vessel states that she turns"),
+            ReasonCode::CourseEnds => write!(
+                f,
+                "a landing takes {v:.0} s, and the vessel keeps her course for {l:.0} s more"
+            ),
+            ReasonCode::TurnTooFast => write!(
+                f,
+                "the vessel's turn may change the deck's velocity by {v:.2} m/s unforeseen (limit {l:.2})"
+            ),
             ReasonCode::TooWindy => write!(f, "wind pushes with up to {v:.1} m/s² (limit {l:.1})"),
         }
     }

@@ -49,7 +49,9 @@ pub use drone::{
     AutopilotMode, AutopilotState, DroneState, LandedState, LinkCheckpoint, Motors, PLAN_STAGES, Plan,
     PlanStage, PredictorCheckpoint, SetPoint, SetPointKind, ShadowComparison, Solve,
 };
-pub use grant::{DECK_CLOSED, DeckGrant, OWNER_ONLY_M, PLACES, WAITING_DISTANCE_M, WaitingPlace};
+pub use grant::{
+    Course, DECK_CLOSED, DeckGrant, MAX_STEADY_S, OWNER_ONLY_M, PLACES, WAITING_DISTANCE_M, WaitingPlace,
+};
 /// Numbers of which three digits suffice.
 pub use half::f16;
 pub use mission::{

@@ -340,6 +340,10 @@ impl World {
     pub fn physics(&self) -> &Physics {
         &self.physics
     }
+    /// Whether a drone wants the vessel to keep course and speed now.
+    pub fn wants_steady(&self) -> bool {
+        self.vessel.arbiter().wants_steady(self.physics.vessel_now())
+    }
     /// The vessel's node.
     pub fn vessel_node(&self) -> &VesselNode {
         self.vessel.node()

@@ -103,7 +103,8 @@ config! {
         /// Source: Friction of 0.4 holds to 21 deg, but the planner chooses the instant: at 0.8 m,
         /// 5 s 0.30 cost 1.4 s and gained nothing (100 seeds).
         pub flare_tilt_rad: f64 = 0.40, in 0.01..=1.5;
-        /// Neither descent nor flare begins while the deck turns faster than this, rad/s.
+        /// No landing begins or goes on above the commit clearance while the vessel's mean heading turns faster than this,
+        /// rad/s.
         /// Chosen: 11 deg/s: a vessel in a tight turn is led sideways by its rudder as no forecast
         /// knows.
         pub deck_turn_radps: f64 = 0.2, in 0.01..=10.0;

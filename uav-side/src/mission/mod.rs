@@ -46,7 +46,7 @@ use crate::odometry::origin::DroneFrame;
 use battery::BatteryMonitor;
 use checkpoint::{Beginning, Begun};
 use phase::{MissionPhase, Progress, gave_up, hold_height, moving_place, stands_aside};
-use situation::{ControlState, Deck, OwnState, Reservation, Situation, rotors_carry};
+use situation::{ControlState, Deck, OwnState, Reservation, Situation, rotors_carry, stated_course};
 pub use states::MAX_VESSEL_DISTANCE_M;
 use states::blind_limit;
 use staying::Staying;
@@ -306,6 +306,7 @@ impl Mission {
                 d.outside_m(&self.deck_geometry, &self.drone_geometry)
             }),
             reservation: Reservation::of(self.grant.get(), self.drone_id, now, c),
+            course: stated_course(self.grant.get(), now),
             place: self
                 .grant
                 .get()

@@ -3,7 +3,7 @@
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, DECK_CLOSED, DeckForecast, DeckGrant, DroneState, LandedState,
+    AutopilotMode, AutopilotState, Course, DECK_CLOSED, DeckForecast, DeckGrant, DroneState, LandedState,
     LandingMode, Reason, ReasonCode, WAITING_DISTANCE_M, WaitingPlace,
 };
 use alight_shared::time::{DroneClock, Span, Time};
@@ -122,6 +122,19 @@ impl Reservation {
     }
 }
 
+/// What the helm states of the vessel's course at `now`. A promise lasts as long as it was given for, whether or not it is
+/// repeated; a turn that is not repeated is not known any more.
+pub fn stated_course(grant: Option<&DeckGrant<DroneClock>>, now: Time<DroneClock>) -> Course {
+    let Some(grant) = grant else {
+        return Course::Unknown;
+    };
+    let age = now - grant.header.at;
+    match grant.course {
+        Course::Turning if age > topics::DECK.stale_after => Course::Unknown,
+        course @ (Course::Unknown | Course::Steady(_) | Course::Turning) => course.after(age.secs()),
+    }
+}
+
 /// The drone by its newest odometry.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OwnState {
@@ -147,6 +160,10 @@ impl OwnState {
 /// What the deck does unforeseen for so long the drone does not follow: a tenth of a second from measurement to thrust,
 /// and two tenths until its sink has changed.
 const REACTION: Span = Span::from_millis(300);
+
+/// So long the forecast lags behind a turn, s: the low-pass of the vessel's mean heading rate, and the radio. A vessel at
+/// speed `U` that turns at `r` accelerates by `U r` across her course, unforeseen for this long.
+const TURN_LAG_S: f64 = 1.2;
 
 /// The forecast deck relative to the drone.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -187,8 +204,10 @@ pub struct Deck {
     pub acceleration_mps2: f64,
     /// Greatest predicted tilt over the horizon, rad.
     pub tilt_rad: f64,
-    /// Mean rate of its heading over the next second, rad/s, without a sign.
+    /// Rate of the vessel's mean heading, rad/s, without a sign: the waves' yaw is no turn.
     pub turn_radps: f64,
+    /// By how much the vessel's turn may change the deck's horizontal velocity before the forecast follows, m/s.
+    pub turn_mps: f64,
     /// Mean of the predicted height over the whole forecast, NED z, m.
     pub mean_z: f64,
     /// The speed at which the deck would meet a drone that climbs away from now on, m/s; None when it clears the
@@ -219,8 +238,10 @@ impl Deck {
         let since = (start - forecast.header.at).secs();
         let (mut speed, mut heave, mut acceleration, mut tilt) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
         let mut sum = 0.0;
+        let mut course = Vector2::zeros();
         for (i, s) in forecast.stages.iter().enumerate() {
             sum += s.position[2];
+            course += Vector2::new(s.velocity[0], s.velocity[1]);
             let lead = i as f64 * step - since;
             if lead < -step || lead > config.feasibility_horizon_s {
                 continue;
@@ -236,8 +257,8 @@ impl Deck {
         let reacted = forecast
             .at(start + REACTION)
             .or(forecast.stages.last().copied())?;
-        let second = forecast.at(start + Span::from_secs(1.0));
-        let turn = second.map_or(0.0, |s| wrap_angle(s.euler[2] - here.euler[2]).abs());
+        let turn_radps = forecast.mean_heading_rate.abs();
+        let mean_mps = course.norm() / forecast.stages.len().max(1) as f64;
         let to_deck = -r.xy() / r.xy().norm().max(1e-3);
         Some(Deck {
             clearance_m,
@@ -262,7 +283,8 @@ impl Deck {
             heave_mps: heave,
             acceleration_mps2: acceleration,
             tilt_rad: tilt,
-            turn_radps: turn,
+            turn_radps,
+            turn_mps: mean_mps * turn_radps * TURN_LAG_S,
             mean_z: sum / forecast.stages.len().max(1) as f64,
             climb_contact_mps: (clearance_m < config.commit_clearance_m)
                 .then(|| contact_speed(now, forecast, &own.position, &own.velocity, drone))
@@ -328,6 +350,8 @@ pub struct Situation {
     pub outside_m: f64,
     /// Whether the deck is ours to descend to.
     pub reservation: Reservation,
+    /// What the vessel's helm states of her course, from now on.
+    pub course: Course,
     /// Where it waits for the deck; None: nowhere, or it reserves none.
     pub place: Option<WaitingPlace>,
     /// The pilot has stopped the motors.

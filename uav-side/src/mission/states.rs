@@ -2,11 +2,11 @@
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::ReasonCode::{
-    Commanded, Deviated, Infeasible, Matched, Matching, Missed, NoPlace, NoPlan, NoVessel, NoVision,
-    NotCommanded, NotFlying, NotSteady, Operator, Reached, SpeedUncertain, TiltExcess, TooFar, TooFast,
-    TooNear, TooSteep, TooWindy, Uncertain, VesselTooFar, VisionLost,
+    Commanded, CourseEnds, Deviated, Infeasible, Matched, Matching, Missed, NoPlace, NoPlan, NoVessel,
+    NoVision, NotCommanded, NotFlying, NotSteady, Operator, Reached, SpeedUncertain, TiltExcess, TooFar,
+    TooFast, TooNear, TooSteep, TooWindy, TurnTooFast, Uncertain, VesselTooFar, VesselTurns, VisionLost,
 };
-use alight_shared::msg::{PLACES, Reason};
+use alight_shared::msg::{Course, PLACES, Reason};
 use nalgebra::Vector3;
 
 use super::config::MissionConfig;
@@ -244,7 +244,7 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
         if progress.is_urgent() {
             return None;
         }
-        let turns = exceeds(Infeasible, deck.turn_radps, c.deck_turn_radps);
+        let turns = turns_too_fast(deck, c, 1.0).or_else(|| course_rejection(deck, s, c));
         s.rejection.or(turns).or_else(|| s.staying.rejection())
     });
     if let Some(why) = rejection {
@@ -255,6 +255,37 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
     }
     progress.attempts += 1;
     MissionPhase::DESCENT.enter(Reason::new(Reached, deck.distance_m, c.descent_distance_m))
+}
+
+/// Too fast a turn: led sideways by the rudder as no forecast knows, or the deck's velocity is unforeseen by more than
+/// what a flare may have.
+fn turns_too_fast(deck: &Deck, c: &MissionConfig, slack: f64) -> Option<Reason> {
+    first_beyond([
+        (Infeasible, deck.turn_radps, c.deck_turn_radps * slack),
+        (TurnTooFast, deck.turn_mps, c.flare_speed_mps * slack),
+    ])
+}
+
+/// The longest time from here to the touchdown, s: down at the speeds of descent and flare, with the longest wait at the
+/// decision clearance.
+fn landing_s(deck: &Deck, c: &MissionConfig) -> f64 {
+    let descent_m = (deck.clearance_m - c.flare_clearance_m).max(0.0);
+    descent_m / c.descent_mps + c.flare_clearance_m / c.flare_mps + c.decision_timeout_s
+}
+
+/// Why no descent begins by what the helm states of the vessel's course.
+fn course_rejection(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Reason> {
+    match s.course {
+        Course::Unknown => None,
+        Course::Steady(left_s) => exceeds(CourseEnds, landing_s(deck, c), f64::from(left_s)),
+        Course::Turning => Some(VesselTurns.into()),
+    }
+}
+
+/// Why a landing that is not committed is broken off: the deck is another's, or the helm states a turn.
+fn withdrawn(progress: &Progress, s: &Situation) -> Option<Reason> {
+    let turns = s.course == Course::Turning && !progress.is_urgent();
+    (s.reservation.lost()).or_else(|| turns.then(|| VesselTurns.into()))
 }
 
 /// What makes the predicted deck infeasible for a landing: uncertainty, motion or tilt.
@@ -289,9 +320,9 @@ fn not_ready_to_flare(deck: &Deck, s: &Situation, c: &MissionConfig, slack: f64)
         (TooFar, deck.distance_m, c.flare_distance_m * slack),
         (TooFast, deck.relative_speed_mps, c.flare_speed_mps * slack),
         (TooSteep, deck.tilt_rad, c.flare_tilt_rad * slack),
-        (Infeasible, deck.turn_radps, c.deck_turn_radps * slack),
         (TooWindy, s.wind_mps2, FLARE_WIND * c.friction * GRAVITY * slack),
     ])
+    .or_else(|| turns_too_fast(deck, c, slack))
 }
 
 /// What violates the conditions of a landing that has begun; `blind_s`: longest time without vision; `slack` widens
@@ -301,6 +332,7 @@ fn violation(deck: &Deck, s: &Situation, c: &MissionConfig, blind_s: f64, slack:
     exceeds(VisionLost, deck.vision_age_s, blind_s)
         .or_else(|| exceeds(Deviated, deck.distance_m, cone))
         .or_else(|| deck_infeasible(deck, c, c.break_factor * slack))
+        .or_else(|| turns_too_fast(deck, c, slack))
         .or_else(|| exceeds(NoPlan, s.plan_age_s, s.plan_limit_s))
 }
 
@@ -339,7 +371,7 @@ fn descent(
     if close && let Some(why) = exceeds(Deviated, s.outside_m, c.lost_outside_m) {
         return Transition::BreakOff(why);
     }
-    if let Some(why) = s.reservation.lost().filter(|_| !close) {
+    if let Some(why) = withdrawn(progress, s).filter(|_| !close) {
         return Transition::BreakOff(why);
     }
     if let Some(lowest_m) = c.lowest_plan_m() {
@@ -410,7 +442,7 @@ fn flare(
         exceeds(Deviated, s.outside_m, c.lost_outside_m).filter(|_| deck.clearance_m < c.commit_clearance_m)
     });
     let hard = hard.or_else(|| attitude_lost(deck, s));
-    if let Some(why) = hard.or_else(|| s.reservation.lost().filter(|_| !committed)) {
+    if let Some(why) = hard.or_else(|| withdrawn(progress, s).filter(|_| !committed)) {
         return Transition::BreakOff(why);
     }
     let violation = violation(deck, s, c, blind_limit(deck, c), widening(progress, c));

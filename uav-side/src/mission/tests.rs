@@ -1,12 +1,12 @@
 //! Every row of the state table.
 
 use alight_shared::msg::ReasonCode::{
-    AutopilotParameter, Commanded, DeckGrantStale, DeckReserved, Deviated, DriftPredicted, ForecastStale,
-    Infeasible, Missed, NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotSteady, OriginMoved, Reached,
-    SlidePredicted, SpeedUncertain, TiltExcess, TooFar, TooFast, TooSteep, TooWindy, Touchdown, Uncertain,
-    VesselTooFar, VisionLost,
+    AutopilotParameter, Commanded, CourseEnds, DeckGrantStale, DeckReserved, Deviated, DriftPredicted,
+    ForecastStale, Infeasible, Missed, NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotSteady,
+    OriginMoved, Reached, SlidePredicted, SpeedUncertain, TiltExcess, TooFar, TooFast, TooSteep, TooWindy,
+    Touchdown, TurnTooFast, Uncertain, VesselTooFar, VesselTurns, VisionLost,
 };
-use alight_shared::msg::{AutopilotMode, DECK_CLOSED};
+use alight_shared::msg::{AutopilotMode, BatteryPlace, Course, DECK_CLOSED};
 use nalgebra::{Vector2, Vector3};
 
 use super::*;
@@ -61,6 +61,7 @@ pub(super) fn fair() -> Situation {
             speed_mps: 0.5,
             heave_mps: 0.5,
             turn_radps: 0.0,
+            turn_mps: 0.0,
             acceleration_mps2: 1.0,
             tilt_rad: 0.1,
             mean_z: -1.3,
@@ -77,6 +78,7 @@ pub(super) fn fair() -> Situation {
         plan_limit_s: 0.5,
         outside_m: -0.6,
         reservation: Reservation::NotNeeded,
+        course: Course::Unknown,
         place: None,
         motors_stopped: false,
         rotors_carry: true,
@@ -277,6 +279,9 @@ fn tracking_stable_reports_each_reason_not_to_descend() {
         (with_deck(|d| d.acceleration_mps2 = 7.0), Infeasible),
         (with_deck(|d| d.tilt_rad = 0.5), TooSteep),
         (with_deck(|d| d.turn_radps = 0.3), Infeasible),
+        (with_deck(|d| d.turn_mps = 0.7), TurnTooFast),
+        (with(|s| s.course = Course::Turning), VesselTurns),
+        (with(|s| s.course = Course::Steady(15.0)), CourseEnds),
         (with(|s| s.plan_age_s = f64::INFINITY), NoPlan),
         (with(|s| s.staying.used = 1.1), SlidePredicted),
         (with(|s| s.staying.drift_m = 0.3), DriftPredicted),
@@ -297,6 +302,8 @@ fn tracking_stable_reports_each_reason_not_to_descend() {
     let d = step(stable, &fair());
     goes(&d, State::Descent, Reached);
     assert_eq!(d.progress.attempts, 1);
+    let d = step(stable, &with(|s| s.course = Course::Steady(20.0)));
+    goes(&d, State::Descent, Reached);
     let s = with_deck(|d| d.distance_m = 2.5);
     goes(&step(stable, &s), State::Tracking, TooFar);
 }
@@ -462,4 +469,56 @@ fn closed_deck_is_closed_to_a_drone_that_reserves_nothing() {
     assert!(closed.rejection().is_some() && closed.lost().is_some());
     let why = closed.rejection().unwrap_or_default().to_string();
     assert!(why.contains("the deck is closed"), "{why}");
+}
+
+#[test]
+fn turn_in_a_landing_breaks_it_off_only_above_the_commit_clearance() {
+    let flare = |committed| MissionPhase::Flare {
+        committed,
+        violated: Some(at(9.0)),
+    };
+    let descent = MissionPhase::Descent {
+        violated: Some(at(9.0)),
+        paused: None,
+    };
+    let stated = |clearance_m: f64| {
+        let mut s = with(|s| s.course = Course::Turning);
+        s.deck.as_mut().unwrap().clearance_m = clearance_m;
+        s
+    };
+    let turns = |clearance_m: f64| {
+        with_deck(|d| {
+            d.turn_mps = 0.7;
+            d.clearance_m = clearance_m;
+        })
+    };
+    goes(&step(descent, &stated(3.0)), State::Tracking, VesselTurns);
+    goes(&step(flare(false), &stated(0.9)), State::Tracking, VesselTurns);
+    waits(&step(flare(true), &stated(0.5)), State::Flare, TooFar);
+    goes(&step(descent, &turns(3.0)), State::Tracking, TurnTooFast);
+    waits(&step(flare(true), &turns(0.5)), State::Flare, TurnTooFast);
+    // An empty battery leaves no other place than the deck, turning or not.
+    let urgent = Progress {
+        low_battery: Some(BatteryPlace::Deck),
+        ..attempt()
+    };
+    let d = step((descent, urgent), &stated(3.0));
+    waits(&d, State::Descent, TooFar);
+}
+
+#[test]
+fn promise_outlives_silence_until_its_end_and_a_stated_turn_does_not() {
+    let of = |course, age_s: f64| {
+        let grant = DeckGrant {
+            header: Header::new(1, 0, 1, 1, at(0.0)),
+            course,
+            ..DeckGrant::default()
+        };
+        stated_course(Some(&grant), at(age_s))
+    };
+    assert_eq!(of(Course::Steady(60.0), 20.0), Course::Steady(40.0));
+    assert_eq!(of(Course::Steady(60.0), 60.0), Course::Unknown);
+    assert_eq!(of(Course::Turning, 1.0), Course::Turning);
+    assert_eq!(of(Course::Turning, 3.0), Course::Unknown);
+    assert_eq!(stated_course(None, at(1.0)), Course::Unknown);
 }

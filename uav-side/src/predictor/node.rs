@@ -16,7 +16,7 @@ use alight_shared::vessel_model::turn_tilt;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::axis::{Axis, AxisNoise, MEAN, MeasurementRow, VISION, compass};
+use super::axis::{Axis, AxisNoise, MEAN, MeasurementRow, RATE, VISION, compass};
 use super::checkpoint;
 use super::config::PredictorConfig;
 use super::filter::{Filter, Fused};
@@ -403,6 +403,7 @@ impl Predictor {
             tag_age_s: age(self.tag_at),
             wave_confidence: self.waves.confidence,
             mean_heading: wrap_angle(axes[5].x[MEAN] + axes[5].x[VISION]),
+            mean_heading_rate: axes[5].x[RATE],
             stages,
             slopes: match self.slopes {
                 Some((at, slopes)) if now - at < topics::BRIDGE_WAVE.stale_after => slopes,

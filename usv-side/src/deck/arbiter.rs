@@ -18,12 +18,16 @@
 //! The crew closes and opens the deck ([`DeckOrder`]). A [`DeckCheckpoint`] outlives the process.
 //! Digital inputs close it too, where configured ([`DeckInputs`]): the crew's switch, and a sensor of what lies on the
 //! deck that is no drone's weight. They free it of nobody, and one that is not read any more closes it.
+//!
+//! With the deck it publishes what the helm intends ([`Course`]), and it knows whether a drone wants a steady course.
 
 use core::fmt;
+use core::mem::discriminant;
 
 use alight_shared::admission::check_message;
-use alight_shared::config;
-use alight_shared::msg::{DECK_CLOSED, DeckGrant, DroneStatus, Header, LandedState, PLACES, State};
+use alight_shared::msg::{
+    Course, DECK_CLOSED, DeckGrant, DroneStatus, Header, LandedState, PLACES, ReasonCode, State,
+};
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 use alight_shared::topics;
@@ -33,11 +37,14 @@ mod claim;
 
 use super::MAX_DRONES;
 use super::checkpoint::{Claim, Closure, DeckCheckpoint, DeckOrder, DroneClaim};
+use super::config::DeckConfig;
+use super::inputs::{DeckInputs, Reading};
+use super::stated_course::StatedCourse;
 use claim::Evidence;
 
 /// Time between two grants without a change.
 const PERIOD: Span = Span::from_millis(500);
-/// A drone is silent after this long, and a digital input unread: four periods of either.
+/// A drone is silent after this long: four periods.
 const FRESH: Span = Span::from_millis(2000);
 /// A status with another boot id is that of a drone that was started anew once the former was silent for this long:
 /// three periods.
@@ -49,29 +56,6 @@ const MIN_ALTERNATIONS: u32 = 2;
 /// A battery below this is low for a drone that waits, 0 to 1: half as much again as the mission's reserve, so that the
 /// crew has time to look.
 const LOW_BATTERY: f64 = 0.3;
-
-config! {
-    /// When the deck changes its owner.
-    pub struct DeckConfig {
-        /// A drone in descent whose status is older than this counts as standing on the deck; one without the deck
-        /// is forgotten, s.
-        /// Source: above the longest descent and flare together (30 and 8 s), which a drone may
-        /// finish without a radio.
-        pub status_timeout_s: f64 = 60.0, in 40.0..=3600.0;
-        /// A drone that does not begin to descend for this long gives way to another that requests the deck, s.
-        /// Source: two calms between groups of swell.
-        pub idle_timeout_s: f64 = 30.0, in 1.0..=3600.0;
-        /// After a start nobody is given the deck for this long, s: its owner before the restart reports first.
-        /// Source: six periods of a drone's status.
-        pub startup_hold_s: f64 = 3.0, in 1.0..=60.0;
-        /// Digital input of the crew's switch: a file that holds 1 while they close the deck and 0 while it is open
-        /// (`/sys/class/gpio/gpio17/value`); empty: none. Unreadable counts as 1.
-        pub crew_switch: String = String::new();
-        /// Digital input of a sensor of what lies on the deck: a file that holds 1 while it is occupied and 0 while
-        /// it is free; empty: none. Unreadable counts as 1.
-        pub occupancy_sensor: String = String::new();
-    }
-}
 
 #[derive(Clone, Copy, Debug)]
 struct Drone {
@@ -97,6 +81,8 @@ struct Drone {
     flies: bool,
     /// 0 to 1; None: not reported.
     battery: Option<f64>,
+    /// Is on its way down, or begins no descent because of the vessel's course.
+    wants_steady: bool,
 }
 
 /// The owner is silent for longer than a landing takes while another drone waits for the deck with a low battery.
@@ -179,27 +165,13 @@ impl Drone {
     }
 }
 
-/// Levels of the digital inputs that were read since the last step; None: not read, unreadable or not configured.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct DeckInputs {
-    /// The crew's switch is closed.
-    pub closed: Option<bool>,
-    /// The sensor reports something on the deck.
-    pub occupied: Option<bool>,
-}
-
-/// A digital input as it was last read.
-#[derive(Clone, Copy, Debug)]
-struct Reading {
-    level: bool,
-    at: Time<VesselClock>,
-}
-
-impl Reading {
-    /// Whether an input that is configured is active: also when it was not read for too long.
-    fn active(newest: Option<Reading>, configured: bool, now: Time<VesselClock>) -> bool {
-        configured && newest.is_none_or(|r| r.level || now - r.at > FRESH)
-    }
+/// Whether a drone that reports this wants the vessel to keep course and speed.
+fn wants_steady(status: &DroneStatus) -> bool {
+    let waits = matches!(
+        status.waiting.code,
+        ReasonCode::VesselTurns | ReasonCode::CourseEnds | ReasonCode::TurnTooFast
+    );
+    waits || matches!(status.state, State::Descent | State::Flare)
 }
 
 /// What arrived since the last step.
@@ -231,11 +203,14 @@ pub struct DeckArbiter {
     sequence: u32,
     drones: Vec<Drone>,
     owner: Option<u32>,
+    /// Owner and course of the newest grant.
     published: u32,
+    stated: Course,
     /// By an order or by the state of the checkpoint: until the crew orders it open.
     closed: Option<Closure>,
     switch: Option<Reading>,
     sensor: Option<Reading>,
+    course: StatedCourse,
     began: Option<Time<VesselClock>>,
     /// When the deck's owner was last to give way.
     vacated: Option<Time<VesselClock>>,
@@ -276,6 +251,16 @@ impl DeckArbiter {
     /// The sensor does not show that nothing lies on the deck.
     fn sensed(&self, now: Time<VesselClock>) -> bool {
         Reading::active(self.sensor, !self.config.occupancy_sensor.is_empty(), now)
+    }
+    /// What the helm intends at `now`.
+    pub fn course(&self, now: Time<VesselClock>) -> Course {
+        self.course.at(now, &self.config)
+    }
+    /// A drone is on its way down, or waits for a steady course. One that is silent may be on its way down for as long
+    /// as a descent lasts.
+    pub fn wants_steady(&self, now: Time<VesselClock>) -> bool {
+        let lasts = |d: &Drone| (now - d.received).secs() <= self.config.status_timeout_s;
+        self.drones.iter().any(|d| d.wants_steady && lasts(d))
     }
     /// The age of the owner's newest status, s.
     pub fn owner_age_s(&self, now: Time<VesselClock>) -> Option<f64> {
@@ -362,6 +347,7 @@ impl DeckArbiter {
             at_deck: false,
             flies: false,
             battery: None,
+            wants_steady: false,
         });
         self.drones = drones.collect();
     }
@@ -428,6 +414,7 @@ impl DeckArbiter {
             at_deck: Claim::is_at_deck(status),
             flies: claim::flies(status),
             battery: status.battery,
+            wants_steady: wants_steady(status),
         };
         match index.and_then(|k| self.drones.get_mut(k)) {
             Some(slot) => *slot = drone,
@@ -438,6 +425,8 @@ impl DeckArbiter {
     /// What the crew said.
     fn obey(&mut self, now: Time<VesselClock>, order: DeckOrder) {
         match order {
+            DeckOrder::Steady(for_s) => self.course.order_steady(now, for_s),
+            DeckOrder::Turning => self.course.order_turning(),
             DeckOrder::Closed => self.closed = Some(Closure::Crew),
             DeckOrder::Open => {
                 self.closed = None;
@@ -543,6 +532,7 @@ impl Node for DeckArbiter {
         let reading = |level: Option<bool>| level.map(|level| Reading { level, at: now });
         self.switch = reading(input.inputs.closed).or(self.switch);
         self.sensor = reading(input.inputs.occupied).or(self.sensor);
+        self.course.switch = reading(input.inputs.turning).or(self.course.switch);
         let owner = self.assign(now);
         if owner != self.owner {
             // The new owner's idle time begins; the former owner joins the end of the queue.
@@ -564,17 +554,19 @@ impl Node for DeckArbiter {
             }
             self.owner = owner;
         }
-        let published = self.published(now);
-        if now < self.due && published == self.published {
+        let (published, course) = (self.published(now), self.course(now));
+        let same = published == self.published && discriminant(&course) == discriminant(&self.stated);
+        if now < self.due && same {
             return ArbiterOut::default();
         }
-        self.published = published;
+        (self.published, self.stated) = (published, course);
         self.due = now + PERIOD;
         self.sequence = self.sequence.wrapping_add(1);
         ArbiterOut {
             grant: Some(DeckGrant {
                 header: Header::new(self.vessel, 0, self.boot, self.sequence, now),
                 owner: published,
+                course,
                 occupied: self.occupied(now),
                 places: core::array::from_fn(|k| {
                     // Two with one number would both go there.

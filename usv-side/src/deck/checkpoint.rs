@@ -5,7 +5,7 @@ use alight_shared::msg::OperatorCommand;
 use alight_shared::time::VesselClock;
 use serde::{Deserialize, Serialize};
 
-/// The crew's order about the deck.
+/// The crew's order about the deck, or about the vessel's course under a drone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum DeckOrder {
@@ -13,6 +13,10 @@ pub enum DeckOrder {
     Closed,
     /// It is free but for drones that report from it now.
     Open,
+    /// Course and speed are kept for so many seconds; 0: nothing is stated any more.
+    Steady(u32),
+    /// The vessel turns or may turn, until another order about her course.
+    Turning,
 }
 
 /// Why the deck is closed.

@@ -3,11 +3,16 @@
 
 pub mod arbiter;
 pub mod checkpoint;
+pub mod config;
+pub mod inputs;
 pub mod monitor;
 pub mod operator;
+mod stated_course;
 
-pub use arbiter::{ArbiterIn, ArbiterOut, DeckArbiter, DeckConfig, DeckInputs, Starved};
+pub use arbiter::{ArbiterIn, ArbiterOut, DeckArbiter, Starved};
 pub use checkpoint::{Claim, Closure, DeckCheckpoint, DeckOrder, DroneClaim, GivenCommand};
+pub use config::DeckConfig;
+pub use inputs::DeckInputs;
 pub use monitor::DroneMonitor;
 pub use operator::{OperatorIn, OperatorOut, OperatorRelay};
 

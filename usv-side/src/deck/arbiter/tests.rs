@@ -613,6 +613,7 @@ fn with_inputs() -> Rig {
     let inputs = DeckInputs {
         closed: Some(false),
         occupied: Some(false),
+        turning: None,
     };
     Rig::of(&config, inputs)
 }
@@ -645,7 +646,11 @@ fn deck_arbiter_opens_the_deck_once_neither_the_crews_switch_nor_their_order_clo
 fn deck_arbiter_closes_a_deck_whose_configured_input_is_not_read() {
     let free = Some(false);
     for (closed, occupied, closure) in [(None, free, Closure::Switch), (free, None, Closure::Sensor)] {
-        let unread = DeckInputs { closed, occupied };
+        let unread = DeckInputs {
+            closed,
+            occupied,
+            turning: None,
+        };
         let mut rig = with_inputs();
         let read = rig.inputs;
         let waiting = [(1, State::Approach)];
@@ -701,4 +706,83 @@ fn deck_arbiter_tells_a_drones_weight_on_the_sensor_from_anything_else() {
     rig.run(&first(State::Descent), 0.5);
     rig.inputs.occupied = Some(true);
     assert_eq!((rig.run(&[(2, State::Approach)], 9.0), rig.closed()), (1, None));
+}
+
+/// The course that the grant of this time states.
+fn stated(rig: &Rig) -> Course {
+    rig.arbiter.course(Time::from_secs(rig.t_s))
+}
+
+#[test]
+fn promise_of_a_steady_course_expires_by_itself_and_a_turn_is_published_at_once() {
+    let mut rig = Rig::new();
+    assert_eq!(stated(&rig), Course::Unknown);
+    assert_eq!(rig.order(DeckOrder::Steady(60)).course, Course::Steady(60.0));
+    rig.run(&[], 59.5);
+    assert_eq!(stated(&rig), Course::Steady(0.5));
+    rig.run(&[], 0.5);
+    assert_eq!(stated(&rig), Course::Unknown);
+    rig.order(DeckOrder::Steady(60));
+    // Between two grants, too.
+    rig.t_s += 0.01 - 0.5;
+    assert_eq!(rig.order(DeckOrder::Turning).course, Course::Turning);
+    rig.run(&[], 600.0);
+    assert_eq!(stated(&rig), Course::Turning);
+    rig.order(DeckOrder::Steady(0));
+    assert_eq!(stated(&rig), Course::Unknown);
+}
+
+#[test]
+fn helm_switch_promises_at_0_and_states_a_turn_at_1_or_unread() {
+    let config = DeckConfig {
+        helm_switch: "switch".into(),
+        ..DeckConfig::default()
+    };
+    let inputs = DeckInputs {
+        turning: Some(false),
+        ..DeckInputs::default()
+    };
+    let mut rig = Rig::of(&config, inputs);
+    rig.run(&[], 300.0);
+    assert_eq!(stated(&rig), Course::Steady(60.0));
+    rig.order(DeckOrder::Steady(90));
+    assert_eq!(stated(&rig), Course::Steady(90.0), "the longer promise");
+    for level in [Some(true), None] {
+        rig.inputs.turning = level;
+        rig.run(&[], 3.0);
+        assert_eq!(stated(&rig), Course::Turning, "{level:?}");
+        rig.inputs.turning = Some(false);
+        rig.run(&[], 0.5);
+        assert!(matches!(stated(&rig), Course::Steady(_)));
+    }
+}
+
+#[test]
+fn steady_course_is_wanted_from_the_descent_to_the_touchdown_and_not_of_a_silent_drone() {
+    let mut rig = Rig::new();
+    let wants = |rig: &Rig| rig.arbiter.wants_steady(Time::from_secs(rig.t_s));
+    for (state, wanted) in [
+        (State::Approach, false),
+        (State::TrackingStable, false),
+        (State::Descent, true),
+        (State::Flare, true),
+        (State::Landed, false),
+    ] {
+        rig.run(&[(1, state)], 1.0);
+        assert_eq!(wants(&rig), wanted, "{state:?}");
+    }
+    // It may be on its way down for as long as a descent lasts.
+    rig.run(&[(1, State::Descent)], 1.0);
+    rig.run(&[], 59.0);
+    assert!(wants(&rig));
+    rig.run(&[], 1.5);
+    assert!(!wants(&rig));
+    // One that begins no descent because of the course asks for a better one.
+    rig.sequence += 1;
+    let waits = DroneStatus {
+        waiting: ReasonCode::VesselTurns.into(),
+        ..rig.status((1, State::TrackingStable))
+    };
+    rig.step(vec![waits]);
+    assert!(wants(&rig));
 }

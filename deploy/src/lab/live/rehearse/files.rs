@@ -118,6 +118,8 @@ impl Plan {
         for (key, input) in [
             ("crew_switch", &vessel.deck.crew_switch),
             ("occupancy_sensor", &vessel.deck.occupancy_sensor),
+            ("helm_switch", &vessel.deck.helm_switch),
+            ("helm_lamp", &vessel.deck.helm_lamp),
         ] {
             if !input.is_empty() {
                 set(&mut vessel_file, &["deck"], key, "");

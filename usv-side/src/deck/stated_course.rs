@@ -1,0 +1,50 @@
+//! What the helm states of course and speed: by its switch, and by an order from a terminal on board.
+
+use alight_shared::msg::{Course, MAX_STEADY_S};
+use alight_shared::time::{Span, Time, VesselClock};
+
+use super::config::DeckConfig;
+use super::inputs::Reading;
+
+/// The newest order.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum Ordered {
+    #[default]
+    Nothing,
+    SteadyUntil(Time<VesselClock>),
+    Turning,
+}
+
+/// The newest statements. A start of the process knows none: what was promised before it has to be promised again.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct StatedCourse {
+    /// The helm's switch: the vessel turns or may turn.
+    pub(super) switch: Option<Reading>,
+    ordered: Ordered,
+}
+
+impl StatedCourse {
+    /// Course and speed are kept for so many seconds; with 0 nothing is stated any more.
+    pub(super) fn order_steady(&mut self, now: Time<VesselClock>, for_s: u32) {
+        let for_s = f64::from(for_s).min(f64::from(MAX_STEADY_S));
+        self.ordered = Ordered::SteadyUntil(now + Span::from_secs(for_s));
+    }
+    /// The vessel turns, until another order.
+    pub(super) fn order_turning(&mut self) {
+        self.ordered = Ordered::Turning;
+    }
+    /// What counts at `now`: a turn by whichever states it, else the longer promise.
+    pub(super) fn at(&self, now: Time<VesselClock>, config: &DeckConfig) -> Course {
+        let has_switch = !config.helm_switch.is_empty();
+        let ordered_s = match self.ordered {
+            Ordered::Turning => return Course::Turning,
+            Ordered::SteadyUntil(end) => (end - now).secs(),
+            Ordered::Nothing => 0.0,
+        };
+        if Reading::active(self.switch, has_switch, now) {
+            return Course::Turning;
+        }
+        let switch_s = if has_switch { config.helm_steady_s } else { 0.0 };
+        Course::Steady(switch_s.max(ordered_s) as f32).after(0.0)
+    }
+}
