@@ -323,7 +323,8 @@ pub enum Study {
     Search,
     /// From 90 m away onto a turning vessel in gusts.
     Approach,
-    /// A vessel under way: square path at 2 m/s, straight lines up to 8 m/s.
+    /// A vessel that moves on nine courses (or --vessel and --speed), on five hulls (or --hull) in two irregular seas
+    /// (or --sea), pooled by course; with --outage-at and --vessel drift: what the radio's loss for good costs.
     Moving,
     /// In which sea on which boat: three hulls (or --hull) in irregular and crossing seas (or --sea);
     /// with --wind auto in the wind that raises each.
