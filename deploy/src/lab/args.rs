@@ -406,6 +406,9 @@ pub struct StudyArgs {
     /// on where it stopped. Link draws link.svg too, and with --live writes live.md, live.json, live.svg
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Prediction: only after a turn, a change of speed or a gap of the inertial sensor, and in a following sea
+    #[arg(long)]
+    pub changes: bool,
     /// Link: fly N seeds of a few links live across the link emulator, beside lock-step
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub live: Option<u32>,

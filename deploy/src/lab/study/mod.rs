@@ -4,6 +4,7 @@ mod ablation;
 mod aborts;
 mod airborne;
 mod camera;
+mod changes;
 mod equipment;
 mod estimator;
 mod fleet;
