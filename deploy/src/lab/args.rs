@@ -8,6 +8,7 @@ use alight_shared::msg::State;
 use alight_sim::baselines::config::{GnssRadioConfig, MpcNeConfig, PrecisionLandConfig, WaitCalmConfig};
 use alight_sim::baselines::{Baseline, BenchPlanner};
 use alight_sim::physics::sea::SeaConfig;
+use alight_sim::physics::vessel;
 use alight_uav::planner::PlannerKind;
 use clap::{Args, ValueEnum};
 
@@ -64,6 +65,31 @@ pub enum Course {
     Straight,
     /// A square path at --speed.
     Square,
+    /// Turns by 20 to 40 deg to either side every 10 to 20 s, at --speed.
+    Zigzag,
+    /// A straight line at --speed with one turn by 45 to 120 deg, up to 6 s after the first descent begins.
+    Turn,
+    /// A straight line with one change of --speed by half, up to 6 s after the first descent begins.
+    SpeedChange,
+    /// Holding a place with thrusters that have a dead band.
+    StationKeeping,
+    /// Sheering about an anchor by 20 to 40 deg to either side.
+    Anchored,
+}
+
+impl From<Course> for vessel::Course {
+    fn from(course: Course) -> Self {
+        match course {
+            Course::Drift => vessel::Course::Drift,
+            Course::Straight => vessel::Course::Straight,
+            Course::Square => vessel::Course::Square,
+            Course::Zigzag => vessel::Course::Zigzag,
+            Course::Turn => vessel::Course::Turn,
+            Course::SpeedChange => vessel::Course::SpeedChange,
+            Course::StationKeeping => vessel::Course::StationKeeping,
+            Course::Anchored => vessel::Course::Anchored,
+        }
+    }
 }
 
 /// Phases of the mission by their names on the command line.
@@ -187,7 +213,7 @@ pub struct SceneArgs {
     /// What the vessel does [default: drift]
     #[arg(long, value_enum)]
     pub vessel: Option<Course>,
-    /// Vessel's speed on a straight or square course, m/s [default: 2]
+    /// Vessel's speed on a course under way, m/s [default: 2]
     #[arg(long, value_name = "M/S", allow_negative_numbers = true)]
     pub speed: Option<f64>,
     /// Mean wind with gusts, m/s; auto: the wind that raises such a sea, along its waves [default: 0]
@@ -297,7 +323,8 @@ pub enum Study {
     Search,
     /// From 90 m away onto a turning vessel in gusts.
     Approach,
-    /// A vessel under way: square path at 2 m/s, straight lines up to 8 m/s.
+    /// A vessel that moves on nine courses (or --vessel and --speed), on five hulls (or --hull) in two irregular seas
+    /// (or --sea), pooled by course; with --outage-at and --vessel drift: what the radio's loss for good costs.
     Moving,
     /// In which sea on which boat: three hulls (or --hull) in irregular and crossing seas (or --sea);
     /// with --wind auto in the wind that raises each.
@@ -379,6 +406,9 @@ pub struct StudyArgs {
     /// on where it stopped. Link draws link.svg too, and with --live writes live.md, live.json, live.svg
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Prediction: only after a turn, a change of speed or a gap of the inertial sensor, and in a following sea
+    #[arg(long)]
+    pub changes: bool,
     /// Link: fly N seeds of a few links live across the link emulator, beside lock-step
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub live: Option<u32>,

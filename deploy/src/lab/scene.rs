@@ -8,12 +8,13 @@ use alight_sim::harness::outcome::TIME_LIMIT_S;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
 use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::sea::SeaConfig;
-use alight_sim::physics::vessel;
 use alight_uav::autopilot::modes::Firmware;
+use clap::ValueEnum;
+use clap::builder::PossibleValue;
 
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Exit};
-use crate::lab::args::{Autopilot, Course, SceneArgs, WindArg};
+use crate::lab::args::{Autopilot, SceneArgs, WindArg};
 use crate::terminal;
 
 /// Prints the simulated world's configuration with every default.
@@ -106,12 +107,9 @@ impl Scene {
             };
         }
         if let Some(course) = args.vessel {
-            flags.take("vessel", Some(format!("{course:?}").to_lowercase()));
-            scenario.vessel.course = match course {
-                Course::Drift => vessel::Course::Drift,
-                Course::Straight => vessel::Course::Straight,
-                Course::Square => vessel::Course::Square,
-            };
+            let name = course.to_possible_value();
+            flags.take("vessel", name.as_ref().map(PossibleValue::get_name));
+            scenario.vessel.course = course.into();
         }
         if let Some(speed) = flags.take("speed", args.speed) {
             scenario.vessel.speed_mps = speed;

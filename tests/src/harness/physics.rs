@@ -273,6 +273,11 @@ impl Physics {
         }))
     }
 
+    /// The vessel's course turns or changes its speed a drawn time from now, where it is such a course: its helmsman knows
+    /// of no drone, so the nodes are not told.
+    pub fn ask_change(&mut self) {
+        self.carrier.ask_change(self.t);
+    }
     /// Vessel and contacts move on by one tick; drones with their motors off.
     pub fn advance(&mut self) {
         self.advance_with(1, |_, _| None);

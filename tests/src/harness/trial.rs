@@ -98,6 +98,9 @@ pub fn land(
             if let Some(trace) = trace.as_mut() {
                 trace.phases.push((t_s, name, reason.to_string()));
             }
+            if state == State::Descent {
+                world.ask_change();
+            }
             if let Some(outage) = scenario.radio_outage.filter(|o| o.state == state) {
                 world.radio_outage(0, &outage);
             }

@@ -245,6 +245,10 @@ impl World {
         self.vessel = VesselComputer::new(&nodes.vessel, &nodes.deck, VESSEL_ID, self.vessel_boot);
     }
 
+    /// The turn or change of speed of the vessel's course that a first descent dates.
+    pub fn ask_change(&mut self) {
+        self.physics.ask_change();
+    }
     /// The outage of a drone's radio that a mission's new state brings about.
     pub fn radio_outage(&mut self, k: usize, outage: &StateOutage) {
         let window = outage.window(self.physics.now());

@@ -3,6 +3,7 @@
 pub mod aborts;
 pub mod airborne;
 pub mod camera;
+pub mod changes;
 pub mod estimator;
 pub mod false_detections;
 pub mod fleet;

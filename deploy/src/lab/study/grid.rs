@@ -1,6 +1,5 @@
 //! The rows of each study: which scenes are flown.
 
-use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::scenario::Scenario;
 use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::deck_motion::rocking::RockingConfig;
@@ -12,7 +11,8 @@ use serde::Serialize;
 use super::ablation;
 use super::equipment;
 use super::link;
-use super::variant::{MakeScene, PlannerVariant, StudyScene};
+use super::moving;
+use super::variant::{MakeScene, StudyScene};
 use crate::exit::CliError;
 use crate::lab::args::{SceneArgs, Study, WindArg};
 use crate::lab::scene::Scene;
@@ -124,7 +124,7 @@ pub fn rows(study: Study, args: &SceneArgs, base: &Scene) -> Result<Vec<StudySce
             // Gusts to 17 km/h = 4.7 m/s over a mean of 2.5 m/s.
             w.drone.wind.mean_mps = 2.5;
         })],
-        Study::Moving => moving(&row, &paper)?,
+        Study::Moving => moving::rows(args, base)?,
         Study::Seas => hulls(args, base)?,
         Study::Rocking => rocking(&row),
         Study::Wind => [0.0, 2.0, 5.0, 8.0, 10.0, 12.0, 15.0]
@@ -144,67 +144,6 @@ pub fn rows(study: Study, args: &SceneArgs, base: &Scene) -> Result<Vec<StudySce
         | Study::Search => Vec::new(),
     };
     Ok(rows)
-}
-
-fn moving(
-    row: MakeScene<'_>,
-    paper: &dyn Fn(&str) -> Result<SeaConfig, CliError>,
-) -> Result<Vec<StudyScene>, CliError> {
-    let mut rows = Vec::new();
-    for name in ["slight", "moderate"] {
-        let sea = paper(name)?;
-        rows.push(row(&format!("square 2 m/s, {name}"), &|w| {
-            w.sea = sea.clone();
-            w.vessel.course = Course::Square;
-            w.vessel.speed_mps = 2.0;
-        }));
-    }
-    let calm = paper("calm")?;
-    for speed in [3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0] {
-        rows.push(row(&format!("straight {speed} m/s, calm"), &|w| {
-            w.sea = calm.clone();
-            w.vessel.course = Course::Straight;
-            w.vessel.speed_mps = speed;
-            w.vessel.power_for(speed);
-        }));
-    }
-    Ok(rows)
-}
-
-/// Fraction of the landings on a straight course that must succeed for a vessel's speed to count.
-const SPEED_RATE: f64 = 0.95;
-
-/// What a study asks beyond its table: the fastest straight course landed on.
-pub fn answer(
-    study: Study,
-    scenes: &[StudyScene],
-    planners: &[PlannerVariant],
-    outcomes: &[Outcome],
-) -> Vec<String> {
-    if study != Study::Moving {
-        return Vec::new();
-    }
-    let of = |planner: &PlannerVariant| {
-        let rate = |scene: &StudyScene| {
-            let flown = || {
-                outcomes
-                    .iter()
-                    .filter(|o| o.sea == scene.name && o.planner == planner.name)
-            };
-            flown().filter(|o| o.success).count() as f64 / flown().count().max(1) as f64
-        };
-        let fastest = scenes
-            .iter()
-            .filter(|s| s.world.vessel.course == Course::Straight && rate(s) >= SPEED_RATE)
-            .map(|s| s.world.vessel.speed_mps)
-            .fold(0.0, f64::max);
-        format!(
-            "{}: fastest straight course landed on at {:.0} % or more: {fastest} m/s",
-            planner.name,
-            100.0 * SPEED_RATE
-        )
-    };
-    planners.iter().map(of).collect()
 }
 
 /// The seas of `study seas`: name, and systems as on the command line.
@@ -234,25 +173,41 @@ pub fn hulls(args: &SceneArgs, base: &Scene) -> Result<Vec<StudyScene>, CliError
     let mut rows = Vec::new();
     for hull in hulls {
         for (name, sea) in &seas {
-            let (mut world, mut nodes) = (base.scenario.clone(), base.nodes.clone());
-            world.sea = sea.clone();
-            world
-                .install_hull(&mut nodes, hull)
-                .map_err(|e| CliError::because("--hull", e))?;
-            if args.draws.unwrap_or(true) {
-                world.differ_from_belief(&mut nodes);
-            }
-            if args.wind == Some(WindArg::Auto) {
-                world.raise_wind();
-            }
             rows.push(StudyScene {
                 name: format!("{hull} {name}"),
-                world,
-                nodes,
+                ..on_hull(args, base, Some(hull), sea)?
             });
         }
     }
     Ok(rows)
+}
+
+/// The scene's settings on a hull by its table, or on the simulated one, in a sea; what the nodes know differs from it
+/// unless `--draws off`.
+pub fn on_hull(
+    args: &SceneArgs,
+    base: &Scene,
+    hull: Option<&str>,
+    sea: &SeaConfig,
+) -> Result<StudyScene, CliError> {
+    let (mut world, mut nodes) = (base.scenario.clone(), base.nodes.clone());
+    world.sea = sea.clone();
+    if let Some(hull) = hull {
+        world
+            .install_hull(&mut nodes, hull)
+            .map_err(|e| CliError::because("--hull", e))?;
+    }
+    if args.draws.unwrap_or(true) {
+        world.differ_from_belief(&mut nodes);
+    }
+    if args.wind == Some(WindArg::Auto) {
+        world.raise_wind();
+    }
+    Ok(StudyScene {
+        name: String::new(),
+        world,
+        nodes,
+    })
 }
 
 fn rocking(row: MakeScene<'_>) -> Vec<StudyScene> {

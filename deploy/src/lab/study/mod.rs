@@ -4,11 +4,13 @@ mod ablation;
 mod aborts;
 mod airborne;
 mod camera;
+mod changes;
 mod equipment;
 mod estimator;
 mod fleet;
 mod grid;
 pub mod link;
+mod moving;
 mod prediction;
 mod reference;
 mod report;
@@ -17,6 +19,7 @@ mod search;
 mod variant;
 
 use alight_sim::baselines::{Baseline, BenchPlanner};
+use alight_sim::harness::outcome::Outcome;
 use alight_sim::physics::vessel::VesselConfig;
 use alight_sim::studies::rao::{RaoConfig, rao as compute_rao};
 use alight_uav::planner::PlannerKind;
@@ -112,10 +115,27 @@ fn grid_study(args: &StudyArgs) -> Result<Value, CliError> {
     if is_link {
         note(args.json, link::table(&planners, &scenes, &outcomes).text());
     }
-    for line in grid::answer(args.name, &scenes, &planners, &outcomes) {
-        note(args.json, line);
+    if args.name == Study::Moving {
+        return pooled_by_course(args, &planners, &outcomes, value);
     }
     Ok(value)
+}
+
+/// Prints the outcomes of `study moving` pooled by course, and adds them to its summary.
+fn pooled_by_course(
+    args: &StudyArgs,
+    planners: &[PlannerVariant],
+    outcomes: &[Outcome],
+    rows: Value,
+) -> Result<Value, CliError> {
+    let pooled = moving::pool(&args.scene, planners, outcomes);
+    let table = moving::table(&pooled);
+    note(args.json, table.text());
+    if let Some(out) = &args.out {
+        write_files(out, &[("courses.md", table.markdown())])?;
+    }
+    let pooled: Vec<Value> = pooled.iter().map(moving::Pooled::json).collect();
+    Ok(serde_json::json!({ "rows": rows, "courses": pooled }))
 }
 
 /// Joins the rows of shards into `--out`.

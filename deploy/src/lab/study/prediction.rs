@@ -8,6 +8,7 @@ use alight_sim::studies::prediction::{self as pred, HORIZONS_S, Quantity, Scores
 use serde::Serialize;
 use serde_json::{Value, json};
 
+use super::changes;
 use super::grid::{self, TABLE2};
 use super::reference;
 use super::run::configuration_hash;
@@ -134,7 +135,11 @@ fn decks(args: &StudyArgs, scene: &Scene) -> Result<Vec<StudyScene>, CliError> {
 pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
     let scene = Scene::of(&args.scene)?;
     let seeds = seeds(args.seed0, args.trials)?;
-    let mut rows = rows(args, &scene)?;
+    let mut rows = if args.changes {
+        Vec::new()
+    } else {
+        rows(args, &scene)?
+    };
     for row in &mut rows {
         row.scores = in_parallel(args.jobs, &row.name, &seeds, |seed| {
             one(&scene, &row.world, *seed)
@@ -145,10 +150,25 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
     if !rows.is_empty() {
         note_one_second_ahead(args, &rows);
     }
-    let decks = decks(args, &scene)?;
-    let (blocks, beside) = reference::run(args, &decks, &seeds)?;
-    // One object per sea, then one per deck.
-    let value = Value::Array([summary(&rows, &hash), beside].concat());
+    let decks = if args.changes {
+        Vec::new()
+    } else {
+        decks(args, &scene)?
+    };
+    let (mut blocks, beside) = if decks.is_empty() {
+        Default::default()
+    } else {
+        reference::run(args, &decks, &seeds)?
+    };
+    let mut after = Vec::new();
+    // A recording has no course to change.
+    if scene.scenario.deck_motion.is_none() {
+        let (more, values) = changes::run(args, &scene, &seeds)?;
+        blocks.extend(more);
+        after = values;
+    }
+    // One object per sea, one per deck, then one per change, time since it and quantity.
+    let value = Value::Array([summary(&rows, &hash), beside, after].concat());
     if let Some(out) = &args.out {
         let mut document = document(args, &rows, &hash);
         if rows.is_empty() {

@@ -169,6 +169,14 @@ impl DeckCarrier {
             DeckCarrier::Recorded(motion) => motion.step(t, dt_s, sea),
         }
     }
+    /// The vessel's course turns or changes its speed a drawn time after `t`, where it is such a course.
+    pub fn ask_change(&mut self, t: Time<TrueTime>) {
+        match self {
+            DeckCarrier::Simulated(vessel) => vessel.ask_change(t),
+            DeckCarrier::Responding(vessel) => vessel.ask_change(t),
+            DeckCarrier::Recorded(_) => {}
+        }
+    }
     /// How far the water's surface is lifted above the sea's now, m.
     pub fn water_lift(&self) -> f64 {
         match self {

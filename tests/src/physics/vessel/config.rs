@@ -14,6 +14,37 @@ pub enum Course {
     Straight,
     /// Around a square, turning to starboard, the first leg along the starting heading.
     Square,
+    /// Turning by 20 to 40 deg to either side every 10 to 20 s, about the starting heading.
+    Zigzag,
+    /// Straight, with one turn by 45 to 120 deg to either side.
+    Turn,
+    /// Straight, with one change of speed by half, up or down.
+    SpeedChange,
+    /// Holding a place within 1.5 m and the heading within 12 deg, in the limit cycles of thrusters with a dead band.
+    StationKeeping,
+    /// Sheering about an anchor: the bow swings by 20 to 40 deg to either side in 60 to 120 s, the hull on an arc.
+    Anchored,
+}
+
+impl Course {
+    /// All of them.
+    pub const ALL: [Course; 8] = [
+        Course::Drift,
+        Course::Straight,
+        Course::Square,
+        Course::Zigzag,
+        Course::Turn,
+        Course::SpeedChange,
+        Course::StationKeeping,
+        Course::Anchored,
+    ];
+    /// Whether it is made at a set speed.
+    pub fn is_under_way(self) -> bool {
+        match self {
+            Course::Drift | Course::StationKeeping | Course::Anchored => false,
+            Course::Straight | Course::Square | Course::Zigzag | Course::Turn | Course::SpeedChange => true,
+        }
+    }
 }
 
 /// Somebody presses or pushes the vessel, and lets go.
@@ -74,6 +105,10 @@ config! {
         pub course: Course = Course::Drift;
         /// Its speed through the water, m/s.
         pub speed_mps: f64 = 2.0, in 0.0..=10.0;
+        /// When the one turn or change of speed of such a course begins, s of true time; where absent, a drawn 0 to
+        /// 6 s after the first descent of a trial, of which no node knows.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub change_at_s: Option<f64> = None, in 0.0..=1e6;
         /// Side of the square, m.
         pub side_m: f64 = 40.0, in 5.0..=5e3;
         /// Starting heading clockwise from north, deg; drawn per seed where absent.

@@ -1,23 +1,27 @@
-//! The vessel's own autopilot: course and speed by two engines. It is part of the world.
+//! The vessel's own autopilot: course and speed by two engines, or what holds it in place. It is part of the world.
 
 use core::f64::consts::FRAC_PI_2;
 
 use alight_shared::frames::wrap_angle;
-use nalgebra::{Vector2, Vector6};
+use nalgebra::{Vector2, Vector3, Vector6};
 
 use super::config::{Course, VesselConfig};
+use super::path::{MeanPath, PathPoint};
+use crate::physics::streams::Streams;
 
 /// Where it is steering.
 #[derive(Clone, Debug)]
 pub struct Helm {
     course: Course,
-    speed: f64,
+    path: MeanPath,
+    /// Since the start, s.
+    t: f64,
     side: f64,
     limits: [f64; 2],
     engine_offset: f64,
     drag: [f64; 2],
-    yaw_inertia: f64,
-    mass: f64,
+    /// Mass in surge and sway (kg), moment of inertia in yaw (kg m²), with those of the water.
+    inertia: [f64; 3],
     /// Start of the present leg, north and east, m.
     from: Vector2<f64>,
     /// Its direction, rad.
@@ -39,73 +43,103 @@ const SLOW_MPS: f64 = 2.0;
 const EARLY_M: f64 = 5.0;
 /// Natural frequency of the heading loop, rad/s; damping ratio 1.
 const YAW_FREQUENCY: f64 = 0.7;
+/// Natural frequency of what holds it in place, rad/s, well below the waves'; damping ratio 1.
+const HOLD_FREQUENCY: f64 = 0.35;
 /// Time constant of the speed loop and of the filter against waves, s.
 const SPEED_TIME_S: f64 = 2.0;
 
 impl Helm {
-    /// Steering along `heading` (rad) from `from`.
-    pub fn new(
-        config: &VesselConfig,
-        surge_mass: f64,
-        yaw_inertia: f64,
-        from: Vector2<f64>,
-        heading: f64,
-    ) -> Self {
+    /// Steering along `heading` (rad) from the origin; mass in surge and sway (kg) and moment of inertia in yaw (kg m²)
+    /// with those of the water.
+    pub fn new(config: &VesselConfig, inertia: [f64; 3], heading: f64, streams: &Streams) -> Self {
+        let path = MeanPath::new(config, heading, streams);
         Helm {
             course: config.course,
-            speed: config.speed_mps,
+            smooth_speed: path.at(0.0).velocity.norm(),
+            path,
+            t: 0.0,
             side: config.side_m,
             limits: [-config.thrust_reverse_n, config.thrust_forward_n],
             engine_offset: config.hull_offset_m,
             drag: [config.linear_drag_nspm[0], config.quadratic_drag_ns2pm2[0]],
-            yaw_inertia,
-            mass: surge_mass,
-            from,
+            inertia,
+            from: Vector2::zeros(),
             leg: heading,
-            smooth_speed: if config.course == Course::Drift {
-                0.0
-            } else {
-                config.speed_mps
-            },
             integral: 0.0,
         }
     }
 
-    /// Thrust of the port and starboard engine, N, from position (m), heading (rad) and body velocity
-    /// (m/s, rad/s), `dt` after the last call.
-    pub fn thrust(&mut self, at: Vector2<f64>, heading: f64, nu: &Vector6<f64>, dt: f64) -> [f64; 2] {
+    /// The course's one turn or change of speed begins a drawn time after `t`, s.
+    pub fn ask_change(&mut self, t: f64) {
+        self.path.ask_change(t);
+    }
+
+    /// Surge and sway (N) and yaw (Nm) from position (m), heading (rad) and body velocity (m/s, rad/s), `dt` after the
+    /// last call.
+    pub fn steer(&mut self, at: Vector2<f64>, heading: f64, nu: &Vector6<f64>, dt: f64) -> Vector3<f64> {
+        self.t += dt;
+        let here = self.path.at(self.t);
+        let speed = here.velocity.norm();
         match self.course {
-            Course::Drift => return [0.0; 2],
-            Course::Straight => {}
+            Course::Drift => Vector3::zeros(),
+            Course::StationKeeping | Course::Anchored => self.hold(&here, at, heading, nu),
+            Course::Straight => self.engines(self.line_of_sight(at, speed), speed, heading, nu, dt),
             Course::Square => {
                 if self.along(at).x > self.side - EARLY_M {
                     self.from += Vector2::new(self.leg.cos(), self.leg.sin()) * self.side;
                     self.leg = wrap_angle(self.leg + FRAC_PI_2);
                 }
+                self.engines(self.line_of_sight(at, speed), speed, heading, nu, dt)
+            }
+            // By compass and log.
+            Course::Zigzag | Course::Turn | Course::SpeedChange => {
+                self.engines(here.heading, speed, heading, nu, dt)
             }
         }
-        // Line of sight (Fossen 2011, section 10.3): steer at a point on the leg ahead.
-        let look_ahead = LOOK_AHEAD_M.max(LOOK_AHEAD_S * self.speed);
-        let wanted = self.leg - (self.along(at).y / look_ahead).atan();
+    }
+
+    /// What rode, wind and thrusters do together: a soft spring towards the mean path, which the waves do not feel.
+    fn hold(&self, here: &PathPoint, at: Vector2<f64>, heading: f64, nu: &Vector6<f64>) -> Vector3<f64> {
+        let (s, c) = heading.sin_cos();
+        let body = |v: Vector2<f64>| Vector2::new(c * v.x + s * v.y, c * v.y - s * v.x);
+        let (off, velocity) = (body(here.position - at), body(here.velocity));
+        let w = HOLD_FREQUENCY;
+        let pull = |mass: f64, off: f64, rate: f64| mass * w * (w * off + 2.0 * rate);
+        let [surge, sway, yaw] = self.inertia;
+        Vector3::new(
+            pull(surge, off.x, velocity.x - nu[0]),
+            pull(sway, off.y, velocity.y - nu[1]),
+            pull(yaw, wrap_angle(here.heading - heading), -nu[5]),
+        )
+    }
+
+    /// Line of sight (Fossen 2011, section 10.3): the heading at a point on the leg ahead, rad.
+    fn line_of_sight(&self, at: Vector2<f64>, speed: f64) -> f64 {
+        let look_ahead = LOOK_AHEAD_M.max(LOOK_AHEAD_S * speed);
+        self.leg - (self.along(at).y / look_ahead).atan()
+    }
+
+    /// By the engines to a heading (rad) and a speed, m/s.
+    fn engines(&mut self, wanted: f64, speed: f64, heading: f64, nu: &Vector6<f64>, dt: f64) -> Vector3<f64> {
+        let [mass, _, yaw_inertia] = self.inertia;
         let error = wrap_angle(wanted - heading);
-        let frequency = YAW_FREQUENCY * (self.speed / SLOW_MPS).max(1.0).powf(1.5);
-        let moment = self.yaw_inertia * frequency * (frequency * error - 2.0 * nu[5]);
+        let frequency = YAW_FREQUENCY * (speed / SLOW_MPS).max(1.0).powf(1.5);
+        let moment = yaw_inertia * frequency * (frequency * error - 2.0 * nu[5]);
 
         self.smooth_speed += (nu[0] - self.smooth_speed) * (dt / SPEED_TIME_S).min(1.0);
-        let lack = self.speed - self.smooth_speed;
+        let lack = speed - self.smooth_speed;
         let [low, high] = self.limits;
-        let step = self.mass / (SPEED_TIME_S * 5.0) * lack * dt;
+        let step = mass / (SPEED_TIME_S * 5.0) * lack * dt;
         self.integral = (self.integral + step).clamp(2.0 * low, 2.0 * high);
-        let force = self.drag[0] * self.speed
-            + self.drag[1] * self.speed * self.speed
-            + self.mass / SPEED_TIME_S * lack
-            + self.integral;
+        let force =
+            self.drag[0] * speed + self.drag[1] * speed * speed + mass / SPEED_TIME_S * lack + self.integral;
 
         // Steering goes first: the engines' common part gives way.
         let turn = (0.5 * moment / self.engine_offset).clamp(0.5 * (low - high), 0.5 * (high - low));
         let common = (0.5 * force).clamp(low + turn.abs(), high - turn.abs());
         // The port engine pushes the bow to starboard.
-        [common + turn, common - turn]
+        let [port, starboard] = [common + turn, common - turn];
+        Vector3::new(port + starboard, 0.0, self.engine_offset * (port - starboard))
     }
 
     /// Way made along the leg and to starboard of it, m.

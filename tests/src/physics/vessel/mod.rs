@@ -15,6 +15,7 @@
 pub mod config;
 pub mod helm;
 pub mod hull;
+pub mod path;
 pub mod response;
 pub mod rigid;
 
@@ -71,7 +72,8 @@ pub struct Vessel {
     coupling: f64,
     substep_limit_s: f64,
     helm: Helm,
-    thrust: [f64; 2],
+    /// Surge and sway (N) and yaw (Nm) by engines, or by what holds it in place.
+    steering: Vector3<f64>,
     pushes: Vec<Push>,
     /// Force of the pushes now.
     pushing: Vector6<f64>,
@@ -120,7 +122,7 @@ impl Vessel {
         drift.x *= config.sideways_coupling;
         drift.y *= config.sideways_coupling;
         let mut nu = join(attitude.inverse() * drift, Vector3::zeros());
-        if config.course != Course::Drift {
+        if config.course.is_under_way() {
             nu[0] += config.speed_mps;
         }
         let motion = Motion {
@@ -134,7 +136,12 @@ impl Vessel {
             samples: vec![WaterSample::default(); hull.centres.len()],
         };
         let mut vessel = Vessel {
-            helm: Helm::new(config, mass[(0, 0)], mass[(5, 5)], Vector2::zeros(), heading),
+            helm: Helm::new(
+                config,
+                [mass[(0, 0)], mass[(1, 1)], mass[(5, 5)]],
+                heading,
+                streams,
+            ),
             weight: config.mass_kg * GRAVITY,
             centre_of_gravity: cg,
             coupling: config.sideways_coupling,
@@ -146,7 +153,7 @@ impl Vessel {
             inverse_mass,
             linear_drag,
             quadratic_drag,
-            thrust: [0.0; 2],
+            steering: Vector3::zeros(),
             pushes: config.pushes.clone(),
             pushing: Vector6::zeros(),
             motion,
@@ -193,7 +200,7 @@ impl Vessel {
             m.nu[i] = m.nu[i].clamp(-bound, bound);
         }
         let heading = m.attitude.euler_angles().2;
-        self.thrust = self.helm.thrust(m.position.xy(), heading, &m.nu, dt_s);
+        self.steering = self.helm.steer(m.position.xy(), heading, &m.nu, dt_s);
         self.nu_dot = self.acceleration(&self.motion, 1.0);
     }
 
@@ -211,9 +218,9 @@ impl Vessel {
             angular_acceleration: Vector::from(tail(&self.nu_dot)),
         }
     }
-    /// Thrust of the port and starboard engine, N.
-    pub fn thrust(&self) -> [f64; 2] {
-        self.thrust
+    /// The course's one turn or change of speed begins a drawn time after `t`.
+    pub fn ask_change(&mut self, t: Time<TrueTime>) {
+        self.helm.ask_change(t.secs());
     }
     /// The hulls.
     pub fn hull(&self) -> &Hull {
@@ -316,16 +323,8 @@ impl Vessel {
 
         let weight = down * self.weight;
         let gravity = join(weight, self.centre_of_gravity.cross(&weight));
-        let [port, starboard] = self.thrust;
-        let lever_arm = self.hull.centres.last().map_or(0.0, |c| c.y);
-        let engines = Vector6::new(
-            port + starboard,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            lever_arm * (port - starboard),
-        );
+        let [surge, sway, yaw] = self.steering.into();
+        let engines = Vector6::new(surge, sway, 0.0, 0.0, 0.0, yaw);
         // Hulls that leave the water lose added mass and drag: in full above half of the rest volume, in
         // proportion below. (Held by its whole added mass the boat could not fall off a steep crest.)
         let wet = (2.0 * volume_sum / self.hull.rest_volume).min(1.0);

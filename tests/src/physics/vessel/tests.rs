@@ -218,6 +218,53 @@ fn vessel_square_course_at_2_mps_has_four_legs_of_20_s() {
 }
 
 #[test]
+fn hull_of_sections_follows_the_mean_path_of_every_new_course_in_waves() {
+    let sea = Sea::new(&SeaConfig::paper(0.4, 5.0), &Streams::new(3));
+    for course in [
+        Course::Zigzag,
+        Course::Turn,
+        Course::SpeedChange,
+        Course::StationKeeping,
+        Course::Anchored,
+    ] {
+        let mut config = VesselConfig {
+            course,
+            change_at_s: Some(30.0),
+            ..heading_north()
+        };
+        // Up by half.
+        config.power_for(3.0);
+        for seed in 0..3 {
+            let streams = Streams::new(seed);
+            let path = path::MeanPath::new(&config, 0.0, &streams);
+            let mut vessel = Vessel::new(&config, &sea, &streams);
+            let (mut speed, mut heading, mut place, mut n) = (0.0, 0.0, 0.0_f64, 0.0);
+            run(&mut vessel, &sea, 120.0, |t, s| {
+                // The waves' share averages out.
+                let here = path.at(t);
+                let off = alight_shared::frames::wrap_angle(s.euler().z - here.heading);
+                heading += off * off;
+                let ahead = Vector2::new(here.heading.cos(), here.heading.sin());
+                speed += ahead.dot(&(s.velocity.0.xy() - here.velocity));
+                place = place.max((s.position.0.xy() - here.position).norm());
+                n += 1.0;
+            });
+            let heading = f64::sqrt(heading / n).to_degrees();
+            let speed: f64 = speed / n;
+            println!("{course:?} {seed}: heading {heading} deg, speed {speed} m/s, place {place} m");
+            assert!(
+                heading < 18.0 && speed.abs() < 0.3,
+                "{course:?} {seed}: {heading} deg, {speed} m/s"
+            );
+            assert!(
+                course.is_under_way() || place < 4.0,
+                "{course:?} {seed}: {place} m"
+            );
+        }
+    }
+}
+
+#[test]
 fn vessel_is_bit_identical_for_a_seed_and_differs_between_seeds() {
     let go = |seed| {
         let sea = Sea::new(&SeaConfig::default(), &Streams::new(seed));

@@ -11,7 +11,6 @@
 //! Surge and sway lie in the mean heading's axes; trim, roll, pitch and yaw add as Euler angles. The table's
 //! axes (x forward, y to port, z up) end here: the state is NED and forward, right, down as all others.
 
-pub mod path;
 pub mod places;
 pub mod table;
 
@@ -25,10 +24,10 @@ use nalgebra::{Vector2, Vector3};
 use rand::RngExt;
 use thiserror::Error;
 
-use self::path::MeanPath;
 use self::places::Places;
 use self::table::{DOFS, Response, ResponseAtFrequency, ResponseTable};
 use super::config::VesselConfig;
+use super::path::{MeanPath, PathPoint};
 use crate::physics::body::{RigidState, body_motion};
 use crate::physics::sea::{Component, Sea, sin_cos};
 use crate::physics::spline::Jet;
@@ -207,7 +206,7 @@ impl ResponseVessel {
         let trim = &hull.places.trim;
         let mut vessel = ResponseVessel {
             waves: sea.components().iter().map(wave).collect(),
-            path: MeanPath::new(vessel, heading),
+            path: MeanPath::new(vessel, heading, streams),
             trim: [
                 config.trim_roll_deg.unwrap_or(trim.roll_deg).to_radians(),
                 config.trim_pitch_deg.unwrap_or(trim.pitch_deg).to_radians(),
@@ -223,6 +222,10 @@ impl ResponseVessel {
     /// Moves on from `t` to `t + dt_s`.
     pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64) {
         self.state = self.state_at(t + Span::from_secs(dt_s));
+    }
+    /// The course's one turn or change of speed begins a drawn time after `t`.
+    pub fn ask_change(&mut self, t: Time<TrueTime>) {
+        self.path.ask_change(t.secs());
     }
     /// The state now.
     pub fn state(&self) -> RigidState<VesselBody> {
@@ -244,7 +247,7 @@ impl ResponseVessel {
     /// The state at `t`.
     pub fn state_at(&mut self, t: Time<TrueTime>) -> RigidState<VesselBody> {
         let s = t.secs();
-        let [north, east, down, roll, pitch, yaw] = if self.path.turns(s, 2.0 * TURN_STEP.secs()) {
+        let [north, east, down, roll, pitch, yaw] = if self.path.changes(s, 2.0 * TURN_STEP.secs()) {
             let h = TURN_STEP.secs();
             let poses = [t - TURN_STEP, t, t + TURN_STEP].map(|t| {
                 let known = self.turning.iter().find(|k| k.0 == t && t > Time::EPOCH);
@@ -313,7 +316,7 @@ impl ResponseVessel {
 
 /// North, east, down, roll, pitch, yaw from the mean path and the motion about it; derivatives at a constant
 /// mean heading.
-fn pose(mean: &path::PathPoint, m: &Motion) -> Motion {
+fn pose(mean: &PathPoint, m: &Motion) -> Motion {
     let (s, c) = mean.heading.sin_cos();
     let mut out = *m;
     let of = |a: &Jet, fa: f64, b: &Jet, fb: f64| Jet {

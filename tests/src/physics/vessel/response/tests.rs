@@ -12,6 +12,7 @@ fn vessel_of(hull: &str, course: Course, sea: &Sea, seed: u64) -> ResponseVessel
     let files = HullFiles::load(hull).unwrap();
     let vessel = VesselConfig {
         course,
+        change_at_s: Some(20.0),
         ..VesselConfig::default()
     };
     ResponseVessel::new(&files, &HullConfig::default(), &vessel, sea, &Streams::new(seed))
@@ -168,7 +169,7 @@ fn motion_derivatives_are_those_of_its_values_on_every_course() {
     let config = "jonswap:0.8,4.5+jonswap:1,8@60".parse::<SeaConfig>().unwrap();
     let sea = Sea::linear(&config, &Streams::new(5));
     assert!(sea.components().len() >= 240);
-    for course in [Course::Drift, Course::Straight, Course::Square] {
+    for course in Course::ALL {
         let mut vessel = vessel_of("mono-5m", course, &sea, 5);
         let (mut worst, mut roughest) = ([0.0_f64; 4], 0.0_f64);
         for k in 0..6000 {
@@ -254,7 +255,7 @@ fn square_path_closes_and_keeps_its_speed() {
             side_m: side,
             ..VesselConfig::default()
         };
-        let path = MeanPath::new(&config, 0.4);
+        let path = MeanPath::new(&config, 0.4, &Streams::new(1));
         let round = 4.0 * side / speed;
         let mut widest = 0.0_f64;
         let mut t = 0.0;

@@ -1,0 +1,481 @@
+//! The mean path of a vessel on each course: where it is, how fast, and where its bow points without the waves.
+//! Twice differentiable: heading and speed change by a quintic step, or swing by sines. What a seed draws of a course
+//! comes from the stream `vessel/course`.
+
+use core::f64::consts::{FRAC_PI_2, TAU};
+
+use nalgebra::Vector2;
+use rand::RngExt;
+
+use super::config::{Course, VesselConfig};
+use crate::physics::spline::smooth_step;
+use crate::physics::streams::Streams;
+
+/// A turn by 90 deg takes so long, others in proportion, s (11 deg/s: a small boat that does not heel for it; ours).
+const TURN_S: f64 = 8.0;
+/// Parts of a turn over which its way is integrated.
+const TURN_PARTS: usize = 400;
+/// A change of speed takes so long, s (ours, the time constant of a planing boat's surge).
+const SPEED_CHANGE_S: f64 = 5.0;
+/// A turn or a change of speed begins up to so long after the first descent, s (a helmsman who knows of none).
+const CHANGE_WITHIN_S: f64 = 6.0;
+/// Longer than any trial, s.
+const FOR_GOOD_S: f64 = 1e9;
+/// Harmonics of a limit cycle: free drift is a parabola, the thruster's pulse its kink, which its lag rounds.
+const HARMONICS: [f64; 3] = [1.0, 2.0, 3.0];
+
+/// Where the mean path is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PathPoint {
+    /// North and east, m.
+    pub position: Vector2<f64>,
+    /// Their derivative, m/s.
+    pub velocity: Vector2<f64>,
+    /// Heading, rad.
+    pub heading: f64,
+}
+
+/// The mean path.
+#[derive(Clone, Debug)]
+pub struct MeanPath {
+    heading: f64,
+    speed: f64,
+    shape: Shape,
+}
+
+#[derive(Clone, Debug)]
+enum Shape {
+    /// At rest, or straight on.
+    Straight,
+    Turns(Turns),
+    /// The speed changes once.
+    SpeedChange {
+        begins: Begin,
+        /// By so much, m/s.
+        by: f64,
+    },
+    /// Station-keeping: limit cycles to north (m), to east (m) and in heading (rad).
+    LimitCycles([Cycle; 3]),
+    Anchored(Sheer),
+}
+
+/// When the one change of a course begins.
+#[derive(Clone, Copy, Debug)]
+struct Begin {
+    /// s; infinite while it is open.
+    at: f64,
+    /// So long after it is asked for, s.
+    delay: f64,
+}
+
+impl Begin {
+    fn ask(&mut self, now: f64) {
+        if self.at.is_infinite() {
+            self.at = now + self.delay;
+        }
+    }
+}
+
+/// `v` turned by `angle`, rad.
+fn turned(v: Vector2<f64>, angle: f64) -> Vector2<f64> {
+    let (s, c) = angle.sin_cos();
+    Vector2::new(c * v.x - s * v.y, s * v.x + c * v.y)
+}
+
+impl MeanPath {
+    /// The path of `config` from the origin on, with this heading, rad.
+    pub fn new(config: &VesselConfig, heading: f64, streams: &Streams) -> MeanPath {
+        let mut draw = streams.stream("vessel/course");
+        let mut between = |low: f64, high: f64| low + (high - low) * draw.random::<f64>();
+        let under_way = config.course.is_under_way() && config.speed_mps > 0.0;
+        let speed = if under_way { config.speed_mps } else { 0.0 };
+        let side = between(-1.0, 1.0).signum();
+        let begins = Begin {
+            at: config.change_at_s.unwrap_or(f64::INFINITY),
+            delay: between(0.0, CHANGE_WITHIN_S),
+        };
+        let mut path = MeanPath {
+            heading,
+            speed,
+            shape: Shape::Straight,
+        };
+        path.shape = match config.course {
+            Course::Drift | Course::Straight => Shape::Straight,
+            Course::StationKeeping => {
+                Shape::LimitCycles([(0.3, 0.8), (0.3, 0.8), (0.05, 0.15)].map(|(low, high)| Cycle {
+                    amplitude: between(low, high),
+                    omega: TAU / between(20.0, 50.0),
+                    phase: between(0.0, TAU),
+                }))
+            }
+            Course::Anchored => Shape::Anchored(Sheer {
+                rode: between(15.0, 30.0),
+                swing: between(20.0, 40.0).to_radians(),
+                omega: TAU / between(60.0, 120.0),
+                phase: between(0.0, TAU),
+            }),
+            _ if !under_way => Shape::Straight,
+            Course::Square => Shape::Turns(Turns::square(speed, config.side_m)),
+            Course::Zigzag => {
+                let (angle, leg) = (side * between(10.0, 20.0).to_radians(), between(10.0, 20.0));
+                // The first leg lies half a turn off the mean course.
+                path.heading -= angle;
+                Shape::Turns(Turns::zigzag(speed, 2.0 * angle, leg))
+            }
+            Course::Turn => {
+                let angle = side * between(45.0, 120.0).to_radians();
+                Shape::Turns(Turns::once(speed, angle, begins))
+            }
+            Course::SpeedChange => Shape::SpeedChange {
+                begins,
+                by: 0.5 * side * speed,
+            },
+        };
+        path
+    }
+
+    /// The one turn or change of speed of a course is open no more: it begins a drawn time after `t`, s.
+    pub fn ask_change(&mut self, t: f64) {
+        match &mut self.shape {
+            Shape::Turns(turns) => turns.begins.ask(t),
+            Shape::SpeedChange { begins, .. } => begins.ask(t),
+            Shape::Straight | Shape::LimitCycles(_) | Shape::Anchored(_) => {}
+        }
+    }
+
+    /// Whether heading or speed change at `t` (s) or within `margin` (s) of it.
+    pub fn changes(&self, t: f64, margin: f64) -> bool {
+        match &self.shape {
+            Shape::Straight => false,
+            Shape::Turns(c) => {
+                let [a, b] = [t - margin, t + margin].map(|t| c.phase(t));
+                a.1 < c.turn || b.1 < c.turn && b.0 >= 0.0
+            }
+            Shape::SpeedChange { begins, .. } => {
+                (begins.at - margin..=begins.at + SPEED_CHANGE_S + margin).contains(&t)
+            }
+            Shape::LimitCycles(_) | Shape::Anchored(_) => true,
+        }
+    }
+
+    /// The path at `t`, s.
+    pub fn at(&self, t: f64) -> PathPoint {
+        match &self.shape {
+            Shape::Straight => straight(Vector2::zeros(), self.speed, self.heading, t),
+            Shape::Turns(turns) => turns.at(self.heading, self.speed, t),
+            Shape::SpeedChange { begins, by } => {
+                let s = ((t - begins.at) / SPEED_CHANGE_S).max(0.0);
+                let c = s.min(1.0);
+                // The integral of the quintic step, and the rest at the new speed.
+                let more = SPEED_CHANGE_S * (c.powi(4) * (2.5 - 3.0 * c + c * c) + (s - c));
+                let ahead = turned(Vector2::new(1.0, 0.0), self.heading);
+                PathPoint {
+                    position: ahead * (self.speed * t + by * more),
+                    velocity: ahead * (self.speed + by * smooth_step(s, 1.0).y),
+                    heading: self.heading,
+                }
+            }
+            Shape::LimitCycles(cycles) => {
+                let [north, east, heading] = cycles.map(|c| c.at(t));
+                PathPoint {
+                    position: Vector2::new(north[0] - cycles[0].at(0.0)[0], east[0] - cycles[1].at(0.0)[0]),
+                    velocity: Vector2::new(north[1], east[1]),
+                    heading: self.heading + heading[0],
+                }
+            }
+            Shape::Anchored(sheer) => sheer.at(self.heading, t),
+        }
+    }
+}
+
+fn straight(from: Vector2<f64>, speed: f64, heading: f64, since: f64) -> PathPoint {
+    let velocity = turned(Vector2::new(speed, 0.0), heading);
+    PathPoint {
+        position: from + velocity * since,
+        velocity,
+        heading,
+    }
+}
+
+/// The limit cycle of a thruster with a dead band against a steady wind, in one degree of freedom.
+#[derive(Clone, Copy, Debug)]
+struct Cycle {
+    /// Of the first harmonic, m or rad.
+    amplitude: f64,
+    /// rad/s.
+    omega: f64,
+    /// rad.
+    phase: f64,
+}
+
+impl Cycle {
+    /// Value and derivative at `t`, s.
+    fn at(&self, t: f64) -> [f64; 2] {
+        let angle = self.omega * t + self.phase;
+        let sum = |f: fn(f64, f64) -> f64| HARMONICS.into_iter().map(|k| f(k, k * angle)).sum::<f64>();
+        [
+            self.amplitude * sum(|k, x| x.cos() / (k * k)),
+            -self.amplitude * self.omega * sum(|k, x| x.sin() / k),
+        ]
+    }
+}
+
+/// Sheering about an anchor.
+#[derive(Clone, Copy, Debug)]
+struct Sheer {
+    /// From the anchor to amidships, m.
+    rode: f64,
+    /// The bow swings so far to either side, rad; the rode half as far.
+    swing: f64,
+    /// rad/s.
+    omega: f64,
+    /// rad.
+    phase: f64,
+}
+
+impl Sheer {
+    /// The anchor lies along the heading at rest. The bow points most to a side where the hull moves fastest to it.
+    fn at(&self, rest: f64, t: f64) -> PathPoint {
+        let (sin, cos) = (self.omega * t + self.phase).sin_cos();
+        let arc = |sin: f64| turned(Vector2::new(-self.rode, 0.0), rest + 0.5 * self.swing * sin);
+        let here = arc(sin);
+        PathPoint {
+            position: here - arc(self.phase.sin()),
+            velocity: Vector2::new(-here.y, here.x) * (0.5 * self.swing * self.omega * cos),
+            heading: rest - self.swing * cos,
+        }
+    }
+}
+
+/// Turns at a constant speed, straight legs between them.
+#[derive(Clone, Debug)]
+struct Turns {
+    begins: Begin,
+    /// Angle of the first turn, to starboard, rad.
+    angle: f64,
+    /// Every other turn goes to the other side.
+    alternates: bool,
+    /// Duration of a turn and of the straight leg after it, s.
+    turn: f64,
+    leg: f64,
+    /// Way made in the first turn by its parts, m, along and across its first heading.
+    way: Vec<Vector2<f64>>,
+}
+
+impl Turns {
+    fn new(speed: f64, first: Begin, angle: f64, turn: f64, leg: f64) -> Turns {
+        Turns {
+            begins: first,
+            angle,
+            alternates: false,
+            turn,
+            leg,
+            way: way(speed, angle, turn),
+        }
+    }
+    /// Around a square to starboard.
+    fn square(speed: f64, side: f64) -> Turns {
+        // The way made in a turn scales with its duration; two have to fit into a side.
+        let shape = way(1.0, FRAC_PI_2, 1.0).last().map_or(0.0, |w| w.x);
+        let turn = TURN_S.min(0.45 * side / (speed * shape));
+        let reach = shape * speed * turn;
+        let first = Begin {
+            at: (side - reach) / speed,
+            delay: 0.0,
+        };
+        Turns::new(speed, first, FRAC_PI_2, turn, (side - 2.0 * reach) / speed)
+    }
+    /// To either side by turns, from turn to turn so long, s.
+    fn zigzag(speed: f64, angle: f64, between: f64) -> Turns {
+        let turn = TURN_S * angle.abs() / FRAC_PI_2;
+        let first = Begin {
+            at: between,
+            delay: 0.0,
+        };
+        Turns {
+            alternates: true,
+            ..Turns::new(speed, first, angle, turn, between - turn)
+        }
+    }
+    /// One turn.
+    fn once(speed: f64, angle: f64, begins: Begin) -> Turns {
+        let turn = TURN_S * angle.abs() / FRAC_PI_2;
+        Turns::new(speed, begins, angle, turn, FOR_GOOD_S)
+    }
+
+    /// Number of the last turn begun (negative before the first) and the time since it began, s.
+    fn phase(&self, t: f64) -> (f64, f64) {
+        let since = t - self.begins.at;
+        if since < 0.0 {
+            return (-1.0, f64::INFINITY);
+        }
+        let turn = (since / (self.turn + self.leg)).floor();
+        (turn, since - turn * (self.turn + self.leg))
+    }
+    /// Side of turn `k`: 1 or -1 where they alternate.
+    fn side(&self, k: u64) -> f64 {
+        if self.alternates && k % 2 == 1 { -1.0 } else { 1.0 }
+    }
+    /// Heading before turn `k` less that before the first, rad.
+    fn turned_before(&self, k: u64) -> f64 {
+        let turns = if self.alternates { k % 2 } else { k };
+        turns as f64 * self.angle
+    }
+    /// From the start of turn `k` to that of the next, in the axes of the heading before the first, m.
+    fn step(&self, k: u64, speed: f64) -> Vector2<f64> {
+        let whole = self.way.last().copied().unwrap_or_default();
+        let whole = Vector2::new(whole.x, self.side(k) * whole.y);
+        let leg = turned(Vector2::new(speed * self.leg, 0.0), self.turned_before(k + 1));
+        turned(whole, self.turned_before(k)) + leg
+    }
+    /// The path at `t` (s) with the heading before the first turn, rad.
+    fn at(&self, first_heading: f64, speed: f64, t: f64) -> PathPoint {
+        let (turn, since) = self.phase(t);
+        if turn < 0.0 {
+            return straight(Vector2::zeros(), speed, first_heading, t);
+        }
+        let turn = turn as u64;
+        // Four corners close a square; two turns of a zigzag lead on along its mean course.
+        let cycle = if self.alternates { 2 } else { 4 };
+        let steps = |n: u64| (0..n).map(|k| self.step(k, speed)).sum::<Vector2<f64>>();
+        let rounds = if self.alternates {
+            (turn / cycle) as f64
+        } else {
+            0.0
+        };
+        let start = Vector2::new(speed * self.begins.at, 0.0) + steps(cycle) * rounds + steps(turn % cycle);
+        let start = turned(start, first_heading);
+        let (heading, side) = (first_heading + self.turned_before(turn), self.side(turn));
+        let mirrored = |v: Vector2<f64>| Vector2::new(v.x, side * v.y);
+        if since >= self.turn {
+            let whole = mirrored(self.way.last().copied().unwrap_or_default());
+            let next = first_heading + self.turned_before(turn + 1);
+            return straight(start + turned(whole, heading), speed, next, since - self.turn);
+        }
+        let here = heading + side * self.angle * smooth_step(since, self.turn).y;
+        PathPoint {
+            position: start + turned(mirrored(self.position(since, speed)), heading),
+            velocity: turned(Vector2::new(speed, 0.0), here),
+            heading: here,
+        }
+    }
+    /// The way made `since` the first turn began: cubic between the parts, with the velocity at their ends.
+    fn position(&self, since: f64, speed: f64) -> Vector2<f64> {
+        let h = self.turn / TURN_PARTS as f64;
+        let i = ((since / h).floor().max(0.0) as usize).min(TURN_PARTS - 1);
+        let s = since / h - i as f64;
+        let velocity = |k: usize| {
+            let heading = self.angle * smooth_step(k as f64 * h, self.turn).y;
+            turned(Vector2::new(speed, 0.0), heading) * h
+        };
+        let (p, q) = (self.way[i], self.way[i + 1]);
+        let (v, w) = (velocity(i), velocity(i + 1));
+        let (c2, c3) = ((q - p) * 3.0 - v * 2.0 - w, (p - q) * 2.0 + v + w);
+        p + (v + (c2 + c3 * s) * s) * s
+    }
+}
+
+/// Way made in a turn by `angle` (rad) of `turn` seconds at `speed`, by its parts (Simpson's rule).
+fn way(speed: f64, angle: f64, turn: f64) -> Vec<Vector2<f64>> {
+    let h = turn / TURN_PARTS as f64;
+    let velocity = |t: f64| turned(Vector2::new(speed, 0.0), angle * smooth_step(t, turn).y);
+    let mut out = vec![Vector2::zeros()];
+    let mut sum = Vector2::zeros();
+    for i in 0..TURN_PARTS {
+        let t = i as f64 * h;
+        sum += (velocity(t) + velocity(t + 0.5 * h) * 4.0 + velocity(t + h)) * (h / 6.0);
+        out.push(sum);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use alight_shared::frames::wrap_angle;
+
+    use super::*;
+
+    fn path_of(course: Course, seed: u64) -> MeanPath {
+        let config = VesselConfig {
+            course,
+            change_at_s: Some(20.0),
+            ..VesselConfig::default()
+        };
+        MeanPath::new(&config, 0.4, &Streams::new(seed))
+    }
+
+    #[test]
+    fn velocity_is_the_derivative_of_the_place_on_every_course() {
+        for course in Course::ALL {
+            for seed in 0..6 {
+                let path = path_of(course, seed);
+                let h = 1e-3;
+                for k in 1..4000 {
+                    let t = 0.0501 * f64::from(k);
+                    let [a, b, c] = [t - h, t, t + h].map(|t| path.at(t));
+                    let v = (c.position - a.position) / (2.0 * h);
+                    assert!((v - b.velocity).norm() < 1e-3, "{course:?} {seed} at {t}: {v}");
+                    let acceleration = (c.velocity - a.velocity).norm() / (2.0 * h);
+                    let rate = (c.heading - a.heading).abs() / (2.0 * h);
+                    assert!(
+                        acceleration < 1.0 && rate < 0.4,
+                        "{course:?} {seed}: {acceleration} {rate}"
+                    );
+                    let steady = acceleration < 1e-6 && rate < 1e-6;
+                    assert!(steady || path.changes(t, 2.0 * h), "{course:?} {seed} at {t}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn moored_vessel_stays_at_its_place_and_swings() {
+        for (course, near, swing) in [
+            (Course::StationKeeping, 4.0, [0.1, 0.5]),
+            (Course::Anchored, 22.0, [0.6, 1.5]),
+        ] {
+            for seed in 0..20 {
+                let path = path_of(course, seed);
+                let points = || (0..3000).map(|k| path.at(0.1 * f64::from(k)));
+                assert!(points().all(|p| p.position.norm() < near), "{course:?} {seed}");
+                let headings = || points().map(|p| p.heading);
+                let range = headings().fold(f64::MIN, f64::max) - headings().fold(f64::MAX, f64::min);
+                assert!(
+                    (swing[0]..swing[1]).contains(&range),
+                    "{course:?} {seed}: {range}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn zigzag_makes_way_along_its_mean_course() {
+        for seed in 0..20 {
+            let end = path_of(Course::Zigzag, seed).at(200.0).position;
+            let along = turned(end, -0.4);
+            assert!(along.x > 0.9 * 400.0 && along.y.abs() < 15.0, "{seed}: {along}");
+        }
+    }
+
+    #[test]
+    fn open_turn_begins_within_six_seconds_once() {
+        let (mut sides, mut angles) = ([0; 2], [f64::MAX, 0.0]);
+        for seed in 0..40 {
+            let config = VesselConfig {
+                course: Course::Turn,
+                ..VesselConfig::default()
+            };
+            let mut path = MeanPath::new(&config, 0.4, &Streams::new(seed));
+            assert!((path.at(500.0).heading - 0.4).abs() < 1e-12);
+            path.ask_change(100.0);
+            path.ask_change(300.0);
+            assert!((path.at(100.0).heading - 0.4).abs() < 1e-12);
+            let by = wrap_angle(path.at(118.0).heading - 0.4);
+            assert!((path.at(500.0).heading - 0.4 - by).abs() < 1e-9, "{seed}");
+            sides[usize::from(by > 0.0)] += 1;
+            angles = [angles[0].min(by.abs()), angles[1].max(by.abs())];
+        }
+        assert!(sides.iter().all(|n| *n > 10), "{sides:?}");
+        assert!(angles[0] > 0.78 && angles[0] < 1.1 && angles[1] < 2.1 && angles[1] > 1.8);
+    }
+}
