@@ -24,8 +24,8 @@ pub struct Mode {
     pub shape: [Complex<f64>; DOFS],
 }
 
-/// Slower than this a motion is a course, a trim or a level, rad/s (periods above 18 s).
-const SLOW_RADPS: f64 = 0.35;
+/// Slower than this a motion is a course, a trim or a level, rad/s (periods above 52 s; a following sea is met slowly).
+const SLOW_RADPS: f64 = 0.12;
 
 impl Mode {
     /// Whether it is a wave: it oscillates, and not slowly. What dies out without coming back is an error of the level.
@@ -101,15 +101,24 @@ impl<C: Clock> Modes<C> {
         };
         self.modes.iter().map(path).sum()
     }
-    /// Mean frequency of the waves, rad/s, weighted with the squares of heave (m) and tilt (rad); None without waves.
+    /// Mean frequency of the waves, rad/s, by the squares of their shapes: that of heave and that of the tilt, each
+    /// relative to its sum, so that metres and radians are not added; None without waves.
     pub fn frequency(&self) -> Option<f64> {
-        let (mut sum, mut weight) = (0.0, 0.0);
-        for m in self.modes.iter().filter(|m| m.is_wave()) {
-            let square: f64 = [HEAVE, ROLL, PITCH].iter().map(|&d| m.shape[d].norm_sqr()).sum();
-            sum += square * m.pole.im.abs();
-            weight += square;
+        // Less is no motion but its noise: m, rad.
+        let (heave, tilt): (&[usize], &[usize]) = (&[HEAVE], &[ROLL, PITCH]);
+        let (mut sum, mut of) = (0.0, 0.0);
+        for (dofs, least) in [(heave, 0.02_f64), (tilt, 0.005)] {
+            let square = |m: &Mode| dofs.iter().map(|&d| m.shape[d].norm_sqr()).sum::<f64>();
+            let waves = || self.modes.iter().filter(|m| m.is_wave());
+            let all: f64 = waves().map(square).sum();
+            let mean: f64 =
+                waves().map(|m| square(m) * m.pole.im.abs()).sum::<f64>() / all.max(f64::MIN_POSITIVE);
+            // A motion that is within its noise counts by its share of it.
+            let weight = (all / least.powi(2)).min(1.0);
+            sum += weight * mean;
+            of += weight;
         }
-        (weight > 1e-9).then(|| sum / weight)
+        (of > 1e-3).then(|| sum / of)
     }
 }
 impl<C: Clock> From<&WaveModel<C>> for Modes<C> {
