@@ -3,59 +3,60 @@
 use std::collections::VecDeque;
 
 use crate::time::{Clock, Span, Time};
-use crate::vessel_model::{DOFS, Motion};
+use crate::vessel_model::{DOFS, Motion, SURGE, SWAY};
 
 use super::{MotionSample, SAMPLE_S};
 
 /// Times ahead at which errors are measured, s.
 pub(super) const SPREAD_AT_S: [f64; 6] = [0.2, 0.5, 1.0, 1.5, 2.0, 3.0];
-/// Samples between two predictions that are kept.
-const EVERY: u32 = 3;
 /// Memory of the mean squares, comparisons: half a minute, and at first a fifth of all, because the first models are
 /// the worst.
-const MEMORY: f64 = 100.0;
+const MEMORY: f64 = 300.0;
 const SHARE: f64 = 0.2;
 /// Comparisons before which the deviation of the motion itself stands in.
-const FIRST: f64 = 5.0;
-/// Memory of the recent mean squares, comparisons.
-const RECENT: f64 = 10.0;
-/// Most predictions that wait.
-const MAX_WAITING: usize = 64;
+const FIRST: f64 = 15.0;
+/// Memory of the recent mean squares, comparisons: two seconds.
+const RECENT: f64 = 20.0;
+/// Most predictions that wait: those of all horizons.
+const MAX_WAITING: usize = 96;
+/// What was surprising so soon will be at the longer horizons: their number.
+const SOON: usize = 2;
+/// What is compared: the degrees of freedom, and acceleration north and east, in which a helmsman's doing is seen first.
+const SEEN: usize = DOFS + 2;
+/// Chance alone makes a mean square of so few waves this many times the usual (95 % of chi squared / 8 with 8 degrees of
+/// freedom).
+const BY_CHANCE: f64 = 1.94;
 
 /// A prediction that waits for its time.
 #[derive(Clone, Copy, Debug)]
 struct Waiting<C: Clock> {
     due: Time<C>,
     horizon: usize,
-    value: [f64; DOFS],
+    value: [f64; SEEN],
 }
 
 /// Mean squares of the errors.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Errors<C: Clock> {
     waiting: VecDeque<Waiting<C>>,
-    squares: [[f64; DOFS]; SPREAD_AT_S.len()],
+    squares: [[f64; SEEN]; SPREAD_AT_S.len()],
     /// The same of the last seconds.
-    recent: [[f64; DOFS]; SPREAD_AT_S.len()],
+    recent: [[f64; SEEN]; SPREAD_AT_S.len()],
     count: [f64; SPREAD_AT_S.len()],
-    since: u32,
 }
 
 impl<C: Clock> Errors<C> {
-    /// Whether a prediction is to be kept.
-    pub(super) fn is_due(&mut self) -> bool {
-        self.since += 1;
-        self.since >= EVERY
-    }
     /// Keeps the motion predicted at `now` for each of [`SPREAD_AT_S`].
     pub(super) fn push(&mut self, now: Time<C>, predicted: [Motion; SPREAD_AT_S.len()]) {
-        self.since = 0;
         for (horizon, (ahead, motion)) in SPREAD_AT_S.into_iter().zip(predicted).enumerate() {
             if self.waiting.len() < MAX_WAITING {
                 self.waiting.push_back(Waiting {
                     due: now + Span::from_secs(ahead),
                     horizon,
-                    value: motion.map(|m| m[0]),
+                    value: core::array::from_fn(|d| match motion.get(d) {
+                        Some(m) => m[0],
+                        None => motion[[SURGE, SWAY][d - DOFS]][1],
+                    }),
                 });
             }
         }
@@ -78,8 +79,10 @@ impl<C: Clock> Errors<C> {
                 let compared = count[w.horizon] + 1.0;
                 count[w.horizon] = compared;
                 let n = (SHARE * compared).clamp(compared.min(FIRST), MEMORY);
-                for d in 0..DOFS {
-                    let e = now.value[d] - w.value[d];
+                let [_, _, _, north, east] = now.rate;
+                let seen = now.value.into_iter().chain([north, east]);
+                for (d, seen) in seen.enumerate() {
+                    let e = seen - w.value[d];
                     let sum = &mut squares[w.horizon][d];
                     *sum += (e * e - *sum) / n;
                     let sum = &mut recent[w.horizon][d];
@@ -89,28 +92,46 @@ impl<C: Clock> Errors<C> {
             false
         });
     }
-    /// Mean square error `ahead` seconds on, one of [`SPREAD_AT_S`]; None until measured.
-    pub(super) fn mean_squares(&self, ahead: f64) -> Option<[f64; DOFS]> {
-        let h = SPREAD_AT_S.iter().position(|t| *t == ahead)?;
-        (self.count[h] >= FIRST).then(|| self.squares[h])
+    /// Mean square errors at one of [`SPREAD_AT_S`], of the last half a minute or the last seconds, whichever is more;
+    /// None until measured.
+    pub(super) fn mean_squares(&self, horizon: usize) -> Option<[f64; DOFS]> {
+        (self.count[horizon] >= FIRST)
+            .then(|| core::array::from_fn(|d| self.squares[horizon][d].max(self.recent[horizon][d])))
+    }
+    /// By how much the mean squares of late exceed the usual at the shortest horizons, at least 1: a change is seen
+    /// there long before predictions of the longer horizons are due. An acceleration that was not foreseen is in the
+    /// past from which all else is predicted.
+    pub(super) fn surprise(&self) -> [f64; DOFS] {
+        let ratio = |h: usize, d: usize| {
+            let usual = self.squares[h][d].max(f64::MIN_POSITIVE);
+            if self.count[h] < FIRST {
+                1.0
+            } else {
+                self.recent[h][d] / usual
+            }
+        };
+        let pushed = (DOFS..SEEN).map(|d| ratio(0, d)).fold(0.0, f64::max) / BY_CHANCE;
+        core::array::from_fn(|d| (0..SOON).map(|h| ratio(h, d)).fold(pushed.max(1.0), f64::max))
     }
     /// Standard deviations `ahead` seconds on: zero now, as measured at [`SPREAD_AT_S`] and at least `least` there,
-    /// between them in proportion, held after the last. `deviation` of the motion itself stands in until errors are
-    /// measured.
+    /// between them in proportion, held after the last. Until errors are measured the `deviation` of the motion itself
+    /// stands in; a surprise widens them up to that of two motions that know nothing of each other.
     pub(super) fn spread(
         &self,
         deviation: [f64; DOFS],
         least: &[[f64; DOFS]; SPREAD_AT_S.len()],
         ahead: f64,
     ) -> [f64; DOFS] {
+        let surprise = self.surprise();
         let (mut before, mut from) = ([0.0; DOFS], 0.0);
         for (h, to) in SPREAD_AT_S.into_iter().enumerate() {
-            let sd = if self.count[h] < FIRST {
-                deviation
-            } else {
-                // What has lately been worse than usual will be for a while.
-                core::array::from_fn(|d| self.squares[h][d].max(self.recent[h][d]).sqrt().max(least[h][d]))
-            };
+            let sd = self.mean_squares(h).map_or(deviation, |squares| {
+                core::array::from_fn(|d| {
+                    let unknown = 2.0 * deviation[d] * deviation[d];
+                    let surprised = (self.squares[h][d] * surprise[d]).min(unknown);
+                    squares[d].max(surprised).sqrt().max(least[h][d])
+                })
+            });
             if ahead <= to {
                 let f = ((ahead - from) / (to - from)).clamp(0.0, 1.0);
                 return core::array::from_fn(|d| before[d] + f * (sd[d] - before[d]));

@@ -87,7 +87,7 @@ impl<C: Clock> Identification<C> {
                 at: sample.at,
                 modes: model.modes(&past).iter().map(|m| turned(m, -angle)).collect(),
             });
-        if let Some(modes) = self.modes.as_ref().filter(|_| self.errors.is_due()) {
+        if let Some(modes) = &self.modes {
             self.errors
                 .push(sample.at, SPREAD_AT_S.map(|ahead| modes.motion(ahead)));
         }
@@ -121,9 +121,9 @@ impl<C: Clock> Identification<C> {
     pub(super) fn is_identified(&self) -> bool {
         self.model.is_some()
     }
-    /// Mean square error per degree of freedom of the predictions `ahead` seconds on; None until measured.
-    pub(super) fn mean_squares(&self, ahead: f64) -> Option<[f64; DOFS]> {
-        self.errors.mean_squares(ahead)
+    /// Mean square error per degree of freedom of the predictions at one of [`SPREAD_AT_S`]; None until measured.
+    pub(super) fn mean_squares(&self, horizon: usize) -> Option<[f64; DOFS]> {
+        self.errors.mean_squares(horizon)
     }
     /// Standard deviation of each degree of freedom of late, in these axes.
     pub(super) fn deviation(&self) -> [f64; DOFS] {

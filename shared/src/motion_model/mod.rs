@@ -12,7 +12,9 @@
 //! It is identified twice side by side, in axes parallel to NED and in axes that turn with the vessel: a small hull
 //! follows the slope of the water, whose waves keep their direction when she turns; a long one swings in her own roll
 //! and pitch. Both predictions are weighted by the inverse of their mean square errors of late (Bates and Granger
-//! 1969), so that a hull between the two, and one that turns, is predicted by what holds for it.
+//! 1969), so that a hull between the two, and one that turns, is predicted by what holds for it. The third that is
+//! weighed is rest, whose error is the motion itself: what has not been seen before, a course by other waves, is
+//! predicted with caution.
 //!
 //! The error of the predictions is measured, not assumed: each is kept until it is due ([`errors`]).
 
@@ -34,8 +36,8 @@ use regression::OBSERVED;
 pub const SAMPLE_S: f64 = 0.1;
 /// What no mode holds fades in this time, s: a quarter of a wave.
 const FADE_S: f64 = 1.0;
-/// The two are weighted by their errors so far ahead, s.
-const WEIGHED_AT_S: f64 = 1.0;
+/// They are weighted by their errors one second ahead, the third of [`errors::SPREAD_AT_S`].
+const WEIGHED_AT: usize = 2;
 
 /// The vessel's motion at an instant, in axes parallel to NED.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -114,10 +116,8 @@ impl<C: Clock> MotionModel<C> {
         self.newest = Some(sample);
         self.errors.compare(&sample);
         self.mix(&sample);
-        if self.errors.is_due() {
-            let predicted = errors::SPREAD_AT_S.map(|ahead| self.modal_motion(ahead));
-            self.errors.push(sample.at, predicted);
-        }
+        let predicted = errors::SPREAD_AT_S.map(|ahead| self.modal_motion(ahead));
+        self.errors.push(sample.at, predicted);
     }
 
     /// The modes of both, weighted, and how far they are apart; before the first identification a motion that fades.
@@ -125,28 +125,23 @@ impl<C: Clock> MotionModel<C> {
         let known: Vec<_> = self
             .identified
             .iter()
-            .filter_map(|i| Some((i.modes()?, i.mean_squares(WEIGHED_AT_S))))
+            .filter_map(|i| Some((i.modes()?, i.mean_squares(WEIGHED_AT))))
             .collect();
         let most = MAX_MODES / known.len().max(1);
-        // Both weigh the same until the errors of both are measured; axes that are mixed by a turn share a weight.
-        let weight = |squares: &Option<[f64; DOFS]>, d: usize| -> f64 {
-            let group: &[usize] = match d {
-                SURGE | SWAY => &[SURGE, SWAY],
-                ROLL | PITCH => &[ROLL, PITCH],
-                _ => &[d],
-            };
-            squares.map_or(1.0, |s| 1.0 / group.iter().map(|&k| s[k]).sum::<f64>().max(1e-12))
+        let rest = self.deviation().map(|sd| sd * sd);
+        let surprise = self.errors.surprise();
+        let now = |squares: [f64; DOFS]| core::array::from_fn(|d| squares[d] * surprise[d]);
+        // Both weigh the same, and rest nothing, until the errors of both are measured.
+        let squares: Option<Vec<[f64; DOFS]>> = known.iter().map(|(_, squares)| squares.map(now)).collect();
+        let share: Vec<[f64; DOFS]> = match squares {
+            Some(squares) => {
+                let inverse: Vec<_> = squares.iter().chain([&rest]).map(inverses).collect();
+                let all: [f64; DOFS] = core::array::from_fn(|d| inverse.iter().map(|w| w[d]).sum());
+                let of = |w: &[f64; DOFS]| core::array::from_fn(|d| w[d] / all[d]);
+                inverse.iter().map(of).collect()
+            }
+            None => vec![[1.0 / known.len() as f64; DOFS]; known.len()],
         };
-        let measured = known.iter().all(|(_, squares)| squares.is_some());
-        let share: Vec<[f64; DOFS]> = known
-            .iter()
-            .map(|(_, squares)| {
-                core::array::from_fn(|d| {
-                    let of = |s: &Option<[f64; DOFS]>| if measured { weight(s, d) } else { 1.0 };
-                    of(squares) / known.iter().map(|(_, s)| of(s)).sum::<f64>()
-                })
-            })
-            .collect();
         let mixed = known.iter().zip(&share).flat_map(|((modes, _), share)| {
             modes.modes.iter().take(most).map(|m| Mode {
                 pole: m.pole,
@@ -155,7 +150,7 @@ impl<C: Clock> MotionModel<C> {
         });
         let mut modes: Vec<Mode> = mixed.collect();
         self.apart = Default::default();
-        if let ([(a, _), (b, _)], [of_a, of_b]) = (&known[..], &share[..]) {
+        if let ([(a, _), (b, _)], [of_a, of_b, ..]) = (&known[..], &share[..]) {
             for (apart, ahead) in self.apart.iter_mut().zip(errors::SPREAD_AT_S) {
                 let (p, q) = (a.motion(ahead), b.motion(ahead));
                 *apart = core::array::from_fn(|d| (of_a[d] * of_b[d]).sqrt() * (p[d][0] - q[d][0]).abs());
@@ -225,6 +220,18 @@ impl<C: Clock> MotionModel<C> {
     pub fn deviation(&self) -> [f64; DOFS] {
         self.identified[0].deviation()
     }
+}
+
+/// One over the mean squares; axes that a turn mixes share theirs.
+fn inverses(squares: &[f64; DOFS]) -> [f64; DOFS] {
+    core::array::from_fn(|d| {
+        let group: &[usize] = match d {
+            SURGE | SWAY => &[SURGE, SWAY],
+            ROLL | PITCH => &[ROLL, PITCH],
+            _ => &[d],
+        };
+        1.0 / group.iter().map(|&k| squares[k]).sum::<f64>().max(1e-12)
+    })
 }
 
 /// A motion that fades, by its value now in each degree of freedom.
