@@ -501,7 +501,8 @@ impl Node for Predictor {
         }
         let c = &self.config;
         let modes_age_s = self.waves.newest().map_or(0.0, |at| (now - at).secs());
-        if let Some(f) = self.filter.as_mut().filter(|_| modes_age_s > c.fresh_s) {
+        let rolled_s = self.waves.reach_s().max(c.fresh_s);
+        if let Some(f) = self.filter.as_mut().filter(|_| modes_age_s > rolled_s) {
             f.hold_modes(&mut self.waves);
         }
         let vision_suffices = self

@@ -200,7 +200,7 @@ impl Waves {
     /// validity, m, rad: that of their prediction, and at most that of two motions with the waves' spectrum that know
     /// nothing of each other.
     fn left(&self, age: f64) -> [f64; AXES] {
-        let last = self.spread_step_s * self.spread.len().saturating_sub(1) as f64;
+        let last = self.reach_s();
         let spread = self.spread(age.max(FIRST_S));
         core::array::from_fn(|i| {
             let unit = self.unit(i);
@@ -284,6 +284,10 @@ impl Waves {
     /// When the newest modes were valid; None before the first, and after [`Waves::hand_over`].
     pub fn newest(&self) -> Option<Time<DroneClock>> {
         self.messages.back().map(|m| m.at)
+    }
+    /// How far ahead the vessel has said how far its prediction is off, s: older modes are not rolled on.
+    pub fn reach_s(&self) -> f64 {
+        self.spread_step_s * self.spread.len().saturating_sub(1) as f64
     }
     /// What the modes say of time `at` becomes oscillators that the filters hold and correct by what they see
     /// themselves. Gives the motion of each, that of the residual one first; None without modes.
