@@ -18,7 +18,7 @@ const TURN_PARTS: usize = 400;
 /// A change of speed takes so long, s (ours, the time constant of a planing boat's surge).
 const SPEED_CHANGE_S: f64 = 5.0;
 /// A turn or a change of speed begins up to so long after the first descent, s (a helmsman who knows of none).
-const CHANGE_WITHIN_S: f64 = 6.0;
+const CHANGE_WITHIN_S: f64 = 4.0;
 /// Longer than any trial, s.
 const FOR_GOOD_S: f64 = 1e9;
 /// Harmonics of a limit cycle: free drift is a parabola, the thruster's pulse its kink, which its lag rounds.
