@@ -12,9 +12,9 @@ use super::ablation;
 use super::equipment;
 use super::link;
 use super::moving;
-use super::variant::{MakeScene, StudyScene};
+use super::variant::{MakeScene, StudyScene, on_hull};
 use crate::exit::CliError;
-use crate::lab::args::{SceneArgs, Study, WindArg};
+use crate::lab::args::{SceneArgs, Study};
 use crate::lab::scene::Scene;
 
 /// What is published of a scenario.
@@ -180,34 +180,6 @@ pub fn hulls(args: &SceneArgs, base: &Scene) -> Result<Vec<StudyScene>, CliError
         }
     }
     Ok(rows)
-}
-
-/// The scene's settings on a hull by its table, or on the simulated one, in a sea; what the nodes know differs from it
-/// unless `--draws off`.
-pub fn on_hull(
-    args: &SceneArgs,
-    base: &Scene,
-    hull: Option<&str>,
-    sea: &SeaConfig,
-) -> Result<StudyScene, CliError> {
-    let (mut world, mut nodes) = (base.scenario.clone(), base.nodes.clone());
-    world.sea = sea.clone();
-    if let Some(hull) = hull {
-        world
-            .install_hull(&mut nodes, hull)
-            .map_err(|e| CliError::because("--hull", e))?;
-    }
-    if args.draws.unwrap_or(true) {
-        world.differ_from_belief(&mut nodes);
-    }
-    if args.wind == Some(WindArg::Auto) {
-        world.raise_wind();
-    }
-    Ok(StudyScene {
-        name: String::new(),
-        world,
-        nodes,
-    })
 }
 
 fn rocking(row: MakeScene<'_>) -> Vec<StudyScene> {

@@ -7,8 +7,7 @@ use alight_sim::studies::statistics::{Summary, wilson};
 use clap::ValueEnum;
 use serde_json::{Value, json};
 
-use super::grid;
-use super::variant::{PlannerVariant, StudyScene};
+use super::variant::{PlannerVariant, StudyScene, on_hull};
 use crate::cells;
 use crate::exit::CliError;
 use crate::lab::args::{self, SceneArgs};
@@ -85,7 +84,7 @@ fn hulls(args: &SceneArgs, base: &Scene) -> Result<Vec<StudyScene>, CliError> {
     for (hull, shift) in hulls {
         for (name, sea) in &seas {
             let table = (hull != SIMULATED).then_some(hull);
-            let mut scene = grid::on_hull(args, base, table, sea)?;
+            let mut scene = on_hull(args, base, table, sea)?;
             scene.name = format!("{hull} {name}");
             if shift != 0.0 {
                 scene.name = format!("{hull}, deck {} m further aft, {name}", -shift);

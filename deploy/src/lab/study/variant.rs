@@ -2,6 +2,11 @@
 
 use alight_sim::baselines::BenchPlanner;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::physics::sea::SeaConfig;
+
+use crate::exit::CliError;
+use crate::lab::args::{SceneArgs, WindArg};
+use crate::lab::scene::Scene;
 
 /// One scene of a study.
 #[derive(Clone)]
@@ -12,6 +17,34 @@ pub struct StudyScene {
     pub world: Scenario,
     /// The nodes.
     pub nodes: NodeConfigs,
+}
+
+/// The scene's settings on a hull by its table, or on the simulated one, in a sea; what the nodes know differs from it
+/// unless `--draws off`.
+pub fn on_hull(
+    args: &SceneArgs,
+    base: &Scene,
+    hull: Option<&str>,
+    sea: &SeaConfig,
+) -> Result<StudyScene, CliError> {
+    let (mut world, mut nodes) = (base.scenario.clone(), base.nodes.clone());
+    world.sea = sea.clone();
+    if let Some(hull) = hull {
+        world
+            .install_hull(&mut nodes, hull)
+            .map_err(|e| CliError::because("--hull", e))?;
+    }
+    if args.draws.unwrap_or(true) {
+        world.differ_from_belief(&mut nodes);
+    }
+    if args.wind == Some(WindArg::Auto) {
+        world.raise_wind();
+    }
+    Ok(StudyScene {
+        name: String::new(),
+        world,
+        nodes,
+    })
 }
 
 /// Makes a row: its name, and what it changes in the scene.
