@@ -5,7 +5,7 @@ use alight_sim::physics::vessel::response::HULLS;
 use alight_sim::studies::changes::{self as study, Change, Errors, QUANTITIES, RunErrors, SINCE_S};
 use serde_json::{Value, json};
 
-use super::grid;
+use super::variant::on_hull;
 use crate::cells;
 use crate::exit::CliError;
 use crate::lab::args::StudyArgs;
@@ -28,7 +28,7 @@ pub fn run(args: &StudyArgs, base: &Scene, seeds: &[u64]) -> Result<(Vec<Block>,
         Some(sea) => sea.config.clone(),
         None => "jonswap:1,5".parse().map_err(CliError)?,
     };
-    let scene = grid::on_hull(&args.scene, base, Some(hull), &sea)?;
+    let scene = on_hull(&args.scene, base, Some(hull), &sea)?;
     let heads = [
         "change",
         "s since",
