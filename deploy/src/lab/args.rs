@@ -71,7 +71,7 @@ pub enum Course {
     Turn,
     /// A straight line with one change of --speed by half, up to 6 s after the first descent begins.
     SpeedChange,
-    /// Holding a place with thrusters that have a dead band.
+    /// Holding a place, in the limit cycle that thrusters with a dead band make (drawn, 20 to 50 s)
     StationKeeping,
     /// Sheering about an anchor by 20 to 40 deg to either side.
     Anchored,

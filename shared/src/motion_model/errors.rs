@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use crate::time::{Clock, Span, Time};
-use crate::vessel_model::{DOFS, Motion, SURGE, SWAY};
+use crate::vessel_model::{DOFS, Motion, PITCH, ROLL, SURGE, SWAY};
 
 use super::{MotionSample, SAMPLE_S};
 
@@ -15,8 +15,10 @@ const MEMORY: f64 = 300.0;
 const SHARE: f64 = 0.2;
 /// Comparisons before which the deviation of the motion itself stands in.
 const FIRST: f64 = 15.0;
-/// Memory of the recent mean squares, comparisons: two seconds.
-const RECENT: f64 = 20.0;
+/// Memory of the recent mean squares, comparisons: three seconds.
+const RECENT: f64 = 30.0;
+/// The two identifications are weighed by their errors one second ahead, the third of [`SPREAD_AT_S`].
+const WEIGHED_AT: usize = 2;
 /// Most predictions that wait: those of all horizons.
 const MAX_WAITING: usize = 96;
 /// What was surprising so soon will be at the longer horizons: their number.
@@ -69,7 +71,6 @@ impl<C: Clock> Errors<C> {
             squares,
             recent,
             count,
-            ..
         } = self;
         waiting.retain(|w| {
             if w.due > now.at + near {
@@ -94,14 +95,24 @@ impl<C: Clock> Errors<C> {
     }
     /// Mean square errors at one of [`SPREAD_AT_S`], of the last half a minute or the last seconds, whichever is more;
     /// None until measured.
-    pub(super) fn mean_squares(&self, horizon: usize) -> Option<[f64; DOFS]> {
+    fn mean_squares(&self, horizon: usize) -> Option<[f64; DOFS]> {
         (self.count[horizon] >= FIRST)
             .then(|| core::array::from_fn(|d| self.squares[horizon][d].max(self.recent[horizon][d])))
+    }
+    /// One over the mean square errors a second ahead, 1 until measured. Degrees of freedom that a turn mixes share theirs.
+    pub(super) fn weights(&self) -> [f64; DOFS] {
+        let squares = &self.squares[WEIGHED_AT];
+        core::array::from_fn(|d| match d {
+            _ if self.count[WEIGHED_AT] < FIRST => 1.0,
+            SURGE | SWAY => 1.0 / (squares[SURGE] + squares[SWAY]).max(1e-12),
+            ROLL | PITCH => 1.0 / (squares[ROLL] + squares[PITCH]).max(1e-12),
+            _ => 1.0 / squares[d].max(1e-12),
+        })
     }
     /// By how much the mean squares of late exceed the usual at the shortest horizons, at least 1: a change is seen
     /// there long before predictions of the longer horizons are due. An acceleration that was not foreseen is in the
     /// past from which all else is predicted.
-    pub(super) fn surprise(&self) -> [f64; DOFS] {
+    fn surprise(&self) -> [f64; DOFS] {
         let ratio = |h: usize, d: usize| {
             let usual = self.squares[h][d].max(f64::MIN_POSITIVE);
             if self.count[h] < FIRST {

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use crate::time::Clock;
-use crate::vessel_model::{DOFS, Mode, Modes, PITCH, ROLL, SURGE, SWAY};
+use crate::vessel_model::{DOFS, Modes, PITCH, ROLL};
 
 use super::MotionSample;
 use super::errors::{Errors, SPREAD_AT_S};
@@ -85,11 +85,15 @@ impl<C: Clock> Identification<C> {
             .zip(regression::past(&self.record, self.record.len() - 1))
             .map(|(model, past)| Modes {
                 at: sample.at,
-                modes: model.modes(&past).iter().map(|m| turned(m, -angle)).collect(),
+                modes: model.modes(&past).iter().map(|m| m.turned(-angle)).collect(),
             });
         if let Some(modes) = &self.modes {
-            self.errors
-                .push(sample.at, SPREAD_AT_S.map(|ahead| modes.motion(ahead)));
+            let mean = self.mean();
+            let tilt = super::turned([mean[ROLL], mean[PITCH]], -angle);
+            self.errors.push(
+                sample.at,
+                SPREAD_AT_S.map(|ahead| super::about(tilt, modes.motion(ahead))),
+            );
         }
     }
 
@@ -121,23 +125,16 @@ impl<C: Clock> Identification<C> {
     pub(super) fn is_identified(&self) -> bool {
         self.model.is_some()
     }
-    /// Mean square error per degree of freedom of the predictions at one of [`SPREAD_AT_S`]; None until measured.
-    pub(super) fn mean_squares(&self, horizon: usize) -> Option<[f64; DOFS]> {
-        self.errors.mean_squares(horizon)
+    /// What its predictions are weighed by.
+    pub(super) fn weights(&self) -> [f64; DOFS] {
+        self.errors.weights()
     }
-    /// Standard deviation of each degree of freedom of late, in these axes.
+    /// Mean of each degree of freedom of late, in these axes.
+    pub(super) fn mean(&self) -> [f64; DOFS] {
+        self.regression.mean()
+    }
+    /// Its standard deviation.
     pub(super) fn deviation(&self) -> [f64; DOFS] {
         self.regression.deviation()
     }
-}
-
-/// A mode as it is in axes turned by `angle` (rad) about down.
-fn turned(m: &Mode, angle: f64) -> Mode {
-    let (s, c) = angle.sin_cos();
-    let mut shape = m.shape;
-    for [x, y] in [[SURGE, SWAY], [ROLL, PITCH]] {
-        shape[x] = m.shape[x] * c + m.shape[y] * s;
-        shape[y] = m.shape[y] * c - m.shape[x] * s;
-    }
-    Mode { shape, ..*m }
 }

@@ -12,9 +12,7 @@
 //! It is identified twice side by side, in axes parallel to NED and in axes that turn with the vessel: a small hull
 //! follows the slope of the water, whose waves keep their direction when she turns; a long one swings in her own roll
 //! and pitch. Both predictions are weighted by the inverse of their mean square errors of late (Bates and Granger
-//! 1969), so that a hull between the two, and one that turns, is predicted by what holds for it. The third that is
-//! weighed is rest, whose error is the motion itself: what has not been seen before, a course by other waves, is
-//! predicted with caution.
+//! 1969), so that a hull between the two, and one that turns, is predicted by what holds for it.
 //!
 //! The error of the predictions is measured, not assumed: each is kept until it is due ([`errors`]).
 
@@ -25,10 +23,10 @@ mod subspace;
 
 use crate::msg::MAX_MODES;
 use crate::time::{Clock, Span, Time};
-use crate::vessel_model::{DOFS, HEAVE, Mode, Modes, Motion, PITCH, ROLL, SURGE, SWAY};
+use crate::vessel_model::{DOFS, HEAVE, Mode, Modes, Motion, PITCH, ROLL};
 use nalgebra::Complex;
 
-use errors::Errors;
+use errors::{Errors, SPREAD_AT_S};
 use identification::{Axes, Identification};
 use regression::OBSERVED;
 
@@ -36,8 +34,6 @@ use regression::OBSERVED;
 pub const SAMPLE_S: f64 = 0.1;
 /// What no mode holds fades in this time, s: a quarter of a wave.
 const FADE_S: f64 = 1.0;
-/// They are weighted by their errors one second ahead, the third of [`errors::SPREAD_AT_S`].
-const WEIGHED_AT: usize = 2;
 
 /// The vessel's motion at an instant, in axes parallel to NED.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,8 +42,8 @@ pub struct MotionSample<C: Clock> {
     pub at: Time<C>,
     /// Mean heading, rad.
     pub mean_heading: f64,
-    /// Velocity about its mean north and east (m/s), heave (m down), tilt about north and east about the trim (rad),
-    /// heading about its mean (rad).
+    /// Velocity about its mean north and east (m/s), heave (m down), tilt about north and east (rad), heading about
+    /// its mean (rad).
     pub value: [f64; DOFS],
     /// Rates of heave (m/s), of the tilt about north and about east (rad/s) and of the velocity along north and east as
     /// the vessel's mean course turns (m/s²).
@@ -57,8 +53,7 @@ pub struct MotionSample<C: Clock> {
 impl<C: Clock> MotionSample<C> {
     /// The same in axes turned by `angle` (rad) about down.
     fn turned(&self, angle: f64) -> MotionSample<C> {
-        let (s, c) = angle.sin_cos();
-        let turn = |[x, y]: [f64; 2]| [c * x + s * y, c * y - s * x];
+        let turn = |v| turned(v, angle);
         let [north, east, heave, about_north, about_east, yaw] = self.value;
         let ([x, y], [roll, pitch]) = (turn([north, east]), turn([about_north, about_east]));
         let [sinks, dn, de, an, ae] = self.rate;
@@ -79,8 +74,8 @@ pub struct MotionModel<C: Clock> {
     identified: [Identification<C>; 2],
     /// The modes of both with their weights, by the newest sample.
     modes: Option<Modes<C>>,
-    /// How far both predict apart, per degree of freedom, at [`errors::SPREAD_AT_S`].
-    apart: [[f64; DOFS]; errors::SPREAD_AT_S.len()],
+    /// How far both predict apart, per degree of freedom, at [`SPREAD_AT_S`].
+    apart: [[f64; DOFS]; SPREAD_AT_S.len()],
     /// Of the modes, which the drone rolls on.
     errors: Errors<C>,
 }
@@ -116,49 +111,41 @@ impl<C: Clock> MotionModel<C> {
         self.newest = Some(sample);
         self.errors.compare(&sample);
         self.mix(&sample);
-        let predicted = errors::SPREAD_AT_S.map(|ahead| self.modal_motion(ahead));
+        let trim = self.trim(sample.mean_heading);
+        let predicted = SPREAD_AT_S.map(|ahead| about(trim, self.modal_motion(ahead)));
         self.errors.push(sample.at, predicted);
     }
 
     /// The modes of both, weighted, and how far they are apart; before the first identification a motion that fades.
     fn mix(&mut self, newest: &MotionSample<C>) {
-        let known: Vec<_> = self
-            .identified
-            .iter()
-            .filter_map(|i| Some((i.modes()?, i.mean_squares(WEIGHED_AT))))
-            .collect();
-        let most = MAX_MODES / known.len().max(1);
-        let rest = self.deviation().map(|sd| sd * sd);
-        let surprise = self.errors.surprise();
-        let now = |squares: [f64; DOFS]| core::array::from_fn(|d| squares[d] * surprise[d]);
-        // Both weigh the same, and rest nothing, until the errors of both are measured.
-        let squares: Option<Vec<[f64; DOFS]>> = known.iter().map(|(_, squares)| squares.map(now)).collect();
-        let share: Vec<[f64; DOFS]> = match squares {
-            Some(squares) => {
-                let inverse: Vec<_> = squares.iter().chain([&rest]).map(inverses).collect();
-                let all: [f64; DOFS] = core::array::from_fn(|d| inverse.iter().map(|w| w[d]).sum());
-                let of = |w: &[f64; DOFS]| core::array::from_fn(|d| w[d] / all[d]);
-                inverse.iter().map(of).collect()
-            }
-            None => vec![[1.0 / known.len() as f64; DOFS]; known.len()],
-        };
-        let mixed = known.iter().zip(&share).flat_map(|((modes, _), share)| {
-            modes.modes.iter().take(most).map(|m| Mode {
-                pole: m.pole,
-                shape: core::array::from_fn(|d| m.shape[d] * share[d]),
-            })
-        });
-        let mut modes: Vec<Mode> = mixed.collect();
+        let [earth, vessel] = &self.identified;
         self.apart = Default::default();
-        if let ([(a, _), (b, _)], [of_a, of_b, ..]) = (&known[..], &share[..]) {
-            for (apart, ahead) in self.apart.iter_mut().zip(errors::SPREAD_AT_S) {
-                let (p, q) = (a.motion(ahead), b.motion(ahead));
-                *apart = core::array::from_fn(|d| (of_a[d] * of_b[d]).sqrt() * (p[d][0] - q[d][0]).abs());
+        let modes = match (earth.modes(), vessel.modes()) {
+            (Some(a), Some(b)) => {
+                let (of_a, of_b) = (earth.weights(), vessel.weights());
+                let share: [f64; DOFS] = core::array::from_fn(|d| of_a[d] / (of_a[d] + of_b[d]));
+                for (apart, ahead) in self.apart.iter_mut().zip(SPREAD_AT_S) {
+                    let (p, q) = (a.motion(ahead), b.motion(ahead));
+                    let both = |d: usize| (share[d] * (1.0 - share[d])).sqrt();
+                    *apart = core::array::from_fn(|d| both(d) * (p[d][0] - q[d][0]).abs());
+                }
+                let rest = share.map(|s| 1.0 - s);
+                [(a, share), (b, rest)]
+                    .into_iter()
+                    .flat_map(|(m, by)| m.modes.iter().take(MAX_MODES / 2).map(move |m| m.scaled(&by)))
+                    .collect()
             }
-        }
-        if known.is_empty() {
-            modes.push(fading(|d| newest.value[d]));
-        }
+            (Some(only), None) | (None, Some(only)) => only.modes.clone(),
+            (None, None) => {
+                let [roll, pitch] = self.trim(newest.mean_heading);
+                let mean = |d: usize| match d {
+                    ROLL => roll,
+                    PITCH => pitch,
+                    _ => 0.0,
+                };
+                vec![fading(|d| newest.value[d] - mean(d))]
+            }
+        };
         self.modes = Some(Modes { at: newest.at, modes });
     }
 
@@ -179,7 +166,13 @@ impl<C: Clock> MotionModel<C> {
     fn modal_motion(&self, t: f64) -> Motion {
         self.modes.as_ref().map_or_else(Motion::default, |m| m.motion(t))
     }
-    /// The same with what the modes leave of heave now, which fades: its slow part, an error of the mean water level.
+    /// Mean tilt about north and about east of a vessel on this mean heading, rad: the trim, which turns with her.
+    pub fn trim(&self, mean_heading: f64) -> [f64; 2] {
+        let [_, vessel] = &self.identified;
+        let mean = vessel.mean();
+        turned([mean[ROLL], mean[PITCH]], -mean_heading)
+    }
+    /// The modes' motion with what the modes leave of heave now, which fades: its slow part, an error of the mean water level.
     pub fn motion(&self, t: f64) -> Motion {
         let mut out = self.modal_motion(t);
         let heave = self.newest.map_or(0.0, |s| s.value[HEAVE]);
@@ -222,16 +215,17 @@ impl<C: Clock> MotionModel<C> {
     }
 }
 
-/// One over the mean squares; axes that a turn mixes share theirs.
-fn inverses(squares: &[f64; DOFS]) -> [f64; DOFS] {
-    core::array::from_fn(|d| {
-        let group: &[usize] = match d {
-            SURGE | SWAY => &[SURGE, SWAY],
-            ROLL | PITCH => &[ROLL, PITCH],
-            _ => &[d],
-        };
-        1.0 / group.iter().map(|&k| squares[k]).sum::<f64>().max(1e-12)
-    })
+/// A motion about this mean tilt, rad.
+fn about([roll, pitch]: [f64; 2], mut motion: Motion) -> Motion {
+    motion[ROLL][0] += roll;
+    motion[PITCH][0] += pitch;
+    motion
+}
+
+/// A horizontal vector in axes turned by `angle` (rad) about down.
+fn turned([x, y]: [f64; 2], angle: f64) -> [f64; 2] {
+    let (s, c) = angle.sin_cos();
+    [c * x + s * y, c * y - s * x]
 }
 
 /// A motion that fades, by its value now in each degree of freedom.

@@ -11,7 +11,7 @@
 
 use nalgebra::Complex;
 
-use super::{DOFS, HEAVE, PITCH, ROLL};
+use super::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY};
 use crate::msg::{WaveMode, WaveModel, f16};
 use crate::time::{Clock, Time};
 
@@ -24,8 +24,8 @@ pub struct Mode {
     pub shape: [Complex<f64>; DOFS],
 }
 
-/// Slower than this a motion is a course, a trim or a level, rad/s (periods above 52 s; a following sea is met slowly).
-const SLOW_RADPS: f64 = 0.12;
+/// Slower than this a motion is a course, a trim or a level, rad/s (periods above 18 s).
+const SLOW_RADPS: f64 = 0.35;
 
 impl Mode {
     /// Whether it is a wave: it oscillates, and not slowly. What dies out without coming back is an error of the level.
@@ -40,6 +40,23 @@ impl Mode {
             let rate = z * self.pole;
             [z.re, rate.re, (rate * self.pole).re]
         })
+    }
+    /// The same with each degree of freedom times its factor.
+    pub fn scaled(&self, by: &[f64; DOFS]) -> Mode {
+        Mode {
+            shape: core::array::from_fn(|d| self.shape[d] * by[d]),
+            ..*self
+        }
+    }
+    /// The same in axes turned by `angle` (rad) about down.
+    pub fn turned(&self, angle: f64) -> Mode {
+        let (s, c) = angle.sin_cos();
+        let mut shape = self.shape;
+        for [x, y] in [[SURGE, SWAY], [ROLL, PITCH]] {
+            shape[x] = self.shape[x] * c + self.shape[y] * s;
+            shape[y] = self.shape[y] * c - self.shape[x] * s;
+        }
+        Mode { shape, ..*self }
     }
     /// What its velocity becomes on integration, s: `1 / p_k`. A slow mode has none, it is a course.
     pub fn integral(&self) -> Complex<f64> {

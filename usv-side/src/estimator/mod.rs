@@ -18,6 +18,7 @@ mod tilt;
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::geodesy::Datum;
+use alight_shared::motion_model::MotionModel;
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample};
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{
@@ -27,7 +28,6 @@ use alight_shared::vessel_model::{
 use nalgebra::{Rotation2, Vector2, Vector3};
 
 use crate::VesselNodeConfig;
-use alight_shared::motion_model::MotionModel;
 pub use consistency::{Channel, Consistency, Fit};
 pub use tilt::Tilt;
 
@@ -117,30 +117,24 @@ pub(crate) struct Filter {
     row: Vec<Term>,
 }
 
-/// Velocity along and across the mean heading, trim and heading, averaged over some waves.
+/// Velocity along and across the mean heading, and heading, averaged over some waves.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct SlowMotion {
     velocity: Vector2<f64>,
-    /// Roll and pitch of the vessel at rest, rad: they turn with her.
-    trim: Vector2<f64>,
     heading: f64,
     known_s: f64,
 }
 
 /// Memory of [`SlowMotion`], s: four waves.
 const SLOW_S: f64 = 20.0;
-/// Memory of the trim, s: long against the waves, short against people who move about.
-const TRIM_S: f64 = 60.0;
 
 impl SlowMotion {
-    /// Takes the velocity (m/s) and tilt (rad) of a step, NED, and its heading.
-    fn update(&mut self, velocity: Vector2<f64>, tilt: Vector2<f64>, heading: f64, mean_heading: f64) {
+    /// Takes the velocity (NED, m/s) and heading of a step.
+    fn update(&mut self, velocity: Vector2<f64>, heading: f64, mean_heading: f64) {
         self.known_s += STEP_S;
         // An average of all so far until the memory is full.
         let fraction = STEP_S / self.known_s.min(SLOW_S);
         self.velocity += (Rotation2::new(-mean_heading) * velocity - self.velocity) * fraction;
-        let fraction_of_trim = STEP_S / self.known_s.min(TRIM_S);
-        self.trim += (Rotation2::new(-mean_heading) * tilt - self.trim) * fraction_of_trim;
         let off = wrap_angle(heading - self.heading);
         // Waves do not turn a vessel further: the rest is a turn, and followed at once.
         let turned = off - off.clamp(-TURN_RAD, TURN_RAD);
@@ -149,10 +143,6 @@ impl SlowMotion {
     /// The velocity in NED, m/s.
     pub(crate) fn velocity(&self, mean_heading: f64) -> Vector2<f64> {
         Rotation2::new(mean_heading) * self.velocity
-    }
-    /// The trim as a tilt about north and east on a heading, rad.
-    pub(crate) fn trim(&self, heading: f64) -> Vector2<f64> {
-        Rotation2::new(heading) * self.trim
     }
     /// How far a heading is off, rad.
     pub(crate) fn off(&self, heading: f64) -> f64 {
@@ -485,8 +475,7 @@ impl Filter {
         let b = &self.belief;
         let (velocity, heading) = (self.ned(b.get(SURGE, NU), b.get(SWAY, NU)), b.get(YAW, ETA));
         let waves = self.motion.waves(self.at);
-        let tilt = self.ned(b.get(ROLL, ETA), b.get(PITCH, ETA));
-        self.slow.update(velocity, tilt, heading, self.mean_heading);
+        self.slow.update(velocity, heading, self.mean_heading);
         let mean = match waves {
             Some(w) => velocity - Vector2::new(w[SURGE], w[SWAY]),
             None => self.slow.velocity(self.mean_heading),

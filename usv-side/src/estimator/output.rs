@@ -1,6 +1,7 @@
 //! Messages from the filter's state.
 
 use alight_shared::frames::wrap_angle;
+use alight_shared::motion_model::MotionSample;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
     Header, PREDICTION_STAGES, PredictedStage, SLOPE_WINDOWS, VesselEstimate, VesselPrediction, WaveMode,
@@ -12,7 +13,6 @@ use nalgebra::{Rotation2, Vector2};
 
 use super::{Filter, GNSS_BIAS, Tilt};
 use crate::VesselNodeConfig;
-use alight_shared::motion_model::MotionSample;
 
 impl Filter {
     /// NED from the reference-parallel frame.
@@ -130,7 +130,6 @@ impl Filter {
         // Without what turns the course.
         let a = self.ned(acceleration[SURGE], acceleration[SWAY])
             - self.mean_heading_rate * Vector2::new(-velocity.y, velocity.x);
-        let trim = self.slow.trim(self.mean_heading);
         self.motion.push(MotionSample {
             at: self.at,
             mean_heading: self.mean_heading,
@@ -138,8 +137,8 @@ impl Filter {
                 v.x,
                 v.y,
                 b.get(HEAVE, ETA),
-                north - trim.x,
-                east - trim.y,
+                north,
+                east,
                 self.slow.off(b.get(YAW, ETA)),
             ],
             rate: [b.get(HEAVE, NU), c * dr - s * dp, s * dr + c * dp, a.x, a.y],
@@ -181,9 +180,9 @@ impl Filter {
             let (m, path) = (self.motion.motion(ahead), moved(ahead));
             let (from, (way, v)) = (mean(-since).0, mean(ahead - since));
             let mean_heading = self.mean_heading + self.mean_heading_rate * (ahead - since);
-            let (yaw, trim) = (mean_heading + m[YAW][0], self.slow.trim(mean_heading));
+            let (yaw, trim) = (mean_heading + m[YAW][0], self.motion.trim(mean_heading));
             let tilt = Tilt {
-                angles: [m[ROLL][0] + trim.x, m[PITCH][0] + trim.y],
+                angles: [m[ROLL][0] + trim[0], m[PITCH][0] + trim[1]],
                 rates: [m[ROLL][1], m[PITCH][1]],
                 heading: wrap_angle(yaw),
                 heading_rate: self.mean_heading_rate + m[YAW][1],

@@ -12,7 +12,7 @@ use super::ablation;
 use super::equipment;
 use super::link;
 use super::moving;
-use super::variant::{MakeScene, StudyScene, on_hull};
+use super::variant::{MakeScene, StudyScene, on_hull, seas};
 use crate::exit::CliError;
 use crate::lab::args::{SceneArgs, Study};
 use crate::lab::scene::Scene;
@@ -158,14 +158,7 @@ pub const SEAS: [(&str, &str); 6] = [
 
 /// Hulls times seas: those that are named, else all.
 pub fn hulls(args: &SceneArgs, base: &Scene) -> Result<Vec<StudyScene>, CliError> {
-    let mut seas = Vec::new();
-    if args.sea.is_some() || args.sea_state.is_some() || args.scenario.is_some() {
-        seas.push((base.sea.clone(), base.scenario.sea.clone()));
-    } else {
-        for (name, systems) in SEAS {
-            seas.push((name.to_string(), systems.parse().map_err(CliError)?));
-        }
-    }
+    let seas = seas(args, base, &SEAS)?;
     let hulls: Vec<&str> = match &args.hull {
         Some(hull) => vec![hull],
         None => HULLS.to_vec(),

@@ -7,7 +7,7 @@ use alight_sim::studies::statistics::{Summary, wilson};
 use clap::ValueEnum;
 use serde_json::{Value, json};
 
-use super::variant::{PlannerVariant, StudyScene, on_hull};
+use super::variant::{PlannerVariant, StudyScene, on_hull, seas};
 use crate::cells;
 use crate::exit::CliError;
 use crate::lab::args::{self, SceneArgs};
@@ -64,14 +64,7 @@ fn courses(args: &SceneArgs) -> Vec<(args::Course, f64)> {
 
 /// Hulls times seas: the three by their tables, one of them with its deck further aft, the simulated one.
 fn hulls(args: &SceneArgs, base: &Scene) -> Result<Vec<StudyScene>, CliError> {
-    let mut seas = Vec::new();
-    if args.sea.is_some() || args.sea_state.is_some() || args.scenario.is_some() {
-        seas.push((base.sea.clone(), base.scenario.sea.clone()));
-    } else {
-        for (name, systems) in SEAS {
-            seas.push((name.to_string(), systems.parse().map_err(CliError)?));
-        }
-    }
+    let seas = seas(args, base, &SEAS)?;
     let hulls: Vec<(&str, f64)> = match &args.hull {
         Some(hull) => vec![(hull, 0.0)],
         None => HULLS

@@ -19,6 +19,19 @@ pub struct StudyScene {
     pub nodes: NodeConfigs,
 }
 
+/// The sea that the command line names, else these: names, and systems as on the command line.
+pub fn seas(
+    args: &SceneArgs,
+    base: &Scene,
+    otherwise: &[(&str, &str)],
+) -> Result<Vec<(String, SeaConfig)>, CliError> {
+    if args.sea.is_some() || args.sea_state.is_some() || args.scenario.is_some() {
+        return Ok(vec![(base.sea.clone(), base.scenario.sea.clone())]);
+    }
+    let named = |(name, systems): &(&str, &str)| Ok(((*name).into(), systems.parse().map_err(CliError)?));
+    otherwise.iter().map(named).collect()
+}
+
 /// The scene's settings on a hull by its table, or on the simulated one, in a sea; what the nodes know differs from it
 /// unless `--draws off`.
 pub fn on_hull(

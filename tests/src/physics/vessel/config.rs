@@ -20,7 +20,8 @@ pub enum Course {
     Turn,
     /// Straight, with one change of speed by half, up or down.
     SpeedChange,
-    /// Holding a place within 1.5 m and the heading within 12 deg, in the limit cycles of thrusters with a dead band.
+    /// Holding a place within 1.5 m and the heading within 12 deg, in the limit cycles that thrusters with a dead band
+    /// make: drawn per seed, no thruster is simulated.
     StationKeeping,
     /// Sheering about an anchor: the bow swings by 20 to 40 deg to either side in 60 to 120 s, the hull on an arc.
     Anchored,
