@@ -67,9 +67,9 @@ pub enum Course {
     Square,
     /// Turns by 20 to 40 deg to either side every 10 to 20 s, at --speed.
     Zigzag,
-    /// A straight line at --speed with one turn by 45 to 120 deg, up to 6 s after the first descent begins.
+    /// A straight line at --speed with one turn by 45 to 120 deg, up to 4 s after the first descent begins.
     Turn,
-    /// A straight line with one change of --speed by half, up to 6 s after the first descent begins.
+    /// A straight line with one change of --speed by half, up to 4 s after the first descent begins.
     SpeedChange,
     /// Holding a place, in the limit cycle that thrusters with a dead band make (drawn, 20 to 50 s)
     StationKeeping,

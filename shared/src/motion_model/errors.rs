@@ -15,8 +15,8 @@ const MEMORY: f64 = 300.0;
 const SHARE: f64 = 0.2;
 /// Comparisons before which the deviation of the motion itself stands in.
 const FIRST: f64 = 15.0;
-/// Memory of the recent mean squares, comparisons: three seconds.
-const RECENT: f64 = 30.0;
+/// Memory of the recent mean squares, comparisons: two seconds.
+const RECENT: f64 = 20.0;
 /// The two identifications are weighed by their errors one second ahead, the third of [`SPREAD_AT_S`].
 const WEIGHED_AT: usize = 2;
 /// Most predictions that wait: those of all horizons.
