@@ -10,7 +10,7 @@ use crate::lab;
 use crate::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, SensorsArgs};
 use crate::process::shell;
 use crate::record::replay::ForeignLaw;
-use crate::tools::{calibrate, check, command, config, estimate, keys, replay, status};
+use crate::tools::{calibrate, check, command, config, estimate, flights, keys, replay, status};
 use crate::{drone, vessel};
 
 /// Lands a multirotor on the deck of a small boat that moves and rocks in waves.
@@ -41,7 +41,9 @@ pub enum Command {
     Config(ConfigCommand),
     /// Run the vessel's estimator over a recording of a boat and show how well it fits.
     Estimate(estimate::EstimateArgs),
-    /// Compute a recording or logs again and check whether every output is bit-identical.
+    /// List the flights that this computer recorded, with outcome and figures.
+    Flights(flights::FlightsArgs),
+    /// Compute a recording or a flight again and check whether every output is bit-identical.
     Replay(replay::ReplayArgs),
     /// Show what runs: processes, topics, ages, drops, link and mission.
     Status(status::StatusArgs),
@@ -95,6 +97,7 @@ impl Command {
             Command::Lab(c) => c.run(),
             Command::Config(c) => c.run(),
             Command::Estimate(a) => estimate::run(a),
+            Command::Flights(a) => flights::run(a),
             Command::Replay(a) => replay::run(a, FOREIGN_LAW),
             Command::Status(a) => status::run(a),
             Command::Vessel(a) => vessel::run(a),

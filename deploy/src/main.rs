@@ -1,7 +1,7 @@
 //! `alight`: lands a multirotor on a moving, rocking deck.
 //!
 //! What a vessel and a drone install, in layers, each of which uses only those before it: [`exit`] and
-//! [`terminal`]; [`config`]; [`certificates`] and [`io`]; [`process`]; [`record`], [`vessel`] and [`drone`];
+//! [`terminal`]; [`config`]; [`certificates`] and [`io`]; [`record`]; [`process`], [`vessel`] and [`drone`];
 //! [`tools`]. [`lab`] is what flies nothing, and is no part of the packages; [`cli`] names every command.
 
 // Some of what only the laboratory uses is unused without it.

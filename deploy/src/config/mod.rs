@@ -1,6 +1,7 @@
 //! One configuration file per computer: the vessel's and the drone's.
 
 pub mod camera;
+pub mod recorder;
 pub mod supervision;
 
 use alight_bridge::BridgeConfig;
@@ -14,6 +15,7 @@ use alight_usv::sensors::SourcesConfig;
 use alight_usv::{DeckConfig, VesselNodeConfig};
 
 use crate::config::camera::{CameraSource, UltravioletSource};
+use crate::config::recorder::RecorderConfig;
 use crate::config::supervision::Supervision;
 
 config! {
@@ -33,6 +35,8 @@ config! {
         pub radio: RadioConfig = RadioConfig::listening("udp/0.0.0.0:7447", TlsConfig::default()), table;
         /// How the deck is reserved for drones.
         pub deck: DeckConfig;
+        /// Where it records its flights.
+        pub recorder: RecorderConfig;
         /// Its node.
         pub vessel: VesselNodeConfig;
     }
@@ -79,6 +83,8 @@ config! {
         pub uvdar: UltravioletSource;
         /// How its processes are run.
         pub supervision: Supervision;
+        /// Where it records its flights.
+        pub recorder: RecorderConfig;
         /// Its other nodes.
         pub drone: DroneSettings;
     }

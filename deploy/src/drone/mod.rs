@@ -28,6 +28,7 @@ use crate::config::DroneComputer;
 use crate::config::supervision::Supervision;
 use crate::exit::{CliError, Exit};
 use crate::process::args::{ProcessArgs, Scheduling};
+use crate::process::flight::Flight;
 use crate::process::instance::{CHECKPOINTS_FILE, OwnedInstance};
 use crate::process::keeper::CheckpointKeeper;
 use crate::process::life::end_with_supervisor;
@@ -90,7 +91,10 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         max_failures: None,
     };
     let directory = owned.instance().directory();
-    let mut supervisor = Supervisor::new(directory, args.log.clone(), limits)?.inheriting_stderr();
+    let name = format!("drone-{}", computer.bridge.drone_id);
+    let mut flight = Flight::begin(&computer.recorder, args, &name, steady_ns());
+    let recorded = args.flight.clone().or(flight.as_ref().map(Flight::path));
+    let mut supervisor = Supervisor::new(directory, recorded, limits)?.inheriting_stderr();
     let mut kinds = computer.supervision.processes();
     let cameras = [
         (ProcessKind::Camera, computer.camera.clone()),
@@ -129,10 +133,18 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         if kinds.iter().all(all) {
             notify.ready();
         }
+        if let Some(flight) = &mut flight {
+            let restarts = supervisor.restarts();
+            flight.log().observe(steady_ns(), &observer.snapshot, restarts);
+            flight.poll(steady_ns());
+        }
         notify.alive(steady_ns(), || observer.snapshot.line());
     }
     notify.stopping();
     supervisor.stop();
+    if let Some(flight) = flight {
+        flight.end(steady_ns());
+    }
     keeper.forget();
     drop(services);
     drop(memory);

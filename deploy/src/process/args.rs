@@ -8,14 +8,14 @@ use tracing::warn;
 use crate::process::scheduling;
 
 /// A process.
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug)]
 pub struct ProcessArgs {
     /// Its computer's configuration (TOML)
     #[arg(long, value_name = "FILE")]
     pub config: PathBuf,
-    /// Log what it consumed into this directory
-    #[arg(long, value_name = "DIR")]
-    pub log: Option<PathBuf>,
+    /// Record into this flight's directory, in the place of a new one below recorder.directory
+    #[arg(long, alias = "log", hide = true, value_name = "DIR")]
+    pub flight: Option<PathBuf>,
     /// End when standard input closes: a supervisor that dies takes its processes with it
     #[arg(long, hide = true)]
     pub supervised: bool,

@@ -1,5 +1,5 @@
 //! What every process does beside its node: a clock that never goes back, the time each step takes,
-//! a log of what was consumed, a report about itself twice a second, and an end when it is asked to.
+//! a record of what was consumed, a report about itself twice a second, and an end when it is asked to.
 
 use std::io::{ErrorKind, Read};
 use std::path::Path;
@@ -18,7 +18,7 @@ use serde::Serialize;
 
 use crate::exit::{CliError, Doing};
 use crate::process::args::ProcessArgs;
-use crate::process::log::{LogHeader, NodeLog};
+use crate::record::flight::recorder::{NodeRecorder, PartHeader};
 
 /// Time between two reports, ns.
 const STATE_PERIOD_NS: i64 = 500_000_000;
@@ -93,10 +93,10 @@ impl Life {
     }
 }
 
-/// A node as a process; its steps are logged where that is asked for.
+/// A node as a process; its steps are recorded where its flight is.
 pub struct Process<N: Node> {
     node: N,
-    log: Option<NodeLog>,
+    recorder: Option<NodeRecorder>,
     clock: ProcessClock,
     last: Time<N::Clock>,
     /// Its reports.
@@ -137,12 +137,14 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
         make: impl FnOnce(u32) -> N,
     ) -> Result<Process<N>, CliError> {
         let boot = draw_boot();
+        let flight = args.flight.as_ref();
+        let recorder = flight.map(|flight| node_recorder(flight, kind.name(), boot, &args.config));
+        let recorder = recorder.transpose()?;
+        // After the recorder, whose thread has no priority.
         args.scheduling.apply();
-        let directory = args.log.as_ref();
-        let log = directory.map(|directory| node_log(directory, kind.name(), boot, &args.config));
         Ok(Process {
             node: make(boot),
-            log: log.transpose()?,
+            recorder,
             clock,
             last: Time::from_nanos(i64::MIN),
             life: Life::begin(kind, boot, args.supervised),
@@ -158,15 +160,15 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
     pub fn at(&self, steady_ns: i64) -> Time<N::Clock> {
         self.clock.read(steady_ns)
     }
-    /// One step of the node, its output sent, then logged; timed where `send` says that it had work to do.
+    /// One step of the node, its output sent, then recorded; timed where `send` says that it had work to do.
     pub fn step(&mut self, now: Time<N::Clock>, input: &N::In, send: impl FnOnce(&N::Out) -> bool) -> N::Out {
         let before = steady_ns();
         let out = self.node.step(now, input);
         let time_s = (steady_ns() - before) as f64 * 1e-9;
         // Steps without work do not count in the time that its work takes.
         self.life.stepped(send(&out).then_some(time_s));
-        if let Some(log) = &mut self.log {
-            log.write(steady_ns(), now.nanos(), input, &out);
+        if let Some(recorder) = &mut self.recorder {
+            recorder.step(steady_ns(), now.nanos(), input, &out);
         }
         out
     }
@@ -181,27 +183,27 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
     /// The next report, when it is due.
     pub fn state(&mut self, inputs: impl FnOnce() -> Vec<InputState>, unsent: u64) -> Option<ProcessState> {
         let mut state = self.life.state(inputs, unsent)?;
-        if let Some(log) = &mut self.log {
-            log.flush(steady_ns());
+        if let Some(recorder) = &self.recorder {
             // A process has fewer metrics than there is place for.
             let _full = state
                 .metrics
-                .push(MetricName::StepsUnlogged.count(log.unlogged()));
+                .push(MetricName::StepsUnrecorded.count(recorder.missing()));
         }
         Some(state)
     }
 }
 
-/// The log of the node `name` in `directory`.
-pub fn node_log(directory: &Path, name: &str, boot: u32, config: &Path) -> Result<NodeLog, CliError> {
+/// The recorder of the process `name` in the directory of its flight.
+pub fn node_recorder(flight: &Path, name: &str, boot: u32, config: &Path) -> Result<NodeRecorder, CliError> {
     let config = std::fs::read_to_string(config).doing(format_args!("reading {}", config.display()))?;
-    let header = LogHeader {
+    let header = PartHeader {
         process: name.into(),
         boot,
+        began_ns: steady_ns(),
         first_step: 0,
         config,
     };
-    Ok(NodeLog::begin(directory, header, steady_ns()))
+    Ok(NodeRecorder::begin(flight, header))
 }
 
 /// Processor time, s, and resident memory, bytes, of this process (Linux; zero elsewhere).

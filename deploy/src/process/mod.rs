@@ -1,12 +1,12 @@
-//! What every process does around its node: it wakes with messages, steps, publishes, logs, reports itself
+//! What every process does around its node: it wakes with messages, steps, publishes, records, reports itself
 //! twice a second, and ends when it is asked to. And what starts processes and starts them again.
 
 pub mod args;
+pub mod flight;
 pub mod instance;
 pub mod journal;
 pub mod keeper;
 pub mod life;
-pub mod log;
 pub mod metrics;
 pub mod notify;
 pub mod observer;

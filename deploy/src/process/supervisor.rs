@@ -20,13 +20,13 @@ use alight_shared::transport::process::ProcessKind;
 
 use crate::exit::{CliError, Doing};
 use crate::process::life::draw_boot;
-use crate::process::log::{LogHeader, NodeLog};
 use crate::process::notify::{Notified, SOCKET_VARIABLE};
 use crate::process::supervision::{Action, Limits, Observed, SupervisorNode};
+use crate::record::flight::recorder::{NodeRecorder, PartHeader};
 
 /// Names the directory of what outlives a process of the vessel, as systemd does.
 pub const STATE_VARIABLE: &str = "STATE_DIRECTORY";
-/// The name of its log.
+/// Its name as a process whose steps are recorded.
 pub const SUPERVISOR: &str = "supervisor";
 /// Processes that were asked to end have this long.
 const GRACE_NS: i64 = 800_000_000;
@@ -45,10 +45,10 @@ struct ManagedProcess {
 /// The supervisor.
 pub struct Supervisor {
     node: SupervisorNode,
-    node_log: Option<NodeLog>,
+    recorder: Option<NodeRecorder>,
     processes: Vec<ManagedProcess>,
     directory: PathBuf,
-    log: Option<PathBuf>,
+    flight: Option<PathBuf>,
     /// Processes write errors where the supervisor does, not into files.
     inherit_stderr: bool,
     lines: (Sender<String>, Receiver<String>),
@@ -90,18 +90,19 @@ impl fmt::Display for Event {
 }
 
 impl Supervisor {
-    /// Nobody yet; `directory` takes what processes write to standard error. Its decisions are logged where
-    /// the processes log.
-    pub fn new(directory: PathBuf, log: Option<PathBuf>, limits: Limits) -> Result<Supervisor, CliError> {
-        let node_log = match &log {
-            Some(log) => {
-                let header = LogHeader {
+    /// Nobody yet; `directory` takes what processes write to standard error. Its decisions are recorded where
+    /// the processes record: in the directory of their flight.
+    pub fn new(directory: PathBuf, flight: Option<PathBuf>, limits: Limits) -> Result<Supervisor, CliError> {
+        let recorder = match &flight {
+            Some(flight) => {
+                let header = PartHeader {
                     process: SUPERVISOR.into(),
                     boot: draw_boot(),
+                    began_ns: steady_ns(),
                     first_step: 0,
                     config: toml::to_string(&limits).doing("writing limits")?,
                 };
-                Some(NodeLog::begin(log, header, steady_ns()))
+                Some(NodeRecorder::begin(flight, header))
             }
             None => None,
         };
@@ -109,10 +110,10 @@ impl Supervisor {
             keeps_others: limits.max_failures.is_none(),
             events: Vec::new(),
             node: SupervisorNode::new(limits),
-            node_log,
+            recorder,
             processes: Vec::new(),
             directory,
-            log,
+            flight,
             inherit_stderr: false,
             lines: channel(),
         })
@@ -131,9 +132,9 @@ impl Supervisor {
     ) -> Result<(), CliError> {
         let mut arguments = arguments;
         arguments.push("--supervised".into());
-        let logs = !matches!(kind, ProcessKind::Link | ProcessKind::Sensors);
-        if let (Some(log), true) = (&self.log, logs) {
-            arguments.extend(["--log".into(), log.display().to_string()]);
+        let records = !matches!(kind, ProcessKind::Link | ProcessKind::Sensors);
+        if let (Some(flight), true) = (&self.flight, records) {
+            arguments.extend(["--flight".into(), flight.display().to_string()]);
         }
         let notified = if kind == ProcessKind::Vessel {
             let path = self.directory.join("vessel.notify");
@@ -226,9 +227,8 @@ impl Supervisor {
         }
         let now = Time::from_nanos(now_ns);
         let actions = self.node.step(now, &observed);
-        if let Some(log) = &mut self.node_log {
-            log.write(now.nanos(), now.nanos(), &observed, &actions);
-            log.flush(now.nanos());
+        if let Some(recorder) = &mut self.recorder {
+            recorder.step(now.nanos(), now.nanos(), &observed, &actions);
         }
         for action in actions {
             match action {

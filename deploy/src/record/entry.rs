@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 /// Encoding of the channels of this module, as MCAP calls it.
 pub const ENCODING: &str = "alight-record";
-/// Format of the entries; a replay refuses any other.
+/// Format of the entries, in recordings and in the flight recorder's files; a replay refuses any other.
 pub const FORMAT: u32 = 16;
 
 /// One step of a node.

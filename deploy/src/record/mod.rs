@@ -1,4 +1,5 @@
-//! Recordings: a flight in one MCAP file, to look at and to compute again.
+//! What is recorded, all of it in MCAP: the flight recorder's files, which every process writes by itself
+//! ([`flight`]), and recordings, a flight in one file, to look at and to compute again.
 //!
 //! A recording holds, with the world's time as log time,
 //! - `/node/*`: each step of each node, bit for bit ([`entry`]); the configurations are
@@ -8,6 +9,7 @@
 
 pub mod cloud;
 pub mod entry;
+pub mod flight;
 pub mod geometry;
 mod outline;
 pub mod reading;

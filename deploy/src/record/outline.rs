@@ -6,46 +6,72 @@ const MAX_CHUNK_BYTES: u64 = 256 * 1024 * 1024;
 /// The magic bytes at both ends of a file, and the opcode of a chunk (MCAP specification, "Format").
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 const CHUNK: u8 = 0x06;
+/// No record has this opcode: it is what a file system leaves of a block that was never written.
+const NONE: u8 = 0;
 
 fn number(bytes: &[u8], at: usize) -> Option<u64> {
     let slice = bytes.get(at..at.checked_add(8)?)?;
     slice.try_into().ok().map(u64::from_le_bytes)
 }
 
-/// Every record lies within the file and no chunk claims more than it may hold.
+/// How far a file is sound.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Outline {
+    /// Where its last whole record ends.
+    pub end: usize,
+    /// What comes after that; None: the end of a file that was finished.
+    pub cut: Option<String>,
+}
+
+impl Outline {
+    /// Walks over the records of `file`; an error where it does not even begin.
+    pub fn of(file: &[u8]) -> Result<Outline, String> {
+        if !file.starts_with(MAGIC) {
+            return Err("it does not begin as an MCAP file does".into());
+        }
+        let mut at = MAGIC.len();
+        let cut = |end, why: String| Ok(Outline { end, cut: Some(why) });
+        // Each round moves on by 9 bytes or more, so the file's length bounds the loop.
+        while let Some(opcode) = file.get(at).copied() {
+            if file.get(at..) == Some(MAGIC) {
+                return Ok(Outline { end: at, cut: None });
+            }
+            let Some(length) = number(file, at + 1) else { break };
+            let begin = at + 9;
+            let end = usize::try_from(length)
+                .ok()
+                .and_then(|l| begin.checked_add(l))
+                .filter(|e| *e <= file.len());
+            let Some(end) = end else {
+                return cut(
+                    at,
+                    format!("the record at byte {at} claims {length} bytes, more than the file has"),
+                );
+            };
+            // A chunk begins with two times; then comes its uncompressed size.
+            if opcode == CHUNK
+                && let Some(size) = number(file, begin + 16)
+                && size > MAX_CHUNK_BYTES
+            {
+                return cut(
+                    at,
+                    format!(
+                        "the chunk at byte {at} claims {size} bytes; at most {MAX_CHUNK_BYTES} are accepted"
+                    ),
+                );
+            }
+            if opcode == NONE {
+                return cut(at, format!("the record at byte {at} is none"));
+            }
+            at = end;
+        }
+        cut(at, "it ends within a record; it may have been cut off".into())
+    }
+}
+
+/// Every record lies within the file, which has its end, and no chunk claims more than it may hold.
 pub fn check(file: &[u8]) -> Result<(), String> {
-    if !file.starts_with(MAGIC) {
-        return Err("it does not begin as an MCAP file does".into());
-    }
-    let mut at = MAGIC.len();
-    // Each round moves on by 9 bytes or more, so the file's length bounds the loop.
-    while let Some(opcode) = file.get(at).copied() {
-        if file.get(at..) == Some(MAGIC) {
-            return Ok(());
-        }
-        let Some(length) = number(file, at + 1) else { break };
-        let begin = at + 9;
-        let end = usize::try_from(length)
-            .ok()
-            .and_then(|l| begin.checked_add(l))
-            .filter(|e| *e <= file.len());
-        let Some(end) = end else {
-            return Err(format!(
-                "the record at byte {at} claims {length} bytes, more than the file has"
-            ));
-        };
-        // A chunk begins with two times; then comes its uncompressed size.
-        if opcode == CHUNK
-            && let Some(size) = number(file, begin + 16)
-            && size > MAX_CHUNK_BYTES
-        {
-            return Err(format!(
-                "the chunk at byte {at} claims {size} bytes; at most {MAX_CHUNK_BYTES} are accepted"
-            ));
-        }
-        at = end;
-    }
-    Err("it ends within a record; it may have been cut off".into())
+    Outline::of(file)?.cut.map_or(Ok(()), Err)
 }
 
 #[cfg(test)]
@@ -66,5 +92,19 @@ mod tests {
         assert!(check(&file(CHUNK, 40, &chunk)).is_ok());
         chunk[23] = 0x20;
         assert!(check(&file(CHUNK, 40, &chunk)).is_err());
+    }
+
+    #[test]
+    fn outline_of_a_cut_file_ends_with_its_last_whole_record() {
+        let whole = file(1, 3, b"abc");
+        let end = whole.len() - MAGIC.len();
+        for cut in MAGIC.len()..whole.len() {
+            let found = Outline::of(&whole[..cut]).unwrap();
+            let expected = if cut < end { MAGIC.len() } else { end };
+            assert_eq!(found.end, expected, "{cut}");
+            assert!(found.cut.is_some(), "{cut}");
+        }
+        let zeros = [&whole[..end], &[0; 4096]].concat();
+        assert_eq!(Outline::of(&zeros).unwrap().end, end);
     }
 }

@@ -9,7 +9,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
 use mcap::records::{MessageHeader, Metadata};
-use mcap::{Attachment, McapError, WriteOptions, Writer};
+use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
 
 /// A batch goes to the thread when it holds this many bytes.
 const BATCH_BYTES: usize = 256 << 10;
@@ -25,6 +25,13 @@ const BUFFER_BYTES: usize = 1 << 20;
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Channel(u16);
 
+impl Channel {
+    /// Its number in the file.
+    pub fn id(self) -> u16 {
+        self.0
+    }
+}
+
 /// Messages on their way to the file.
 #[derive(Default)]
 struct Batch {
@@ -39,15 +46,23 @@ pub struct Opening(Writer<BufWriter<File>>);
 impl Opening {
     /// Creates the file.
     pub fn create(path: &Path) -> Result<Opening, McapError> {
+        Opening::of(File::create(path)?, None, false)
+    }
+    /// Begins in `file`; with `whole_chunks` a chunk is written at once and not as it grows.
+    pub fn of(
+        file: File,
+        compression: Option<Compression>,
+        whole_chunks: bool,
+    ) -> Result<Opening, McapError> {
         let options = WriteOptions::new()
             .profile("")
             .library(concat!("alight ", env!("CARGO_PKG_VERSION")))
             .chunk_size(Some(CHUNK_BYTES))
-            .compression(None);
-        Ok(Opening(options.create(BufWriter::with_capacity(
-            BUFFER_BYTES,
-            File::create(path)?,
-        ))?))
+            .disable_seeking(whole_chunks)
+            .compression(compression);
+        Ok(Opening(
+            options.create(BufWriter::with_capacity(BUFFER_BYTES, file))?,
+        ))
     }
     /// A channel of bytes that only Alight reads.
     pub fn raw(&mut self, topic: &str, encoding: &str) -> Result<Channel, McapError> {
@@ -84,6 +99,10 @@ impl Opening {
             name: name.into(),
             metadata: values,
         })
+    }
+    /// For a thread that writes messages itself.
+    pub fn into_writer(self) -> Writer<BufWriter<File>> {
+        self.0
     }
     /// From now on messages.
     pub fn start(self) -> Sink {

@@ -1,11 +1,13 @@
-//! Commands for people: what runs, what is wrong, certificates, configurations, calibration.
+//! Commands for people: what runs, what was flown, what is wrong, certificates, configurations, calibration.
 
 pub mod calibrate;
 pub mod check;
 pub mod command;
 pub mod config;
 pub mod estimate;
+pub mod flights;
 pub mod keys;
+pub mod recording;
 pub mod replay;
 pub mod status;
 pub mod vessel_status;

@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use alight_bridge::Bridge;
-use alight_shared::config;
 use alight_shared::node::Node;
 use alight_shared::time::Time;
+use alight_shared::{config, wire};
 use clap::Args;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -19,21 +19,27 @@ use crate::drone::pilot::PilotShell;
 use crate::drone::planner::PlannerShell;
 use crate::drone::predictor::PredictorShell;
 use crate::exit::{CliError, Doing, Exit};
-use crate::process::log::{LogError, LogHeader, LogReader};
 use crate::process::shell::Shell;
 use crate::process::supervision::SupervisorNode;
 use crate::process::supervisor::SUPERVISOR;
+use crate::record::flight::reading::{Start, Steps, is_part, starts};
+use crate::record::flight::recorder::PartHeader;
+use crate::record::flight::store;
 use crate::record::reading::contained;
 use crate::record::replay::{ForeignLaw, NodeReplay, replay};
 use crate::table::{Table, verdict};
 use crate::terminal::{self, note};
+use crate::tools::recording;
 
 /// A recording to compute again.
 #[derive(Args, Debug)]
 pub struct ReplayArgs {
-    /// Recording (`alight trial --record FILE.mcap`), or logs of live processes (`--log DIR`)
-    #[arg(value_name = "FILE.mcap|DIR")]
+    /// Recording (`alight trial --record FILE.mcap`), or a flight of the recorder (`alight flights`), or one of its files
+    #[arg(value_name = "FILE.mcap|FLIGHT")]
     pub path: PathBuf,
+    /// Write the flight to one recording, for Foxglove, Lichtblick and Rerun
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
     /// Print the result as one JSON object, the last line
     #[arg(long)]
     pub json: bool,
@@ -42,14 +48,24 @@ pub struct ReplayArgs {
 /// Replays and reports.
 pub fn run(args: &ReplayArgs, law: ForeignLaw) -> Result<Exit, CliError> {
     let path = &args.path;
-    let nodes = if path.is_dir() || path.extension().is_some_and(|e| e == "log") {
-        let logs = logs(path)?;
-        logs.iter()
-            .filter_map(|log| replay_log(log).transpose())
-            .collect::<Result<Vec<_>, CliError>>()?
-    } else {
-        contained(path, || replay(path, law))?
-    };
+    if args.record.is_some() && !path.is_dir() {
+        return Err(CliError(format!(
+            "--record: {} is no flight's directory; viewers open a recording as it is",
+            path.display()
+        )));
+    }
+    let nodes = contained(path, || {
+        if path.is_dir() || is_part(path) {
+            replay_starts(path)
+        } else {
+            replay(path, law)
+        }
+    })?;
+    if let Some(to) = &args.record {
+        for line in contained(path, || recording::write(to, path))? {
+            note(args.json, line);
+        }
+    }
     let mut table = Table::new(1..3, ["node", "steps", "differs from step", "at"]);
     for n in &nodes {
         table.row(cells![
@@ -82,42 +98,52 @@ pub fn run(args: &ReplayArgs, law: ForeignLaw) -> Result<Exit, CliError> {
     Ok(Exit::of(first.is_none()))
 }
 
-fn logs(path: &Path) -> Result<Vec<PathBuf>, CliError> {
-    if path.is_file() {
-        return Ok(vec![path.into()]);
-    }
-    let entries = std::fs::read_dir(path).doing(format_args!("reading the logs in {}", path.display()))?;
-    let mut logs: Vec<PathBuf> = entries
-        .flatten()
-        .map(|e| e.path())
-        .filter(|p| p.extension().is_some_and(|e| e == "log"))
-        // The truth, beside the logs of a landing that was recorded: no node computes it.
-        .filter(|p| {
-            !p.file_name()
-                .is_some_and(|n| n.to_string_lossy().starts_with("world-"))
-        })
-        .collect();
-    logs.sort();
-    if logs.is_empty() {
+/// The starts of processes that are recorded at `path`: a flight's directory, or a part.
+fn recorded(path: &Path) -> Result<Vec<Start>, CliError> {
+    let mut starts = starts(path)?;
+    // The truth, beside the parts of a landing that was recorded: no node computes it.
+    starts.retain(|s| s.process != "world");
+    if starts.is_empty() {
+        let below = store::flights(path).is_ok_and(|f| !f.is_empty());
         return Err(CliError(format!(
-            "{}: no log (*.log) there; `alight land --log DIR` writes some",
+            "{}: {}",
+            path.display(),
+            if below {
+                "holds flights and is none; name one of them (`alight flights` lists them)"
+            } else {
+                "no step is recorded there; `alight flights` lists the flights of this computer"
+            }
+        )));
+    }
+    Ok(starts)
+}
+
+/// Replays the starts; an error where none begins with its process.
+fn replay_starts(path: &Path) -> Result<Vec<NodeReplay>, CliError> {
+    let replayed = recorded(path)?
+        .iter()
+        .filter_map(|start| replay_start(start).transpose())
+        .collect::<Result<Vec<_>, CliError>>()?;
+    if replayed.is_empty() {
+        return Err(CliError(format!(
+            "{}: no process is recorded from its beginning, and none can be computed again; name the flight's directory",
             path.display()
         )));
     }
-    Ok(logs)
+    Ok(replayed)
 }
 
-/// Replays one log of a process; None for one that begins later than its process.
-fn replay_log(path: &Path) -> Result<Option<NodeReplay>, CliError> {
-    let doing = format_args!("reading {}", path.display());
-    let (log, head) = LogReader::open(path).doing(doing)?;
-    let LogHeader {
+/// Replays one start of a process; None for one that is recorded from a later step on.
+fn replay_start(start: &Start) -> Result<Option<NodeReplay>, CliError> {
+    let steps = Steps::of(start)?;
+    let (origin, name) = (steps.path().display().to_string(), start.name());
+    let PartHeader {
         process,
         boot,
         first_step,
         config,
-    } = head;
-    let origin = path.display().to_string();
+        ..
+    } = steps.header().clone();
     if first_step > 0 {
         note(
             true,
@@ -127,37 +153,57 @@ fn replay_log(path: &Path) -> Result<Option<NodeReplay>, CliError> {
     }
     let vessel = || config::parse::<VesselComputer>(&config, &origin);
     let drone = || config::parse::<DroneComputer>(&config, &origin);
-    let replayed = match process.as_str() {
-        "vessel" => through(log, vessel()?.node(boot)),
+    match process.as_str() {
+        "vessel" => through(steps, vessel()?.node(boot), name),
         SUPERVISOR => {
             let limits = toml::from_str(&config).doing(&origin)?;
-            through(log, SupervisorNode::new(limits))
+            through(steps, SupervisorNode::new(limits), name)
         }
-        "bridge" => through(log, Bridge::new(&drone()?.bridge, boot)),
-        "predictor" => through(log, PredictorShell::node(&drone()?, boot)),
-        "mission" => through(log, MissionShell::node(&drone()?, boot)),
-        "planner" => through(log, PlannerShell::node(&drone()?, boot)),
-        "pilot" => through(log, PilotShell::node(&drone()?, boot)),
-        "autopilot" => through(log, autopilot::node(&drone()?, boot)),
-        other => {
-            return Err(CliError(format!(
-                "{origin}: the log of a process {other:?}, which this program does not have"
-            )));
-        }
-    };
-    let (steps, differs_at_step) = replayed.doing(doing)?;
-    let name = path.file_stem().unwrap_or_default();
-    Ok(Some(NodeReplay {
-        node: name.to_string_lossy().into_owned(),
-        steps,
-        differs_at_s: None,
-        differs_at_step,
-    }))
+        "bridge" => through(steps, Bridge::new(&drone()?.bridge, boot), name),
+        "predictor" => through(steps, PredictorShell::node(&drone()?, boot), name),
+        "mission" => through(steps, MissionShell::node(&drone()?, boot), name),
+        "planner" => through(steps, PlannerShell::node(&drone()?, boot), name),
+        "pilot" => through(steps, PilotShell::node(&drone()?, boot), name),
+        "autopilot" => through(steps, autopilot::node(&drone()?, boot), name),
+        other => Err(CliError(format!(
+            "{origin}: steps of a process {other:?}, which this program does not have"
+        ))),
+    }
+    .map(Some)
 }
 
-fn through<N>(log: LogReader, mut node: N) -> Result<(u64, Option<u64>), LogError>
+/// Every step through the node that begins: up to the first that is missing, without which its state is not known.
+fn through<N>(mut steps: Steps, mut node: N, name: String) -> Result<NodeReplay, CliError>
 where
     N: Node<In: DeserializeOwned, Out: Serialize>,
 {
-    log.replay(|now_ns, input| node.step(Time::from_nanos(now_ns), input))
+    let mut replayed = NodeReplay {
+        node: name,
+        steps: 0,
+        differs_at_s: None,
+        differs_at_step: None,
+    };
+    loop {
+        let origin = steps.path().display().to_string();
+        let Some(step) = steps.next()? else { break };
+        if step.number != replayed.steps {
+            note(
+                true,
+                format!(
+                    "{origin}: steps {} to {} are missing, and what follows is not computed again",
+                    replayed.steps,
+                    step.number.saturating_sub(1)
+                ),
+            );
+            break;
+        }
+        let doing = format_args!("{origin}, step {}", step.number);
+        let (now_ns, input, output_hash) = step.entry::<N::In>().doing(doing)?;
+        let output = node.step(Time::from_nanos(now_ns), &input);
+        if wire::hash_record(&output).doing(doing)? != output_hash {
+            replayed.differs_at_step.get_or_insert(step.number);
+        }
+        replayed.steps += 1;
+    }
+    Ok(replayed)
 }

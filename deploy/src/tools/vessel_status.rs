@@ -76,7 +76,7 @@ pub fn run(path: &Path, computer: &VesselComputer, watch: bool, as_json: bool) -
 /// What the status means at `now_ns` of the steady clock.
 fn judge(status: &VesselStatus, now_ns: i64) -> Vec<Finding> {
     let mut all = vec![process(status, now_ns)];
-    all.extend(log(status));
+    all.extend(recorder(status));
     all.extend(status.sources.iter().map(source));
     all.extend(estimator(&status.estimator));
     all.push(certificate(&status.certificate));
@@ -103,12 +103,12 @@ fn process(status: &VesselStatus, now_ns: i64) -> Finding {
     ))
 }
 
-/// A log that could not be written.
-fn log(status: &VesselStatus) -> Option<Finding> {
-    let steps = status.process.unlogged;
+/// A recorder that the disk refused.
+fn recorder(status: &VesselStatus) -> Option<Finding> {
+    let steps = status.process.unrecorded;
     (steps > 0).then(|| {
-        Topic("log").warning(
-            format!("{steps} steps not logged"),
+        Topic("recorder").warning(
+            format!("{steps} steps not recorded"),
             "the process goes on without; its journal names file and error: free space, or make it writable",
         )
     })
@@ -475,7 +475,7 @@ mod tests {
                 Level::Warning,
                 "deck",
             ),
-            (&|w| w.process.unlogged = 9, Level::Warning, "log"),
+            (&|w| w.process.unrecorded = 9, Level::Warning, "recorder"),
             (
                 &|w| w.estimator.sensor_age_s[1] = Some(9.0),
                 Level::Broken,

@@ -28,6 +28,7 @@ use crate::config::VesselComputer;
 use crate::exit::{CliError, Doing, Exit};
 use crate::io::sensor_socket::SensorSocket;
 use crate::process::args::ProcessArgs;
+use crate::process::flight::Flight;
 use crate::process::life::Process;
 use crate::process::notify::Notify;
 use crate::vessel::deck_file::DeckFile;
@@ -45,6 +46,12 @@ const SOURCE_SUMMARY_PERIOD_NS: i64 = 60_000_000_000;
 /// Runs until it is asked to end: receive, step, publish.
 pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     let computer: VesselComputer = config::load(&args.config)?;
+    let name = format!("vessel-{}", computer.vessel_id);
+    let mut flight = Flight::begin(&computer.recorder, args, &name, steady_ns());
+    let args = &ProcessArgs {
+        flight: args.flight.clone().or(flight.as_ref().map(Flight::path)),
+        ..args.clone()
+    };
     let mut process = Process::start(ProcessKind::Vessel, args, computer.clock, |boot| {
         computer.node(boot)
     })?;
@@ -110,6 +117,9 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
             let node = (process.node(), now);
             status_file.write(&computer, node, &report, deck, &people.peers, &sensor_supervisor);
         }
+        if let Some(flight) = &mut flight {
+            sum_up(flight, process.node(), &out);
+        }
         notify.alive(steady_ns(), || {
             let received = process.node().drones().received();
             format!(
@@ -119,7 +129,29 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         });
     }
     notify.stopping();
+    // Its recorder has written its end before the flight has one.
+    drop(process);
+    if let Some(flight) = flight {
+        flight.end(steady_ns());
+    }
     Ok(Exit::Success)
+}
+
+/// What the vessel knows of this flight: the drones' states, and the waves.
+fn sum_up(flight: &mut Flight, node: &alight_usv::VesselComputer, out: &ComputerOut) {
+    let now_ns = steady_ns();
+    for status in node.drones().statuses() {
+        let s = &status.message;
+        flight
+            .log()
+            .state(now_ns, Some(s.header.drone), s.state, s.entered, s.waiting);
+    }
+    if let Some(wave) = &out.vessel.wave {
+        flight
+            .log()
+            .set("wave_height_m", f64::from(wave.significant_height_m));
+    }
+    flight.poll(now_ns);
 }
 
 /// What the process shows people in its journal, and what it measures beside its node.

@@ -60,7 +60,7 @@ impl SensorSupervisor {
                 max_failures: None,
             };
             let mut supervisor =
-                Supervisor::new(std::env::temp_dir(), args.log.clone(), limits)?.inheriting_stderr();
+                Supervisor::new(std::env::temp_dir(), args.flight.clone(), limits)?.inheriting_stderr();
             let arguments = supervisor::arguments(ProcessKind::Sensors, &args.config);
             supervisor.start(ProcessKind::Sensors, arguments, Vec::new())?;
             Some(supervisor)

@@ -166,8 +166,8 @@ pub struct ProcessStatus {
     pub sent_bytes: u64,
     /// Packets that it had to drop.
     pub dropped: u64,
-    /// Steps that are not logged because the log could not be written.
-    pub unlogged: u64,
+    /// Steps that are not recorded because the disk refused or was too slow.
+    pub unrecorded: u64,
 }
 
 /// JSON has no infinity and no NaN.
@@ -387,7 +387,7 @@ impl StatusFile {
                 resident_bytes: process.resident_bytes,
                 sent_bytes: process.count(MetricName::BytesSent),
                 dropped: process.count(MetricName::PacketsDropped),
-                unlogged: process.count(MetricName::StepsUnlogged),
+                unrecorded: process.count(MetricName::StepsUnrecorded),
             },
             listen: computer.radio.listen.clone(),
             peers: computer.radio.tls.peers.clone(),

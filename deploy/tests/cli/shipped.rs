@@ -9,7 +9,7 @@ use toml::{Table, Value};
 use crate::program::{alight, stdout};
 
 /// Keys that the shipped files set otherwise than the program's defaults, and why.
-const OTHERWISE: [(&str, &str); 7] = [
+const OTHERWISE: [(&str, &str); 8] = [
     (
         "drone.mission.reservation_required",
         "a vessel may have several drones",
@@ -23,6 +23,7 @@ const OTHERWISE: [(&str, &str); 7] = [
     ("radio.tls.certificate", "the same"),
     ("radio.tls.key", "the same"),
     ("radio.tls.peers", "the first drone, the first vessel"),
+    ("recorder.directory", "where the packages' services may write"),
 ];
 
 fn shipped(name: &str) -> PathBuf {

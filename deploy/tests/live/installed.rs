@@ -107,6 +107,10 @@ impl Installed {
         let mavlink = format!("{host}:{port}");
         let connect = format!("udpin://{host}:{port}");
         table(&mut drone, "autopilot").insert("connect".into(), connect.into());
+        for (side, computer) in [("vessel", &mut vessel), ("drone", &mut drone)] {
+            let flights = directory.join("flights").join(side).display().to_string();
+            table(computer, "recorder").insert("directory".into(), flights.into());
+        }
         change(&mut vessel, &mut drone);
 
         let mut world = Table::new();

@@ -21,6 +21,7 @@ mod landing;
 mod link;
 mod radio;
 mod real_firmware;
+mod recorder;
 mod rehearse;
 mod sensors;
 mod survival;

@@ -1,4 +1,4 @@
-//! What a process outlives, and what outlives a process: a log that cannot be written, a process that cannot be
+//! What a process outlives, and what outlives a process: a recorder that cannot be written to, a process that cannot be
 //! started, the deck's state. Nothing here asserts a time: the bounds on waiting are only against tests that never end.
 
 use std::os::unix::fs::PermissionsExt;
@@ -108,7 +108,7 @@ fn finding<'a>(status: &'a Value, topic: &str) -> Option<&'a Value> {
 }
 
 #[test]
-fn process_flies_on_without_a_log_that_cannot_be_written_and_logs_again_when_it_can() {
+fn process_flies_on_without_a_recorder_that_cannot_be_written_and_records_again_when_it_can() {
     let name = instance("log");
     let log = scratch("log-blocked");
     let child = land(&name, &format!("--warm-up 600 --log {}", log.display()));
@@ -117,9 +117,9 @@ fn process_flies_on_without_a_log_that_cannot_be_written_and_logs_again_when_it_
     std::fs::rename(&log, log.with_extension("before")).expect("moved");
     std::fs::write(&log, "").expect("written");
     signal(old, "-KILL");
-    let unlogged = |s: &Value| s["metrics"]["pilot"]["steps_not_logged"].as_u64();
+    let unrecorded = |s: &Value| s["metrics"]["pilot"]["steps_not_recorded"].as_u64();
     let seen = status_when(&name, |s| {
-        pid(s, "pilot").is_some_and(|new| new != old) && unlogged(s).is_some_and(|n| n > 0)
+        pid(s, "pilot").is_some_and(|new| new != old) && unrecorded(s).is_some_and(|n| n > 0)
     });
     let new = pid(&seen, "pilot");
     std::fs::remove_file(&log).expect("removed");
@@ -181,7 +181,7 @@ fn pilot_and_link_outlive_a_camera_that_cannot_be_started() {
 }
 
 #[test]
-fn vessel_outlives_a_limit_on_the_size_of_its_log_and_says_so() {
+fn vessel_outlives_a_limit_on_the_size_of_its_recorder_and_says_so() {
     let vessel = Vessel::prepare("log-limit");
     let log = vessel.directory.join("log");
     // 64 blocks of 512 or 1024 bytes.
@@ -190,18 +190,18 @@ fn vessel_outlives_a_limit_on_the_size_of_its_log_and_says_so() {
     let file = std::fs::File::create(&errors).expect("made");
     let mut running = Running(
         command
-            .arg("--log")
+            .arg("--flight")
             .arg(&log)
             .stderr(file)
             .spawn()
             .expect("starts"),
     );
-    let status = vessel.status_when("the log is full", |s| finding(s, "log").is_some());
-    assert_eq!(finding(&status, "log").expect("there")["level"], "warning");
+    let status = vessel.status_when("the recorder is full", |s| finding(s, "recorder").is_some());
+    assert_eq!(finding(&status, "recorder").expect("there")["level"], "warning");
     assert!(running.0.try_wait().expect("asked").is_none(), "it has ended");
     let said = std::fs::read_to_string(&errors).expect("read");
     assert!(
-        said.contains("goes on without its log: writing") && said.contains(&log.display().to_string()),
+        said.contains("goes on without its recorder: writing") && said.contains(&log.display().to_string()),
         "{said}"
     );
 }

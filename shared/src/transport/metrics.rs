@@ -90,8 +90,8 @@ names! {
     TimeSinceStart: "time since start",
     SlicesUnanswered: "slices unanswered",
     ImagesDropped: "images dropped",
-    // Of every process that logs.
-    StepsUnlogged: "steps not logged",
+    // Of every process that records.
+    StepsUnrecorded: "steps not recorded",
 }
 
 /// The value of a metric, with its unit.

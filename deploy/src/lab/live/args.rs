@@ -76,7 +76,7 @@ pub struct LandArgs {
     /// Write what the processes use, and their files, to this file (CSV) once a minute
     #[arg(long, value_name = "FILE.csv")]
     pub usage: Option<PathBuf>,
-    /// Every process logs what it consumed into this directory, for `alight replay`
+    /// Every process records its steps in this directory, a flight for `alight replay`
     #[arg(long, value_name = "DIR")]
     pub log: Option<PathBuf>,
     /// Kill a process, or freeze it for 0.2 to 2 s, in a phase or at the first contact:

@@ -23,6 +23,7 @@ use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_usv::DeckConfig;
 
 use crate::config::camera::{CameraSource, UltravioletSource};
+use crate::config::recorder::RecorderConfig;
 use crate::config::supervision::Supervision;
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Exit};
@@ -43,11 +44,11 @@ use crate::lab::{outcome_table, plot};
 use crate::process::instance::OwnedInstance;
 use crate::process::keeper::CheckpointKeeper;
 use crate::process::life::{draw_boot, end_with_supervisor};
-use crate::process::log;
 use crate::process::observer::Observer;
 use crate::process::scheduling;
 use crate::process::supervision::Limits;
 use crate::process::supervisor::{Event, Supervisor, arguments};
+use crate::record::flight::recorder;
 use crate::terminal::{self, note};
 use crate::vessel::deck_file;
 
@@ -112,8 +113,8 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
     let services = Services::create(&memory)?;
     owned.ready()?;
     let plan = LandingSetup::of(&scene, args, &owned)?;
-    if let Some(log) = &plan.log {
-        log::can_write(log)?;
+    if let Some(flight) = &plan.flight {
+        recorder::can_write(flight)?;
     }
     let landing = match Landing::begin(args, &memory, &plan, &owned) {
         // A signal can end a start half way; what it broke there is no error of the input.
@@ -144,7 +145,8 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
 
 /// Records the landing that just ended, when it was asked for.
 fn record(args: &LandArgs, scene: &Scene, plan: &LandingSetup, ending: &Ending) -> Result<(), CliError> {
-    let (Some(path), Some(log), WorldReport::Landed(landed)) = (&args.record, &plan.log, &ending.result)
+    let (Some(path), Some(flight), WorldReport::Landed(landed)) =
+        (&args.record, &plan.flight, &ending.result)
     else {
         return Ok(());
     };
@@ -157,11 +159,8 @@ fn record(args: &LandArgs, scene: &Scene, plan: &LandingSetup, ending: &Ending) 
         live: true,
     };
     let computers = (&plan.vessel, &plan.drone);
-    for process in recording::write(path, log, computers, subject, &landed.outcome)? {
-        note(
-            true,
-            format!("the recording has the {process} up to its first end only"),
-        );
+    for line in recording::write(path, flight, computers, subject, &landed.outcome)? {
+        note(true, line);
     }
     note(args.json, format!("recording: {}", path.display()));
     Ok(())
@@ -220,7 +219,7 @@ struct LandingSetup {
     world: PathBuf,
     attachments: Attachments,
     attachments_file: PathBuf,
-    log: Option<PathBuf>,
+    flight: Option<PathBuf>,
     clock: ProcessClock,
     warm_up_s: f64,
     ids: (u32, u32),
@@ -276,6 +275,7 @@ impl LandingSetup {
             camera: CameraSource::of_simulation(scene.scenario.sensors.render.on),
             uvdar: UltravioletSource::default(),
             supervision: Supervision::default(),
+            recorder: RecorderConfig::default(),
             drone: scene.nodes.settings(),
         };
         let world = SimulatedWorld {
@@ -307,10 +307,10 @@ impl LandingSetup {
             clock: drone.clock,
             warm_up_s: scene.scenario.start.warm_up_s,
             ids: (drone.bridge.vessel_id, drone.bridge.drone_id),
-            // What is recorded needs a log, and without --log it goes with the instance.
-            log: match (&args.log, &args.record) {
-                (Some(log), _) => Some(log.clone()),
-                (None, Some(_)) => Some(owned.file("log")),
+            // A recording is made of what the processes record, which without --log goes with the instance.
+            flight: match (&args.log, &args.record) {
+                (Some(flight), _) => Some(flight.clone()),
+                (None, Some(_)) => Some(owned.file("flight")),
                 (None, None) => None,
             },
             vessel,
@@ -383,7 +383,7 @@ impl<'a> Landing<'a> {
             silence_timeout_s: Some(SILENCE_TIMEOUT_S),
             max_failures: Some(MAX_FAILURES),
         };
-        let mut supervisor = Supervisor::new(owned.instance().directory(), plan.log.clone(), limits)?;
+        let mut supervisor = Supervisor::new(owned.instance().directory(), plan.flight.clone(), limits)?;
         // A simulated deck is empty before anything lands there.
         deck_file::write_first(&owned.instance().directory(), &plan.vessel).map_err(CliError)?;
         plan.air.start(&mut supervisor)?;

@@ -29,7 +29,7 @@ use crate::lab::live::render_thread::RenderThread;
 use crate::lab::live::truth::Truth;
 use crate::lab::plot;
 use crate::process::instance::owner;
-use crate::process::life::{Life, draw_boot, node_log};
+use crate::process::life::{Life, draw_boot, node_recorder};
 use crate::terminal;
 
 /// The line that reports the first contact.
@@ -102,8 +102,8 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     let mut looked_ns = steady_ns();
     let (mut touched, mut motors_on_deck_s) = (false, 0.0);
 
-    let mut truth = match &args.log {
-        Some(directory) if world.truth => Some(node_log(
+    let mut truth = match &args.flight {
+        Some(directory) if world.truth => Some(node_recorder(
             directory,
             ProcessKind::World.name(),
             life.boot(),
@@ -130,8 +130,8 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         let before = steady_ns();
 
         plant.place(&mut physics);
-        if let Some(log) = &mut truth {
-            log.write(before, physics.now().nanos(), &Truth::of(&physics), &());
+        if let Some(recorder) = &mut truth {
+            recorder.step(before, physics.now().nanos(), &Truth::of(&physics), &());
         }
         let readings = physics.vessel_readings();
         sensors.send(&Readings {

@@ -15,8 +15,8 @@ use serde_json::{Value, json};
 
 use crate::config::VesselComputer;
 use crate::exit::{CliError, Doing, Exit};
-use crate::process::log::LogReader;
 use crate::record::entry::Entry;
+use crate::record::flight::reading::{Steps, is_part, starts};
 use crate::record::reading::{Recording, contained};
 use crate::record::{NODES, VESSEL_FILE};
 use crate::terminal;
@@ -34,13 +34,13 @@ const MAX_TABLE_BYTES: u64 = 256 << 20;
 step off; push her forward, sideways, and turn her, and let go. Three times each, and let her come to rest between, \
 for longer than she moves. For the antenna's place rock her for two minutes, or take a recording in waves.\n\
 For M in roll and pitch lay a known weight off the middle and record her at rest for a minute (--loaded-log, --weight).\n\
-Record with: alight vessel --config /etc/alight/vessel.toml --log DIR (its vessel-*.log)\n\
+The vessel's flight recorder records it: `alight flights` names the flight; or take one of its files, vessel-*.mcap\n\
 Exit codes: 0 something was found, 1 nothing is observable, 2 bad input."
 )]
 pub struct VesselArgs {
-    /// The recording: an MCAP file, a log of `alight vessel --log`, or a table (CSV) with t_s and any of
+    /// The recording: an MCAP file, a flight of the vessel's recorder, or a table (CSV) with t_s and any of
     /// roll_deg, pitch_deg, heading_deg, heave_m, surge_m, sway_m
-    #[arg(value_name = "FILE")]
+    #[arg(value_name = "FILE|FLIGHT")]
     pub recording: PathBuf,
     /// Configuration of the vessel's computer (TOML) [default: the recording's, else the program's defaults]
     #[arg(long, value_name = "FILE")]
@@ -99,38 +99,44 @@ type Configured = (VesselNodeConfig, VesselCalibration);
 
 fn read(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, CliError> {
     match path.extension().and_then(|e| e.to_str()) {
+        _ if path.is_dir() || is_part(path) => contained(path, || flown(path, named)),
         Some("mcap") => recorded(path, named),
         Some("csv") => table(path, named.unwrap_or_default()),
-        Some("log") => logged(path, named),
         Some(_) | None => Err(CliError(format!(
-            "{}: neither FILE.mcap, FILE.log nor FILE.csv",
+            "{}: neither FILE.mcap, FILE.csv nor a flight of the recorder",
             path.display()
         ))),
     }
 }
 
-/// What the vessel's process logged.
-fn logged(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, CliError> {
-    let doing = format_args!("reading {}", path.display());
-    let (mut log, head) = LogReader::open(path).doing(doing)?;
-    if head.process != "vessel" {
-        return Err(CliError(format!(
-            "{}: the log of the process `{}`; the vessel's is vessel-*.log",
-            path.display(),
-            head.process
-        )));
-    }
-    let config = match named {
-        Some(config) => config,
-        None => {
-            config::parse::<VesselComputer>(&head.config, &format!("{}, its configuration", path.display()))?
-                .vessel
-        }
-    };
+/// What the vessel's process recorded in a flight, or in one of its parts.
+fn flown(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, CliError> {
+    let mut own = starts(path)?;
+    own.retain(|s| s.process == "vessel");
     let mut record = Record::default();
-    while let Some((_, input, _)) = log.step::<ComputerIn>().doing(doing)? {
-        record.add(&input.vessel);
+    let mut config = named;
+    for start in &own {
+        let mut steps = Steps::of(start)?;
+        if config.is_none() {
+            let origin = format!("{}, its configuration", steps.path().display());
+            config = Some(config::parse::<VesselComputer>(&steps.header().config, &origin)?.vessel);
+        }
+        while let Some(step) = steps.next()? {
+            let (_, input, _) = step.entry::<ComputerIn>().doing(format_args!(
+                "reading step {} in {}",
+                step.number,
+                path.display()
+            ))?;
+            record.add(&input.vessel);
+        }
     }
+    let config = config.filter(|_| !own.is_empty());
+    let config = config.ok_or_else(|| {
+        CliError(format!(
+            "{}: holds no step of the vessel's process; its files are vessel-*.mcap",
+            path.display()
+        ))
+    })?;
     let found = record.identify(&config);
     Ok((config, found))
 }

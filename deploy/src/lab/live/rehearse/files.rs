@@ -125,6 +125,16 @@ impl Plan {
                 set(&mut vessel_file, &["deck"], key, "");
             }
         }
+        // A person's flights stay what they are.
+        for (name, file, recorder) in [
+            ("vessel", &mut vessel_file, &vessel.recorder),
+            ("drone", &mut drone_file, &drone.recorder),
+        ] {
+            if !recorder.directory.is_empty() {
+                let flights = directory.file("flights").join(name);
+                set(file, &["recorder"], "directory", flights.display().to_string());
+            }
+        }
         let sources = sources(&vessel, &directory);
         let list = Value::try_from(&sources).doing("writing the sensors")?;
         set(&mut vessel_file, &["sensor"], "sources", list);
@@ -491,12 +501,18 @@ mod tests {
         };
         assert_eq!(
             sorted(vessel),
-            expected(&["radio.listen", "sensor.sources", "sensors"])
+            expected(&["radio.listen", "recorder.directory", "sensor.sources", "sensors"])
         );
         let drone = of(SHIPPED_DRONE, "drone.toml");
         assert_eq!(
             sorted(drone),
-            expected(&["autopilot.connect", "camera.source", "instance", "radio.connect"])
+            expected(&[
+                "autopilot.connect",
+                "camera.source",
+                "instance",
+                "radio.connect",
+                "recorder.directory"
+            ])
         );
         assert_eq!(plan.certificates, ["vessel-1", "drone-1"]);
         assert!(plan.contradictions.is_empty());

@@ -1,0 +1,27 @@
+//! The flight recorder's place and size.
+
+use alight_shared::config;
+
+/// Bytes of a GB.
+const GB: f64 = 1e9;
+
+config! {
+    /// The flight recorder.
+    pub struct RecorderConfig {
+        /// Directory of the flights: each start of the computer's processes records in a directory of its own below it.
+        /// Empty: nothing is recorded.
+        pub directory: String = String::new();
+        /// All flights together take no more, GB: the oldest are removed, whole; where one alone takes more, its oldest
+        /// parts. 256 MB of the disk are left to the rest of the computer in any case.
+        /// Source: Measured: a drone's computer writes 1.1 GB an hour, a vessel's 0.1.
+        pub max_gb: f64 = 16.0, in 1.0..=100000.0;
+    }
+}
+
+impl RecorderConfig {
+    /// What all flights may take, bytes.
+    pub fn max_bytes(&self) -> u64 {
+        // Above zero, by its range.
+        (self.max_gb * GB) as u64
+    }
+}

@@ -1,0 +1,280 @@
+//! A flight as its computer sums it up: states, outcome and figures, for the recorder's summary.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use alight_shared::msg::{DroneStatus, Reason, State};
+
+use crate::config::recorder::RecorderConfig;
+use crate::process::args::ProcessArgs;
+use crate::process::snapshot::Snapshot;
+use crate::record::flight::keeper::{FlightKeeper, SUMMARY_PERIOD_NS};
+use crate::record::flight::summary::Summary;
+
+/// Drones that a vessel sums up, at most: a hostile one may invent numbers.
+const MAX_DRONES: usize = 16;
+
+/// The flight that a computer's first process begins and sums up.
+pub struct Flight {
+    log: FlightLog,
+    keeper: FlightKeeper,
+}
+
+impl Flight {
+    /// Begins one, where the configuration names a directory, and no other process has begun one for this.
+    pub fn begin(config: &RecorderConfig, args: &ProcessArgs, computer: &str, now_ns: i64) -> Option<Flight> {
+        (args.flight.is_none() && !config.directory.is_empty()).then(|| Flight {
+            log: FlightLog::of(computer, now_ns),
+            keeper: FlightKeeper::begin(config.directory.as_ref(), config.max_bytes()),
+        })
+    }
+    /// Where the processes record.
+    pub fn path(&self) -> PathBuf {
+        self.keeper.path().into()
+    }
+    /// What is known of it.
+    pub fn log(&mut self) -> &mut FlightLog {
+        &mut self.log
+    }
+    /// Has it written when it is time.
+    pub fn poll(&mut self, now_ns: i64) {
+        if self.log.is_due(now_ns) && self.keeper.sum_up(self.log.summary(now_ns, false)) {
+            self.log.written(now_ns);
+        }
+    }
+    /// Nobody records any more.
+    pub fn end(mut self, now_ns: i64) {
+        // A disk that is behind has the one before.
+        let _behind = self.keeper.sum_up(self.log.summary(now_ns, true));
+    }
+}
+
+/// Who is in a state: a vessel's drones by their numbers, on the drone itself nobody else.
+type Who = Option<u32>;
+
+/// States, outcome and figures as they come.
+pub struct FlightLog {
+    summary: Summary,
+    begun_ns: i64,
+    /// The state of each, since when, and since when it has been on its way to the deck.
+    states: BTreeMap<Who, (State, i64, Option<i64>)>,
+    changed: bool,
+    due_ns: i64,
+}
+
+impl FlightLog {
+    /// Of a flight of this computer that begins at `now_ns` of the steady clock.
+    pub fn of(computer: &str, now_ns: i64) -> FlightLog {
+        FlightLog {
+            summary: Summary {
+                outcome: "not commanded".into(),
+                ..Summary::of(computer)
+            },
+            begun_ns: now_ns,
+            states: BTreeMap::new(),
+            changed: true,
+            due_ns: now_ns,
+        }
+    }
+    fn t_s(&self, now_ns: i64) -> f64 {
+        (now_ns - self.begun_ns).max(0) as f64 * 1e-9
+    }
+    /// A drone is in this state, for this reason, and waits for that.
+    pub fn state(&mut self, now_ns: i64, who: Who, state: State, entered: Reason, waiting: Reason) {
+        let before = self.states.get(&who).copied();
+        if before.is_some_and(|(last, ..)| last == state)
+            || (before.is_none() && self.states.len() >= MAX_DRONES)
+        {
+            return;
+        }
+        self.count_time(now_ns, who);
+        let ended = matches!(state, State::Idle | State::Landed | State::GaveUp);
+        let (last, way_ns) = before.map_or((State::Idle, None), |(last, _, way_ns)| (last, way_ns));
+        let way_ns = way_ns.or((last == State::Idle && !ended).then_some(now_ns));
+        if state == State::Landed && before.is_some() {
+            self.add("landed", 1.0);
+            if let Some(from) = way_ns {
+                self.set("landing_s", (now_ns - from) as f64 * 1e-9);
+            }
+        }
+        if state == State::GaveUp && before.is_some() {
+            self.add("gave_up", 1.0);
+        }
+        self.states
+            .insert(who, (state, now_ns, way_ns.filter(|_| !ended)));
+        let t_s = self.t_s(now_ns);
+        // At first sight it is not known how the state was entered.
+        let reason = if before.is_none() { waiting } else { entered };
+        self.summary
+            .enter(t_s, &named(who, state.name()), reason.to_string());
+        let outcome = match state {
+            // What came before counts.
+            State::Idle if !matches!(last, State::Idle | State::Landed | State::GaveUp) => "ended",
+            State::Idle => "",
+            // It was before this flight that it landed or gave up.
+            State::Landed | State::GaveUp if before.is_none() => "",
+            State::Landed => "landed",
+            State::GaveUp => "gave up",
+            State::GetAltitude
+            | State::Approach
+            | State::Tracking
+            | State::TrackingStable
+            | State::Descent
+            | State::Flare
+            | State::Hold => "in flight",
+        };
+        if !outcome.is_empty() {
+            self.summary.outcome = named(who, outcome);
+            self.summary.reason = format!("{}: {reason}", state.name());
+        }
+        self.changed = true;
+    }
+    fn count_time(&mut self, now_ns: i64, who: Who) {
+        if let Some((state, since_ns, way_ns)) = self.states.get(&who).copied() {
+            let time = self
+                .summary
+                .time_in_s
+                .entry(named(who, state.name()))
+                .or_default();
+            *time += (now_ns - since_ns).max(0) as f64 * 1e-9;
+            self.states.insert(who, (state, now_ns, way_ns));
+        }
+    }
+    /// A figure is this much now.
+    pub fn set(&mut self, name: &str, value: f64) {
+        if value.is_finite() {
+            self.summary.figures.insert(name.into(), value);
+        }
+    }
+    /// A figure is the largest of what it was.
+    pub fn max(&mut self, name: &str, value: f64) {
+        let before = self.summary.figures.get(name).copied();
+        self.set(name, before.map_or(value, |b| b.max(value)));
+    }
+    fn add(&mut self, name: &str, value: f64) {
+        let before = self.summary.figures.get(name).copied().unwrap_or(0.0);
+        self.set(name, before + value);
+    }
+    /// What the drone's supervisor sees.
+    pub fn observe(&mut self, now_ns: i64, seen: &Snapshot, restarts: u32) {
+        let Some(m) = &seen.mission else { return };
+        let was = self.states.get(&None).map(|s| s.0);
+        self.state(now_ns, None, m.state, m.entered, m.waiting);
+        if m.state == State::Landed && was.is_some_and(|s| s != State::Landed) {
+            let apart =
+                DroneStatus::deck_distance_m(m.header.at, seen.drone.as_ref(), seen.forecast.as_ref());
+            if let Some(m) = apart {
+                self.set("off_centre_m", f64::from(m));
+            }
+        }
+        self.set("descents", f64::from(m.attempts));
+        self.set("restarts", f64::from(restarts));
+        if let Some(battery) = seen.autopilot.as_ref().and_then(|a| a.battery) {
+            self.set("battery", battery);
+        }
+        if let Some(link) = seen
+            .link
+            .as_ref()
+            .filter(|_| !matches!(m.state, State::Idle | State::Landed))
+        {
+            self.max("link_age_max_s", link.age_s);
+            self.max("link_loss_max", link.loss);
+        }
+    }
+    /// It changed, or has not been written for long.
+    fn is_due(&self, now_ns: i64) -> bool {
+        now_ns >= self.due_ns || (self.changed && now_ns >= self.due_ns - SUMMARY_PERIOD_NS + 500_000_000)
+    }
+    fn written(&mut self, now_ns: i64) {
+        (self.changed, self.due_ns) = (false, now_ns + SUMMARY_PERIOD_NS);
+    }
+    /// The summary now.
+    fn summary(&mut self, now_ns: i64, ended: bool) -> &Summary {
+        for who in self.states.keys().copied().collect::<Vec<_>>() {
+            self.count_time(now_ns, who);
+        }
+        (self.summary.length_s, self.summary.ended) = (self.t_s(now_ns), ended);
+        &self.summary
+    }
+}
+
+fn named(who: Who, what: &str) -> String {
+    who.map_or_else(|| what.into(), |drone| format!("drone {drone}: {what}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::ReasonCode;
+
+    const S: i64 = 1_000_000_000;
+
+    fn reason(code: ReasonCode) -> Reason {
+        Reason {
+            code,
+            ..Reason::default()
+        }
+    }
+
+    #[test]
+    fn flight_summary_of_a_landing_and_a_second_that_gives_up() {
+        let mut log = FlightLog::of("drone-1", 0);
+        let mut enter = |log: &mut FlightLog, s: i64, state| {
+            log.state(
+                s * S,
+                None,
+                state,
+                reason(ReasonCode::Reached),
+                reason(ReasonCode::NotCommanded),
+            );
+        };
+        assert_eq!(log.summary(S, false).outcome, "not commanded");
+        for (s, state) in [
+            (1, State::Idle),
+            (10, State::Approach),
+            (15, State::Approach),
+            (20, State::Descent),
+            (24, State::Landed),
+        ] {
+            enter(&mut log, s, state);
+        }
+        let landed = log.summary(30 * S, false).clone();
+        assert_eq!(landed.outcome, "landed");
+        assert_eq!(
+            (landed.figures["landed"], landed.figures["landing_s"]),
+            (1.0, 14.0)
+        );
+        assert_eq!(
+            (landed.time_in_s["Idle"], landed.time_in_s["Approach"]),
+            (9.0, 10.0)
+        );
+        assert_eq!((landed.time_in_s["Landed"], landed.length_s), (6.0, 30.0));
+        let states: Vec<&str> = landed.phases.iter().map(|p| p.state.as_str()).collect();
+        assert_eq!(states, ["Idle", "Approach", "Descent", "Landed"]);
+
+        for (s, state) in [
+            (40, State::Idle),
+            (50, State::GetAltitude),
+            (60, State::GaveUp),
+            (61, State::Idle),
+        ] {
+            enter(&mut log, s, state);
+        }
+        let second = log.summary(70 * S, true);
+        assert_eq!((second.outcome.as_str(), second.ended), ("gave up", true));
+        assert_eq!((second.figures["landed"], second.figures["gave_up"]), (1.0, 1.0));
+    }
+
+    #[test]
+    fn flight_summary_of_a_vessel_names_its_drones_and_is_bounded() {
+        let mut log = FlightLog::of("vessel-1", 0);
+        for drone in 0..1000 {
+            let (entered, waiting) = (reason(ReasonCode::Touchdown), Reason::default());
+            log.state(0, Some(drone), State::Flare, entered, waiting);
+            log.state(S, Some(drone), State::Landed, entered, waiting);
+        }
+        let summary = log.summary(2 * S, false);
+        assert_eq!(summary.outcome, "drone 15: landed");
+        assert_eq!((summary.phases.len(), summary.time_in_s.len()), (32, 32));
+    }
+}

@@ -1,0 +1,53 @@
+//! Gives a part an end that a kill or a power cut left without: with its index, so that viewers open it.
+
+use std::path::Path;
+
+use super::parts::{PartHeader, PartWriter};
+use super::reading::{Part, is_whole, parts, read_header};
+use crate::exit::{CliError, Doing};
+
+/// What mending did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Mended {
+    /// Parts that got an end.
+    pub parts: usize,
+    /// Steps in them.
+    pub steps: usize,
+    /// Parts that were cut off before their first step, and are removed.
+    pub empty: usize,
+}
+
+/// Mends every part of a flight that does not run.
+pub fn mend(directory: &Path) -> Result<Mended, CliError> {
+    let mut mended = Mended::default();
+    for path in parts(directory)?.iter().filter(|p| !is_whole(p)) {
+        match read_header(path)? {
+            None => {
+                std::fs::remove_file(path).doing(format_args!("removing {}", path.display()))?;
+                mended.empty += 1;
+            }
+            Some(header) => {
+                mended.steps += rewrite(path, &header)?;
+                mended.parts += 1;
+            }
+        }
+    }
+    Ok(mended)
+}
+
+/// Writes the part anew beside itself, then in its place; its steps.
+fn rewrite(path: &Path, header: &PartHeader) -> Result<usize, CliError> {
+    let doing = format_args!("mending {}", path.display());
+    let part = Part::open(path)?;
+    let new = path.with_extension("mended");
+    let _none = std::fs::remove_file(&new);
+    let mut writer = PartWriter::create(&new, header, 0).doing(doing)?;
+    for step in (0..part.len()).filter_map(|k| part.step(k)) {
+        writer
+            .write(step.number, (0, step.utc_ns), step.bytes)
+            .doing(doing)?;
+    }
+    writer.finish().doing(doing)?;
+    std::fs::rename(&new, path).doing(doing)?;
+    Ok(part.len())
+}

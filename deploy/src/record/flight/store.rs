@@ -1,0 +1,307 @@
+//! The flights of a computer: their directories, and which of them go when the disk is full.
+
+use std::fs::{File, TryLockError};
+use std::io;
+use std::path::{Path, PathBuf};
+
+use time::OffsetDateTime;
+
+use super::reading::{is_whole, parts};
+use super::summary::{SUMMARY_FILE, Summary};
+use super::{EXTENSION, MIN_FREE_BYTES, free_bytes};
+
+/// Flights that are looked at, at most; a computer that starts every minute makes so many in a week.
+const MAX_FLIGHTS: usize = 10_000;
+/// Names that are tried for a new flight.
+const MAX_TRIES: u32 = 100;
+
+/// A flight on the disk.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Flight {
+    /// Its directory.
+    pub path: PathBuf,
+    /// Counts the flights of the computer, whatever its clock says.
+    pub number: u32,
+    /// When it began (UTC), as 20261125T181500Z.
+    pub begun: String,
+}
+
+impl Flight {
+    /// Of a directory with the name of one.
+    pub fn of(path: &Path) -> Option<Flight> {
+        let name = path.file_name()?.to_str()?;
+        let (begun, number) = name.split_once('-')?;
+        let stamp = |k: usize, c: char| match k {
+            8 => c == 'T',
+            15 => c == 'Z',
+            _ => c.is_ascii_digit(),
+        };
+        let is_stamp = begun.len() == 16 && begun.chars().enumerate().all(|(k, c)| stamp(k, c));
+        is_stamp.then_some(())?;
+        Some(Flight {
+            path: path.into(),
+            number: number.parse().ok()?,
+            begun: begun.into(),
+        })
+    }
+    /// Bytes of its files.
+    pub fn bytes(&self) -> u64 {
+        let files = std::fs::read_dir(&self.path).into_iter().flatten().flatten();
+        files.filter_map(|f| f.metadata().ok()).map(|m| m.len()).sum()
+    }
+    /// Its processes run.
+    pub fn is_running(&self) -> bool {
+        File::open(&self.path).is_ok_and(|d| matches!(d.try_lock_shared(), Err(TryLockError::WouldBlock)))
+    }
+    /// Parts, and those of them without an end.
+    pub fn parts(&self) -> (usize, usize) {
+        let all = parts(&self.path).unwrap_or_default();
+        (all.len(), all.iter().filter(|p| !is_whole(p)).count())
+    }
+    /// Its summary.
+    pub fn summary(&self) -> Option<Summary> {
+        Summary::read(&self.path)
+    }
+}
+
+/// The flights below `root`, the oldest first.
+pub fn flights(root: &Path) -> io::Result<Vec<Flight>> {
+    let mut found: Vec<Flight> = std::fs::read_dir(root)?
+        .flatten()
+        // A link is none: what it leads to is not ours to remove.
+        .filter(|e| e.file_type().is_ok_and(|t| t.is_dir()))
+        .filter_map(|e| Flight::of(&e.path()))
+        .take(MAX_FLIGHTS)
+        .collect();
+    found.sort_by(|a, b| (a.number, &a.begun).cmp(&(b.number, &b.begun)));
+    Ok(found)
+}
+
+/// Whether `directory` is that of one flight, by its files: that of `land --log` has no flight's name.
+pub fn is_flight(directory: &Path) -> bool {
+    directory.join(SUMMARY_FILE).is_file() || parts(directory).is_ok_and(|p| !p.is_empty())
+}
+
+/// Begins a flight below `root`: its directory, and the lock that says that it runs. The directory is named also where
+/// it cannot be made: the processes try again.
+pub fn begin(root: &Path) -> (PathBuf, io::Result<File>) {
+    let stamp = stamp(OffsetDateTime::now_utc());
+    let made = std::fs::create_dir_all(root);
+    let newest = flights(root).ok().and_then(|all| all.last().map(|f| f.number));
+    let first = newest.unwrap_or(0).saturating_add(1);
+    let path = |number: u32| root.join(format!("{stamp}-{number:04}"));
+    if let Err(e) = made {
+        return (path(first), Err(e));
+    }
+    for number in (first..).take(MAX_TRIES as usize) {
+        let path = path(number);
+        match std::fs::create_dir(&path) {
+            // Another computer's process has taken it.
+            Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
+            Err(e) => return (path, Err(e)),
+            Ok(()) => {
+                let lock = lock(root, &path);
+                return (path, lock);
+            }
+        }
+    }
+    (path(first), Err(io::ErrorKind::AlreadyExists.into()))
+}
+
+fn lock(root: &Path, path: &Path) -> io::Result<File> {
+    // Its name outlives a power cut.
+    File::open(root)?.sync_all()?;
+    let directory = File::open(path)?;
+    // A file system without locks records as well.
+    let _unlocked = directory.try_lock();
+    Ok(directory)
+}
+
+/// A time (UTC) as 20261125T181500Z.
+fn stamp(t: OffsetDateTime) -> String {
+    let (year, month) = (t.year().clamp(0, 9999), u8::from(t.month()));
+    let (hour, minute, second) = t.to_hms();
+    format!(
+        "{year:04}{month:02}{:02}T{hour:02}{minute:02}{second:02}Z",
+        t.day()
+    )
+}
+
+/// Something that went to make room.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Removed {
+    /// A whole flight.
+    Flight(PathBuf),
+    /// Nothing else was left: the oldest part of the flight that runs, which cannot be computed again any more.
+    Part(PathBuf),
+}
+
+/// Room on the disk.
+#[derive(Clone, Copy, Debug)]
+pub struct Room {
+    /// All flights together take no more, bytes.
+    pub max_bytes: u64,
+    /// So much stays free, bytes.
+    pub min_free_bytes: u64,
+}
+
+impl Room {
+    /// With so many bytes for the flights; recording stops where less is free, so more is made before.
+    pub fn of(max_bytes: u64) -> Room {
+        Room {
+            max_bytes,
+            min_free_bytes: 2 * MIN_FREE_BYTES,
+        }
+    }
+    /// Removes the oldest flights below `root` until there is room, none that runs; then the oldest parts of `current`.
+    pub fn make(&self, root: &Path, current: &Path) -> io::Result<Vec<Removed>> {
+        let sized = |f: Flight| {
+            let bytes = f.bytes();
+            (f, bytes)
+        };
+        let all: Vec<(Flight, u64)> = flights(root)?.into_iter().map(sized).collect();
+        let mut total: u64 = all.iter().map(|(_, bytes)| bytes).sum();
+        let enough = |total| {
+            total <= self.max_bytes && free_bytes(root).is_none_or(|free| free >= self.min_free_bytes)
+        };
+        let mut removed = Vec::new();
+        for (flight, bytes) in all {
+            if enough(total) {
+                return Ok(removed);
+            }
+            if flight.path == current || flight.is_running() {
+                continue;
+            }
+            std::fs::remove_dir_all(&flight.path)?;
+            total = total.saturating_sub(bytes);
+            removed.push(Removed::Flight(flight.path));
+        }
+        for (path, bytes) in closed_parts(current) {
+            if enough(total) {
+                break;
+            }
+            std::fs::remove_file(&path)?;
+            total = total.saturating_sub(bytes);
+            removed.push(Removed::Part(path));
+        }
+        Ok(removed)
+    }
+}
+
+/// Parts of a flight that runs, with their bytes, the oldest first, without the newest of each process: it is written.
+fn closed_parts(directory: &Path) -> Vec<(PathBuf, u64)> {
+    let mut all: Vec<_> = std::fs::read_dir(directory)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .filter(|e| e.path().extension().is_some_and(|x| x == EXTENSION))
+        .filter_map(|e| {
+            let meta = e.metadata().ok()?;
+            let name = e.file_name().into_string().ok()?;
+            let process = name.split('-').next()?.to_owned();
+            Some((meta.modified().ok()?, process, e.path(), meta.len()))
+        })
+        .collect();
+    all.sort();
+    let newest = |process: &str| all.iter().rposition(|(_, p, ..)| p == process);
+    let closed = all
+        .iter()
+        .enumerate()
+        .filter(|(k, (_, process, ..))| newest(process) != Some(*k));
+    closed
+        .map(|(_, (_, _, path, bytes))| (path.clone(), *bytes))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A directory of flights, each with a part of 1000 bytes of each process.
+    fn root(name: &str, numbers: &[u32]) -> PathBuf {
+        let root = std::env::temp_dir().join(format!("alight-flights-{}-{name}", std::process::id()));
+        let _none = std::fs::remove_dir_all(&root);
+        for number in numbers {
+            // The clock of a computer without a receiver begins anew.
+            let path = root.join(format!("2026112{}T181500Z-{number:04}", 9 - number % 10));
+            std::fs::create_dir_all(&path).unwrap();
+            for process in ["pilot", "mission"] {
+                std::fs::write(path.join(format!("{process}-00000007-001.mcap")), [0; 1000]).unwrap();
+            }
+        }
+        root
+    }
+    fn left(root: &Path) -> Vec<u32> {
+        flights(root).unwrap().iter().map(|f| f.number).collect()
+    }
+    fn room(max_bytes: u64) -> Room {
+        Room {
+            max_bytes,
+            min_free_bytes: 0,
+        }
+    }
+
+    #[test]
+    fn oldest_flights_make_room_and_nothing_else_in_the_directory_does() {
+        let root = root("room", &[1, 2, 3, 4]);
+        let elsewhere = root.with_extension("elsewhere");
+        std::fs::create_dir_all(&elsewhere).unwrap();
+        std::fs::write(elsewhere.join("file"), "somebody else's").unwrap();
+        std::os::unix::fs::symlink(&elsewhere, root.join("20260101T000000Z-0000")).unwrap();
+        std::fs::create_dir(root.join("notes")).unwrap();
+        std::fs::write(root.join("notes/file"), [0; 9000]).unwrap();
+        let current = flights(&root).unwrap().pop().unwrap().path;
+        assert_eq!(room(8000).make(&root, &current).unwrap(), []);
+        let removed = room(5000).make(&root, &current).unwrap();
+        assert_eq!((removed.len(), left(&root)), (2, vec![3, 4]));
+        assert!(root.join("notes/file").exists() && elsewhere.join("file").exists());
+        for path in [root, elsewhere] {
+            std::fs::remove_dir_all(path).unwrap();
+        }
+    }
+
+    #[test]
+    fn flight_that_runs_is_not_removed_and_gives_its_oldest_parts_at_last() {
+        let root = root("runs", &[1, 2]);
+        let all = flights(&root).unwrap();
+        let (other, current) = (&all[0], &all[1].path);
+        let runs = File::open(&other.path).unwrap();
+        runs.try_lock().unwrap();
+        assert!(other.is_running() && !all[1].is_running());
+        // Two processes: the newest part of each is being written.
+        for number in 2..5 {
+            let part = current.join(format!("pilot-00000007-{number:03}.mcap"));
+            std::fs::write(&part, [0; 1000]).unwrap();
+            let file = File::options().write(true).open(&part).unwrap();
+            let time = std::time::UNIX_EPOCH + std::time::Duration::from_secs(4_000_000_000 + number);
+            file.set_modified(time).unwrap();
+        }
+        let removed = room(5000).make(&root, current).unwrap();
+        let oldest = [1, 2].map(|n| Removed::Part(current.join(format!("pilot-00000007-{n:03}.mcap"))));
+        assert_eq!(removed, oldest);
+        assert_eq!(room(0).make(&root, current).unwrap().len(), 1);
+        assert_eq!((left(&root), parts(current).unwrap().len()), (vec![1, 2], 2));
+        drop(runs);
+        room(0).make(&root, current).unwrap();
+        assert_eq!(left(&root), [2]);
+        std::fs::remove_dir_all(root).unwrap();
+    }
+
+    #[test]
+    fn flight_begins_with_the_next_number_whatever_the_clock_says() {
+        let root = root("begins", &[1, 7]);
+        let (path, lock) = begin(&root);
+        let own = Flight::of(&path).unwrap();
+        assert!(own.number == 8 && own.is_running() && left(&root) == [1, 7, 8]);
+        drop(lock);
+        assert!(!own.is_running());
+        assert!(Flight::of(Path::new("notes")).is_none());
+        assert!(Flight::of(Path::new("20261125X181500Z-0001")).is_none());
+        std::fs::remove_dir_all(&root).unwrap();
+        // A file in its place: the name is known, and why nothing is there.
+        std::fs::write(&root, "").unwrap();
+        let (path, lock) = begin(&root);
+        assert!(path.starts_with(&root) && lock.is_err());
+        std::fs::remove_file(root).unwrap();
+    }
+}

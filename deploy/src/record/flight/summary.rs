@@ -1,0 +1,91 @@
+//! The summary of a flight: what those aboard know of it, in a small file beside the parts.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Read, Write};
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+/// Its name in the flight's directory.
+pub const SUMMARY_FILE: &str = "flight.json";
+/// Phases that are kept, the newest.
+const MAX_PHASES: usize = 200;
+/// Longest file, bytes.
+const MAX_BYTES: u64 = 1 << 20;
+
+/// A state that was entered.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct PhaseEntry {
+    /// Since the flight began, s.
+    pub t_s: f64,
+    /// The state, with the drone's number before it where the vessel reports it.
+    pub state: String,
+    /// Why it was entered.
+    pub reason: String,
+}
+
+/// The summary.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Summary {
+    /// Whose computer: drone-1, vessel-1.
+    pub computer: String,
+    /// Version of the program.
+    pub program: String,
+    /// Since the flight began, s.
+    pub length_s: f64,
+    /// The processes were asked to end; false: they run, or the power went.
+    pub ended: bool,
+    /// What came of it.
+    pub outcome: String,
+    /// Why.
+    pub reason: String,
+    /// States in their order; at most the newest 200.
+    pub phases: Vec<PhaseEntry>,
+    /// Time in each state, s.
+    pub time_in_s: BTreeMap<String, f64>,
+    /// Figures with their units in their names.
+    pub figures: BTreeMap<String, f64>,
+}
+
+impl Summary {
+    /// Of a flight of this computer that begins.
+    pub fn of(computer: &str) -> Summary {
+        Summary {
+            computer: computer.into(),
+            program: env!("CARGO_PKG_VERSION").into(),
+            ..Summary::default()
+        }
+    }
+    /// A state was entered.
+    pub fn enter(&mut self, t_s: f64, state: &str, reason: String) {
+        if self.phases.len() >= MAX_PHASES {
+            self.phases.remove(0);
+        }
+        self.phases.push(PhaseEntry {
+            t_s,
+            state: state.into(),
+            reason,
+        });
+    }
+    /// The summary in the flight's directory; None without one that can be read.
+    pub fn read(directory: &Path) -> Option<Summary> {
+        let mut text = String::new();
+        let file = File::open(directory.join(SUMMARY_FILE)).ok()?;
+        file.take(MAX_BYTES).read_to_string(&mut text).ok()?;
+        serde_json::from_str(&text).ok()
+    }
+    /// Replaces the file, on the disk: a power cut leaves the old one or this one.
+    pub fn write(&self, directory: &Path) -> io::Result<()> {
+        let (path, new) = (
+            directory.join(SUMMARY_FILE),
+            directory.join(format!("{SUMMARY_FILE}.new")),
+        );
+        let mut file = File::create(&new)?;
+        file.write_all(&serde_json::to_vec_pretty(self)?)?;
+        file.sync_data()?;
+        std::fs::rename(&new, &path)?;
+        File::open(directory)?.sync_all()
+    }
+}

@@ -1,0 +1,253 @@
+//! The flight recorder of a real process, which is killed. Nothing here asserts a time but the rounds that are run by
+//! hand: `cargo test --release --workspace --test live -- --ignored --nocapture hundred_kills`.
+
+use std::net::UdpSocket;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use alight_shared::wire;
+use alight_usv::ComputerIn;
+use alight_usv::sensors::Readings;
+use serde_json::Value;
+
+use crate::common::{Running, alight, errors, free_port, free_udp, open_deck, printed, run, scratch};
+
+/// A vessel's computer that records, and what its sensors measured in a simulated flight.
+struct Vessel {
+    directory: PathBuf,
+    sensors: String,
+    config: PathBuf,
+    readings: Vec<Readings>,
+}
+
+impl Drop for Vessel {
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            let _left = std::fs::remove_dir_all(&self.directory);
+        }
+    }
+}
+
+impl Vessel {
+    fn prepare(name: &str) -> Vessel {
+        let directory = scratch(name);
+        let _none = std::fs::remove_dir_all(&directory);
+        std::fs::create_dir_all(&directory).expect("made");
+        let sensors = format!("127.0.0.1:{}", free_port());
+        let config = directory.join("vessel.toml");
+        let flights = directory.join("flights");
+        let text = format!(
+            "sensors = \"{sensors}\"\n[radio]\nlisten = [\"udp/{}\"]\n[recorder]\ndirectory = \"{}\"\n",
+            free_udp(),
+            flights.display()
+        );
+        std::fs::write(&config, text).expect("written");
+        open_deck(&directory, &sensors);
+        let readings = readings(&directory);
+        Vessel {
+            directory,
+            sensors,
+            config,
+            readings,
+        }
+    }
+    fn start(&self) -> Child {
+        Command::new(env!("CARGO_BIN_EXE_alight"))
+            .args(["vessel", "--supervised", "--config"])
+            .arg(&self.config)
+            .env("STATE_DIRECTORY", &self.directory)
+            .stdin(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("starts")
+    }
+    /// Sends the recorded readings at their own pace, for so long.
+    fn feed(&self, ms: u64) {
+        let socket = UdpSocket::bind("127.0.0.1:0").expect("a socket");
+        for readings in self.readings.iter().cycle().take((ms / 10) as usize) {
+            let bytes = wire::encode(readings).expect("small");
+            // Nobody listens before the process has begun.
+            let _unheard = socket.send_to(&bytes, &self.sensors);
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+    /// Until the newest flight, of so many, has a file that holds steps.
+    fn feed_until_synchronised(&self, flights: usize) {
+        let mut beginning = None;
+        for _ in 0..1_000 {
+            self.feed(50);
+            let found = below(&self.directory.join("flights"));
+            let parts = found.iter().max().map_or_else(Vec::new, |flight| below(flight));
+            let part = parts.iter().find(|p| p.extension().is_some_and(|e| e == "mcap"));
+            let Some(part) = part.filter(|_| found.len() == flights) else {
+                continue;
+            };
+            let bytes = std::fs::metadata(part).map_or(0, |m| m.len());
+            // Before the first steps there is the configuration.
+            if bytes > 0 && bytes > *beginning.get_or_insert(bytes) {
+                return;
+            }
+        }
+        panic!("nothing is recorded");
+    }
+    fn flights(&self, more: &str) -> Vec<Value> {
+        let flights = self.directory.join("flights");
+        let out = run(format!("flights {} --json {more}", flights.display()));
+        assert!(out.status.success(), "{}", errors(&out));
+        let text = printed(&out);
+        let object: Value = serde_json::from_str(text.lines().last().expect("a line")).expect("JSON");
+        object["flights"].as_array().expect("a list").clone()
+    }
+}
+
+/// The files in a directory.
+fn below(directory: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
+    entries.map(|e| e.path()).collect()
+}
+
+/// What the vessel's sensors measured in a trial, step by step.
+fn readings(directory: &Path) -> Vec<Readings> {
+    let (recording, scenario) = (directory.join("trial.mcap"), directory.join("trial.toml"));
+    std::fs::write(&scenario, "[start]\nwarm_up_s = 5.0\nhover_s = 1.0\n").expect("written");
+    let out = run(format!(
+        "trial --json --scenario {} --record {}",
+        scenario.display(),
+        recording.display()
+    ));
+    assert!(out.status.code().is_some_and(|c| c < 2), "{}", errors(&out));
+    let file = std::fs::read(&recording).expect("read");
+    std::fs::remove_file(&recording).expect("removed");
+    let messages = mcap::MessageStream::new(&file).expect("a recording");
+    let vessel = messages.map(|m| m.expect("whole"));
+    vessel
+        .filter(|m| m.channel.topic == "/node/vessel")
+        .map(|m| {
+            let (_, input, _): (i64, ComputerIn, u64) = wire::decode_record(&m.data).expect("a step");
+            Readings {
+                imu: input.vessel.imu,
+                gnss: input.vessel.gnss,
+                heading: input.vessel.heading,
+                ..Readings::default()
+            }
+        })
+        .collect()
+}
+
+/// People's time, ns.
+fn utc_ns() -> u64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).expect("after 1970");
+    u64::try_from(since.as_nanos()).expect("before 2500")
+}
+
+/// The newest step in a flight, ns of people's time, without what its files may lack at their ends.
+fn newest_ns(flight: &Path) -> u64 {
+    let files = std::fs::read_dir(flight)
+        .expect("read")
+        .flatten()
+        .map(|f| f.path());
+    let parts = files.filter(|f| f.extension().is_some_and(|e| e == "mcap"));
+    let newest = |path: PathBuf| {
+        let file = std::fs::read(path).expect("read");
+        // Mended: with an end.
+        let messages = mcap::MessageStream::new(&file).expect("a part");
+        messages.map(|m| m.expect("whole").log_time).max()
+    };
+    parts.filter_map(newest).max().expect("steps")
+}
+
+/// Kills the vessel's process so often while it records; what each flight lacks at its end, s.
+fn kill(rounds: u64) -> Vec<f64> {
+    let vessel = Vessel::prepare(&format!("kills-{rounds}"));
+    let mut missing_s = Vec::new();
+    for round in 0..rounds {
+        let mut process = vessel.start();
+        vessel.feed_until_synchronised(round as usize + 1);
+        vessel.feed(137 * round % 1_900);
+        let killed_ns = utc_ns();
+        process.kill().expect("killed");
+        process.wait().expect("waited for");
+        let listed = vessel.flights("");
+        let flight = listed.last().expect("a flight");
+        assert_eq!(
+            (listed.len() as u64, &flight["files"]),
+            (round + 1, &"cut off".into()),
+            "{flight}"
+        );
+        let path = PathBuf::from(flight["path"].as_str().expect("a path"));
+        // As it is, and mended.
+        for _ in 0..2 {
+            let out = run(format!("replay {}", path.display()));
+            assert!(
+                out.status.success(),
+                "round {round}: {}{}",
+                printed(&out),
+                errors(&out)
+            );
+            vessel.flights("--mend");
+        }
+        let mended = &vessel.flights("")[round as usize];
+        assert_eq!(mended["cut"], 0, "{mended}");
+        missing_s.push(killed_ns.saturating_sub(newest_ns(&path)) as f64 * 1e-9);
+    }
+    missing_s
+}
+
+#[test]
+fn killed_recording_opens_replays_and_can_be_mended() {
+    assert_eq!(kill(3).len(), 3);
+}
+
+#[test]
+#[ignore = "takes nine minutes, and measures a time"]
+fn hundred_kills_of_a_recording_process_cost_two_seconds_each_at_most() {
+    let mut missing_s = kill(100);
+    missing_s.sort_by(f64::total_cmp);
+    let at = |q: usize| missing_s[(missing_s.len() - 1) * q / 100];
+    println!(
+        "{} kills: missing {:.2} s in the median, {:.2} s at most",
+        missing_s.len(),
+        at(50),
+        at(100)
+    );
+    assert!(at(100) <= 2.0);
+}
+
+#[test]
+fn flight_of_a_vessel_is_listed_while_it_runs_and_afterwards() {
+    let vessel = Vessel::prepare("flights");
+    let process = Running(vessel.start());
+    vessel.feed_until_synchronised(1);
+    let running = &vessel.flights("--mend")[0];
+    assert_eq!(
+        (&running["files"], &running["computer"]),
+        (&"running".into(), &"vessel-1".into())
+    );
+    assert_eq!(running["cut"], running["parts"], "it is not mended: {running}");
+    drop(process);
+    let ended = &vessel.flights("")[0];
+    assert_eq!(
+        (&ended["files"], &ended["cut"]),
+        (&"complete".into(), &0.into()),
+        "{ended}"
+    );
+    assert_eq!(ended["outcome"], "not commanded");
+    assert!(ended["length_s"].as_f64() > Some(1.0), "{ended}");
+    let path = ended["path"].as_str().expect("a path");
+    let out = run(format!("replay {path} --json"));
+    assert!(out.status.success(), "{}", errors(&out));
+    // The directory of all flights is none.
+    let all = vessel.directory.join("flights");
+    let out = run(format!("replay {}", all.display()));
+    assert_eq!(out.status.code(), Some(2));
+    assert!(
+        errors(&out).contains("holds flights and is none"),
+        "{}",
+        errors(&out)
+    );
+    let out = alight(format!("calibrate vessel {path} --json"))
+        .output()
+        .expect("runs");
+    assert!(out.status.code().is_some_and(|c| c < 2), "{}", errors(&out));
+}
