@@ -77,7 +77,7 @@ impl FlightLog {
         }
     }
     fn t_s(&self, now_ns: i64) -> f64 {
-        (now_ns - self.begun_ns).max(0) as f64 * 1e-9
+        seconds(now_ns - self.begun_ns)
     }
     /// A drone is in this state, for this reason, and waits for that.
     pub fn state(&mut self, now_ns: i64, who: Who, state: State, entered: Reason, waiting: Reason) {
@@ -94,7 +94,7 @@ impl FlightLog {
         if state == State::Landed && before.is_some() {
             self.add("landed", 1.0);
             if let Some(from) = way_ns {
-                self.set("landing_s", (now_ns - from) as f64 * 1e-9);
+                self.set("landing_s", seconds(now_ns - from));
             }
         }
         if state == State::GaveUp && before.is_some() {
@@ -136,7 +136,7 @@ impl FlightLog {
                 .time_in_s
                 .entry(named(who, state.name()))
                 .or_default();
-            *time += (now_ns - since_ns).max(0) as f64 * 1e-9;
+            *time += seconds(now_ns - since_ns);
             self.states.insert(who, (state, now_ns, way_ns));
         }
     }
@@ -198,6 +198,10 @@ impl FlightLog {
     }
 }
 
+fn seconds(ns: i64) -> f64 {
+    ns.max(0) as f64 / 1e9
+}
+
 fn named(who: Who, what: &str) -> String {
     who.map_or_else(|| what.into(), |drone| format!("drone {drone}: {what}"))
 }
@@ -219,7 +223,7 @@ mod tests {
     #[test]
     fn flight_summary_of_a_landing_and_a_second_that_gives_up() {
         let mut log = FlightLog::of("drone-1", 0);
-        let mut enter = |log: &mut FlightLog, s: i64, state| {
+        let enter = |log: &mut FlightLog, s: i64, state| {
             log.state(
                 s * S,
                 None,

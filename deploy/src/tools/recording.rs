@@ -24,6 +24,9 @@ use crate::process::shell::Shell;
 use crate::record::flight::reading::{Start, Steps, starts};
 use crate::record::{DECK_FILE, DRONE_FILE, LIVE, NODES, Recorder, VESSEL_FILE};
 
+/// The tick of a recording's times, as in lock-step, ns.
+const TICK_NS: i64 = 10_000_000;
+
 /// Steps of one start of a process, read one by one.
 pub struct StepStream<I> {
     steps: Steps,
@@ -127,6 +130,9 @@ impl<N: Node<In: DeserializeOwned>, R> Playback<R> for NodePlayback<N, R> {
         if let (Some(t), Some((now_ns, input))) = (self.due(), self.stream.newest()) {
             let now: Time<N::Clock> = Time::from_nanos(now_ns);
             let out = self.node.step(now, input);
+            // Recordings have times in ticks, on which what a person looks at is thinned out; the node's own time is
+            // in the step.
+            let t = Time::from_nanos(t.nanos() - t.nanos().rem_euclid(TICK_NS));
             (self.show)(recorder, t, now, input, &out);
         }
         self.stream.advance()

@@ -60,6 +60,8 @@ fn rehearsal_of_the_shipped_files_lands() {
         "vision measurement",
         "alight-vessel, killed",
         "disarmed",
+        "vessel's flight recorder",
+        "drone's flight recorder",
     ] {
         assert!(steps.iter().any(|s| s["what"] == what), "{what}: {steps:?}");
     }

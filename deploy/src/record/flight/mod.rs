@@ -8,8 +8,10 @@
 //! | `pilot-0123abcd-001.mcap` | a part: steps of one start (boot id) of a process, its configuration attached |
 //! | `flight.json` | the summary: phases, outcome, figures ([`summary`]) |
 //!
-//! A step is the time, the input and a hash of the output of a node ([`super::entry::Entry`]), its MCAP sequence number
-//! counts the steps of the start. The parts of a start are computed again one after the other.
+//! A step is the time, the whole input and a hash of the output of a node ([`super::entry::Entry`]), its MCAP sequence number
+//! counts the steps of the start. The parts of a start are computed again one after the other, and need no other
+//! process's: a recording names forecasts and plans by their numbers, but here that would cost the pilot's steps after
+//! a predictor that was killed.
 //!
 //! [`recorder`] is what a process holds: it never waits for the disk. [`parts`] writes, on a thread of its own, chunk by
 //! chunk and synchronised every second, so that a power cut costs less than 2 s. [`keeper`] writes the summary and

@@ -6,6 +6,7 @@
 
 pub mod args;
 mod files;
+mod flights;
 mod lines;
 mod list;
 mod services;
@@ -587,6 +588,7 @@ impl<'a> Rehearsal<'a> {
             None => "motors on".into(),
         };
         list.add(list::LADDER, "disarmed", disarmed, figure);
+        flights::show(&self.plan, list);
     }
 
     /// What the services wrote last.
