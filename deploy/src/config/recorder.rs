@@ -13,8 +13,8 @@ config! {
         pub directory: String = String::new();
         /// All flights together take no more, GB: the oldest are removed, whole; where one alone takes more, its oldest
         /// parts. 256 MB of the disk are left to the rest of the computer in any case.
-        /// Source: Measured: a drone's computer writes 4.7 GB an hour while it receives a vessel, a vessel's 0.04.
-        pub max_gb: f64 = 16.0, in 1.0..=100000.0;
+        /// Source: Measured: a drone's computer writes 8 GB an hour while it receives a vessel, a vessel's 0.05.
+        pub max_gb: f64 = 32.0, in 1.0..=100000.0;
     }
 }
 
