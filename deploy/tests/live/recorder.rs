@@ -200,7 +200,7 @@ fn killed_recording_opens_replays_and_can_be_mended() {
 }
 
 #[test]
-#[ignore = "takes nine minutes, and measures a time"]
+#[ignore = "takes four minutes, and measures a time"]
 fn hundred_kills_of_a_recording_process_cost_two_seconds_each_at_most() {
     let mut missing_s = kill(100);
     missing_s.sort_by(f64::total_cmp);

@@ -309,15 +309,24 @@ impl Parts {
         // Once for each time, and not at each of the tries in it.
         if !self.refused {
             warn!(
-                "{} goes on without its recorder: writing {}: {error}; free space, or make the directory writable: it \
+                "{} goes on without its recorder: writing {}: {}; free space, or make the directory writable: it \
                  is tried again every {} s",
                 self.header.process,
                 path.display(),
+                why(error),
                 RETRY_PERIOD_NS / S
             );
         }
         self.refused = true;
         self.retry_ns = steady_ns.saturating_add(RETRY_PERIOD_NS);
+    }
+}
+
+/// What a person reads of an error: the system's own words, where it has some.
+fn why(error: &McapError) -> String {
+    match error {
+        McapError::Io(e) => e.to_string(),
+        other => other.to_string(),
     }
 }
 
@@ -497,12 +506,15 @@ mod tests {
         std::fs::remove_dir_all(&directory).unwrap();
     }
 
-    /// A part of four chunks with 1 to 4 steps: its bytes, and after each chunk its length and the steps so far.
-    fn chunks() -> &'static (PartHeader, Vec<u8>, Vec<(usize, usize)>) {
-        static CHUNKS: OnceLock<(PartHeader, Vec<u8>, Vec<(usize, usize)>)> = OnceLock::new();
+    /// A part: its bytes, and after each chunk its length and the steps so far.
+    type Chunks = (PartHeader, Vec<u8>, Vec<(usize, usize)>);
+
+    /// Of four chunks with 1 to 4 steps.
+    fn chunks() -> &'static Chunks {
+        static CHUNKS: OnceLock<Chunks> = OnceLock::new();
         CHUNKS.get_or_init(write_chunks)
     }
-    fn write_chunks() -> (PartHeader, Vec<u8>, Vec<(usize, usize)>) {
+    fn write_chunks() -> Chunks {
         let directory = directory("chunks");
         let mut written = begin(&directory);
         let (mut step, mut lengths) = (0, Vec::new());
