@@ -6,7 +6,7 @@ use clap::Args;
 use serde::Serialize;
 
 use crate::cells;
-use crate::exit::{CliError, Doing, Exit};
+use crate::exit::{CliError, Exit};
 use crate::record::flight::mend::{Mended, mend};
 use crate::record::flight::store::{self, Flight};
 use crate::record::flight::summary::Summary;
@@ -70,11 +70,12 @@ pub fn run(args: &FlightsArgs) -> Result<Exit, CliError> {
 
 /// The flights below `directory`, or the one that it is.
 fn flights(directory: &Path) -> Result<Vec<Flight>, CliError> {
-    let doing = format_args!(
-        "reading the flights in {} (recorder.directory)",
-        directory.display()
-    );
-    let below = store::flights(directory).doing(doing)?;
+    let below = store::flights(directory).map_err(|e| {
+        CliError(format!(
+            "reading the flights in {}: {e}; name the directory of recorder.directory in this computer's file",
+            directory.display()
+        ))
+    })?;
     if !below.is_empty() || !store::is_flight(directory) {
         return Ok(below);
     }

@@ -22,7 +22,7 @@ use crate::exit::{CliError, Doing, Exit};
 use crate::process::shell::Shell;
 use crate::process::supervision::SupervisorNode;
 use crate::process::supervisor::SUPERVISOR;
-use crate::record::flight::reading::{Start, Steps, is_part, starts};
+use crate::record::flight::reading::{Start, Steps, is_part, is_whole, starts};
 use crate::record::flight::recorder::PartHeader;
 use crate::record::flight::store;
 use crate::record::reading::contained;
@@ -120,7 +120,21 @@ fn recorded(path: &Path) -> Result<Vec<Start>, CliError> {
 
 /// Replays the starts; an error where none begins with its process.
 fn replay_starts(path: &Path) -> Result<Vec<NodeReplay>, CliError> {
-    let replayed = recorded(path)?
+    let starts = recorded(path)?;
+    let cut = starts
+        .iter()
+        .flat_map(|s| &s.parts)
+        .filter(|p| !is_whole(p))
+        .count();
+    if cut > 0 {
+        note(
+            true,
+            format!(
+                "files without an end: {cut}, read up to their last whole chunk; their processes run, or were killed"
+            ),
+        );
+    }
+    let replayed = starts
         .iter()
         .filter_map(|start| replay_start(start).transpose())
         .collect::<Result<Vec<_>, CliError>>()?;

@@ -147,6 +147,30 @@ fn replay_rejects_damaged_foreign_and_missing_files_with_code_2() {
 }
 
 #[test]
+fn flights_and_replay_reject_directories_that_are_none() {
+    let empty = scratch("no-flight");
+    std::fs::create_dir_all(&empty).unwrap();
+    let (empty, none) = (empty.display().to_string(), "/nonexistent/flights");
+    let listed = alight(format!("flights {empty}"));
+    assert!(listed.status.success() && stdout(&listed).contains("no flight in"));
+    let part = file("pilot-00000007-001.mcap", &b"\x89MCAP0\r\n"[..]);
+    assert_rejected(&[
+        (format!("flights {none}"), none),
+        (format!("replay {none}"), none),
+        (format!("replay {empty}"), &empty),
+        (format!("replay {part}"), &part),
+        (
+            format!("replay {} --record {none}", recorded().0.display()),
+            "is no flight's directory",
+        ),
+        (
+            format!("calibrate vessel {empty}"),
+            "holds no step of the vessel's process",
+        ),
+    ]);
+}
+
+#[test]
 fn recording_contains_every_displayed_topic() {
     let (file, outcome) = recorded();
     let bytes = std::fs::read(file).unwrap();

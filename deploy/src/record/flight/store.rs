@@ -58,9 +58,17 @@ impl Flight {
         let all = parts(&self.path).unwrap_or_default();
         (all.len(), all.iter().filter(|p| !is_whole(p)).count())
     }
-    /// Its summary.
+    /// Its summary; where it has no end, as long as its files were written.
     pub fn summary(&self) -> Option<Summary> {
-        Summary::read(&self.path)
+        let mut summary = Summary::read(&self.path)?;
+        let written = |path: &Path| std::fs::metadata(path).and_then(|m| m.modified()).ok();
+        let newest = parts(&self.path).ok()?.iter().filter_map(|p| written(p)).max();
+        if let (false, Some(summed_up), Some(newest)) =
+            (summary.ended, written(&self.path.join(SUMMARY_FILE)), newest)
+        {
+            summary.length_s += newest.duration_since(summed_up).map_or(0.0, |d| d.as_secs_f64());
+        }
+        Some(summary)
     }
 }
 
