@@ -16,6 +16,7 @@ use super::{CONFIG_FILE, ENCODING, EXTENSION, PROCESS};
 use crate::exit::{CliError, Doing};
 use crate::record::entry::{Entry, FORMAT};
 use crate::record::outline::Outline;
+use crate::record::reading::contained;
 
 /// No part is larger, nor are its steps together, bytes.
 const MAX_PART_BYTES: u64 = 512 << 20;
@@ -138,7 +139,7 @@ impl Part {
 
 /// Whether the file at `path` is a part, and not another kind of recording.
 pub fn is_part(path: &Path) -> bool {
-    let found = read_beginning(path).and_then(|bytes| beginning(&bytes).doing(""));
+    let found = contained(path, || beginning(&read_beginning(path)?).doing(""));
     found.is_ok_and(|f| !f.values.is_empty())
 }
 
