@@ -118,7 +118,7 @@ config! {
         /// The drone only follows, for this long after the start, s.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub follow_s: Option<f64> = None;
-        /// The truth is logged beside what the processes log.
+        /// The truth is recorded beside what the processes record.
         pub truth: bool = false;
         /// A picture of the landing is drawn there.
         #[serde(skip_serializing_if = "Option::is_none")]
