@@ -188,7 +188,10 @@ fn kill(rounds: u64) -> Vec<f64> {
             vessel.flights("--mend");
         }
         let mended = &vessel.flights("")[round as usize];
-        assert_eq!(mended["cut"], 0, "{mended}");
+        assert_eq!(
+            (&mended["cut"], &mended["length_s"]),
+            (&0.into(), &flight["length_s"])
+        );
         missing_s.push(killed_ns.saturating_sub(newest_ns(&path)) as f64 * 1e-9);
     }
     missing_s

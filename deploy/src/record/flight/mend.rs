@@ -1,5 +1,6 @@
 //! Gives a part an end that a kill or a power cut left without: with its index, so that viewers open it.
 
+use std::fs::File;
 use std::path::Path;
 
 use super::parts::{PartHeader, PartWriter};
@@ -48,6 +49,10 @@ fn rewrite(path: &Path, header: &PartHeader) -> Result<usize, CliError> {
             .doing(doing)?;
     }
     writer.finish().doing(doing)?;
+    // When it was written last stands for the flight's end.
+    let written = std::fs::metadata(path).and_then(|m| m.modified()).doing(doing)?;
+    let file = File::options().write(true).open(&new).doing(doing)?;
+    file.set_modified(written).doing(doing)?;
     std::fs::rename(&new, path).doing(doing)?;
     Ok(part.len())
 }
