@@ -1,5 +1,6 @@
-//! Bytes to and from what is no computer of ours: sockets and serial ports.
+//! Bytes and levels to and from what is no computer of ours: sockets, serial ports, digital lines.
 
 pub mod byte_link;
+pub mod digital_line;
 pub mod link_url;
 pub mod sensor_socket;
