@@ -17,7 +17,7 @@ use crate::terminal;
 use crate::tools::check;
 use crate::tools::check::finding::{Finding, Level, Topic};
 use crate::vessel::status_file::{
-    self, CertificateStatus, DeckStatus, EstimatorStatus, SourceHealth, VesselStatus,
+    self, CertificateStatus, DeckStatus, EstimatorStatus, HeadingAdvice, SourceHealth, VesselStatus,
 };
 use crate::vessel::{deck_inputs, helm_lamp};
 
@@ -27,6 +27,8 @@ const STALE_S: f64 = 3.0;
 const MISSING_S: f64 = 2.0;
 /// A drone reports at 2 Hz; without a report for this long it is out of reach, s.
 const LOST_CONTACT_S: f64 = 5.0;
+/// A turn that takes less than a tenth of the tilt away is not worth it.
+const WORTH_TURNING: f64 = 0.9;
 /// Shown again this often.
 const WATCH_PERIOD: Duration = Duration::from_secs(1);
 
@@ -83,6 +85,7 @@ fn judge(status: &VesselStatus, now_ns: i64) -> Vec<Finding> {
     all.push(unauthorised_peers(status));
     all.extend(deck(status));
     all.extend(course(&status.deck));
+    all.extend(status.estimator.heading.as_ref().map(quiet_heading));
     all.extend(drones(status));
     all
 }
@@ -333,6 +336,24 @@ fn course(deck: &DeckStatus) -> Vec<Finding> {
     all
 }
 
+/// The heading that the helm may choose before a landing.
+fn quiet_heading(h: &HeadingAdvice) -> Finding {
+    const TOPIC: Topic = Topic("heading");
+    let [now, there] = h.tilt_deg;
+    let from = format!("waves from {:03.0} deg", h.waves_from_deg);
+    TOPIC.fine(if there < WORTH_TURNING * now {
+        format!(
+            "{from}; on {:03.0} deg the deck tilts {there:.1} deg, now {now:.1} deg: turn before the landing",
+            h.quietest_deg
+        )
+    } else {
+        format!(
+            "{from}; {:03.0} deg is as quiet as any, the deck tilts {now:.1} deg",
+            h.now_deg
+        )
+    })
+}
+
 fn drones(status: &VesselStatus) -> Vec<Finding> {
     const TOPIC: Topic = Topic("drones");
     if status.drones.is_empty() {
@@ -409,6 +430,7 @@ mod tests {
                 estimate_age_s: Some(0.03),
                 sd: [0.5, 0.1, 0.005, 0.01],
                 waves: Some([0.9, 1.0]),
+                heading: None,
                 gated: [0; 3],
                 restarts: 0,
                 rejected: 0,

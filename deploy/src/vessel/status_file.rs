@@ -3,6 +3,7 @@
 //!
 //! The file is named after the port of the vessel's sensors, which no two processes of a computer have.
 
+use core::f64::consts::PI;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -12,7 +13,7 @@ use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessState;
 use alight_shared::transport::rejections::{AccessRejection, AccessRejections};
 use alight_usv::deck::{Closure, Starved};
-use alight_usv::{ComputerIn, ComputerOut, KINDS, VesselNode};
+use alight_usv::{ComputerIn, ComputerOut, Estimator, KINDS, VesselNode};
 use serde::{Deserialize, Serialize};
 
 use crate::certificates;
@@ -63,6 +64,32 @@ pub enum CertificateStatus {
     Unreadable(String),
 }
 
+/// The heading of the least deck motion beside the present one.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct HeadingAdvice {
+    /// Present mean heading, deg.
+    pub now_deg: f64,
+    /// Heading of the least tilt, deg.
+    pub quietest_deg: f64,
+    /// Standard deviation of the deck's tilt that is predicted on both, deg.
+    pub tilt_deg: [f64; 2],
+    /// Where the waves come from, deg.
+    pub waves_from_deg: f64,
+}
+
+impl HeadingAdvice {
+    fn of(estimator: &Estimator) -> Option<HeadingAdvice> {
+        let (quiet, now) = estimator.quietest_heading()?;
+        let compass = |rad: f64| rad.to_degrees().rem_euclid(360.0);
+        Some(HeadingAdvice {
+            now_deg: compass(now),
+            quietest_deg: compass(quiet.heading),
+            tilt_deg: [quiet.tilt_now, quiet.tilt].map(f64::to_degrees),
+            waves_from_deg: compass(quiet.waves_to + PI),
+        })
+    }
+}
+
 /// The estimator's health.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EstimatorStatus {
@@ -74,6 +101,9 @@ pub struct EstimatorStatus {
     pub sd: [f64; 4],
     /// Significant wave height, m, and how far the waves' identification is trusted, 0 to 1.
     pub waves: Option<[f64; 2]>,
+    /// Another heading that would be quieter, where the waves' direction can be told.
+    #[serde(default)]
+    pub heading: Option<HeadingAdvice>,
     /// Measurements outside its chi-square gates: inertial, GNSS, heading.
     pub gated: [u64; 3],
     /// Starts from scratch.
@@ -419,6 +449,7 @@ impl StatusFile {
                 estimate_age_s: since(&self.estimated_ns),
                 sd: self.sd.map(finite),
                 waves: self.waves,
+                heading: HeadingAdvice::of(node.estimator()),
                 gated: [gated.imu, gated.gnss, gated.heading],
                 restarts: gated.restarts,
                 rejected: rejected.total().into(),
