@@ -5,7 +5,7 @@
 //! other command, and is admitted by the same rules.
 
 use alight_shared::msg::{Command, CommandKind, Header, MissionState};
-use alight_shared::time::Span;
+use alight_shared::time::{DroneClock, Span};
 
 use super::DroneTime;
 use super::message::{RC_RECEIVER, RcChannels};
@@ -142,7 +142,7 @@ impl RcSwitch {
         (self.position, self.candidate, self.received_at) = (None, None, None);
     }
     /// A command that the switch gave.
-    pub(super) fn give(&mut self, header: Header<alight_shared::time::DroneClock>, kind: CommandKind) {
+    pub(super) fn give(&mut self, header: Header<DroneClock>, kind: CommandKind) {
         self.given = Some((Command { header, kind }, header.at - REPEAT));
     }
     /// What is to be published now, by the mission's newest state; time passes for the channels, too.
