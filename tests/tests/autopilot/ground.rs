@@ -7,8 +7,10 @@ use alight_sim::harness::tap::NoTap;
 use alight_sim::harness::world::World;
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::autopilot::ground_station::{AGE, DISTANCE, MAX_TEXT};
-use alight_uav::autopilot::message::{Message, severity};
-use alight_uav::autopilot::wire::encode;
+use alight_uav::autopilot::message::{
+    Address, LandingTarget, Message, RC_RECEIVER, RcChannels, TargetFrame, severity,
+};
+use alight_uav::autopilot::wire::{Decoder, encode};
 
 use super::rig::{Rig, press, stop};
 use super::{BOTH, config};
@@ -211,4 +213,47 @@ fn landing_is_aborted_and_commanded_again_by_the_switch() {
         "{:?}",
         world.mission_state().state
     );
+}
+
+#[test]
+fn messages_keep_their_values_over_the_wire() {
+    let target = |frame| {
+        Message::LandingTarget(LandingTarget {
+            time_us: 123_456_789_012,
+            frame,
+            position: [1.5, -2.25, 4.0],
+            distance_m: 4.75,
+            attitude: [0.5, -0.5, 0.5, -0.5],
+            size_m: 1.5,
+        })
+    };
+    let mut sent: Vec<Message> = TargetFrame::ALL.into_iter().map(target).collect();
+    let pulses_us: [u16; 18] = core::array::from_fn(|k| 1000 + 10 * k as u16);
+    sent.extend([
+        Message::RemoteControl(RcChannels { count: 16, pulses_us }),
+        Message::RemoteControlOverride {
+            to: Address::new(3, 1),
+            pulses_us: core::array::from_fn(|k| pulses_us[k]),
+        },
+        Message::SystemStatus {
+            present: RC_RECEIVER | 1,
+            healthy: RC_RECEIVER,
+        },
+        Message::NamedValue {
+            time_ms: 77,
+            name: AGE.into(),
+            value: 0.25,
+        },
+        Message::Text {
+            severity: severity::WARNING,
+            text: "x".repeat(MAX_TEXT),
+        },
+    ]);
+    for message in sent {
+        let mut decoder = Decoder::default();
+        decoder.push(&encode(Address::new(3, 191), 9, &message).expect("a frame"));
+        assert_eq!(decoder.next_frame().map(|f| f.message), Some(message));
+    }
+    // Names of named values have ten characters.
+    assert!(DISTANCE.len() <= 10 && AGE.len() <= 10);
 }
