@@ -22,6 +22,8 @@ const MIN_CLAUSE: usize = 30;
 const DANGLING: [&str; 16] = [
     "a", "an", "and", "at", "by", "for", "from", "in", "is", "of", "on", "or", "than", "the", "to", "with",
 ];
+/// An abort or a hold where a climb would meet the deck harder than the landing does.
+const STOPPED_LOW: &str = "Stopped too low to climb: completes the landing";
 /// Name of the distance between the drone's and the deck's centre, m.
 pub const DISTANCE: &str = "deck_m";
 /// Name of the age of the newest vessel estimate that the forecast rests on, s.
@@ -113,12 +115,28 @@ impl GroundReports {
             }
             waiting => {
                 let nothing = matches!(code, ReasonCode::None | ReasonCode::NotCommanded);
-                *waiting = Some((code, now, nothing));
-                return None;
+                // Whoever stopped it sees it go on down, and learns at once that it does so on purpose.
+                let stopped = code == ReasonCode::CompletesLanding;
+                *waiting = Some((code, now, nothing || stopped));
+                return stopped.then(|| Message::Text {
+                    severity: severity::WARNING,
+                    text: STOPPED_LOW.into(),
+                });
             }
         }
+        let battery = matches!(
+            code,
+            ReasonCode::BatteryLow
+                | ReasonCode::BatteryDeck
+                | ReasonCode::BatteryHome
+                | ReasonCode::BatteryHere
+        );
         Some(Message::Text {
-            severity: severity::INFO,
+            severity: if battery {
+                severity::WARNING
+            } else {
+                severity::INFO
+            },
             text: fit(&format!("Waits: {}", m.waiting)),
         })
     }
@@ -259,6 +277,22 @@ mod tests {
             };
             assert_eq!(severity_of(&m), expected, "{entered:?} after {previous:?}");
         }
+    }
+
+    #[test]
+    fn stop_that_completes_the_landing_is_reported_at_once() {
+        let mut reports = GroundReports::default();
+        let mut m = state(State::Flare, 0.0, ReasonCode::Reached);
+        assert!(reports.report(Time::from_secs(0.0), &m).is_some());
+        m.waiting = ReasonCode::CompletesLanding.into();
+        let first = reports.report(Time::from_secs(0.1), &m);
+        let expected = Message::Text {
+            severity: severity::WARNING,
+            text: STOPPED_LOW.into(),
+        };
+        assert_eq!(first, Some(expected));
+        assert!((2..100).all(|k| reports.report(Time::from_secs(0.1 * f64::from(k)), &m).is_none()));
+        assert!(STOPPED_LOW.len() <= MAX_TEXT);
     }
 
     #[test]
