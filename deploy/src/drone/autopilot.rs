@@ -8,7 +8,8 @@ use std::time::Duration;
 
 use alight_shared::config;
 use alight_shared::msg::{
-    AutopilotState, DeckForecast, DroneState, LinkCheckpoint, MissionState, RangeSample, Seq, SetPoint,
+    AutopilotState, Command, DeckForecast, DroneState, LinkCheckpoint, MissionState, RangeSample, Seq,
+    SetPoint,
 };
 use alight_shared::transport::memory::{Instance, Memory};
 use alight_shared::transport::metrics::MetricName;
@@ -66,6 +67,7 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
     let mut odometry = memory.publisher::<DroneState>()?;
     let mut states = memory.publisher::<AutopilotState>()?;
     let mut ranges = memory.publisher::<RangeSample>()?;
+    let mut commands = memory.publisher::<Command>()?;
     let mut reports = memory.publisher()?;
     let (mut decoder, mut sequence) = (Decoder::default(), 0_u8);
     let wakes = watched(memory.listener::<SetPoint>()?, Interest::READABLE);
@@ -116,6 +118,7 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
                 }
             }
             checkpoint.publish(out.checkpoint.as_ref());
+            commands.send_any(out.command.as_ref());
             out.ranges.iter().for_each(|m| ranges.send(m));
             states.send_any(out.state.as_ref());
             // Odometry last, because it wakes the other processes.
@@ -141,8 +144,12 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
                 forecasts.statistics().state(t),
             ]
         };
-        let unsent =
-            link.unsent() + checkpoint.unsent() + odometry.unsent() + states.unsent() + ranges.unsent();
+        let unsent = link.unsent()
+            + checkpoint.unsent()
+            + odometry.unsent()
+            + states.unsent()
+            + ranges.unsent()
+            + commands.unsent();
         let report = process.state(inputs, unsent);
         reports.send_any(report.as_ref());
     }

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use alight_shared::msg::{Charge, Course, still_armed};
 use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::wake::end_requested;
 use alight_usv::deck::Closure;
 use serde_json::json;
 
@@ -16,6 +17,9 @@ use crate::process::supervisor::pause;
 use crate::terminal;
 use crate::tools::check;
 use crate::tools::check::finding::{Finding, Level, Topic};
+use crate::tools::status::page::View;
+use crate::tools::status::vessel::page;
+use crate::tools::status::watch;
 use crate::vessel::status_file::{
     self, CertificateStatus, DeckStatus, EstimatorStatus, HeadingAdvice, SourceHealth, VesselStatus,
 };
@@ -33,46 +37,73 @@ const WORTH_TURNING: f64 = 0.9;
 const WATCH_PERIOD: Duration = Duration::from_secs(1);
 
 /// Shows once, or until stopped.
-pub fn run(path: &Path, computer: &VesselComputer, watch: bool, as_json: bool) -> Result<Exit, CliError> {
-    loop {
-        let status = match status_file::read(computer) {
-            None => {
-                let what = "no vessel's process runs on this computer, or this user may not see it";
-                if as_json {
-                    terminal::line(json!({ "config": path, "running": false }));
-                } else {
-                    terminal::line(format_args!(
-                        "{what}: systemctl status alight-vessel, and sudo -u alight"
-                    ));
-                }
-                return Ok(Exit::Failed);
+pub fn run(path: &Path, computer: &VesselComputer, view: View, watched: bool) -> Result<Exit, CliError> {
+    let mut worst = Level::Fine;
+    if watched && view == View::Page && status_file::read(computer).is_some() {
+        let mut is_first = true;
+        watch::run(|span| {
+            if !is_first {
+                pause(span);
             }
-            Some(Err(e)) => return Err(CliError(format!("{e}; restart the vessel's process"))),
-            Some(Ok(status)) => status,
+            is_first = false;
+            let status = read(computer)?.filter(|_| !end_requested());
+            Ok(status.map(|status| {
+                let findings = judge(&status, steady_ns());
+                worst = Level::worst(&findings);
+                page(&status, &findings)
+            }))
+        })?;
+        return Ok(worst.exit());
+    }
+    loop {
+        let Some(status) = read(computer)? else {
+            if view == View::Json {
+                terminal::line(json!({ "config": path, "running": false }));
+            } else {
+                let what = "no vessel's process runs on this computer, or this user may not see it";
+                terminal::line(format_args!(
+                    "{what}: systemctl status alight-vessel, and sudo -u alight"
+                ));
+            }
+            return Ok(Exit::Failed);
         };
         let findings = judge(&status, steady_ns());
-        let worst = Level::worst(&findings);
-        if as_json {
-            let config: PathBuf = path.into();
-            terminal::line(json!({
-                "config": config, "running": true, "worst": worst, "findings": findings, "status": status,
-            }));
-        } else {
-            terminal::line(format_args!(
-                "vessel {}, process {}, up {}, a step takes {} / {} (p50/p99)",
-                status.vessel,
-                status.process.pid,
-                time((status.process.at_ns - status.process.began_ns) as f64 * 1e-9),
-                time(status.process.step_s[0]),
-                time(status.process.step_s[1]),
-            ));
-            findings.iter().for_each(check::show);
+        worst = Level::worst(&findings);
+        match view {
+            View::Page => terminal::line(page(&status, &findings).text()),
+            View::All => {
+                terminal::line(title(&status));
+                findings.iter().for_each(check::show);
+            }
+            View::Json => {
+                let config: PathBuf = path.into();
+                terminal::line(json!({
+                    "config": config, "running": true, "worst": worst, "findings": findings, "status": status,
+                }));
+            }
         }
-        if !watch {
+        if !watched || end_requested() {
             return Ok(worst.exit());
         }
         pause(WATCH_PERIOD);
     }
+}
+
+/// The status of this computer's vessel; None: it runs not.
+fn read(computer: &VesselComputer) -> Result<Option<VesselStatus>, CliError> {
+    let status = status_file::read(computer).transpose();
+    status.map_err(|e| CliError(format!("{e}; restart the vessel's process")))
+}
+
+fn title(status: &VesselStatus) -> String {
+    format!(
+        "vessel {}, process {}, up {}, a step takes {} / {} (p50/p99)",
+        status.vessel,
+        status.process.pid,
+        time((status.process.at_ns - status.process.began_ns) as f64 * 1e-9),
+        time(status.process.step_s[0]),
+        time(status.process.step_s[1]),
+    )
 }
 
 /// What the status means at `now_ns` of the steady clock.
@@ -530,6 +561,42 @@ mod tests {
         for (change, level, topic) in cases {
             assert_eq!(case(change), (level, vec![topic]), "{topic}");
         }
+    }
+
+    #[test]
+    fn page_of_a_vessel_fits_and_names_each_fault() {
+        let lines = |status: &VesselStatus| -> Vec<String> {
+            let findings = judge(status, 100 * 1_000_000_000);
+            page(status, &findings)
+                .text()
+                .lines()
+                .map(str::to_owned)
+                .collect()
+        };
+        let fine = lines(&status());
+        assert_eq!(fine[0], "vessel 1: works, up 100.0 s");
+        for part in [
+            "deck       reserved for drone 1",
+            "drones     drone 1: Descent",
+            "alarms     none",
+        ] {
+            assert!(fine.iter().any(|l| l.starts_with(part)), "{part}: {fine:?}");
+        }
+        let mut wrong = status();
+        wrong.drones[0].still_armed_s = Some(14.0);
+        wrong.deck.closed = Some(Closure::Crew);
+        wrong.estimator.estimate_age_s = None;
+        wrong.certificate = CertificateStatus::None;
+        wrong.rejected = vec![("no TLS".into(), 3)];
+        wrong.sources[0].is_stuck = true;
+        wrong.deck.doubles = vec![1, 2, 3];
+        let lines = lines(&wrong);
+        assert!(
+            lines.len() <= 20 && lines.iter().all(|l| l.chars().count() <= 80),
+            "{lines:?}"
+        );
+        assert!(lines[0].contains("BROKEN"), "{lines:?}");
+        assert!(lines.iter().any(|l| l.contains("still ARMED")), "{lines:?}");
     }
 
     #[test]

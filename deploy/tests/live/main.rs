@@ -15,6 +15,7 @@ mod cameras;
 mod common;
 mod faults;
 mod firmware;
+mod ground;
 mod hostile;
 mod installed;
 mod landing;

@@ -294,6 +294,7 @@ impl LandingSetup {
                 None => FirmwareConfig::default(),
             },
             mavlink,
+            ground_station: args.ground_station.map(|a| a.to_string()),
             devices: None,
             scenario: scene.scenario.drawn(args.seed),
         };
