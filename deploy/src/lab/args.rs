@@ -12,6 +12,8 @@ use alight_sim::physics::vessel;
 use alight_uav::planner::PlannerKind;
 use clap::{Args, ValueEnum};
 
+use crate::process::args::ViewArgs;
+
 /// Planners.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum Planner {
@@ -275,6 +277,10 @@ pub struct TrialArgs {
     /// Record everything to an MCAP file, for Foxglove, Lichtblick, Rerun and `alight replay`
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
+    /// Who looks on; the trial then flies in real time once the drone has appeared, waits for nobody, and ends 10 s
+    /// after the landing where somebody still looks
+    #[command(flatten)]
+    pub view: ViewArgs,
     /// Print the outcome as one JSON object, the last line
     #[arg(long)]
     pub json: bool,

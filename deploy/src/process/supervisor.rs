@@ -18,6 +18,7 @@ use alight_shared::time::Time;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::process::ProcessKind;
 
+use crate::config::view::ViewConfig;
 use crate::exit::{CliError, Doing};
 use crate::process::life::draw_boot;
 use crate::process::log::{LogHeader, NodeLog};
@@ -131,7 +132,10 @@ impl Supervisor {
     ) -> Result<(), CliError> {
         let mut arguments = arguments;
         arguments.push("--supervised".into());
-        let logs = !matches!(kind, ProcessKind::Link | ProcessKind::Sensors);
+        let logs = !matches!(
+            kind,
+            ProcessKind::Link | ProcessKind::Sensors | ProcessKind::View
+        );
         if let (Some(log), true) = (&self.log, logs) {
             arguments.extend(["--log".into(), log.display().to_string()]);
         }
@@ -233,7 +237,7 @@ impl Supervisor {
         for action in actions {
             match action {
                 Action::Start(kind) => match self.spawn(kind) {
-                    Err(e) if self.keeps_others => events.push(Event::NotStarted(kind, e.to_string())),
+                    Err(e) if self.keeps_others || kind == ProcessKind::View => events.push(Event::NotStarted(kind, e.to_string())),
                     started => started?,
                 },
                 Action::Kill(kind, silence_s) => {
@@ -328,6 +332,16 @@ pub fn arguments(kind: ProcessKind, config: &Path) -> Vec<String> {
         "--config".into(),
         config.display().to_string(),
     ]
+}
+
+/// Arguments of the program that show the computer of this configuration to people.
+pub fn view_arguments(config: &Path, view: &ViewConfig) -> Vec<String> {
+    let mut words = arguments(ProcessKind::View, config);
+    words.extend(["--listen".into(), view.listen.clone()]);
+    if !view.foxglove.is_empty() {
+        words.push(format!("--foxglove={}", view.foxglove));
+    }
+    words
 }
 
 /// This process's own program, whatever has become of its file. An upgrade puts a new file in its place:

@@ -27,7 +27,7 @@ use tracing::{info, warn};
 use crate::config::VesselComputer;
 use crate::exit::{CliError, Doing, Exit};
 use crate::io::sensor_socket::SensorSocket;
-use crate::process::args::ProcessArgs;
+use crate::process::args::{ProcessArgs, ViewArgs};
 use crate::process::life::Process;
 use crate::process::notify::Notify;
 use crate::vessel::deck_file::DeckFile;
@@ -43,7 +43,7 @@ const MAX_WAIT: Duration = Duration::from_millis(10);
 const SOURCE_SUMMARY_PERIOD_NS: i64 = 60_000_000_000;
 
 /// Runs until it is asked to end: receive, step, publish.
-pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
+pub fn run(args: &ProcessArgs, view: &ViewArgs) -> Result<Exit, CliError> {
     let computer: VesselComputer = config::load(&args.config)?;
     let mut process = Process::start(ProcessKind::Vessel, args, computer.clock, |boot| {
         computer.node(boot)
@@ -57,7 +57,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut status_file = StatusFile::new(&computer);
     let mut people = ForPeople::new(!computer.sensor.sources.is_empty(), steady_ns());
     // The last to start: an error before it leaves no process behind.
-    let mut sensor_supervisor = SensorSupervisor::start(&computer, args, steady_ns())?;
+    let mut sensor_supervisor = SensorSupervisor::start(&computer, args, view, steady_ns())?;
     let mut notify = Notify::default();
     notify.ready();
 

@@ -24,6 +24,7 @@ use alight_usv::DeckConfig;
 
 use crate::config::camera::{CameraSource, UltravioletSource};
 use crate::config::supervision::Supervision;
+use crate::config::view::ViewConfig;
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Exit};
 use crate::lab::live::air::{RadioPath, RadioWatch};
@@ -47,7 +48,7 @@ use crate::process::log;
 use crate::process::observer::Observer;
 use crate::process::scheduling;
 use crate::process::supervision::Limits;
-use crate::process::supervisor::{Event, Supervisor, arguments};
+use crate::process::supervisor::{Event, Supervisor, arguments, view_arguments};
 use crate::terminal::{self, note};
 use crate::vessel::deck_file;
 
@@ -276,6 +277,7 @@ impl LandingSetup {
             camera: CameraSource::of_simulation(scene.scenario.sensors.render.on),
             uvdar: UltravioletSource::default(),
             supervision: Supervision::default(),
+            view: ViewConfig::default(),
             drone: scene.nodes.settings(),
         };
         let world = SimulatedWorld {
@@ -322,7 +324,9 @@ impl LandingSetup {
         let (config, attachable) = match kind {
             ProcessKind::Link | ProcessKind::Sensors | ProcessKind::World => (&self.world, false),
             ProcessKind::Vessel => (&self.vessel_file, true),
-            ProcessKind::Autopilot | ProcessKind::Camera | ProcessKind::Uvdar => (&self.drone_file, false),
+            ProcessKind::Autopilot | ProcessKind::Camera | ProcessKind::Uvdar | ProcessKind::View => {
+                (&self.drone_file, false)
+            }
             ProcessKind::Bridge
             | ProcessKind::Predictor
             | ProcessKind::Mission
@@ -393,6 +397,18 @@ impl<'a> Landing<'a> {
         kinds.push(ProcessKind::Autopilot);
         for kind in kinds {
             supervisor.start(kind, plan.arguments(kind), plan.air.enter(kind))?;
+        }
+        if let Some(view) = args.view.over(&plan.drone.view) {
+            // Outside the emulated radio's namespaces: people are at neither end of it.
+            supervisor.start(
+                ProcessKind::View,
+                view_arguments(&plan.drone_file, &view),
+                Vec::new(),
+            )?;
+            note(args.json, format!("page: http://{}", view.listen));
+            if !view.foxglove.is_empty() {
+                note(args.json, format!("Foxglove: ws://{}", view.foxglove));
+            }
         }
         Ok(Landing {
             args,

@@ -8,12 +8,11 @@ use foxglove::messages::{FrameTransforms, PointCloud, SceneUpdate};
 use mcap::McapError;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use super::shapes;
 use crate::record::geometry::frame;
 use crate::record::schema::Truth;
 use crate::record::sink::Opening;
 use crate::record::views::{Topic, due, timestamp, transform};
-use crate::record::{Recorder, cloud};
+use crate::record::{Recorder, cloud, shapes};
 
 /// Period of the shapes, ms.
 const SCENE_MS: i64 = 5_000;
