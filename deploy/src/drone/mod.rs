@@ -110,8 +110,7 @@ pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
         supervisor.start(kind, arguments, Vec::new())?;
     }
     if let Some(view) = view.over(&computer.view) {
-        let arguments = supervisor::view_arguments(&args.config, &view);
-        supervisor.start(ProcessKind::View, arguments, Vec::new())?;
+        supervisor.start_view(&args.config, &view)?;
     }
     if !realtime {
         warn!("no real-time priority for pilot and planner: the system does not permit it (ulimit -r)");

@@ -52,7 +52,8 @@ pub fn run(args: &TrialArgs) -> Result<Exit, CliError> {
 fn flown(args: &TrialArgs, scene: &Scene, watch: Watch<'_>) -> Result<FlownTrial, CliError> {
     let mut watcher = watcher(args, scene)?;
     if args.record.is_none() && watcher.is_none() {
-        return fly(&scene.scenario, &scene.nodes, args.seed, &scene.sea, watch).doing("setting up the trial");
+        return fly(&scene.scenario, &scene.nodes, args.seed, &scene.sea, watch)
+            .doing("setting up the trial");
     }
     let subject = record::Subject {
         scenario: &scene.scenario,

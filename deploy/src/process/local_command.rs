@@ -64,13 +64,20 @@ mod tests {
 
     #[test]
     fn abort_is_repeated_as_one_and_met_only_by_what_the_mission_says_after_it() {
-        let mut abort = LocalCommand::new(&DroneComputer::default(), Some(CommandKind::Abort), 10_000_000_000);
+        let mut abort = LocalCommand::new(
+            &DroneComputer::default(),
+            Some(CommandKind::Abort),
+            10_000_000_000,
+        );
         let sent: Vec<Command> = (0..40)
             .filter_map(|k| abort.due(10_000_000_000 + k * 50_000_000))
             .collect();
         assert_eq!(sent.len(), 4);
         assert!(sent.iter().all(|c| c.header.at.nanos() == 10_000_000_000));
-        assert!(sent.windows(2).all(|w| w[0].header.sequence < w[1].header.sequence));
+        assert!(
+            sent.windows(2)
+                .all(|w| w[0].header.sequence < w[1].header.sequence)
+        );
         let says = |ns: i64, state| MissionState {
             header: Header::new(1, 1, 7, 1, Time::from_nanos(ns)),
             state,

@@ -202,6 +202,29 @@ mod tests {
     }
 
     #[test]
+    fn viewers_server_that_keeps_failing_ends_no_flight() {
+        let limits = Limits {
+            silence_timeout_s: Some(5.0),
+            max_failures: Some(3),
+        };
+        let mut node = SupervisorNode::new(limits);
+        let mut starts = Vec::new();
+        for ms in (0..600_000).step_by(20) {
+            // It ends at once.
+            for action in node.step(at(ms), &observed(ProcessKind::View, false, None)) {
+                assert_eq!(action, Action::Start(ProcessKind::View));
+                starts.push(ms);
+            }
+        }
+        let gaps: Vec<i64> = starts.windows(2).map(|w| w[1] - w[0]).collect();
+        assert!(
+            gaps[0] <= 200 && gaps.iter().all(|gap| *gap <= 60_100),
+            "{gaps:?}"
+        );
+        assert!(gaps.last().is_some_and(|gap| *gap >= 59_900), "{gaps:?}");
+    }
+
+    #[test]
     fn supervisor_doubles_the_delay_of_restarts_up_to_a_bound_and_forgets_it_after_a_stable_run() {
         let mut node = SupervisorNode::new(Limits::default());
         let mut starts = Vec::new();

@@ -283,7 +283,13 @@ impl Views {
     }
 
     /// The drone's sensors and the forecast.
-    pub fn predictor(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, i: &PredictorIn, o: &PredictorOut) {
+    pub fn predictor(
+        &mut self,
+        sink: &mut impl TakeMessages,
+        t: Time<TrueTime>,
+        i: &PredictorIn,
+        o: &PredictorOut,
+    ) {
         for tag in &i.tags {
             let [w, x, y, z] = tag.attitude;
             let q = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
@@ -354,7 +360,13 @@ impl Views {
     }
 
     /// The mission's state, and a line of log when state or reason change.
-    pub fn mission(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, i: &MissionIn, o: &MissionOut) {
+    pub fn mission(
+        &mut self,
+        sink: &mut impl TakeMessages,
+        t: Time<TrueTime>,
+        i: &MissionIn,
+        o: &MissionOut,
+    ) {
         for c in &i.commands {
             self.line(sink, t, log::Level::Info, format!("command: {:?}", c.kind));
         }
@@ -422,7 +434,13 @@ impl Views {
     }
 
     /// The plan and how it was found.
-    pub fn planner(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, now: Time<DroneClock>, o: &PlannerOut) {
+    pub fn planner(
+        &mut self,
+        sink: &mut impl TakeMessages,
+        t: Time<TrueTime>,
+        now: Time<DroneClock>,
+        o: &PlannerOut,
+    ) {
         let Some(plan) = o.plan.as_ref().filter(|_| self.plans.passes(t)) else {
             return;
         };

@@ -105,8 +105,9 @@ pub fn run(args: &ReplayArgs, law: ForeignLaw) -> Result<Exit, CliError> {
 /// Replays before the eyes of who looks on.
 fn watched(args: &ReplayArgs, view: &ViewConfig, law: ForeignLaw) -> Result<Vec<NodeReplay>, CliError> {
     let path = &args.path;
-    let DroneFile { drone, .. } =
-        contained(path, || Recording::open(path)?.configuration::<DroneFile>(DRONE_FILE))?;
+    let DroneFile { drone, .. } = contained(path, || {
+        Recording::open(path)?.configuration::<DroneFile>(DRONE_FILE)
+    })?;
     let known = Known {
         title: format!("replay of {}", path.display()),
         deck: Some(drone.deck.clone()),

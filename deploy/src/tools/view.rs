@@ -27,7 +27,6 @@ use crate::tools::check::{self, gather};
 use crate::tools::view_vessel;
 use crate::view::board::Known;
 use crate::view::memory_feed::MemoryFeed;
-use crate::view::picture::Picture;
 use crate::view::server::{Order, Served};
 use crate::view::watcher::{Bodies, Watcher};
 
@@ -88,14 +87,19 @@ impl ViewCommand {
             (Some(name), _) => of_instance(name),
             (None, Some(path)) => gather::computer(path),
             (None, None) if is_running(&Instance::new(LAND)?) => of_instance(LAND),
-            (None, None) => check::shipped().map_or_else(|| of_instance(LAND), |path| gather::computer(&path)),
+            (None, None) => {
+                check::shipped().map_or_else(|| of_instance(LAND), |path| gather::computer(&path))
+            }
         }
     }
 }
 
 /// Where it is served: the flags over the configuration.
 pub fn served(view: &ViewConfig, name: &str) -> Result<Served, CliError> {
-    let address = |text: &str| text.parse::<SocketAddr>().doing(format_args!("the address {text}"));
+    let address = |text: &str| {
+        text.parse::<SocketAddr>()
+            .doing(format_args!("the address {text}"))
+    };
     Ok(Served {
         page: address(&view.listen)?,
         foxglove: match view.foxglove.as_str() {
@@ -162,23 +166,24 @@ fn drone(
     let bodies: Bodies = Some((computer.drone.deck.clone(), computer.drone.airframe.clone()));
     let served = served(view, &computer.instance)?;
     let is_live = served.foxglove.is_some();
-    let mut watcher = Watcher::start(served, known.clone(), &bodies, false)?;
+    let mut watcher = Watcher::start(served, known, &bodies, false)?;
     watcher.server.lines().iter().for_each(terminal::line);
     let instance = Instance::new(&computer.instance)?;
+    let wall_ns = wall_offset_ns();
     while !ends() {
         let pid = owner(&instance).filter(|_| is_running(&instance));
         let joined = pid.and_then(|pid| Some((pid, Joined::join(&instance).ok()?)));
         let Some((pid, mut joined)) = joined else {
             let why = format!("nothing runs under the name {}", computer.instance);
-            watcher.server.show(Picture::empty(known.title.as_str(), why));
+            watcher.show_nothing(Time::from_nanos(steady_ns() + wall_ns), why);
             refuse(watcher.server.order());
             pause(ABSENT_PAUSE);
             continue;
         };
-        watcher.reset(known.clone());
+        watcher.reset();
         watcher.board.order.label = view.abort.then_some("ABORT");
         let is_there = || owner(&instance) == Some(pid);
-        joined.show(computer, &mut watcher, is_live, &is_there, told_to_end);
+        joined.show(computer, &mut watcher, (is_live, wall_ns), &is_there, told_to_end);
     }
     Ok(Exit::Success)
 }
@@ -217,11 +222,10 @@ impl Joined {
         &mut self,
         computer: &DroneComputer,
         watcher: &mut Watcher,
-        is_live: bool,
+        (is_live, wall_ns): (bool, i64),
         is_there: &dyn Fn() -> bool,
         told_to_end: &AtomicBool,
     ) {
-        let wall_ns = wall_offset_ns();
         let (mut asked_ns, mut order) = (steady_ns(), watcher.board.order.clone());
         loop {
             let now_ns = steady_ns();
@@ -277,7 +281,8 @@ impl Joined {
         let answer = match taken {
             Some(m) => Ok(format!("abort taken: {}", m.state.name())),
             None if command.is_over(steady_ns()) => Err(
-                "ABORT NOT TAKEN: the mission does not show it; take the drone over by remote control".to_owned(),
+                "ABORT NOT TAKEN: the mission does not show it; take the drone over by remote control"
+                    .to_owned(),
             ),
             None => return None,
         };

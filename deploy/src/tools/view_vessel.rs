@@ -7,12 +7,11 @@ use alight_shared::time::{Time, TrueTime};
 use alight_usv::deck::DeckOrder;
 
 use crate::config::VesselComputer;
-use crate::process::snapshot::time;
 use crate::tools::check::finding::Level;
 use crate::tools::vessel_status::{LOST_CONTACT_S, MISSING_S, STALE_S, judge};
-use crate::vessel::status_file::{self, DroneContact, VesselStatus};
 use crate::vessel::deck_file;
-use crate::view::board::minutes;
+use crate::vessel::status_file::{self, DroneContact, VesselStatus};
+use crate::view::board::{age, minutes};
 use crate::view::motion::MotionHistory;
 use crate::view::picture::{Alarm, Figure, LogLine, OrderView, Picture, StateView, Tone};
 use crate::view::server::Order;
@@ -84,7 +83,12 @@ impl<'a> Look<'a> {
         let samples = &status.estimator.motion;
         // They were taken evenly over the half second before.
         let step_ns = 500_000_000 / i64::try_from(samples.len().max(1)).unwrap_or(1);
-        for (k, sample) in (0..).zip(samples.iter().rev()).collect::<Vec<_>>().into_iter().rev() {
+        for (k, sample) in (0..)
+            .zip(samples.iter().rev())
+            .collect::<Vec<_>>()
+            .into_iter()
+            .rev()
+        {
             let t: Time<TrueTime> = Time::from_nanos(at_ns - k * step_ns);
             self.motion.add(t, Some(*sample));
         }
@@ -107,7 +111,11 @@ impl<'a> Look<'a> {
             .into_iter()
             .filter(|f| f.level > Level::Fine)
             .map(|f| Alarm {
-                tone: if f.level == Level::Broken { Tone::Alarm } else { Tone::Warning },
+                tone: if f.level == Level::Broken {
+                    Tone::Alarm
+                } else {
+                    Tone::Warning
+                },
                 text: if f.remedy.is_empty() {
                     format!("{}: {}", f.topic, f.found)
                 } else {
@@ -181,20 +189,36 @@ fn figures(status: &VesselStatus, stale: bool) -> Vec<Figure> {
         Course::Steady(s) => format!("steady, {}", minutes(f64::from(s))),
         Course::Turning => "turning".into(),
     };
-    let keep = if deck.wants_steady { "KEEP COURSE AND SPEED" } else { "" };
+    let keep = if deck.wants_steady {
+        "KEEP COURSE AND SPEED"
+    } else {
+        ""
+    };
     let drone = foremost(status);
     let age_s = estimator.estimate_age_s.filter(|s| *s <= MISSING_S);
-    let closed = if deck.closed.is_some() { Tone::Warning } else { Tone::Fine };
-    let asked = if deck.wants_steady { Tone::Warning } else { Tone::Fine };
-    let unheard = if drone.is_some_and(|d| d.age_s > LOST_CONTACT_S) { Tone::Alarm } else { Tone::Fine };
+    let closed = if deck.closed.is_some() {
+        Tone::Warning
+    } else {
+        Tone::Fine
+    };
+    let asked = if deck.wants_steady {
+        Tone::Warning
+    } else {
+        Tone::Fine
+    };
+    let unheard = if drone.is_some_and(|d| d.age_s > LOST_CONTACT_S) {
+        Tone::Alarm
+    } else {
+        Tone::Fine
+    };
     let estimate = if age_s.is_some() { Tone::Fine } else { Tone::Alarm };
     vec![
         figure("deck", Some(owner), occupied.into(), closed),
         figure("course", Some(course), keep.into(), asked),
         figure(
             "link",
-            drone.map(|d| format!("{} old", time(d.age_s))),
-            drone.map_or(String::new(), |d| format!("from drone {}", d.drone)),
+            drone.map(|d| age(d.age_s)),
+            drone.map_or(String::new(), |d| format!("old, from drone {}", d.drone)),
             unheard,
         ),
         figure(
@@ -206,13 +230,18 @@ fn figures(status: &VesselStatus, stale: bool) -> Vec<Figure> {
         figure(
             "waves",
             estimator.waves.map(|[height_m, _]| format!("{height_m:.1} m")),
-            estimator
-                .waves
-                .map_or(String::new(), |[_, confidence]| format!("predicted to {:.0} %", 100.0 * confidence)),
+            estimator.waves.map_or(String::new(), |[_, confidence]| {
+                format!("predicted to {:.0} %", 100.0 * confidence)
+            }),
             Tone::Fine,
         ),
-        figure("estimate", age_s.map(|s| format!("{} old", time(s))), String::new(), estimate),
+        figure("estimate", age_s.map(age), "old".into(), estimate),
         // She has no wind sensor that Alight reads.
-        figure("wind", None, "the drone's page knows it in flight".into(), Tone::Fine),
+        figure(
+            "wind",
+            None,
+            "the drone's page knows it in flight".into(),
+            Tone::Fine,
+        ),
     ]
 }

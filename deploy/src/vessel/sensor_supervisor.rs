@@ -69,8 +69,7 @@ impl SensorSupervisor {
                 supervisor.start(ProcessKind::Sensors, arguments, Vec::new())?;
             }
             if let Some(view) = view {
-                let arguments = supervisor::view_arguments(&args.config, &view);
-                supervisor.start(ProcessKind::View, arguments, Vec::new())?;
+                supervisor.start_view(&args.config, &view)?;
             }
             Some(supervisor)
         };

@@ -18,7 +18,6 @@ use alight_uav::planner::PlannerOut;
 use alight_uav::predictor::{PredictorIn, PredictorOut};
 use alight_usv::ComputerOut;
 
-use crate::process::snapshot::time;
 use crate::view::motion::MotionHistory;
 use crate::view::picture::{
     Alarm, DroneView, Figure, FlightLine, LogLine, OrderView, Picture, Place, SceneView, StateView, Tone,
@@ -101,6 +100,8 @@ pub struct Board {
     shown: Option<State>,
     /// What the source of all this knows beside, such as processes that are silent.
     pub alarms: Vec<Alarm>,
+    /// Flights of earlier runs, the newest first, from whoever keeps them.
+    pub earlier: Vec<FlightLine>,
     /// The order that may be given, and its answer.
     pub order: OrderView,
 }
@@ -126,8 +127,20 @@ impl Board {
             begun: None,
             shown: None,
             alarms: Vec::new(),
+            earlier: Vec::new(),
             order: OrderView::default(),
         }
+    }
+    /// Forgets what is known but for the flights that ended.
+    pub fn reset(&mut self) {
+        let known = core::mem::take(&mut self.known);
+        let flights = core::mem::take(&mut self.flights);
+        let earlier = core::mem::take(&mut self.earlier);
+        *self = Board {
+            flights,
+            earlier,
+            ..Board::new(known)
+        };
     }
     /// A step of the vessel.
     pub fn vessel(&mut self, t: Time<TrueTime>, o: &ComputerOut) {
@@ -137,7 +150,8 @@ impl Board {
     }
     /// The vessel's broadcast as the bridge received it.
     pub fn received(&mut self, t: Time<TrueTime>, o: &BridgeOut) {
-        self.own_motion.set(t, o.estimate.as_ref().map(|e| motion(&e.eta)));
+        self.own_motion
+            .set(t, o.estimate.as_ref().map(|e| motion(&e.eta)));
         self.sample(t);
     }
     /// A step of the bridge.
@@ -186,7 +200,11 @@ impl Board {
             return;
         }
         let reason = m.entered.to_string();
-        keep(&mut self.log, (t, with_reason(m.state.name(), &reason)), LOG_LINES);
+        keep(
+            &mut self.log,
+            (t, with_reason(m.state.name(), &reason)),
+            LOG_LINES,
+        );
         let outcome = match m.state {
             State::Idle => None,
             State::Landed => Some("landed"),
@@ -247,6 +265,8 @@ impl Board {
                     outcome: f.outcome.into(),
                     text: f.text.clone(),
                 })
+                .chain(self.earlier.iter().cloned())
+                .take(FLIGHTS)
                 .collect(),
             order: self.order.clone(),
         }
@@ -260,7 +280,8 @@ impl Board {
             .unwrap_or(*first);
         let heading = forecast.mean_heading;
         let place = |at: [f64; 3]| place(at, deck.position, heading);
-        let path = |stages: &mut dyn Iterator<Item = [f64; 3]>| stages.step_by(PATH_STEP).map(place).collect();
+        let path =
+            |stages: &mut dyn Iterator<Item = [f64; 3]>| stages.step_by(PATH_STEP).map(place).collect();
         let drone = self.drone.get(t).map(|(d, _, stale)| {
             let e = d.euler();
             DroneView {
@@ -372,7 +393,10 @@ impl Board {
             Course::Turning => "vessel turns".into(),
         };
         let occupied = if g.occupied { "occupied" } else { "" };
-        let note: Vec<&str> = [occupied, &course].into_iter().filter(|s| !s.is_empty()).collect();
+        let note: Vec<&str> = [occupied, &course]
+            .into_iter()
+            .filter(|s| !s.is_empty())
+            .collect();
         let (value, tone) = match g.owner {
             DECK_CLOSED => ("CLOSED".into(), Tone::Warning),
             0 => ("free".into(), Tone::Fine),
@@ -395,12 +419,12 @@ impl Board {
         };
         let [north, east] = p.disturbance;
         let push = north.hypot(east);
-        let from_deg = (-east).atan2(-north).to_degrees().rem_euclid(360.0);
+        let from_deg = ((-east).atan2(-north).to_degrees().round() as i64).rem_euclid(360);
         Figure {
             name: NAME,
             value: Some(format!("{push:.1} m/s²")),
             note: if push >= 0.05 {
-                format!("from {from_deg:.0}°")
+                format!("from {from_deg}°")
             } else {
                 String::new()
             },
@@ -443,8 +467,13 @@ impl Board {
         let left = p.touchdown_at.map(|at| (at - p.header.at).secs() - age_s);
         Figure {
             name: NAME,
-            value: Some(left.map_or("not planned".into(), |s| format!("in {:.1} s", s.max(0.0)))),
-            note: format!("plan {}: {:?}", time(age_s), p.solve).to_lowercase(),
+            value: match left {
+                // A countdown that nobody keeps is none.
+                Some(_) if stale => None,
+                Some(s) => Some(format!("in {:.1} s", s.max(0.0))),
+                None => Some("not planned".into()),
+            },
+            note: format!("plan {} old, {:?}", age(age_s), p.solve).to_lowercase(),
             tone: Tone::Fine,
             stale,
         }
@@ -512,7 +541,7 @@ fn with_reason(what: &str, reason: &str) -> String {
 }
 
 /// An age that a person reads at a glance.
-fn age(s: f64) -> String {
+pub fn age(s: f64) -> String {
     if s < 1.0 {
         format!("{:.0} ms", 1e3 * s)
     } else {

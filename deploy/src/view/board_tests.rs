@@ -105,14 +105,22 @@ fn board_places_drone_and_plan_as_seen_from_the_deck() {
 fn board_shows_what_the_mission_waits_for_and_that_it_has_fallen_silent() {
     let mut board = Board::new(Known::default());
     let waiting = Reason::new(ReasonCode::TooFast, 0.45, 0.3);
-    board.mission(at(10.0), &autopilot(0.8), &mission(10.0, State::Tracking, waiting));
+    board.mission(
+        at(10.0),
+        &autopilot(0.8),
+        &mission(10.0, State::Tracking, waiting),
+    );
     let picture = board.picture(at(10.2));
     let state = picture.state.unwrap();
     assert_eq!(state.waiting, "0.45 m/s relative to the deck (limit 0.30)");
     assert!((state.since_s - 2.2).abs() < 1e-6 && !state.stale && picture.alarms.is_empty());
     let silent = board.picture(at(13.0));
     assert!(silent.state.unwrap().stale);
-    assert!(silent.alarms[0].text.contains("nothing for 3 s"), "{:?}", silent.alarms);
+    assert!(
+        silent.alarms[0].text.contains("nothing for 3 s"),
+        "{:?}",
+        silent.alarms
+    );
     assert!(named(&board.picture(at(13.0)), "battery").stale);
 }
 
@@ -131,7 +139,11 @@ fn board_alarms_at_a_low_battery_an_old_link_and_a_given_up_landing() {
     };
     board.bridge(at(1.0), &heard);
     let alarms = board.picture(at(1.1)).alarms;
-    let has = |text: &str| alarms.iter().any(|a| a.tone == Tone::Alarm && a.text.contains(text));
+    let has = |text: &str| {
+        alarms
+            .iter()
+            .any(|a| a.tone == Tone::Alarm && a.text.contains(text))
+    };
     assert!(
         has("gave up") && has("link 1.6 s") && has("battery 25 %"),
         "{alarms:?}"
@@ -142,7 +154,11 @@ fn board_alarms_at_a_low_battery_an_old_link_and_a_given_up_landing() {
 fn board_keeps_the_flights_that_it_saw_end() {
     let mut board = Board::new(Known::default());
     let mut step = |t_s: f64, state| {
-        board.mission(at(t_s), &MissionIn::default(), &mission(t_s, state, Reason::default()));
+        board.mission(
+            at(t_s),
+            &MissionIn::default(),
+            &mission(t_s, state, Reason::default()),
+        );
     };
     step(0.0, State::Idle);
     for k in 0..20 {
@@ -156,6 +172,12 @@ fn board_keeps_the_flights_that_it_saw_end() {
     assert_eq!(picture.flights.len(), FLIGHTS);
     assert_eq!(picture.log.len(), LOG_LINES);
     let newest = &picture.flights[0];
-    assert_eq!((newest.outcome.as_str(), newest.when.as_str()), ("gave up", "59 s ago"));
+    assert_eq!(
+        (newest.outcome.as_str(), newest.when.as_str()),
+        ("gave up", "59 s ago")
+    );
     assert!(newest.text.contains("1 descents, after 40 s"), "{newest:?}");
+    board.reset();
+    let after = board.picture(at(2000.0));
+    assert_eq!((after.flights.len(), after.state), (FLIGHTS, None));
 }

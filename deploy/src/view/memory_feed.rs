@@ -129,7 +129,11 @@ impl MemoryFeed {
             let silent_s = now.saturating_sub(*at_ns) as f64 * 1e-9;
             (silent_s > topics::PROCESS.stale_after.secs()).then(|| Alarm {
                 tone: Tone::Alarm,
-                text: format!("the {} has reported nothing for {}", kind.name(), minutes(silent_s)),
+                text: format!(
+                    "the {} has reported nothing for {}",
+                    kind.name(),
+                    minutes(silent_s)
+                ),
             })
         });
         silent.collect()

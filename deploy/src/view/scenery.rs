@@ -57,8 +57,7 @@ impl Scenery {
             self.scene
                 .put(sink, t, &shapes::scene(now, &self.deck, &self.airframe));
             self.deck_points.put(sink, t, &cloud::deck(now, &self.deck));
-            self.drone_points
-                .put(sink, t, &cloud::drone(now, &self.airframe));
+            self.drone_points.put(sink, t, &cloud::drone(now, &self.airframe));
         }
         if !views.fast(t) {
             return;

@@ -7,6 +7,7 @@
 use std::convert::Infallible;
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -55,6 +56,7 @@ pub struct Order {
 /// The server; it ends when this is dropped.
 pub struct Server {
     pictures: watch::Sender<Bytes>,
+    viewers: Viewers,
     orders: Receiver<Order>,
     context: Option<Arc<Context>>,
     addresses: Addresses,
@@ -73,8 +75,29 @@ struct Addresses {
 #[derive(Clone)]
 struct Shared {
     pictures: watch::Receiver<Bytes>,
+    viewers: Viewers,
     orders: SyncSender<Order>,
     may_order: bool,
+}
+
+/// How many look on in a browser.
+#[derive(Clone, Default)]
+struct Viewers(Arc<AtomicUsize>);
+
+/// One of them, until it leaves.
+struct Viewer(Viewers);
+
+impl Viewers {
+    fn one_more(&self) -> Viewer {
+        self.0.fetch_add(1, Ordering::Relaxed);
+        Viewer(self.clone())
+    }
+}
+
+impl Drop for Viewer {
+    fn drop(&mut self) {
+        self.0.0.fetch_sub(1, Ordering::Relaxed);
+    }
 }
 
 impl Server {
@@ -84,8 +107,10 @@ impl Server {
         let (give, orders) = sync_channel(1);
         let (stop, stopped) = oneshot::channel();
         let (tell, started) = sync_channel(1);
+        let viewers = Viewers::default();
         let shared = Shared {
             pictures: newest,
+            viewers: viewers.clone(),
             orders: give,
             may_order: served.may_order,
         };
@@ -99,6 +124,7 @@ impl Server {
         let addresses = started.recv().unwrap_or_else(ended).map_err(CliError)?;
         Ok(Server {
             pictures,
+            viewers,
             orders,
             context,
             addresses,
@@ -121,8 +147,7 @@ impl Server {
     }
     /// Whether somebody looks on in a browser.
     pub fn is_watched(&self) -> bool {
-        // One receiver is the server's.
-        self.pictures.receiver_count() > 1
+        self.viewers.0.load(Ordering::Relaxed) > 0
     }
     /// An order that the page gave.
     pub fn order(&self) -> Option<Order> {
@@ -136,7 +161,9 @@ impl Server {
     pub fn lines(&self) -> Vec<String> {
         let Addresses { page, foxglove } = self.addresses;
         let live = foxglove.map(|a| format!("Foxglove: ws://{a}"));
-        core::iter::once(format!("page: http://{page}")).chain(live).collect()
+        core::iter::once(format!("page: http://{page}"))
+            .chain(live)
+            .collect()
     }
     /// Address of the page.
     #[cfg(test)]
@@ -226,8 +253,14 @@ fn router(shared: Shared) -> Router {
     const JS: &str = include_str!("page/view.js");
     Router::new()
         .route("/", get(|| async { file("text/html; charset=utf-8", HTML) }))
-        .route("/view.css", get(|| async { file("text/css; charset=utf-8", CSS) }))
-        .route("/view.js", get(|| async { file("text/javascript; charset=utf-8", JS) }))
+        .route(
+            "/view.css",
+            get(|| async { file("text/css; charset=utf-8", CSS) }),
+        )
+        .route(
+            "/view.js",
+            get(|| async { file("text/javascript; charset=utf-8", JS) }),
+        )
         .route("/events", get(events))
         .route("/state", get(state))
         .route("/order", post(order))
@@ -255,13 +288,14 @@ fn file(content: &'static str, body: &'static str) -> Response {
 async fn events(State(shared): State<Shared>, ConnectInfo(stalled): ConnectInfo<Stalled>) -> Response {
     let mut newest = shared.pictures.clone();
     newest.mark_changed();
-    let stream = futures_util::stream::unfold((newest, stalled), |(mut newest, stalled)| async move {
+    let one = (newest, stalled, shared.viewers.one_more());
+    let stream = futures_util::stream::unfold(one, |(mut newest, stalled, viewer)| async move {
         newest.changed().await.ok()?;
         while stalled.is_so() {
             tokio::time::sleep(STALL_PAUSE).await;
         }
         let picture = newest.borrow_and_update().clone();
-        Some((Ok::<Bytes, Infallible>(picture), (newest, stalled)))
+        Some((Ok::<Bytes, Infallible>(picture), (newest, stalled, viewer)))
     });
     (headers("text/event-stream"), Body::from_stream(stream)).into_response()
 }
@@ -269,9 +303,9 @@ async fn events(State(shared): State<Shared>, ConnectInfo(stalled): ConnectInfo<
 /// The newest picture, once.
 async fn state(State(shared): State<Shared>) -> Response {
     let newest = shared.pictures.borrow().clone();
-    let json = newest.strip_prefix(b"data: ").map_or(Bytes::new(), |json| {
-        Bytes::copy_from_slice(json.trim_ascii_end())
-    });
+    let json = newest
+        .strip_prefix(b"data: ")
+        .map_or(Bytes::new(), |json| Bytes::copy_from_slice(json.trim_ascii_end()));
     if json.is_empty() {
         return (StatusCode::SERVICE_UNAVAILABLE, "nothing is known yet\n").into_response();
     }

@@ -68,12 +68,16 @@ fn page_and_its_pictures_come_over_loopback() {
         ("/view.js", "EventSource"),
     ] {
         let answer = ask(to, "GET", path, &host);
-        assert!(answer.starts_with("HTTP/1.1 200") && answer.contains(needle), "{path}");
+        assert!(
+            answer.starts_with("HTTP/1.1 200") && answer.contains(needle),
+            "{path}"
+        );
         assert!(answer.contains("default-src 'self'"), "{path} names no policy");
     }
     assert!(ask(to, "GET", "/state", &host).starts_with("HTTP/1.1 503"));
     server.show(picture("Approach"));
     assert!(ask(to, "GET", "/state", &host).contains("\"name\":\"Approach\""));
+    assert!(!server.is_watched());
     let mut viewer = connect(to);
     viewer
         .write_all(format!("GET /events HTTP/1.1\r\n{host}\r\n").as_bytes())
@@ -94,7 +98,11 @@ fn page_has_at_most_1000_lines_and_names_no_other_host() {
         include_str!("page/view.js"),
     ];
     assert!(files.iter().map(|f| f.lines().count()).sum::<usize>() <= 1000);
-    assert!(files.iter().all(|f| !f.contains("//www") && !f.contains("http:") && !f.contains("https:")));
+    assert!(
+        files
+            .iter()
+            .all(|f| !f.contains("//www") && !f.contains("http:") && !f.contains("https:"))
+    );
 }
 
 #[test]
@@ -106,9 +114,18 @@ fn order_is_refused_without_leave_and_from_any_other_page() {
     for (what, given) in [
         ("no origin", format!("Host: {to}\r\n")),
         ("null", format!("Host: {to}\r\nOrigin: null\r\n")),
-        ("another page", format!("Host: {to}\r\nOrigin: http://evil.example\r\n")),
-        ("another port", format!("Host: {to}\r\nOrigin: http://127.0.0.1:1\r\n")),
-        ("another scheme", format!("Host: {to}\r\nOrigin: https://{to}\r\n")),
+        (
+            "another page",
+            format!("Host: {to}\r\nOrigin: http://evil.example\r\n"),
+        ),
+        (
+            "another port",
+            format!("Host: {to}\r\nOrigin: http://127.0.0.1:1\r\n"),
+        ),
+        (
+            "another scheme",
+            format!("Host: {to}\r\nOrigin: https://{to}\r\n"),
+        ),
         ("two origins", format!("{own}Origin: http://evil.example\r\n")),
         (
             "a name that somebody lets lead here",
@@ -116,7 +133,9 @@ fn order_is_refused_without_leave_and_from_any_other_page() {
         ),
         (
             "a name that begins like an address",
-            format!("Host: localhost.evil.example:{port}\r\nOrigin: http://localhost.evil.example:{port}\r\n"),
+            format!(
+                "Host: localhost.evil.example:{port}\r\nOrigin: http://localhost.evil.example:{port}\r\n"
+            ),
         ),
     ] {
         let answer = ask(to, "POST", "/order", &given);
@@ -125,8 +144,16 @@ fn order_is_refused_without_leave_and_from_any_other_page() {
     assert!(allowed.order().is_none(), "an order came through");
     let forbidden = Server::start(served(false)).unwrap();
     let to = forbidden.page();
-    let answer = ask(to, "POST", "/order", &format!("Host: {to}\r\nOrigin: http://{to}\r\n"));
-    assert!(answer.starts_with("HTTP/1.1 403") && answer.contains("view.abort"), "{answer}");
+    let answer = ask(
+        to,
+        "POST",
+        "/order",
+        &format!("Host: {to}\r\nOrigin: http://{to}\r\n"),
+    );
+    assert!(
+        answer.starts_with("HTTP/1.1 403") && answer.contains("view.abort"),
+        "{answer}"
+    );
     assert!(forbidden.order().is_none());
 }
 
@@ -142,7 +169,11 @@ fn order_from_our_own_page_is_carried_out_and_answered() {
         crate::process::supervisor::pause(Duration::from_millis(5));
         server.order()
     });
-    order.unwrap().reply.send(Ok("abort taken: Gave up".into())).unwrap();
+    order
+        .unwrap()
+        .reply
+        .send(Ok("abort taken: Gave up".into()))
+        .unwrap();
     let answer = given.join().unwrap();
     assert!(
         answer.starts_with("HTTP/1.1 200") && answer.ends_with("abort taken: Gave up"),
@@ -158,29 +189,27 @@ fn viewer_that_does_not_read_holds_nobody_up_and_sees_a_recent_picture_when_it_d
     slow.write_all(format!("GET /events HTTP/1.1\r\nHost: {to}\r\n\r\n").as_bytes())
         .unwrap();
     read_until(&mut slow, "text/event-stream");
-    // 20 MB in pictures of 10 kB: shown at once, as nothing waits.
+    // 4 MB in pictures of 10 kB.
     let filler = "x".repeat(10_000);
-    for k in 0..2000 {
+    for k in 0..400 {
         server.show(Picture {
             title: format!("picture {k}. {filler}"),
             ..Picture::default()
         });
-        if k % 100 == 0 {
-            crate::process::supervisor::pause(Duration::from_millis(5));
-        }
+        crate::process::supervisor::pause(Duration::from_millis(2));
     }
     let (mut waiting, mut part) = (0, [0; 1 << 16]);
     let mut tail = String::new();
-    while !tail.contains("picture 1999.") {
+    while !tail.contains("picture 399.") {
         let n = slow.read(&mut part).unwrap();
         assert!(n > 0, "it ended after {waiting} bytes");
         waiting += n;
         tail = String::from_utf8_lossy(&part[..n]).into_owned();
     }
-    // What lay in the kernel's buffers, of both ends, and no more.
-    assert!(waiting < 8 << 20, "{waiting} bytes waited for it");
+    // What lay in the kernel's buffers of both ends, and no more.
+    assert!(waiting < 320 << 10, "{waiting} bytes waited for it");
     // Another sees the newest at once.
-    assert!(ask(to, "GET", "/state", &format!("Host: {to}\r\n")).contains("picture 1999."));
+    assert!(ask(to, "GET", "/state", &format!("Host: {to}\r\n")).contains("picture 399."));
 }
 
 /// A viewer's client: JSON texts, and numbers of subscriptions in binary frames.
@@ -216,8 +245,19 @@ fn foxglove_viewer_lists_the_topics_of_recordings_and_receives_them_at_their_rat
     let mut watcher = Watcher::start(served(false), Known::default(), &None, false).unwrap();
     let mut viewer = foxglove(watcher.server.foxglove().unwrap());
     let all = topics(&mut viewer);
-    for topic in ["/tf", "/mission", "/plan", "/deck/forecast", "/link", "/log", "/drone/autopilot"] {
-        assert!(all.iter().any(|(_, t)| t == topic), "{topic} is not among {all:?}");
+    for topic in [
+        "/tf",
+        "/mission",
+        "/plan",
+        "/deck/forecast",
+        "/link",
+        "/log",
+        "/drone/autopilot",
+    ] {
+        assert!(
+            all.iter().any(|(_, t)| t == topic),
+            "{topic} is not among {all:?}"
+        );
     }
     let mission = all.iter().find(|(_, t)| t == "/mission").unwrap().0;
     let subscribe = format!(r#"{{"op":"subscribe","subscriptions":[{{"id":5,"channelId":{mission}}}]}}"#);
@@ -246,7 +286,10 @@ fn foxglove_viewer_lists_the_topics_of_recordings_and_receives_them_at_their_rat
         // Opcode 1, the number of the subscription, the time.
         (data.first() == Some(&1)).then(|| u64::from_le_bytes(data[5..13].try_into().unwrap()))
     };
-    viewer.get_ref().set_read_timeout(Some(Duration::from_millis(20))).unwrap();
+    viewer
+        .get_ref()
+        .set_read_timeout(Some(Duration::from_millis(20)))
+        .unwrap();
     let begun = (0..500).any(|_| {
         step(&mut watcher);
         viewer.read().is_ok_and(|m| m.is_binary())
@@ -261,10 +304,7 @@ fn foxglove_viewer_lists_the_topics_of_recordings_and_receives_them_at_their_rat
         .take(48)
         .collect();
     // Shown at 10 Hz.
-    assert!(
-        times.windows(2).all(|w| w[1] - w[0] == 100_000_000),
-        "{times:?}"
-    );
+    assert!(times.windows(2).all(|w| w[1] - w[0] == 100_000_000), "{times:?}");
 }
 
 #[test]

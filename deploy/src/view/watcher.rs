@@ -19,6 +19,7 @@ use crate::record::onlooker::Onlooker;
 use crate::record::views::Views;
 use crate::view::board::{Board, Known};
 use crate::view::live_sink::LiveSink;
+use crate::view::picture::Picture;
 use crate::view::scenery::Scenery;
 use crate::view::server::{Served, Server};
 
@@ -76,10 +77,18 @@ impl Watcher {
             pace: if paced { Pace::Waiting } else { Pace::Free },
         })
     }
-    /// Forgets what was known: another flight begins.
-    pub fn reset(&mut self, known: Known) {
-        self.board = Board::new(known);
+    /// Forgets what was known but for the flights that ended: another set of processes runs.
+    pub fn reset(&mut self) {
+        self.board.reset();
         self.next_ns = i64::MIN;
+    }
+    /// Shows at `t` that there is nothing to be seen, and the flights that ended.
+    pub fn show_nothing(&self, t: Time<TrueTime>, why: String) {
+        let Picture { title, flights, .. } = self.board.picture(t);
+        self.server.show(Picture {
+            flights,
+            ..Picture::empty(title, why)
+        });
     }
     /// Shows a picture when one is due.
     pub fn show(&mut self, t: Time<TrueTime>) {

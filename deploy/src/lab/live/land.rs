@@ -48,7 +48,7 @@ use crate::process::log;
 use crate::process::observer::Observer;
 use crate::process::scheduling;
 use crate::process::supervision::Limits;
-use crate::process::supervisor::{Event, Supervisor, arguments, view_arguments};
+use crate::process::supervisor::{Event, Supervisor, arguments};
 use crate::terminal::{self, note};
 use crate::vessel::deck_file;
 
@@ -400,15 +400,8 @@ impl<'a> Landing<'a> {
         }
         if let Some(view) = args.view.over(&plan.drone.view) {
             // Outside the emulated radio's namespaces: people are at neither end of it.
-            supervisor.start(
-                ProcessKind::View,
-                view_arguments(&plan.drone_file, &view),
-                Vec::new(),
-            )?;
-            note(args.json, format!("page: http://{}", view.listen));
-            if !view.foxglove.is_empty() {
-                note(args.json, format!("Foxglove: ws://{}", view.foxglove));
-            }
+            let lines = supervisor.start_view(&plan.drone_file, &view)?;
+            lines.into_iter().for_each(|line| note(args.json, line));
         }
         Ok(Landing {
             args,

@@ -81,7 +81,9 @@ pub fn fly(
     watch: Watch<'_>,
     watcher: Option<&mut Watcher>,
 ) -> Result<FlownTrial, CliError> {
-    let recorder = path.map(|path| FlightRecorder::create(path, subject)).transpose()?;
+    let recorder = path
+        .map(|path| FlightRecorder::create(path, subject))
+        .transpose()?;
     let mut shown = Shown { recorder, watcher };
     let Subject {
         scenario,

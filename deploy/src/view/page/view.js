@@ -28,7 +28,7 @@ function element(tag, className, content) {
 }
 
 function showState(state) {
-  $("state").classList.toggle("stale", !state || state.stale);
+  $("state").className = !state ? "unknown" : state.stale ? "stale" : "";
   text("name", state ? state.name : "unknown");
   text("since", state && state.since_s > 0 ? `for ${ago(state.since_s)}` : "");
   text("waiting", state && state.waiting ? `waits: ${state.waiting}` : "");
@@ -276,8 +276,6 @@ function drawSide(scene) {
   path(pen, ends, "deck", scene.forecast_stale, 7);
   path(pen, scene.forecast.map(to), "forecast", scene.forecast_stale, 3);
   path(pen, scene.plan.map(to), "plan", scene.plan_stale, 3);
-  const [roll, tilt] = scene.euler_deg;
-  say(pen, `deck: roll ${roll.toFixed(1)}°, pitch ${tilt.toFixed(1)}°`, 4, height - 6, "ink");
   if (!scene.drone) return;
   const [x, y] = to(at);
   const arm = Math.max(0.4 * scale, 11);
@@ -290,7 +288,7 @@ function drawSide(scene) {
   path(pen, [[0.35 * arm, -8], [arm, -8]], "drone", false, 3);
   path(pen, [[-0.4 * arm, 0.7 * arm], [-0.25 * arm, 0], [0.25 * arm, 0], [0.4 * arm, 0.7 * arm]], "drone", false, 3);
   pen.restore();
-  say(pen, `${at[2].toFixed(1)} m above`, width - 4, height - 6, "drone", "right");
+  say(pen, `${at[2].toFixed(1)} m above the deck`, width - 4, height - 6, "drone", "right");
 }
 
 function drawMotion(motion) {
@@ -331,6 +329,7 @@ function drawMotion(motion) {
 
 function draw() {
   if (!picture) return;
+  document.querySelectorAll(".scene").forEach((s) => s.classList.toggle("none", !picture.scene));
   drawAbove(picture.scene);
   drawSide(picture.scene);
   drawMotion(picture.motion);
