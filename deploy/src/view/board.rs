@@ -576,5 +576,4 @@ fn tenth(x: f64) -> f64 {
 }
 
 #[cfg(test)]
-#[path = "board_tests.rs"]
 mod tests;

@@ -367,5 +367,4 @@ fn is_address(host: &str) -> bool {
 }
 
 #[cfg(test)]
-#[path = "server_tests.rs"]
 mod tests;

@@ -93,9 +93,9 @@ fn page_and_its_pictures_come_over_loopback() {
 #[test]
 fn page_has_at_most_1000_lines_and_names_no_other_host() {
     let files = [
-        include_str!("page/view.html"),
-        include_str!("page/view.css"),
-        include_str!("page/view.js"),
+        include_str!("../page/view.html"),
+        include_str!("../page/view.css"),
+        include_str!("../page/view.js"),
     ];
     assert!(files.iter().map(|f| f.lines().count()).sum::<usize>() <= 1000);
     assert!(
