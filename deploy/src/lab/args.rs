@@ -264,6 +264,10 @@ pub struct SceneArgs {
 
 /// One landing.
 #[derive(Args, Debug)]
+#[command(
+    after_help = "With --view the landing is held back to real time once the drone has appeared. It waits for no viewer,\n\
+and ends when it is over, or 10 s later while somebody still looks on."
+)]
 pub struct TrialArgs {
     /// The scene.
     #[command(flatten)]
@@ -277,8 +281,7 @@ pub struct TrialArgs {
     /// Record everything to an MCAP file, for Foxglove, Lichtblick, Rerun and `alight replay`
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
-    /// Who looks on; the trial then flies in real time once the drone has appeared, waits for nobody, and ends 10 s
-    /// after the landing where somebody still looks
+    /// Whether and where people look on.
     #[command(flatten)]
     pub view: ViewArgs,
     /// Print the outcome as one JSON object, the last line

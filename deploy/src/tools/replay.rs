@@ -37,12 +37,15 @@ use crate::view::watcher::Watcher;
 
 /// A recording to compute again.
 #[derive(Args, Debug)]
+#[command(
+    after_help = "With --view a recording (FILE.mcap) is held back to real time once the drone has appeared. It waits for no viewer,\n\
+and ends when it is over, or 10 s later while somebody still looks on."
+)]
 pub struct ReplayArgs {
     /// Recording (`alight trial --record FILE.mcap`), or logs of live processes (`--log DIR`)
     #[arg(value_name = "FILE.mcap|DIR")]
     pub path: PathBuf,
-    /// Who looks on at a recording (FILE.mcap); it is then computed in real time once the drone has appeared, waits for
-    /// nobody, and ends 10 s after its end where somebody still looks
+    /// Whether and where people look on.
     #[command(flatten)]
     pub view: ViewArgs,
     /// Print the result as one JSON object, the last line

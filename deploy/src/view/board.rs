@@ -341,11 +341,17 @@ impl Board {
             return unknown(NAME);
         };
         let age_s = l.age_s + age_s;
+        if age_s.is_infinite() {
+            return Figure {
+                note: "no vessel heard yet".into(),
+                tone: Tone::Warning,
+                ..unknown(NAME)
+            };
+        }
         let limit_s = topics::ESTIMATE.stale_after.secs();
         Figure {
             name: NAME,
-            // Infinite until the vessel is heard.
-            value: age_s.is_finite().then(|| age(age_s)),
+            value: Some(age(age_s)),
             note: format!("old, {:.0} % lost", 100.0 * l.loss),
             tone: if age_s > limit_s {
                 Tone::Alarm
@@ -503,8 +509,7 @@ impl Board {
             add(Tone::Warning, format!("no landing: {}", a.rejection));
         }
         for figure in [self.link_age(t), self.battery(t)] {
-            if figure.tone == Tone::Alarm {
-                let value = figure.value.unwrap_or_else(|| "never heard".into());
+            if let (Tone::Alarm, Some(value)) = (figure.tone, figure.value) {
                 add(Tone::Alarm, format!("{} {value} ({})", figure.name, figure.note));
             }
         }

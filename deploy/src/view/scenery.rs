@@ -8,13 +8,15 @@ use foxglove::messages::{FrameTransforms, PointCloud, SceneUpdate};
 use mcap::McapError;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use crate::record::geometry::frame;
+use crate::record::geometry::{frame, on_the_water};
 use crate::record::sink::{OpenChannels, TakeMessages};
 use crate::record::views::{Topic, Views, due, timestamp, transform};
 use crate::record::{cloud, shapes};
 
 /// Period of the shapes, ms: whoever begins to look on sees them within this time.
-const SCENE_MS: i64 = 2_000;
+const SCENE_MS: i64 = 1_000;
+/// The water's level follows the vessel's height by this part at each forecast (50 Hz): within half a minute.
+const LEVEL_GAIN: f64 = 1e-3;
 
 /// Deck and drone, and their channels.
 pub struct Scenery {
@@ -24,6 +26,8 @@ pub struct Scenery {
     deck_points: Topic<PointCloud>,
     drone_points: Topic<PointCloud>,
     shown: bool,
+    /// The water in the drone's NED, m down, by the vessel's height of late: that NED begins at any height.
+    water_m: Option<f64>,
 }
 
 impl Scenery {
@@ -40,9 +44,24 @@ impl Scenery {
             deck_points: Topic::open(opening, "/points/deck")?,
             drone_points: Topic::open(opening, "/points/drone")?,
             shown: false,
+            water_m: None,
         })
     }
-    /// Both at `t`, in the drone's NED.
+    /// The vessel's reference point and attitude, and the water's level by it.
+    fn vessel(&mut self, forecast: Option<&DeckForecast>) -> Option<(Vector3<f64>, UnitQuaternion<f64>)> {
+        let stage = forecast?.stages.first()?;
+        let [roll, pitch, yaw] = stage.euler;
+        let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+        let vessel = Vector3::from(stage.position) - q * self.deck.centre();
+        let water_m = self.water_m.get_or_insert(vessel.z);
+        *water_m += LEVEL_GAIN * (vessel.z - *water_m);
+        Some((vessel, q))
+    }
+    /// A place of the drone's NED in the scene's, which begins on the water.
+    pub fn in_scene(&self, [north, east, down]: [f64; 3]) -> [f64; 3] {
+        [north, east, down - self.water_m.unwrap_or_default()]
+    }
+    /// Both at `t`.
     pub fn show(
         &mut self,
         sink: &mut impl TakeMessages,
@@ -51,6 +70,7 @@ impl Scenery {
         forecast: Option<&DeckForecast>,
         drone: Option<&DroneState>,
     ) {
+        let vessel = self.vessel(forecast);
         if due(t, SCENE_MS) || !self.shown {
             self.shown = true;
             let now = timestamp(t);
@@ -68,16 +88,16 @@ impl Scenery {
             transform(t, frame::WORLD, frame::NED, [0.0; 3], &north_east_down),
             transform(t, frame::VESSEL, frame::DECK, self.deck.centre_m, &still),
         ];
-        if let Some(stage) = forecast.and_then(|f| f.stages.first()) {
-            let [roll, pitch, yaw] = stage.euler;
-            let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
-            let vessel = Vector3::from(stage.position) - q * self.deck.centre();
-            transforms.push(transform(t, frame::NED, frame::VESSEL, vessel.into(), &q));
+        if let Some((vessel, q)) = vessel {
+            let at = self.in_scene(vessel.into());
+            transforms.push(transform(t, frame::NED, frame::VESSEL, at, &q));
+            transforms.push(transform(t, frame::WORLD, frame::CHASE, on_the_water(at), &still));
         }
         if let Some(d) = drone {
             // The camera looks down, the top of its image is forward.
             let down = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), core::f64::consts::FRAC_PI_2);
-            transforms.push(transform(t, frame::NED, frame::DRONE, d.position, &d.attitude()));
+            let at = self.in_scene(d.position);
+            transforms.push(transform(t, frame::NED, frame::DRONE, at, &d.attitude()));
             let camera = self.airframe.camera_m;
             transforms.push(transform(t, frame::DRONE, frame::CAMERA, camera, &down));
         }

@@ -128,8 +128,10 @@ impl Onlooker for Watcher {
         let Some(Live { sink, views, scenery }) = &mut self.live else {
             return;
         };
-        // It is where it says it is: its NED is the scene's.
-        views.true_drone = i.drone.map(|d| d.position).or(views.true_drone);
+        // It is where it says it is: its NED is the scene's, but for the water's level.
+        let at = i.drone.map(|d| d.position);
+        let at = at.map(|at| scenery.as_ref().map_or(at, |s| s.in_scene(at)));
+        views.true_drone = at.or(views.true_drone);
         views.predictor(sink, t, i, o);
         if let Some(scenery) = scenery {
             scenery.show(sink, views, t, o.forecast.as_ref(), i.drone.as_ref());
