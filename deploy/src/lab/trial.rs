@@ -74,10 +74,10 @@ fn watcher(args: &TrialArgs, scene: &Scene) -> Result<Option<Watcher>, CliError>
     let (deck, airframe) = (&scene.scenario.deck, &scene.scenario.airframe);
     let known = Known {
         title: format!("trial, sea {}, seed {}", scene.sea, args.seed),
-        deck: Some(deck.clone()),
-        disarm: scene.nodes.autopilot.disarm.clone(),
+        deck: Some(*deck),
+        disarm: scene.nodes.autopilot.disarm,
     };
-    let bodies = Some((deck.clone(), airframe.clone()));
+    let bodies = Some((*deck, *airframe));
     let watcher = Watcher::start(served(&view, "trial")?, known, &bodies, true)?;
     watcher
         .server

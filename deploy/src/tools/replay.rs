@@ -113,7 +113,7 @@ fn watched(args: &ReplayArgs, view: &ViewConfig, law: ForeignLaw) -> Result<Vec<
     })?;
     let known = Known {
         title: format!("replay of {}", path.display()),
-        deck: Some(drone.deck.clone()),
+        deck: Some(drone.deck),
         ..Known::default()
     };
     let bodies = Some((drone.deck, drone.airframe));

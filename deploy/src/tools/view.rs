@@ -160,10 +160,10 @@ fn drone(
 ) -> Result<Exit, CliError> {
     let known = Known {
         title: format!("drone {}, {}", computer.bridge.drone_id, computer.instance),
-        deck: Some(computer.drone.deck.clone()),
-        disarm: computer.autopilot.disarm.clone(),
+        deck: Some(computer.drone.deck),
+        disarm: computer.autopilot.disarm,
     };
-    let bodies: Bodies = Some((computer.drone.deck.clone(), computer.drone.airframe.clone()));
+    let bodies: Bodies = Some((computer.drone.deck, computer.drone.airframe));
     let served = served(view, &computer.instance)?;
     let is_live = served.foxglove.is_some();
     let mut watcher = Watcher::start(served, known, &bodies, false)?;

@@ -38,8 +38,8 @@ impl Scenery {
         airframe: &DroneGeometry,
     ) -> Result<Scenery, McapError> {
         Ok(Scenery {
-            deck: deck.clone(),
-            airframe: airframe.clone(),
+            deck: *deck,
+            airframe: *airframe,
             scene: Topic::open(opening, "/scene")?,
             deck_points: Topic::open(opening, "/points/deck")?,
             drone_points: Topic::open(opening, "/points/drone")?,
