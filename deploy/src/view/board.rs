@@ -29,6 +29,8 @@ const LOG_LINES: usize = 12;
 const FLIGHTS: usize = 8;
 /// Every so many stages of forecast and plan are drawn.
 const PATH_STEP: usize = 2;
+/// A plan that is older is not drawn any more, s: the vessel has left it behind.
+const FORGOTTEN_S: f64 = 5.0;
 /// People look on a few times a second: nothing younger than this is called old, s.
 const SHORTEST_STALE_S: f64 = 1.0;
 
@@ -218,7 +220,8 @@ impl Board {
         if let (Some(outcome), Some(_)) = (outcome, before) {
             let took = self.begun.take().map(|at| (t - at).secs());
             let took = took.map_or(String::new(), |s| format!(", after {}", minutes(s)));
-            let text = format!("{reason}; {} descents{took}", m.attempts);
+            let plural = if m.attempts == 1 { "" } else { "s" };
+            let text = format!("{reason}; {} descent{plural}{took}", m.attempts);
             keep(&mut self.flights, Ended { at: t, outcome, text }, FLIGHTS);
         }
         if matches!(m.state, State::Idle | State::Landed | State::GaveUp) {
@@ -290,7 +293,7 @@ impl Board {
                 stale,
             }
         });
-        let plan = self.plan.get(t);
+        let plan = self.plan.get(t).filter(|(_, age_s, _)| *age_s < FORGOTTEN_S);
         let [roll, pitch, yaw] = deck.euler;
         Some(SceneView {
             size_m: self.known.deck.as_ref().map(|d| [d.length_m, d.width_m]),

@@ -176,7 +176,7 @@ fn board_keeps_the_flights_that_it_saw_end() {
         (newest.outcome.as_str(), newest.when.as_str()),
         ("gave up", "59 s ago")
     );
-    assert!(newest.text.contains("1 descents, after 40 s"), "{newest:?}");
+    assert!(newest.text.contains("1 descent, after 40 s"), "{newest:?}");
     board.reset();
     let after = board.picture(at(2000.0));
     assert_eq!((after.flights.len(), after.state), (FLIGHTS, None));
