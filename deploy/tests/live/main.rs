@@ -24,3 +24,4 @@ mod real_firmware;
 mod rehearse;
 mod sensors;
 mod survival;
+mod view;
