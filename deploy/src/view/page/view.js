@@ -370,10 +370,14 @@ function connection() {
   const dead = silence > DEAD_S;
   document.body.classList.toggle("dead", dead);
   document.body.classList.toggle("late", !dead && late > LATE_S);
-  if (!Number.isFinite(silence)) text("connection", "no connection yet");
-  else if (dead) text("connection", `NO DATA for ${ago(silence)}: what is below is old`);
-  else if (late > LATE_S) text("connection", `${ago(late)} LATE: the connection is slow`);
-  else text("connection", "live");
+  if (!Number.isFinite(silence)) {
+    text("connection", "no connection yet");
+  } else if (dead) {
+    text("connection", `NO DATA for ${ago(silence)}: what is below is old`);
+    sound(["NO DATA"]);
+  } else {
+    text("connection", late > LATE_S ? `${ago(late)} LATE: the connection is slow` : "live");
+  }
 }
 
 const source = new EventSource("/events");
