@@ -2,6 +2,7 @@
 
 pub mod camera;
 pub mod supervision;
+pub mod view;
 
 use alight_bridge::BridgeConfig;
 use alight_shared::config;
@@ -15,6 +16,7 @@ use alight_usv::{DeckConfig, VesselNodeConfig};
 
 use crate::config::camera::{CameraSource, UltravioletSource};
 use crate::config::supervision::Supervision;
+use crate::config::view::ViewConfig;
 
 config! {
     /// The vessel's computer.
@@ -33,6 +35,8 @@ config! {
         pub radio: RadioConfig = RadioConfig::listening("udp/0.0.0.0:7447", TlsConfig::default()), table;
         /// How the deck is reserved for drones.
         pub deck: DeckConfig;
+        /// What people see of it in a browser.
+        pub view: ViewConfig;
         /// Its node.
         pub vessel: VesselNodeConfig;
     }
@@ -79,6 +83,8 @@ config! {
         pub uvdar: UltravioletSource;
         /// How its processes are run.
         pub supervision: Supervision;
+        /// What people see of it in a browser and in Foxglove.
+        pub view: ViewConfig;
         /// Its other nodes.
         pub drone: DroneSettings;
     }

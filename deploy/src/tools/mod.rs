@@ -9,3 +9,5 @@ pub mod keys;
 pub mod replay;
 pub mod status;
 pub mod vessel_status;
+pub mod view;
+mod view_vessel;

@@ -12,28 +12,42 @@ use serde::de::DeserializeOwned;
 use serde_json::json;
 
 use crate::cells;
-use crate::config::{DroneComputer, VesselComputer};
+use crate::config::view::ViewConfig;
+use crate::config::{DroneComputer, DroneFile, VesselComputer};
 use crate::drone::autopilot;
 use crate::drone::mission::MissionShell;
 use crate::drone::pilot::PilotShell;
 use crate::drone::planner::PlannerShell;
 use crate::drone::predictor::PredictorShell;
 use crate::exit::{CliError, Doing, Exit};
+use crate::process::args::ViewArgs;
 use crate::process::log::{LogError, LogHeader, LogReader};
 use crate::process::shell::Shell;
 use crate::process::supervision::SupervisorNode;
 use crate::process::supervisor::SUPERVISOR;
-use crate::record::reading::contained;
+use crate::record::DRONE_FILE;
+use crate::record::onlooker::Nobody;
+use crate::record::reading::{Recording, contained};
 use crate::record::replay::{ForeignLaw, NodeReplay, replay};
 use crate::table::{Table, verdict};
 use crate::terminal::{self, note};
+use crate::tools::view::served;
+use crate::view::board::Known;
+use crate::view::watcher::Watcher;
 
 /// A recording to compute again.
 #[derive(Args, Debug)]
+#[command(
+    after_help = "With --view a recording (FILE.mcap) is held back to real time once the drone has appeared. It waits for no viewer,\n\
+and ends when it is over, or 10 s later while somebody still looks on."
+)]
 pub struct ReplayArgs {
     /// Recording (`alight trial --record FILE.mcap`), or logs of live processes (`--log DIR`)
     #[arg(value_name = "FILE.mcap|DIR")]
     pub path: PathBuf,
+    /// Whether and where people look on.
+    #[command(flatten)]
+    pub view: ViewArgs,
     /// Print the result as one JSON object, the last line
     #[arg(long)]
     pub json: bool,
@@ -42,13 +56,22 @@ pub struct ReplayArgs {
 /// Replays and reports.
 pub fn run(args: &ReplayArgs, law: ForeignLaw) -> Result<Exit, CliError> {
     let path = &args.path;
+    let view = args.view.over(&ViewConfig::default());
     let nodes = if path.is_dir() || path.extension().is_some_and(|e| e == "log") {
+        if view.is_some() {
+            return Err(CliError(
+                "--view: logs are computed one process after the other; name a recording (FILE.mcap)".into(),
+            ));
+        }
         let logs = logs(path)?;
         logs.iter()
             .filter_map(|log| replay_log(log).transpose())
             .collect::<Result<Vec<_>, CliError>>()?
     } else {
-        contained(path, || replay(path, law))?
+        match &view {
+            None => contained(path, || replay(path, law, &mut Nobody))?,
+            Some(view) => watched(args, view, law)?,
+        }
     };
     let mut table = Table::new(1..3, ["node", "steps", "differs from step", "at"]);
     for n in &nodes {
@@ -80,6 +103,29 @@ pub fn run(args: &ReplayArgs, law: ForeignLaw) -> Result<Exit, CliError> {
         terminal::line(verdict(&text, first.is_none()));
     }
     Ok(Exit::of(first.is_none()))
+}
+
+/// Replays before the eyes of who looks on.
+fn watched(args: &ReplayArgs, view: &ViewConfig, law: ForeignLaw) -> Result<Vec<NodeReplay>, CliError> {
+    let path = &args.path;
+    let DroneFile { drone, .. } = contained(path, || {
+        Recording::open(path)?.configuration::<DroneFile>(DRONE_FILE)
+    })?;
+    let known = Known {
+        title: format!("replay of {}", path.display()),
+        deck: Some(drone.deck),
+        ..Known::default()
+    };
+    let bodies = Some((drone.deck, drone.airframe));
+    let mut watcher = Watcher::start(served(view, "replay")?, known, &bodies, true)?;
+    watcher
+        .server
+        .lines()
+        .into_iter()
+        .for_each(|line| note(args.json, line));
+    let nodes = contained(path, || replay(path, law, &mut watcher))?;
+    watcher.linger();
+    Ok(nodes)
 }
 
 fn logs(path: &Path) -> Result<Vec<PathBuf>, CliError> {

@@ -26,11 +26,11 @@ use crate::vessel::status_file::{
 use crate::vessel::{deck_inputs, helm_lamp};
 
 /// A status older than this is a dead or a frozen process's, s: six of its periods.
-const STALE_S: f64 = 3.0;
+pub const STALE_S: f64 = 3.0;
 /// A sensor or an estimate older than this is missing, s.
-const MISSING_S: f64 = 2.0;
+pub const MISSING_S: f64 = 2.0;
 /// A drone reports at 2 Hz; without a report for this long it is out of reach, s.
-const LOST_CONTACT_S: f64 = 5.0;
+pub const LOST_CONTACT_S: f64 = 5.0;
 /// A turn that takes less than a tenth of the tilt away is not worth it.
 const WORTH_TURNING: f64 = 0.9;
 /// Shown again this often.
@@ -107,7 +107,7 @@ fn title(status: &VesselStatus) -> String {
 }
 
 /// What the status means at `now_ns` of the steady clock.
-fn judge(status: &VesselStatus, now_ns: i64) -> Vec<Finding> {
+pub fn judge(status: &VesselStatus, now_ns: i64) -> Vec<Finding> {
     let mut all = vec![process(status, now_ns)];
     all.extend(log(status));
     all.extend(status.sources.iter().map(source));
@@ -452,6 +452,7 @@ mod tests {
                 age_s: 0.3,
                 state: "Descent".into(),
                 entered: "the deck is calm".into(),
+                waiting: String::new(),
                 battery: Some(0.8),
                 armed: true,
                 still_armed_s: None,
@@ -460,6 +461,7 @@ mod tests {
                 sensor_age_s: [Some(0.01), Some(0.1), Some(0.1)],
                 estimate_age_s: Some(0.03),
                 sd: [0.5, 0.1, 0.005, 0.01],
+                motion: vec![[0.1, -0.05, 0.3]],
                 waves: Some([0.9, 1.0]),
                 heading: None,
                 gated: [0; 3],

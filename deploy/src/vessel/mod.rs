@@ -31,7 +31,7 @@ use crate::config::VesselComputer;
 use crate::exit::{CliError, Doing, Exit};
 use crate::io::runtime;
 use crate::io::sensor_socket::SensorSocket;
-use crate::process::args::ProcessArgs;
+use crate::process::args::{ProcessArgs, ViewArgs};
 use crate::process::life::Process;
 use crate::process::notify::Notify;
 use crate::vessel::deck_file::DeckFile;
@@ -47,11 +47,11 @@ const MAX_WAIT: Duration = Duration::from_millis(10);
 const SOURCE_SUMMARY_PERIOD_NS: i64 = 60_000_000_000;
 
 /// Runs until it is asked to end: receive, step, publish.
-pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
-    runtime::block_on_with_radio(estimate(args))
+pub fn run(args: &ProcessArgs, view: &ViewArgs) -> Result<Exit, CliError> {
+    runtime::block_on_with_radio(estimate(args, view))
 }
 
-async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
+async fn estimate(args: &ProcessArgs, view: &ViewArgs) -> Result<Exit, CliError> {
     let computer: VesselComputer = config::load(&args.config)?;
     let mut process = Process::start(ProcessKind::Vessel, args, computer.clock, |boot| {
         computer.node(boot)
@@ -67,7 +67,7 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut status_file = StatusFile::new(&computer);
     let mut people = ForPeople::new(!computer.sensor.sources.is_empty(), steady_ns());
     // The last to start: an error before it leaves no process behind.
-    let mut sensor_supervisor = SensorSupervisor::start(&computer, args, steady_ns())?;
+    let mut sensor_supervisor = SensorSupervisor::start(&computer, args, view, steady_ns())?;
     let mut notify = Notify::default();
     notify.ready();
 

@@ -25,3 +25,4 @@ mod real_firmware;
 mod rehearse;
 mod sensors;
 mod survival;
+mod view;

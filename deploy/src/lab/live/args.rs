@@ -11,7 +11,7 @@ use crate::lab::args::{Autopilot, SceneArgs};
 use crate::lab::live::config::AutopilotKind;
 use crate::lab::live::fault::FaultSpec;
 use crate::lab::live::follow::MAX_FOLLOW_S;
-use crate::process::args::ProcessArgs;
+use crate::process::args::{ProcessArgs, ViewArgs};
 
 /// One landing, live.
 #[derive(Args, Debug)]
@@ -87,6 +87,9 @@ pub struct LandArgs {
     /// PROCESS:kill|freeze:PHASE|contact, such as planner:kill:descent
     #[arg(long, value_name = "FAULT")]
     pub fault: Option<FaultSpec>,
+    /// Whether and where people look on.
+    #[command(flatten)]
+    pub view: ViewArgs,
     /// Print the outcome as one JSON object, the last line
     #[arg(long)]
     pub json: bool,
