@@ -183,7 +183,9 @@ fn drone(
         watcher.reset();
         watcher.board.order.label = view.abort.then_some("ABORT");
         let is_there = || owner(&instance) == Some(pid);
-        joined.show(computer, &mut watcher, (is_live, wall_ns), &is_there, told_to_end);
+        if !joined.show(computer, &mut watcher, (is_live, wall_ns), &is_there, told_to_end) {
+            break;
+        }
     }
     Ok(Exit::Success)
 }
@@ -217,7 +219,7 @@ impl Joined {
             memory,
         })
     }
-    /// Shows what the processes say for as long as they are there.
+    /// Shows what the processes say for as long as they are there; false when it was asked to end.
     fn show(
         &mut self,
         computer: &DroneComputer,
@@ -225,7 +227,7 @@ impl Joined {
         (is_live, wall_ns): (bool, i64),
         is_there: &dyn Fn() -> bool,
         told_to_end: &AtomicBool,
-    ) {
+    ) -> bool {
         let (mut asked_ns, mut order) = (steady_ns(), watcher.board.order.clone());
         loop {
             let now_ns = steady_ns();
@@ -243,7 +245,7 @@ impl Joined {
             if now_ns - asked_ns > INSTANCE_PERIOD_NS {
                 asked_ns = now_ns;
                 if !is_there() {
-                    return;
+                    return true;
                 }
             }
             let wait = if is_live {
@@ -252,8 +254,9 @@ impl Joined {
             } else {
                 PAGE_PERIOD
             };
+            // Whoever asks consumes the signal: it has to be passed on.
             if !self.memory.wait(wait) || told_to_end.load(Ordering::Relaxed) {
-                return;
+                return false;
             }
         }
     }

@@ -6,7 +6,6 @@ use alight_bridge::BridgeOut;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_shared::transport::clock::steady_ns;
-use alight_shared::transport::wake::end_requested;
 use alight_uav::mission::{MissionIn, MissionOut};
 use alight_uav::pilot::{PilotIn, PilotOut};
 use alight_uav::planner::PlannerOut;
@@ -102,7 +101,7 @@ impl Watcher {
     pub fn linger(&self) {
         self.server.show(self.board.picture(self.newest));
         let until = steady_ns() + LINGER_NS;
-        while self.server.is_watched() && steady_ns() < until && !end_requested() {
+        while self.server.is_watched() && steady_ns() < until {
             pause(MAX_PAUSE);
         }
     }
@@ -187,7 +186,7 @@ impl Pace {
     fn hold(&mut self, t: Time<TrueTime>) {
         let Pace::From(offset) = *self else { return };
         let ahead = || t.nanos() - (steady_ns() - offset);
-        while ahead() > 1_000_000 && !end_requested() {
+        while ahead() > 1_000_000 {
             pause(Duration::from_nanos(ahead().unsigned_abs()).min(MAX_PAUSE));
         }
         if ahead() < -1_000_000_000 {
