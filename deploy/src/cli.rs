@@ -7,10 +7,10 @@ use crate::drone::{autopilot, bridge, camera, mission, pilot, planner, predictor
 use crate::exit::{CliError, Exit};
 #[cfg(feature = "lab")]
 use crate::lab;
-use crate::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, SensorsArgs};
+use crate::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, SensorsArgs, ServiceArgs};
 use crate::process::shell;
 use crate::record::replay::ForeignLaw;
-use crate::tools::{calibrate, check, command, config, estimate, flights, keys, replay, status};
+use crate::tools::{calibrate, check, command, config, estimate, flights, keys, replay, status, view};
 use crate::{drone, vessel};
 
 /// Lands a multirotor on the deck of a small boat that moves and rocks in waves.
@@ -47,10 +47,12 @@ pub enum Command {
     Replay(replay::ReplayArgs),
     /// Show what runs: processes, topics, ages, drops, link and mission.
     Status(status::StatusArgs),
+    /// Show what runs to people with a browser or with Foxglove: deck, drone, state, alarms.
+    View(view::ViewCommand),
     /// Process of the vessel: estimator and broadcast.
-    Vessel(ProcessArgs),
+    Vessel(ServiceArgs),
     /// All processes of the drone's computer, as its service runs them.
-    Drone(ProcessArgs),
+    Drone(ServiceArgs),
     /// Command the drone to land, to abort or to hold, and show its answer.
     #[command(name = "command")]
     Operate(command::CommandArgs),
@@ -100,7 +102,8 @@ impl Command {
             Command::Flights(a) => flights::run(a),
             Command::Replay(a) => replay::run(a, FOREIGN_LAW),
             Command::Status(a) => status::run(a),
-            Command::Vessel(a) => vessel::run(a),
+            Command::View(a) => view::run(a),
+            Command::Vessel(a) => vessel::run(&a.process, &a.view),
             Command::Drone(a) => drone::run(a),
             Command::Operate(a) => command::run(a),
             Command::Bridge(a) => bridge::run(a),

@@ -2,13 +2,15 @@
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+use alight_shared::node::Node;
 use alight_sim::harness::outcome::Outcome;
-use alight_sim::harness::physics::Physics;
+use alight_sim::harness::physics::{Physics, TICK};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::trial::{Watch, fly};
 use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::vessel::Course;
 use alight_sim::physics::vessel::response::HULLS;
+use alight_usv::VesselNode;
 
 fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Outcome {
     let watch = Watch {
@@ -85,4 +87,55 @@ fn calm_water_leaves_a_hull_at_its_trim() {
     scenario.hull.as_mut().unwrap().trim_pitch_deg = Some(-3.0);
     let physics = Physics::new(&scenario, 1).unwrap();
     assert!((physics.vessel().attitude.euler().1.to_degrees() + 3.0).abs() < 1e-9);
+}
+
+/// RMS tilt of the vessel about its mean over two minutes on this heading, deg.
+fn tilt_on(scenario: &Scenario, heading_deg: f64, seed: u64) -> f64 {
+    let mut scenario = scenario.clone();
+    scenario.vessel.heading_deg = Some(heading_deg);
+    let mut physics = Physics::new(&scenario, seed).unwrap();
+    let tilts: Vec<[f64; 2]> = (0..(120.0 / TICK.secs()) as usize)
+        .map(|_| {
+            physics.advance();
+            let (roll, pitch, _) = physics.vessel().attitude.euler();
+            [roll, pitch]
+        })
+        .collect();
+    let n = tilts.len() as f64;
+    let variance = |k: usize| {
+        let mean = tilts.iter().map(|t| t[k]).sum::<f64>() / n;
+        tilts.iter().map(|t| (t[k] - mean).powi(2)).sum::<f64>() / n
+    };
+    (variance(0) + variance(1)).sqrt().to_degrees()
+}
+
+#[test]
+fn quietest_heading_tilts_the_deck_least() {
+    for (hull, heading_deg) in [("mono-5m", 60.0), ("work-12m", 110.0)] {
+        let (mut scenario, nodes) = world(hull, "jonswap:1,5");
+        scenario.sea.mean_direction_deg = Some(0.0);
+        scenario.vessel.heading_deg = Some(heading_deg);
+        let mut physics = Physics::new(&scenario, 1).unwrap();
+        let mut node = VesselNode::new(&nodes.vessel, 1, 1);
+        for _ in 0..(150.0 / TICK.secs()) as usize {
+            let now = physics.vessel_now();
+            node.step(now, &physics.vessel_readings().input());
+            physics.advance();
+        }
+        let (quiet, _) = node.estimator().quietest_heading().unwrap();
+        let waves_to = quiet.waves_to.to_degrees();
+        assert!(
+            waves_to.abs() < 15.0,
+            "{hull}: waves run to 0 deg, told {waves_to:.0}"
+        );
+        let there = tilt_on(&scenario, quiet.heading.to_degrees(), 1);
+        let now = tilt_on(&scenario, heading_deg, 1);
+        assert!(there < 0.85 * now, "{hull}: {there:.2} deg of tilt, now {now:.2}");
+        let least = (0..6).map(|k| tilt_on(&scenario, 30.0 * f64::from(k), 1));
+        let least = least.fold(f64::INFINITY, f64::min);
+        assert!(
+            there < 1.05 * least,
+            "{hull}: {there:.2} deg of tilt, elsewhere {least:.2}"
+        );
+    }
 }

@@ -3,6 +3,7 @@
 pub mod camera;
 pub mod recorder;
 pub mod supervision;
+pub mod view;
 
 use alight_bridge::BridgeConfig;
 use alight_shared::config;
@@ -17,6 +18,7 @@ use alight_usv::{DeckConfig, VesselNodeConfig};
 use crate::config::camera::{CameraSource, UltravioletSource};
 use crate::config::recorder::RecorderConfig;
 use crate::config::supervision::Supervision;
+use crate::config::view::ViewConfig;
 
 config! {
     /// The vessel's computer.
@@ -37,6 +39,8 @@ config! {
         pub deck: DeckConfig;
         /// Where it records its flights.
         pub recorder: RecorderConfig;
+        /// What people see of it in a browser.
+        pub view: ViewConfig;
         /// Its node.
         pub vessel: VesselNodeConfig;
     }
@@ -85,6 +89,8 @@ config! {
         pub supervision: Supervision;
         /// Where it records its flights.
         pub recorder: RecorderConfig;
+        /// What people see of it in a browser and in Foxglove.
+        pub view: ViewConfig;
         /// Its other nodes.
         pub drone: DroneSettings;
     }

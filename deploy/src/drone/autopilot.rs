@@ -8,29 +8,31 @@ use std::time::Duration;
 
 use alight_shared::config;
 use alight_shared::msg::{
-    AutopilotState, DeckForecast, DroneState, LinkCheckpoint, MissionState, RangeSample, Seq, SetPoint,
+    AutopilotState, Command, DeckForecast, DroneState, LinkCheckpoint, MissionState, RangeSample, Seq,
+    SetPoint,
 };
-use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory};
 use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessKind;
+use alight_shared::transport::readiness::watched;
 use alight_uav::autopilot::wire::{Decoder, encode};
 use alight_uav::autopilot::{AutopilotIn, AutopilotLink, MAX_FRAMES};
 use alight_uav::pilot::Output;
+use tokio::io::Interest;
+use tokio::time::{MissedTickBehavior, interval};
 use tracing::info;
 
 use crate::config::DroneComputer;
-use crate::exit::{CliError, Exit};
+use crate::exit::{CliError, Doing, Exit};
 use crate::io::byte_link::ByteLink;
 use crate::io::link_url::LinkUrl;
+use crate::io::runtime;
 use crate::process::args::AutopilotArgs;
 use crate::process::keeper::OwnCheckpoint;
 use crate::process::life::Process;
 
-/// Pause when the link had no bytes.
-const IDLE_WAIT: Duration = Duration::from_millis(2);
-/// A step is due after this long without input, ns.
-const MAX_STEP_PERIOD_NS: i64 = 10_000_000;
+/// A step is due after this long without input.
+const MAX_STEP_PERIOD: Duration = Duration::from_millis(10);
 
 /// The node of this computer, for a start with this boot id.
 pub fn node(computer: &DroneComputer, boot: u32) -> AutopilotLink {
@@ -47,10 +49,14 @@ pub fn node(computer: &DroneComputer, boot: u32) -> AutopilotLink {
 
 /// Runs until it is asked to end.
 pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
+    runtime::block_on(fly(args))
+}
+
+async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
     let computer: DroneComputer = config::load(&args.process.config)?;
     let name = args.connect.as_ref().unwrap_or(&computer.autopilot.connect);
     let url: LinkUrl = name.parse().map_err(CliError)?;
-    let mut link = ByteLink::new(url.clone(), steady_ns())?;
+    let mut link = ByteLink::new(url.clone()).await?;
     let make = |boot| node(&computer, boot);
     let mut process = Process::start(ProcessKind::Autopilot, &args.process, computer.clock, make)?;
     let memory = Memory::join(&Instance::new(&computer.instance)?, ProcessKind::Autopilot.name())?;
@@ -61,34 +67,46 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
     let mut odometry = memory.publisher::<DroneState>()?;
     let mut states = memory.publisher::<AutopilotState>()?;
     let mut ranges = memory.publisher::<RangeSample>()?;
+    let mut commands = memory.publisher::<Command>()?;
     let mut reports = memory.publisher()?;
-    let (mut decoder, mut sequence, mut stepped_ns) = (Decoder::default(), 0_u8, 0_i64);
+    let (mut decoder, mut sequence) = (Decoder::default(), 0_u8);
+    let wakes = watched(memory.listener::<SetPoint>()?, Interest::READABLE);
+    let wakes = wakes.doing("waiting for set-points")?;
+    let mut steps = interval(MAX_STEP_PERIOD);
+    steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut more = false;
     info!("autopilot: {url}");
 
     while !process.ended() {
-        link.read(steady_ns(), |bytes| decoder.push(bytes));
+        let mut due = more;
+        if !more {
+            tokio::select! {
+                () = link.read(|bytes| decoder.push(bytes)) => {}
+                woken = wakes.readable() => {
+                    let mut woken = woken.doing("waiting for set-points")?;
+                    woken.get_inner().drain();
+                    woken.clear_ready();
+                }
+                _ = steps.tick() => due = true,
+            }
+        }
         let mut input = AutopilotIn::default();
         while input.received.len() < MAX_FRAMES
             && let Some(frame) = decoder.next_frame()
         {
             input.received.push(frame);
         }
+        more = input.received.len() == MAX_FRAMES;
         let t = process.now().nanos();
         input.set_point = set_points.newest(t);
         input.mission = missions.newest(t);
         input.forecast = forecasts.newest(t);
         input.checkpoint = checkpoint.predecessor(t);
-        if input.received.is_empty()
-            && input.set_point.is_none()
-            && input.checkpoint.is_none()
-            && steady_ns() - stepped_ns < MAX_STEP_PERIOD_NS
-        {
-            if !memory.wait(IDLE_WAIT) {
-                break;
-            }
+        let nothing = input.received.is_empty() && input.set_point.is_none() && input.checkpoint.is_none();
+        if nothing && !due {
             continue;
         }
-        stepped_ns = steady_ns();
+        steps.reset();
         // Read after the messages: a step is never earlier than a message that it consumes.
         let now = process.now();
         let out = process.step(now, &input, |out| {
@@ -96,10 +114,11 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
             for message in &out.messages {
                 sequence = sequence.wrapping_add(1);
                 if let Some(bytes) = encode(out.from, sequence, message) {
-                    link.write(steady_ns(), &bytes);
+                    link.write(&bytes);
                 }
             }
             checkpoint.publish(out.checkpoint.as_ref());
+            commands.send_any(out.command.as_ref());
             out.ranges.iter().for_each(|m| ranges.send(m));
             states.send_any(out.state.as_ref());
             // Odometry last, because it wakes the other processes.
@@ -125,8 +144,12 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
                 forecasts.statistics().state(t),
             ]
         };
-        let unsent =
-            link.unsent() + checkpoint.unsent() + odometry.unsent() + states.unsent() + ranges.unsent();
+        let unsent = link.unsent()
+            + checkpoint.unsent()
+            + odometry.unsent()
+            + states.unsent()
+            + ranges.unsent()
+            + commands.unsent();
         let report = process.state(inputs, unsent);
         reports.send_any(report.as_ref());
     }

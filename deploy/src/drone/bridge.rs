@@ -14,9 +14,11 @@ use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_shared::transport::radio::{Publication, Radio, RadioCounts, Urgency};
 use alight_shared::{config, wire};
 use alight_uav::autopilot::still_armed_s;
+use tokio::time::timeout;
 
 use crate::config::DroneComputer;
 use crate::exit::{CliError, Exit};
+use crate::io::runtime;
 use crate::process::args::ProcessArgs;
 use crate::process::life::Process;
 use crate::process::radio_keys::{STATUS, drone_key, vessel_key};
@@ -37,6 +39,10 @@ const SUBSCRIPTIONS: [(PacketKind, &Topic); 7] = [
 
 /// Runs until it is asked to end. Twice a second it sends the drone's status to the vessel.
 pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
+    runtime::block_on_with_radio(relay(args))
+}
+
+async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
     let computer: DroneComputer = config::load(&args.config)?;
     let (vessel, own) = (computer.bridge.vessel_id, computer.bridge.drone_id.to_string());
     let mut process = Process::start(ProcessKind::Bridge, args, computer.clock, |boot| {
@@ -75,8 +81,9 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
 
     let mut flows = RadioRates::of(&[Some(&topics::TIME_REQUEST), Some(&topics::DRONE_STATUS)]);
     while !process.ended() {
+        let _late = timeout(MAX_WAIT, radio.arrival()).await;
         let mut packets = Vec::new();
-        let mut received = radio.receive(MAX_WAIT);
+        let mut received = radio.receive(Duration::ZERO);
         while let Some(packet) = received {
             heard_bytes += packet.bytes.len() as u64;
             let bytes = packet.bytes;

@@ -27,7 +27,7 @@ use tracing::{info, warn};
 use crate::config::DroneComputer;
 use crate::config::supervision::Supervision;
 use crate::exit::{CliError, Exit};
-use crate::process::args::{ProcessArgs, Scheduling};
+use crate::process::args::{Scheduling, ServiceArgs};
 use crate::process::flight::Flight;
 use crate::process::instance::{CHECKPOINTS_FILE, OwnedInstance};
 use crate::process::keeper::CheckpointKeeper;
@@ -55,7 +55,8 @@ impl Supervision {
             | ProcessKind::Camera
             | ProcessKind::Uvdar
             | ProcessKind::Link
-            | ProcessKind::Sensors => return Scheduling::default(),
+            | ProcessKind::Sensors
+            | ProcessKind::View => return Scheduling::default(),
         };
         Scheduling {
             realtime: (permitted && priority > 0).then_some(priority),
@@ -70,7 +71,8 @@ impl Supervision {
 }
 
 /// Runs the drone's processes until it is asked to end.
-pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
+pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
+    let ServiceArgs { process: args, view } = args;
     let computer: DroneComputer = config::load(&args.config)?;
     // Everything is checked before anything starts. The first question installs the signal handler.
     let told_to_end = end_with_supervisor(args.supervised);
@@ -110,6 +112,9 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         let mut arguments = supervisor::arguments(kind, &args.config);
         arguments.extend(computer.supervision.scheduling(kind, realtime).flags());
         supervisor.start(kind, arguments, Vec::new())?;
+    }
+    if let Some(view) = view.over(&computer.view) {
+        supervisor.start_view(&args.config, &view)?;
     }
     if !realtime {
         warn!("no real-time priority for pilot and planner: the system does not permit it (ulimit -r)");

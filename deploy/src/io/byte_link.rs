@@ -1,79 +1,173 @@
-//! Bytes to and from an autopilot or a sensor: UDP, TCP, serial. Waits for nothing but a connection; a broken
-//! link is reopened after a pause that doubles up to a bound.
+//! Bytes to and from an autopilot or a sensor: UDP, TCP, serial, on tokio. A broken link is reopened after a pause that
+//! doubles up to a bound, in a task of its own: neither a name that is looked up nor a peer that does not answer holds up
+//! who reads and writes.
 
+use core::task::{Context, Poll, Waker};
 use std::fs::{File, OpenOptions};
+use std::future::Future;
 use std::io::{self, ErrorKind, Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
+use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
+use std::os::fd::AsRawFd;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::time::Duration;
 
+use alight_shared::transport::readiness::watched;
 use rustix::fs::{FlockOperation, OFlags, flock};
 use rustix::io::Errno;
 use rustix::termios::{ControlModes, OptionalActions, ioctl_tiocexcl, tcgetattr, tcsetattr};
+use tokio::io::Interest;
+use tokio::io::unix::AsyncFd;
+use tokio::task::JoinHandle;
+use tokio::time::{Instant, sleep_until, timeout};
 
 use crate::exit::{CliError, Doing};
 use crate::io::link_url::LinkUrl;
 
-/// First pause before a link is opened again, ns; doubles with each failure.
-const INITIAL_BACKOFF_NS: i64 = 100_000_000;
-/// Longest pause, ns.
-const MAX_BACKOFF_NS: i64 = 2_000_000_000;
-/// A TCP connection has this long to come about.
+/// First pause before a link is opened again; doubles with each failure.
+const INITIAL_BACKOFF: Duration = Duration::from_millis(100);
+/// Longest pause.
+const MAX_BACKOFF: Duration = Duration::from_secs(2);
+/// A TCP connection has this long to come about, its name included.
 const CONNECT: Duration = Duration::from_millis(300);
-/// A UDP peer that sends nothing for this long may be replaced by another, ns.
-const PEER_TIMEOUT_NS: i64 = 5_000_000_000;
+/// A UDP peer that sends nothing for this long may be replaced by another.
+const PEER_TIMEOUT: Duration = Duration::from_secs(5);
 /// Most reads at once: a flood must not delay the set-points.
 const MAX_READS: usize = 64;
+/// Longest datagram, or part of a stream, bytes.
+const MAX_READ_BYTES: usize = 2048;
 
-/// An open end.
+/// Reads and writes are waited for.
+const BOTH: Interest = Interest::READABLE.add(Interest::WRITABLE);
+
+/// An open end. Descriptors are non-blocking; reads wait in tokio, writes do not wait.
 enum Open {
     Udp {
-        socket: UdpSocket,
-        /// The peer, and when it was received last, ns; fixed where we connect.
-        other: Option<(SocketAddr, i64)>,
+        socket: AsyncFd<UdpSocket>,
+        /// The peer, and when it was received last; fixed where we connect.
+        peer: Option<(SocketAddr, Instant)>,
         fixed: bool,
     },
-    Listening(TcpListener),
+    Listening(AsyncFd<TcpListener>),
     /// TCP, and the listener that accepted it.
-    Tcp(TcpStream, Option<TcpListener>),
-    Serial(File),
+    Tcp(AsyncFd<TcpStream>, Option<AsyncFd<TcpListener>>),
+    Serial(AsyncFd<File>),
+}
+
+/// What an open end receives.
+enum Received {
+    /// Bytes in the buffer, and who sent a datagram.
+    Bytes(usize, Option<SocketAddr>),
+    /// A connection.
+    Peer(TcpStream),
+}
+
+/// Tries `io` at once, and again whenever the descriptor may be ready.
+async fn when_ready<T: AsRawFd, R>(
+    fd: &AsyncFd<T>,
+    interest: Interest,
+    mut io: impl FnMut(&T) -> io::Result<R>,
+) -> io::Result<R> {
+    match io(fd.get_ref()) {
+        Err(e) if e.kind() == ErrorKind::WouldBlock => fd.async_io(interest, io).await,
+        done => done,
+    }
+}
+
+impl Open {
+    async fn receive(&self, buffer: &mut [u8]) -> io::Result<Received> {
+        match self {
+            Open::Udp { socket, .. } => when_ready(socket, Interest::READABLE, |s| s.recv_from(buffer))
+                .await
+                .map(|(n, from)| Received::Bytes(n, Some(from))),
+            Open::Listening(listener) => when_ready(listener, Interest::READABLE, TcpListener::accept)
+                .await
+                .map(|(stream, _)| Received::Peer(stream)),
+            Open::Tcp(stream, _) => when_ready(stream, Interest::READABLE, |mut s| ended(s.read(buffer)))
+                .await
+                .map(|n| Received::Bytes(n, None)),
+            Open::Serial(port) => when_ready(port, Interest::READABLE, |mut s| ended(s.read(buffer)))
+                .await
+                .map(|n| Received::Bytes(n, None)),
+        }
+    }
+    /// What has come already.
+    fn received_already(&self, buffer: &mut [u8]) -> Option<io::Result<Received>> {
+        let mut context = Context::from_waker(Waker::noop());
+        match core::pin::pin!(self.receive(buffer)).poll(&mut context) {
+            Poll::Ready(received) => Some(received),
+            Poll::Pending => None,
+        }
+    }
+    /// Writes a part of a stream's bytes as soon as the line takes some.
+    async fn drain(&self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Open::Tcp(stream, _) => when_ready(stream, Interest::WRITABLE, |mut s| s.write(bytes)).await,
+            Open::Serial(port) => when_ready(port, Interest::WRITABLE, |mut s| s.write(bytes)).await,
+            Open::Udp { .. } | Open::Listening(_) => Ok(bytes.len()),
+        }
+    }
+    /// Writes what can be written now; None while there is nobody to write to.
+    fn write_now(&self, bytes: &[u8]) -> Option<io::Result<usize>> {
+        match self {
+            Open::Udp { socket, peer, .. } => {
+                let (to, _) = (*peer)?;
+                Some(socket.get_ref().send_to(bytes, to))
+            }
+            Open::Tcp(stream, _) => Some(stream.get_ref().write(bytes)),
+            Open::Serial(port) => Some(port.get_ref().write(bytes)),
+            Open::Listening(_) => None,
+        }
+    }
 }
 
 /// A link to an autopilot or a sensor.
 pub struct ByteLink {
     url: LinkUrl,
     open: Option<Open>,
-    next_try_ns: i64,
-    backoff_ns: i64,
+    /// Opening is under way.
+    opening: Option<JoinHandle<io::Result<Open>>>,
+    next_try: Instant,
+    backoff: Duration,
     opened: u32,
     unsent: u64,
+    /// The rest of a message of which the line took a part: nothing is sent before it.
+    rest: Vec<u8>,
     last_error: Option<String>,
+}
+
+/// What ended a wait.
+enum Event {
+    Received(io::Result<Received>),
+    Drained(io::Result<usize>),
 }
 
 impl ByteLink {
     /// A link to `url`. What can be known to be wrong at once is refused: a port that is taken, a host
     /// that has no address; a peer that is not there yet is waited for.
-    pub fn new(url: LinkUrl, now_ns: i64) -> Result<ByteLink, CliError> {
-        let mut link = ByteLink {
+    pub async fn new(url: LinkUrl) -> Result<ByteLink, CliError> {
+        let doing = || format!("opening {url}");
+        let open = match &url {
+            LinkUrl::UdpIn(_) | LinkUrl::UdpOut(_) | LinkUrl::TcpIn(_) => {
+                Some(open(url.clone()).await.doing(doing())?)
+            }
+            LinkUrl::TcpOut(host) => {
+                resolve(host).await.doing(doing())?;
+                None
+            }
+            LinkUrl::Serial(_, _) => None,
+        };
+        Ok(ByteLink {
             url,
-            open: None,
-            next_try_ns: now_ns,
-            backoff_ns: INITIAL_BACKOFF_NS,
+            open,
+            opening: None,
+            next_try: Instant::now(),
+            backoff: INITIAL_BACKOFF,
             opened: 0,
             unsent: 0,
+            rest: Vec::new(),
             last_error: None,
-        };
-        match link.url {
-            LinkUrl::UdpIn(_) | LinkUrl::UdpOut(_) | LinkUrl::TcpIn(_) => {
-                link.open = Some(link.connect().doing(format_args!("opening {}", link.url))?);
-            }
-            LinkUrl::TcpOut(ref host) => {
-                resolve(host).doing(format_args!("opening {}", link.url))?;
-            }
-            LinkUrl::Serial(_, _) => {}
-        }
-        Ok(link)
+        })
     }
     /// Times that the link was opened again.
     pub fn opened(&self) -> u32 {
@@ -87,167 +181,199 @@ impl ByteLink {
     pub fn last_error(&mut self) -> Option<String> {
         self.last_error.take()
     }
-    /// Where it listens (UDP).
-    #[cfg(test)]
-    fn local(&self) -> SocketAddr {
-        match &self.open {
-            Some(Open::Udp { socket, .. }) => socket.local_addr().unwrap(),
-            Some(Open::Listening(listener)) => listener.local_addr().unwrap(),
-            _ => panic!("not listening"),
+
+    /// Waits for bytes and gives all that are there to `take`. Returns without any after a connection, an end or a
+    /// failure. A wait that is given up loses nothing.
+    pub async fn read(&mut self, mut take: impl FnMut(&[u8])) {
+        let Some(open) = &self.open else {
+            return self.reopen().await;
+        };
+        let mut buffer = [0_u8; MAX_READ_BYTES];
+        let event = tokio::select! {
+            biased;
+            drained = open.drain(&self.rest), if !self.rest.is_empty() => Event::Drained(drained),
+            received = open.receive(&mut buffer) => Event::Received(received),
+        };
+        match event {
+            Event::Drained(Ok(n)) => drop(self.rest.drain(..n.min(self.rest.len()))),
+            Event::Drained(Err(e)) => self.failed(&e),
+            Event::Received(received) => {
+                let mut more = self.received(received, &buffer, &mut take);
+                for _ in 1..MAX_READS {
+                    let Some(open) = self.open.as_ref().filter(|_| more) else {
+                        break;
+                    };
+                    let Some(received) = open.received_already(&mut buffer) else {
+                        break;
+                    };
+                    more = self.received(received, &buffer, &mut take);
+                }
+            }
         }
     }
-
-    fn connect(&self) -> io::Result<Open> {
-        match &self.url {
-            LinkUrl::UdpIn(host) => {
-                let socket = UdpSocket::bind(resolve(host)?)?;
-                socket.set_nonblocking(true)?;
-                Ok(Open::Udp {
-                    socket,
-                    other: None,
-                    fixed: false,
-                })
+    /// Takes what came; false when the open end has changed.
+    fn received(
+        &mut self,
+        received: io::Result<Received>,
+        buffer: &[u8],
+        take: &mut impl FnMut(&[u8]),
+    ) -> bool {
+        match received {
+            Ok(Received::Bytes(n, from)) => {
+                if from.is_none_or(|from| self.is_from_peer(from)) {
+                    take(buffer.get(..n).unwrap_or_default());
+                }
+                true
             }
-            LinkUrl::UdpOut(host) => {
-                let to = resolve(host)?;
-                let any = if to.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
-                let socket = UdpSocket::bind(any)?;
-                socket.set_nonblocking(true)?;
-                Ok(Open::Udp {
-                    socket,
-                    other: Some((to, 0)),
-                    fixed: true,
-                })
+            Ok(Received::Peer(stream)) => {
+                let ready = stream
+                    .set_nonblocking(true)
+                    .and_then(|()| stream.set_nodelay(true))
+                    .and_then(|()| watched(stream, BOTH));
+                if let (Ok(stream), Some(Open::Listening(listener))) = (ready, self.open.take()) {
+                    self.open = Some(Open::Tcp(stream, Some(listener)));
+                    self.opened += 1;
+                }
+                false
             }
-            LinkUrl::TcpIn(host) => {
-                let listener = TcpListener::bind(resolve(host)?)?;
-                listener.set_nonblocking(true)?;
-                Ok(Open::Listening(listener))
+            // An answer to what we sent: no listener there yet.
+            Err(e) if matches!(e.kind(), ErrorKind::ConnectionRefused | ErrorKind::Interrupted) => true,
+            Err(e) => {
+                self.failed(&e);
+                false
             }
-            LinkUrl::TcpOut(host) => {
-                let stream = TcpStream::connect_timeout(&resolve(host)?, CONNECT)?;
-                stream.set_nodelay(true)?;
-                stream.set_nonblocking(true)?;
-                Ok(Open::Tcp(stream, None))
-            }
-            LinkUrl::Serial(path, baud) => serial(path, *baud).map(Open::Serial),
         }
     }
-
-    /// Reopens what is closed, when it is due.
-    fn reconnect_when_due(&mut self, now_ns: i64) {
-        if self.open.is_some() || now_ns < self.next_try_ns {
-            return;
+    /// Whether a datagram is from the peer: who is heard first, until it is silent, or who we send to.
+    fn is_from_peer(&mut self, from: SocketAddr) -> bool {
+        let Some(Open::Udp { peer, fixed, .. }) = &mut self.open else {
+            return true;
+        };
+        let known = peer.is_some_and(|(to, _)| to == from);
+        let free = peer.is_none_or(|(_, at)| at.elapsed() > PEER_TIMEOUT);
+        if *fixed {
+            return known;
         }
-        match self.connect() {
+        if known || free {
+            *peer = Some((from, Instant::now()));
+        }
+        known || free
+    }
+
+    /// Opens the link when it is due.
+    async fn reopen(&mut self) {
+        if self.opening.is_none() {
+            sleep_until(self.next_try).await;
+        }
+        let opening = self
+            .opening
+            .get_or_insert_with(|| tokio::spawn(open(self.url.clone())));
+        let opened = opening.await.map_err(io::Error::other).flatten();
+        self.opening = None;
+        match opened {
             Ok(open) => {
                 self.open = Some(open);
                 self.opened += 1;
-                self.backoff_ns = INITIAL_BACKOFF_NS;
+                self.backoff = INITIAL_BACKOFF;
             }
-            Err(e) => self.wait(now_ns, &e),
+            Err(e) => self.wait(&e),
         }
     }
-    fn wait(&mut self, now_ns: i64, why: &io::Error) {
+    fn wait(&mut self, why: &io::Error) {
         self.last_error = Some(format!("{}: {why}; trying again", self.url));
-        self.next_try_ns = now_ns + self.backoff_ns;
-        self.backoff_ns = (2 * self.backoff_ns).min(MAX_BACKOFF_NS);
+        self.next_try = Instant::now() + self.backoff;
+        self.backoff = (2 * self.backoff).min(MAX_BACKOFF);
     }
     /// The link broke: a listener stays open, the rest is reopened.
-    fn disconnect(&mut self, now_ns: i64, why: &io::Error) {
+    fn failed(&mut self, why: &io::Error) {
+        self.rest.clear();
         self.open = match self.open.take() {
             Some(Open::Tcp(_, Some(listener))) => Some(Open::Listening(listener)),
             Some(Open::Udp { .. } | Open::Listening(_) | Open::Tcp(_, None) | Open::Serial(_)) | None => None,
         };
         if self.open.is_none() {
-            self.wait(now_ns, why);
+            self.wait(why);
         }
     }
 
-    /// Gives the bytes that arrived to `take`; true when there were some.
-    pub fn read(&mut self, now_ns: i64, mut take: impl FnMut(&[u8])) -> bool {
-        self.reconnect_when_due(now_ns);
-        let mut any = false;
-        let mut buffer = [0_u8; 2048];
-        for _ in 0..MAX_READS {
-            let Some(open) = &mut self.open else { break };
-            let got = match open {
-                Open::Udp { socket, other, fixed } => match socket.recv_from(&mut buffer) {
-                    Ok((n, from)) => {
-                        let free = other.is_none_or(|(_, at)| now_ns - at > PEER_TIMEOUT_NS);
-                        if *fixed {
-                            // An answer from elsewhere is none.
-                            Ok(if other.is_some_and(|(to, _)| to == from) {
-                                n
-                            } else {
-                                0
-                            })
-                        } else if free || other.is_some_and(|(to, _)| to == from) {
-                            *other = Some((from, now_ns));
-                            Ok(n)
-                        } else {
-                            Ok(0)
-                        }
-                    }
-                    // No listener there yet (an ICMP answer to what we sent).
-                    Err(e) if e.kind() == ErrorKind::ConnectionRefused => Ok(0),
-                    Err(e) => Err(e),
-                },
-                Open::Listening(listener) => match listener.accept() {
-                    Ok((stream, _)) => {
-                        let ready = stream
-                            .set_nonblocking(true)
-                            .and_then(|()| stream.set_nodelay(true))
-                            .is_ok();
-                        if let (true, Some(Open::Listening(listener))) = (ready, self.open.take()) {
-                            self.open = Some(Open::Tcp(stream, Some(listener)));
-                            self.opened += 1;
-                        }
-                        continue;
-                    }
-                    Err(e) => Err(e),
-                },
-                Open::Tcp(stream, _) => ended(stream.read(&mut buffer)),
-                Open::Serial(port) => ended(port.read(&mut buffer)),
-            };
-            match got {
-                Ok(n) => {
-                    take(buffer.get(..n).unwrap_or_default());
-                    any = true;
-                }
-                Err(e) if e.kind() == ErrorKind::WouldBlock => break,
-                Err(e) if e.kind() == ErrorKind::Interrupted => {}
-                Err(e) => {
-                    self.disconnect(now_ns, &e);
-                    break;
-                }
+    /// Sends one message, whole or not at all. What the line does not take now is lost and counted: a set-point must not be
+    /// late. A line that took a part gets the rest before anything else.
+    pub fn write(&mut self, message: &[u8]) {
+        if !self.rest.is_empty() {
+            let rest = core::mem::take(&mut self.rest);
+            match self.put(&rest) {
+                Ok(n) => self.rest = rest.get(n..).unwrap_or_default().to_vec(),
+                Err(e) if e.kind() == ErrorKind::WouldBlock => self.rest = rest,
+                Err(e) => self.not_sent(&e),
             }
         }
-        any
-    }
-    /// Sends one message; what cannot be sent now is lost and counted: a set-point must not be late.
-    pub fn write(&mut self, now_ns: i64, bytes: &[u8]) {
-        let sent = match &mut self.open {
-            Some(Open::Udp { socket, other, .. }) => match other {
-                Some((to, _)) => socket.send_to(bytes, *to).map(|_| ()),
-                None => return,
-            },
-            Some(Open::Tcp(stream, _)) => stream.write_all(bytes),
-            Some(Open::Serial(port)) => port.write_all(bytes),
-            Some(Open::Listening(_)) | None => return,
-        };
-        if let Err(e) = sent {
+        if !self.rest.is_empty() {
             self.unsent += 1;
-            // A full buffer or an absent peer passes; a broken stream does not.
-            let harmless = matches!(
-                e.kind(),
-                ErrorKind::WouldBlock | ErrorKind::ConnectionRefused | ErrorKind::NetworkUnreachable
-            );
-            if !harmless {
-                self.disconnect(now_ns, &e);
+            return;
+        }
+        match self.put(message) {
+            Ok(n) => self.rest = message.get(n..).unwrap_or_default().to_vec(),
+            Err(e) => {
+                self.unsent += 1;
+                self.not_sent(&e);
             }
         }
     }
+    /// Writes what the line takes now: all where there is nobody, nothing where it is full.
+    fn put(&self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.open.as_ref().and_then(|open| open.write_now(bytes));
+        written.unwrap_or(Ok(bytes.len()))
+    }
+    /// A full buffer or an absent peer passes; a broken stream does not.
+    fn not_sent(&mut self, why: &io::Error) {
+        let harmless = matches!(
+            why.kind(),
+            ErrorKind::WouldBlock | ErrorKind::ConnectionRefused | ErrorKind::NetworkUnreachable
+        );
+        if !harmless {
+            self.failed(why);
+        }
+    }
+}
+
+/// Opens one end.
+async fn open(url: LinkUrl) -> io::Result<Open> {
+    match &url {
+        LinkUrl::UdpIn(host) => udp(resolve(host).await?, None),
+        LinkUrl::UdpOut(host) => {
+            let to = resolve(host).await?;
+            let any: SocketAddr = if to.is_ipv4() {
+                ([0; 4], 0).into()
+            } else {
+                ([0_u16; 8], 0).into()
+            };
+            udp(any, Some(to))
+        }
+        LinkUrl::TcpIn(host) => {
+            let listener = TcpListener::bind(resolve(host).await?)?;
+            listener.set_nonblocking(true)?;
+            Ok(Open::Listening(watched(listener, Interest::READABLE)?))
+        }
+        LinkUrl::TcpOut(host) => {
+            let connect = async { tokio::net::TcpStream::connect(resolve(host).await?).await };
+            let stream = timeout(CONNECT, connect).await??.into_std()?;
+            stream.set_nodelay(true)?;
+            Ok(Open::Tcp(watched(stream, BOTH)?, None))
+        }
+        LinkUrl::Serial(path, baud) => serial(path, *baud)
+            .and_then(|port| watched(port, BOTH))
+            .map(Open::Serial),
+    }
+}
+
+fn udp(at: SocketAddr, to: Option<SocketAddr>) -> io::Result<Open> {
+    let socket = UdpSocket::bind(at)?;
+    socket.set_nonblocking(true)?;
+    Ok(Open::Udp {
+        socket: watched(socket, BOTH)?,
+        peer: to.map(|to| (to, Instant::now())),
+        fixed: to.is_some(),
+    })
 }
 
 /// A read of nothing is the end of a stream.
@@ -261,8 +387,9 @@ fn ended(read: io::Result<usize>) -> io::Result<usize> {
     }
 }
 
-fn resolve(host: &str) -> io::Result<SocketAddr> {
-    host.to_socket_addrs()?
+async fn resolve(host: &str) -> io::Result<SocketAddr> {
+    tokio::net::lookup_host(host)
+        .await?
         .next()
         .ok_or_else(|| io::Error::new(ErrorKind::NotFound, format!("{host} has no address")))
 }
@@ -308,62 +435,81 @@ fn in_use() -> io::Error {
 mod tests {
     use super::*;
 
-    /// Reads until `enough` or many turns passed: loopback delivers at once.
-    fn read_at_least(link: &mut ByteLink, now_ns: i64, enough: usize) -> Vec<u8> {
+    /// Reads until `enough` bytes have come.
+    async fn read_at_least(link: &mut ByteLink, enough: usize) -> Vec<u8> {
         let mut all = Vec::new();
-        for _ in 0..2000 {
-            link.read(now_ns, |b| all.extend_from_slice(b));
-            if all.len() >= enough {
-                break;
+        let reading = async {
+            while all.len() < enough {
+                link.read(|b| all.extend_from_slice(b)).await;
             }
-            crate::process::supervisor::pause(Duration::from_millis(1));
-        }
+        };
+        let _late = timeout(Duration::from_secs(5), reading).await;
         all
     }
 
-    #[test]
-    fn udp_link_answers_its_first_peer_only_until_that_falls_silent() {
-        let mut link = ByteLink::new(
-            "udpin://127.0.0.1:0"
-                .parse()
-                .unwrap_or(LinkUrl::UdpIn("127.0.0.1:0".into())),
-            0,
-        )
-        .unwrap();
-        let at = link.local();
-        let (first, second) = (
-            UdpSocket::bind("127.0.0.1:0").unwrap(),
-            UdpSocket::bind("127.0.0.1:0").unwrap(),
-        );
-        for s in [&first, &second] {
-            s.set_read_timeout(Some(Duration::from_millis(500))).unwrap();
+    /// Reads for as long as `of` takes.
+    async fn reading<F: Future>(link: &mut ByteLink, of: F) -> F::Output {
+        let mut of = core::pin::pin!(of);
+        loop {
+            tokio::select! {
+                done = &mut of => return done,
+                () = link.read(|_| {}) => {}
+            }
         }
-        link.write(1, b"nobody there");
-        first.send_to(b"one", at).unwrap();
-        assert_eq!(read_at_least(&mut link, 2, 3), b"one");
-        second.send_to(b"two", at).unwrap();
-        first.send_to(b"three", at).unwrap();
-        assert_eq!(read_at_least(&mut link, 3, 5), b"three");
-        link.write(4, b"answer");
-        let mut buffer = [0; 16];
-        assert_eq!(first.recv(&mut buffer).unwrap(), 6);
-        // The first fell silent.
-        second.send_to(b"four", at).unwrap();
-        assert_eq!(read_at_least(&mut link, PEER_TIMEOUT_NS + 4, 4), b"four");
     }
 
-    #[test]
-    fn serial_port_open_in_another_program() {
+    fn port(link: &ByteLink) -> SocketAddr {
+        match &link.open {
+            Some(Open::Udp { socket, .. }) => socket.get_ref().local_addr().unwrap(),
+            Some(Open::Listening(listener)) => listener.get_ref().local_addr().unwrap(),
+            _ => panic!("not listening"),
+        }
+    }
+
+    #[tokio::test]
+    async fn udp_link_answers_its_first_peer_only_until_that_falls_silent() {
+        let mut link = ByteLink::new(LinkUrl::UdpIn("127.0.0.1:0".into())).await.unwrap();
+        let at = port(&link);
+        let [first, second] = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
+        first.set_read_timeout(Some(Duration::from_millis(500))).unwrap();
+        link.write(b"nobody there");
+        first.send_to(b"one", at).unwrap();
+        assert_eq!(read_at_least(&mut link, 3).await, b"one");
+        second.send_to(b"two", at).unwrap();
+        first.send_to(b"three", at).unwrap();
+        assert_eq!(read_at_least(&mut link, 5).await, b"three");
+        link.write(b"answer");
+        let mut buffer = [0; 16];
+        assert_eq!(first.recv(&mut buffer).unwrap(), 6);
+        // The first falls silent.
+        if let Some(Open::Udp {
+            peer: Some((_, at)), ..
+        }) = &mut link.open
+        {
+            *at -= PEER_TIMEOUT;
+        }
+        second.send_to(b"four", at).unwrap();
+        assert_eq!(read_at_least(&mut link, 4).await, b"four");
+    }
+
+    /// A pseudo-terminal and its path.
+    fn terminal() -> (std::os::fd::OwnedFd, String) {
         use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
         let line = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
         grantpt(&line).unwrap();
         unlockpt(&line).unwrap();
         let path = ptsname(&line, Vec::new()).unwrap().into_string().unwrap();
+        (line, path)
+    }
+
+    #[tokio::test]
+    async fn serial_port_open_in_another_program() {
+        let (_line, path) = terminal();
         let first = serial(Path::new(&path), 115_200).unwrap();
         // A lock belongs to the open file, so this program opens it like another one.
         let url: LinkUrl = format!("serial://{path}:115200").parse().unwrap();
-        let mut second = ByteLink::new(url, 0).unwrap();
-        second.read(0, |_| {});
+        let mut second = ByteLink::new(url).await.unwrap();
+        second.read(|_| {}).await;
         let why = second.last_error().unwrap();
         assert!(why.contains("another program has this port open"), "{why}");
         assert_eq!(second.opened(), 0);
@@ -372,57 +518,95 @@ mod tests {
         if !rustix::process::geteuid().is_root() {
             return;
         }
-        second.read(INITIAL_BACKOFF_NS, |_| {});
+        second.read(|_| {}).await;
         assert_eq!((second.opened(), second.last_error()), (1, None));
     }
 
-    #[test]
-    fn tcp_link_reconnects_after_the_peer_closed() {
-        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        let url = LinkUrl::TcpOut(listener.local_addr().unwrap().to_string());
-        let mut link = ByteLink::new(url, 0).unwrap();
-        let mut now_ns = 0;
-        for round in 1..=3 {
-            link.read(now_ns, |_| {});
-            let (mut other, _) = listener.accept().unwrap();
-            other.write_all(b"hello").unwrap();
-            assert_eq!(read_at_least(&mut link, now_ns, 5), b"hello");
-            link.write(now_ns, b"yes");
-            let mut buffer = [0; 3];
-            other.read_exact(&mut buffer).unwrap();
-            assert_eq!((&buffer, link.opened()), (b"yes", round));
-            drop(other);
-            for _ in 0..2000 {
-                link.read(now_ns, |_| {});
-                if link.open.is_none() {
-                    break;
-                }
-                crate::process::supervisor::pause(Duration::from_millis(1));
+    #[tokio::test]
+    async fn messages_through_a_full_line_are_whole() {
+        let (line, path) = terminal();
+        let url: LinkUrl = format!("serial://{path}:115200").parse().unwrap();
+        let mut link = ByteLink::new(url).await.unwrap();
+        link.read(|_| {}).await;
+        assert_eq!(link.opened(), 1, "{:?}", link.last_error());
+        // More than the line holds: some are lost whole, one waits with its rest.
+        const MESSAGE: usize = 250;
+        let messages: Vec<Vec<u8>> = (0..200_u8).map(|k| vec![k; MESSAGE]).collect();
+        for message in &messages {
+            link.write(message);
+        }
+        assert!(link.unsent() > 0);
+        let reader = File::from(line);
+        let read = tokio::task::spawn_blocking(move || {
+            let mut all = Vec::new();
+            let mut buffer = [0; 4096];
+            while !all.ends_with(&[250; MESSAGE]) {
+                let n = (&reader).read(&mut buffer).unwrap();
+                all.extend_from_slice(&buffer[..n]);
             }
-            assert!(link.open.is_none() && link.last_error().is_some());
-            now_ns += MAX_BACKOFF_NS;
+            all
+        });
+        let mut last = tokio::time::interval(Duration::from_millis(5));
+        let mut read = core::pin::pin!(read);
+        let all = loop {
+            tokio::select! {
+                all = &mut read => break all.unwrap(),
+                () = link.read(|_| {}) => {}
+                _ = last.tick() => link.write(&[250; MESSAGE]),
+            }
+        };
+        assert_eq!(all.len() % MESSAGE, 0);
+        for message in all.chunks(MESSAGE) {
+            assert!(message.iter().all(|b| *b == message[0]), "half a message");
         }
     }
 
-    #[test]
-    fn link_backoff_doubles_up_to_a_bound() {
-        let mut link = ByteLink::new(LinkUrl::Serial("/nonexistent/tty".into(), 57600), 0).unwrap();
-        let mut tries = Vec::new();
-        for ms in 0..20_000 {
-            link.read(ms * 1_000_000, |_| {});
-            if link.last_error().is_some() {
-                tries.push(ms);
-            }
+    #[tokio::test]
+    async fn tcp_link_reconnects_after_the_peer_closed() {
+        let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let url = LinkUrl::TcpOut(listener.local_addr().unwrap().to_string());
+        let mut link = ByteLink::new(url).await.unwrap();
+        for round in 1..=3 {
+            let (other, _) = reading(&mut link, listener.accept()).await.unwrap();
+            other.try_write(b"hello").unwrap();
+            assert_eq!(read_at_least(&mut link, 5).await, b"hello");
+            link.write(b"yes");
+            other.readable().await.unwrap();
+            let mut buffer = [0; 8];
+            assert_eq!(
+                (other.try_read(&mut buffer).unwrap(), &buffer[..3]),
+                (3, &b"yes"[..])
+            );
+            assert_eq!(link.opened(), round);
+            drop(other);
+            link.read(|_| {}).await;
+            assert!(link.open.is_none() && link.last_error().is_some());
+        }
+    }
+
+    #[tokio::test]
+    async fn link_backoff_doubles_up_to_a_bound() {
+        let absent = LinkUrl::Serial("/nonexistent/tty".into(), 57600);
+        let mut link = ByteLink::new(absent).await.unwrap();
+        let (mut tries, mut waited) = (Vec::new(), Duration::ZERO);
+        while waited < Duration::from_secs(20) {
+            // It is due at once.
+            link.next_try = Instant::now();
+            link.read(|_| {}).await;
+            assert!(link.last_error().is_some());
+            let pause = link.next_try.duration_since(Instant::now());
+            assert!(pause <= MAX_BACKOFF);
+            waited += pause;
+            tries.push(pause);
         }
         assert!(tries.len() <= 16, "{tries:?}");
-        assert!(tries.windows(2).all(|w| w[1] - w[0] <= 2000));
     }
 
-    #[test]
-    fn link_refuses_a_port_in_use() {
+    #[tokio::test]
+    async fn link_refuses_a_port_in_use() {
         let taken = UdpSocket::bind("127.0.0.1:0").unwrap();
         let url = LinkUrl::UdpIn(taken.local_addr().unwrap().to_string());
-        let Err(e) = ByteLink::new(url, 0) else {
+        let Err(e) = ByteLink::new(url).await else {
             panic!("bound twice")
         };
         assert!(e.0.contains("opening udpin://127.0.0.1:"), "{e}");

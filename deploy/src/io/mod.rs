@@ -1,5 +1,8 @@
-//! Bytes to and from what is no computer of ours: sockets and serial ports.
+//! Bytes and levels to and from what is no computer of ours: sockets, serial ports, digital lines.
 
 pub mod byte_link;
+pub mod byte_links;
+pub mod digital_line;
 pub mod link_url;
+pub mod runtime;
 pub mod sensor_socket;

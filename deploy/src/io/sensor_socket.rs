@@ -32,7 +32,7 @@ impl SensorSocket {
         let mut all = Readings::default();
         let mut buffer = [0_u8; wire::MAX_WIRE_BYTES];
         for k in 0..MAX_PER_READ {
-            let ready = if k == 0 {
+            let ready = if k == 0 && !max_wait.is_zero() {
                 self.socket
                     .set_nonblocking(false)
                     .and_then(|()| self.socket.set_read_timeout(Some(max_wait)))
@@ -48,6 +48,10 @@ impl SensorSocket {
             }
         }
         all
+    }
+    /// A descriptor of the same socket, for who waits for other things, too.
+    pub fn descriptor(&self) -> io::Result<UdpSocket> {
+        self.socket.try_clone()
     }
     /// Datagrams that were not readings.
     pub fn rejected(&self) -> u64 {

@@ -12,6 +12,8 @@ use alight_sim::physics::vessel;
 use alight_uav::planner::PlannerKind;
 use clap::{Args, ValueEnum};
 
+use crate::process::args::ViewArgs;
+
 /// Planners.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum Planner {
@@ -262,6 +264,10 @@ pub struct SceneArgs {
 
 /// One landing.
 #[derive(Args, Debug)]
+#[command(
+    after_help = "With --view the landing is held back to real time once the drone has appeared. It waits for no viewer,\n\
+and ends when it is over, or 10 s later while somebody still looks on."
+)]
 pub struct TrialArgs {
     /// The scene.
     #[command(flatten)]
@@ -275,6 +281,9 @@ pub struct TrialArgs {
     /// Record everything to an MCAP file, for Foxglove, Lichtblick, Rerun and `alight replay`
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
+    /// Whether and where people look on.
+    #[command(flatten)]
+    pub view: ViewArgs,
     /// Print the outcome as one JSON object, the last line
     #[arg(long)]
     pub json: bool,

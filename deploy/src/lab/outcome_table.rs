@@ -125,6 +125,7 @@ pub fn summary_json(s: &Summary) -> Map<String, Value> {
         ("unsafe_contacts", json!(s.unsafe_contacts)),
         ("water_contacts", json!(s.water_contacts)),
         ("contacts_above_2_mps", json!(s.contacts_above_2_mps)),
+        ("failures", json!(s.failures)),
     ] {
         map.insert(name.into(), value);
     }

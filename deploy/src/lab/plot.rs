@@ -2,6 +2,7 @@
 //! pitch and yaw of drone and deck with touchdown marked.
 
 use std::error::Error;
+use std::ffi::OsStr;
 use std::path::Path;
 
 use alight_sim::harness::outcome::Outcome;
@@ -20,8 +21,15 @@ type Path3 = (&'static str, RGBColor, fn(&TracePoint) -> [f64; 3]);
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Series<'s> = (&'s str, RGBColor, Box<dyn Fn(&TracePoint) -> f64 + 's>);
 
-/// Whether a plot can be written to `path`, found out before the flight, not after it.
+/// Whether a plot can be written to `path`, found out before the flight, not after it: as SVG, by its name.
 pub fn can_write(path: &Path) -> Result<(), CliError> {
+    let is_svg = |e: &OsStr| e.eq_ignore_ascii_case("svg");
+    if !path.extension().is_some_and(is_svg) {
+        return Err(CliError(format!(
+            "--plot {}: plots are written as SVG and in no other format; choose a name that ends in .svg",
+            path.display()
+        )));
+    }
     let opened = std::fs::OpenOptions::new().create(true).append(true).open(path);
     opened.map(|_| ()).map_err(|e| {
         CliError::because(

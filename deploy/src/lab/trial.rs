@@ -2,11 +2,15 @@
 
 use alight_sim::harness::trial::{Event, FlownTrial, Watch, fly};
 
+use crate::config::view::ViewConfig;
 use crate::exit::{CliError, Doing, Exit};
 use crate::lab::args::TrialArgs;
 use crate::lab::scene::{Scene, stopwatch};
 use crate::lab::{outcome_table, plot, record};
 use crate::terminal::{self, note};
+use crate::tools::view::served;
+use crate::view::board::Known;
+use crate::view::watcher::Watcher;
 
 /// Flies one landing, shows its phases, ends with a table.
 pub fn run(args: &TrialArgs) -> Result<Exit, CliError> {
@@ -46,16 +50,39 @@ pub fn run(args: &TrialArgs) -> Result<Exit, CliError> {
 }
 
 fn flown(args: &TrialArgs, scene: &Scene, watch: Watch<'_>) -> Result<FlownTrial, CliError> {
-    if let Some(path) = &args.record {
-        let subject = record::Subject {
-            scenario: &scene.scenario,
-            nodes: &scene.nodes,
-            seed: args.seed,
-            sea: &scene.sea,
-            boots: record::LOCK_STEP_BOOTS,
-            live: false,
-        };
-        return record::fly(path, &subject, watch);
+    let mut watcher = watcher(args, scene)?;
+    if args.record.is_none() && watcher.is_none() {
+        return fly(&scene.scenario, &scene.nodes, args.seed, &scene.sea, watch)
+            .doing("setting up the trial");
     }
-    fly(&scene.scenario, &scene.nodes, args.seed, &scene.sea, watch).doing("setting up the trial")
+    let subject = record::Subject {
+        scenario: &scene.scenario,
+        nodes: &scene.nodes,
+        seed: args.seed,
+        sea: &scene.sea,
+        boots: record::LOCK_STEP_BOOTS,
+        live: false,
+    };
+    record::fly(args.record.as_deref(), &subject, watch, watcher.as_mut())
+}
+
+/// Who looks on, if anybody is to.
+fn watcher(args: &TrialArgs, scene: &Scene) -> Result<Option<Watcher>, CliError> {
+    let Some(view) = args.view.over(&ViewConfig::default()) else {
+        return Ok(None);
+    };
+    let (deck, airframe) = (&scene.scenario.deck, &scene.scenario.airframe);
+    let known = Known {
+        title: format!("trial, sea {}, seed {}", scene.sea, args.seed),
+        deck: Some(*deck),
+        disarm: scene.nodes.autopilot.disarm,
+    };
+    let bodies = Some((*deck, *airframe));
+    let watcher = Watcher::start(served(&view, "trial")?, known, &bodies, true)?;
+    watcher
+        .server
+        .lines()
+        .into_iter()
+        .for_each(|line| note(args.json, line));
+    Ok(Some(watcher))
 }

@@ -1,10 +1,12 @@
 //! Flags of the processes.
 
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use clap::Args;
 use tracing::warn;
 
+use crate::config::view::{FOXGLOVE, ViewConfig};
 use crate::process::scheduling;
 
 /// A process.
@@ -22,6 +24,45 @@ pub struct ProcessArgs {
     /// How the process is scheduled.
     #[command(flatten)]
     pub scheduling: Scheduling,
+}
+
+/// Whether and where people look on.
+#[derive(Args, Clone, Debug, Default)]
+pub struct ViewArgs {
+    /// Serve a page that shows it, for a browser [default address: the configuration's, else 127.0.0.1:7450]
+    #[arg(long, value_name = "ADDR:PORT", num_args = 0..=1, require_equals = true)]
+    pub view: Option<Option<SocketAddr>>,
+    /// Serve the topics of a recording to Foxglove as well [default address: 127.0.0.1:8765]
+    #[arg(long, value_name = "ADDR:PORT", num_args = 0..=1, require_equals = true, requires = "view")]
+    pub foxglove: Option<Option<SocketAddr>>,
+}
+
+impl ViewArgs {
+    /// These over what the configuration says; None: nobody looks on.
+    pub fn over(&self, configured: &ViewConfig) -> Option<ViewConfig> {
+        if self.view.is_none() && !configured.on {
+            return None;
+        }
+        let mut view = configured.clone();
+        if let Some(Some(address)) = self.view {
+            view.listen = address.to_string();
+        }
+        if let Some(address) = self.foxglove {
+            view.foxglove = address.map_or_else(|| FOXGLOVE.into(), |a| a.to_string());
+        }
+        Some(view)
+    }
+}
+
+/// A service of a computer: what it runs, and whether people look on.
+#[derive(Args, Debug)]
+pub struct ServiceArgs {
+    /// The process.
+    #[command(flatten)]
+    pub process: ProcessArgs,
+    /// Whether and where people look on.
+    #[command(flatten)]
+    pub view: ViewArgs,
 }
 
 /// Scheduling that a supervisor asks of its process.

@@ -7,6 +7,7 @@ pub mod instance;
 pub mod journal;
 pub mod keeper;
 pub mod life;
+pub mod local_command;
 pub mod metrics;
 pub mod notify;
 pub mod observer;

@@ -90,9 +90,14 @@ impl Snapshot {
         ];
         let mut table = Table::new(1.., heads);
         // The link to a real autopilot and the cameras' images stand beside those of a trial.
-        let real = [ProcessKind::Autopilot, ProcessKind::Camera, ProcessKind::Uvdar]
-            .into_iter()
-            .filter(|kind| self.processes.contains_key(kind));
+        let real = [
+            ProcessKind::Autopilot,
+            ProcessKind::Camera,
+            ProcessKind::Uvdar,
+            ProcessKind::View,
+        ]
+        .into_iter()
+        .filter(|kind| self.processes.contains_key(kind));
         for kind in ProcessKind::ALL.into_iter().chain(real) {
             let Some(p) = self.processes.get(&kind) else {
                 table.row(cells![kind.name(), "no report"]);

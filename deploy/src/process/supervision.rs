@@ -10,6 +10,8 @@ use serde::{Deserialize, Serialize};
 const INITIAL_BACKOFF: Span = Span::from_millis(100);
 /// Longest delay before a restart.
 const MAX_BACKOFF: Span = Span::from_millis(2000);
+/// The same of the viewers' server, which nothing needs: what keeps it from starting (its port is taken) stays.
+const MAX_VIEW_BACKOFF: Span = Span::from_millis(60_000);
 /// A process that ran for this long started well: it is started again at the next look.
 const STABLE_RUN: Span = Span::from_millis(5000);
 
@@ -86,7 +88,11 @@ impl Child {
         }
         self.failures = self.failures.saturating_add(1);
         self.due = now + self.backoff;
-        self.backoff = (self.backoff * 2).clamp(INITIAL_BACKOFF, MAX_BACKOFF);
+        let longest = match self.kind {
+            ProcessKind::View => MAX_VIEW_BACKOFF,
+            _ => MAX_BACKOFF,
+        };
+        self.backoff = (self.backoff * 2).clamp(INITIAL_BACKOFF, longest);
     }
     fn step(&mut self, now: Time<SteadyClock>, seen: &Observed, limits: &Limits) -> Option<Action> {
         if !seen.running {
@@ -99,7 +105,9 @@ impl Child {
             if self.starts > 0 && self.kind == ProcessKind::World || now < self.due {
                 return None;
             }
-            if limits.max_failures.is_some_and(|most| self.failures >= most) {
+            // Nothing needs the viewers' server: it ends no flight.
+            let needed = self.kind != ProcessKind::View;
+            if needed && limits.max_failures.is_some_and(|most| self.failures >= most) {
                 return Some(Action::GiveUp(self.kind));
             }
             (self.started, self.was_running) = (now, true);
@@ -111,7 +119,8 @@ impl Child {
             // They report nothing.
             ProcessKind::World | ProcessKind::Link => false,
             // Its reports reach only a supervisor that is its service's manager.
-            ProcessKind::Vessel => seen.reported.is_some(),
+            // A viewer's reach only where there is shared memory.
+            ProcessKind::Vessel | ProcessKind::View => seen.reported.is_some(),
             ProcessKind::Bridge
             | ProcessKind::Predictor
             | ProcessKind::Mission
@@ -190,6 +199,29 @@ mod tests {
             running,
             reported: reported_ms.map(at),
         }]
+    }
+
+    #[test]
+    fn viewers_server_that_keeps_failing_ends_no_flight() {
+        let limits = Limits {
+            silence_timeout_s: Some(5.0),
+            max_failures: Some(3),
+        };
+        let mut node = SupervisorNode::new(limits);
+        let mut starts = Vec::new();
+        for ms in (0..600_000).step_by(20) {
+            // It ends at once.
+            for action in node.step(at(ms), &observed(ProcessKind::View, false, None)) {
+                assert_eq!(action, Action::Start(ProcessKind::View));
+                starts.push(ms);
+            }
+        }
+        let gaps: Vec<i64> = starts.windows(2).map(|w| w[1] - w[0]).collect();
+        assert!(
+            gaps[0] <= 200 && gaps.iter().all(|gap| *gap <= 60_100),
+            "{gaps:?}"
+        );
+        assert!(gaps.last().is_some_and(|gap| *gap >= 59_900), "{gaps:?}");
     }
 
     #[test]

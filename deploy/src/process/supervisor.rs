@@ -18,6 +18,7 @@ use alight_shared::time::Time;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::process::ProcessKind;
 
+use crate::config::view::ViewConfig;
 use crate::exit::{CliError, Doing};
 use crate::process::life::draw_boot;
 use crate::process::notify::{Notified, SOCKET_VARIABLE};
@@ -132,7 +133,7 @@ impl Supervisor {
     ) -> Result<(), CliError> {
         let mut arguments = arguments;
         arguments.push("--supervised".into());
-        let records = !matches!(kind, ProcessKind::Link | ProcessKind::Sensors);
+        let records = !matches!(kind, ProcessKind::Link | ProcessKind::Sensors | ProcessKind::View);
         if let (Some(flight), true) = (&self.flight, records) {
             arguments.extend(["--flight".into(), flight.display().to_string()]);
         }
@@ -152,6 +153,19 @@ impl Supervisor {
         });
         self.events = self.poll(|_| None)?;
         Ok(())
+    }
+
+    /// Starts the viewers' server for the computer of this configuration; where it is served, for people.
+    pub fn start_view(&mut self, config: &Path, view: &ViewConfig) -> Result<Vec<String>, CliError> {
+        let mut words = arguments(ProcessKind::View, config);
+        words.extend(["--listen".into(), view.listen.clone()]);
+        let mut lines = vec![format!("page: http://{}", view.listen)];
+        if !view.foxglove.is_empty() {
+            words.push(format!("--foxglove={}", view.foxglove));
+            lines.push(format!("Foxglove: ws://{}", view.foxglove));
+        }
+        self.start(ProcessKind::View, words, Vec::new())?;
+        Ok(lines)
     }
 
     fn spawn(&mut self, kind: ProcessKind) -> Result<(), CliError> {
@@ -233,7 +247,9 @@ impl Supervisor {
         for action in actions {
             match action {
                 Action::Start(kind) => match self.spawn(kind) {
-                    Err(e) if self.keeps_others => events.push(Event::NotStarted(kind, e.to_string())),
+                    Err(e) if self.keeps_others || kind == ProcessKind::View => {
+                        events.push(Event::NotStarted(kind, e.to_string()))
+                    }
                     started => started?,
                 },
                 Action::Kill(kind, silence_s) => {
@@ -351,18 +367,18 @@ pub fn pause(span: Duration) {
 mod tests {
     use super::*;
 
-    fn missing(limits: Limits) -> (Supervisor, Result<(), CliError>) {
+    fn missing(kind: ProcessKind, limits: Limits) -> (Supervisor, Result<(), CliError>) {
         let mut supervisor = Supervisor::new(std::env::temp_dir(), None, limits)
             .unwrap()
             .inheriting_stderr();
         let prefix = vec!["/nonexistent/program".into()];
-        let started = supervisor.start(ProcessKind::Camera, Vec::new(), prefix);
+        let started = supervisor.start(kind, Vec::new(), prefix);
         (supervisor, started)
     }
 
     #[test]
     fn supervisor_in_flight_tries_a_process_again_that_cannot_be_started() {
-        let (mut supervisor, started) = missing(Limits::default());
+        let (mut supervisor, started) = missing(ProcessKind::Camera, Limits::default());
         started.unwrap();
         let not_started = |events: &[Event]| {
             let of_camera = |e: &Event| matches!(e, Event::NotStarted(ProcessKind::Camera, _));
@@ -384,7 +400,9 @@ mod tests {
             silence_timeout_s: None,
             max_failures: Some(3),
         };
-        let (_, started) = missing(limits);
+        let (_, started) = missing(ProcessKind::Camera, limits);
         assert!(started.unwrap_err().to_string().contains("camera"));
+        // Nothing needs the viewers' server.
+        assert!(missing(ProcessKind::View, limits).1.is_ok());
     }
 }

@@ -9,6 +9,9 @@ pub mod frame {
     pub const WORLD: &str = "world";
     /// The true NED.
     pub const NED: &str = "ned";
+    /// At the vessel's place on the water, east, north, up: what a viewer's camera follows. A camera that followed the
+    /// vessel's own frame, whose third axis points down, would stand on its head.
+    pub const CHASE: &str = "chase";
     /// The vessel's body.
     pub const VESSEL: &str = "vessel";
     /// The deck.
@@ -19,6 +22,11 @@ pub mod frame {
     pub const CAMERA: &str = "camera";
     /// The NED of the drone's odometry, laid so that the odometry meets the true drone.
     pub const DRONE_NED: &str = "drone_ned";
+}
+
+/// The place in [`frame::WORLD`] on the water under or over this place in [`frame::NED`].
+pub fn on_the_water([north, east, _]: [f64; 3]) -> [f64; 3] {
+    [east, north, 0.0]
 }
 
 /// A vector.

@@ -11,12 +11,14 @@ pub mod cloud;
 pub mod entry;
 pub mod flight;
 pub mod geometry;
+pub mod onlooker;
 mod outline;
 pub mod reading;
 pub mod readings;
 mod recorder;
 pub mod replay;
 pub mod schema;
+pub mod shapes;
 pub mod sink;
 pub mod views;
 

@@ -15,7 +15,7 @@ use serde::Serialize;
 
 use crate::exit::{CliError, Doing};
 use crate::record::entry::{ENCODING, Entry, FORMAT, MissionEntry, Newest, PilotEntry, PlannerEntry};
-use crate::record::sink::{Channel, Opening, Sink};
+use crate::record::sink::{Channel, Opening, Sink, TakeMessages};
 use crate::record::views::{Views, stamp};
 use crate::record::{NODES, RECORDING, boot, topic};
 

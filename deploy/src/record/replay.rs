@@ -4,7 +4,7 @@ use std::path::Path;
 
 use alight_bridge::Bridge;
 use alight_shared::node::Node;
-use alight_shared::time::Time;
+use alight_shared::time::{Time, TrueTime};
 use alight_shared::wire::{self, WireError};
 use alight_uav::mission::Mission;
 use alight_uav::pilot::Pilot;
@@ -19,6 +19,7 @@ use serde::de::DeserializeOwned;
 use crate::config::DroneFile;
 use crate::exit::CliError;
 use crate::record::entry::{Computed, Entry, Missing, MissionEntry, PilotEntry, PlannerEntry};
+use crate::record::onlooker::Onlooker;
 use crate::record::reading::Recording;
 use crate::record::{DECK_FILE, DRONE_FILE, LIVE, NODES, VESSEL_FILE};
 
@@ -38,8 +39,12 @@ pub struct NodeReplay {
 /// The law of a recorded planner that is none of the drone's.
 pub type ForeignLaw = fn(&Recording, &DroneSettings) -> Result<Option<Box<dyn Law>>, CliError>;
 
-/// Replays the recording at `path`, in the order of [`NODES`].
-pub fn replay(path: &Path, law: ForeignLaw) -> Result<Vec<NodeReplay>, CliError> {
+/// Replays the recording at `path`, in the order of [`NODES`], before the eyes of who looks on.
+pub fn replay(
+    path: &Path,
+    law: ForeignLaw,
+    onlooker: &mut dyn Onlooker,
+) -> Result<Vec<NodeReplay>, CliError> {
     let recording = Recording::open(path)?;
     let mut nodes = Nodes::of(&recording, law)?;
     let mut replayed = NODES.map(|node| NodeReplay {
@@ -49,7 +54,7 @@ pub fn replay(path: &Path, law: ForeignLaw) -> Result<Vec<NodeReplay>, CliError>
         differs_at_step: None,
     });
     recording.steps(|k, t_s, bytes| {
-        let same = nodes.step(k, bytes)?;
+        let same = nodes.step(k, Time::from_secs(t_s), bytes, onlooker)?;
         let node = &mut replayed[k];
         if !same && node.differs_at_s.is_none() {
             (node.differs_at_s, node.differs_at_step) = (Some(t_s), Some(node.steps));
@@ -114,47 +119,74 @@ impl Nodes {
     }
 
     /// One recorded step of node `k` of [`NODES`]; is its output the same?
-    fn step(&mut self, k: usize, bytes: &[u8]) -> Result<bool, WireError> {
+    fn step(
+        &mut self,
+        k: usize,
+        t: Time<TrueTime>,
+        bytes: &[u8],
+        onlooker: &mut dyn Onlooker,
+    ) -> Result<bool, WireError> {
         let computed = &mut self.computed;
         match k {
-            0 => same(&mut self.vessel, bytes, Ok).map(|(same, _)| same),
-            1 => same(&mut self.bridge, bytes, Ok).map(|(same, _)| same),
+            0 => same(&mut self.vessel, bytes, Ok, |_, i, o| onlooker.vessel(t, i, o)),
+            1 => same(&mut self.bridge, bytes, Ok, |_, _, o| onlooker.bridge(t, o)),
             2 => {
-                let (same, output) = same(&mut self.predictor, bytes, |i: PredictorIn| {
+                let mut forecast = None;
+                let input = |i: PredictorIn| {
                     computed.drone(i.drone);
                     Ok(i)
+                };
+                let same = same(&mut self.predictor, bytes, input, |_, i, o| {
+                    forecast = o.forecast;
+                    onlooker.predictor(t, i, o);
                 })?;
-                computed.forecast(output.and_then(|o| o.forecast));
+                computed.forecast(forecast);
                 Ok(same)
             }
-            3 => same(&mut self.mission, bytes, |i: MissionEntry| i.input(computed)).map(|(same, _)| same),
+            3 => {
+                let input = |i: MissionEntry| i.input(computed);
+                same(&mut self.mission, bytes, input, |_, i, o| {
+                    onlooker.mission(t, i, o);
+                })
+            }
             4 => {
-                let (same, output) = same(&mut self.planner, bytes, |i: PlannerEntry| i.input(computed))?;
-                computed.plan(output.and_then(|o| o.plan));
+                let mut plan = None;
+                let input = |i: PlannerEntry| i.input(computed);
+                let same = same(&mut self.planner, bytes, input, |now, _, o| {
+                    plan = o.plan;
+                    onlooker.planner(t, now, o);
+                })?;
+                computed.plan(plan);
                 Ok(same)
             }
             _ => {
-                same(&mut self.pilot, bytes, |i: PilotEntry<Vec<_>>| i.input(computed)).map(|(same, _)| same)
+                let input = |i: PilotEntry<Vec<_>>| i.input(computed);
+                same(&mut self.pilot, bytes, input, |now, i, o| {
+                    onlooker.pilot(t, now, i, o);
+                })
             }
         }
     }
 }
 
-/// Feeds one entry to a node. An input that names a forecast or plan that the replay has not
+/// Feeds one entry to a node, and shows the step. An input that names a forecast or plan that the replay has not
 /// computed is a difference.
 fn same<N, I>(
     node: &mut N,
     bytes: &[u8],
     input: impl FnOnce(I) -> Result<N::In, Missing>,
-) -> Result<(bool, Option<N::Out>), WireError>
+    look: impl FnOnce(Time<N::Clock>, &N::In, &N::Out),
+) -> Result<bool, WireError>
 where
     N: Node<Out: Serialize>,
     I: DeserializeOwned,
 {
     let entry: Entry<I> = wire::decode_record(bytes)?;
     let Ok(input) = input(entry.input) else {
-        return Ok((false, None));
+        return Ok(false);
     };
-    let output = node.step(Time::from_nanos(entry.now_ns), &input);
-    Ok((wire::hash_record(&output)? == entry.output, Some(output)))
+    let now = Time::from_nanos(entry.now_ns);
+    let output = node.step(now, &input);
+    look(now, &input, &output);
+    Ok(wire::hash_record(&output)? == entry.output)
 }

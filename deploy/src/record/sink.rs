@@ -21,9 +21,26 @@ const CHUNK_BYTES: u64 = 1 << 20;
 /// Bytes per write to the disk.
 const BUFFER_BYTES: usize = 1 << 20;
 
-/// A channel of the file.
+/// A channel of the file, or of those who look on.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Channel(u16);
+pub struct Channel(pub u16);
+
+/// Opens channels of protobuf messages: in a file, or to viewers.
+pub trait OpenChannels {
+    /// A channel; `schema` is its name and its file descriptor set.
+    fn protobuf(&mut self, topic: &str, schema: (&str, &[u8])) -> Result<Channel, McapError>;
+}
+
+/// Takes messages: into a file, or to viewers.
+pub trait TakeMessages {
+    /// A message of time `t_ns`, encoded by `encode` to the end of what it is given.
+    fn message<E>(
+        &mut self,
+        channel: Channel,
+        t_ns: u64,
+        encode: impl FnOnce(&mut Vec<u8>) -> Result<(), E>,
+    ) -> Result<(), E>;
+}
 
 impl Channel {
     /// Its number in the file.
@@ -73,16 +90,6 @@ impl Opening {
             &BTreeMap::new(),
         )?))
     }
-    /// A channel of protobuf messages; `schema` is its name and its file descriptor set.
-    pub fn protobuf(&mut self, topic: &str, schema: (&str, &[u8])) -> Result<Channel, McapError> {
-        let id = self.0.add_schema(schema.0, "protobuf", schema.1)?;
-        Ok(Channel(self.0.add_channel(
-            id,
-            topic,
-            "protobuf",
-            &BTreeMap::new(),
-        )?))
-    }
     /// A text that belongs to the recording.
     pub fn attach(&mut self, name: &str, text: &str) -> Result<(), McapError> {
         self.0.attach(&Attachment {
@@ -115,6 +122,18 @@ impl Opening {
             free,
             thread: std::thread::spawn(move || write(writer, &batches, &give_back)),
         }
+    }
+}
+
+impl OpenChannels for Opening {
+    fn protobuf(&mut self, topic: &str, schema: (&str, &[u8])) -> Result<Channel, McapError> {
+        let id = self.0.add_schema(schema.0, "protobuf", schema.1)?;
+        Ok(Channel(self.0.add_channel(
+            id,
+            topic,
+            "protobuf",
+            &BTreeMap::new(),
+        )?))
     }
 }
 
@@ -153,9 +172,8 @@ pub struct Sink {
     thread: JoinHandle<Result<Writer<BufWriter<File>>, McapError>>,
 }
 
-impl Sink {
-    /// A message of time `t_ns`, encoded by `encode` to the end of what it is given.
-    pub fn message<E>(
+impl TakeMessages for Sink {
+    fn message<E>(
         &mut self,
         channel: Channel,
         t_ns: u64,
@@ -172,6 +190,9 @@ impl Sink {
         }
         Ok(())
     }
+}
+
+impl Sink {
     fn send(&mut self) {
         let empty = self.free.try_recv().unwrap_or_default();
         // A thread that ended has its error ready for `finish`.

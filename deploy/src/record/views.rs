@@ -7,7 +7,7 @@ use alight_shared::msg::{
     DeckForecast, DeckStage, DroneState, Motors, Plan, ReasonCode, SLOPE_STEP, SetPointKind, State,
     VesselEstimate, WaveMode, WaveModel,
 };
-use alight_shared::time::{DroneClock, Span, Time, TrueTime};
+use alight_shared::time::{Clock, DroneClock, Span, Time, TrueTime};
 use alight_shared::vessel_model::{HEAVE, Mode, PITCH, ROLL};
 use alight_uav::mission::{MissionIn, MissionOut};
 use alight_uav::pilot::{PilotIn, PilotOut};
@@ -23,7 +23,7 @@ use mcap::McapError;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use crate::record::geometry::{frame, pose, quaternion, vector};
-use crate::record::sink::{Channel, Opening, Sink};
+use crate::record::sink::{Channel, OpenChannels, TakeMessages};
 use crate::record::{cloud, schema};
 
 /// Periods of what is shown, ms: paths and states; attitudes and positions, near a drone and without.
@@ -36,13 +36,13 @@ pub struct Topic<M>(Channel, PhantomData<M>);
 
 impl<M: Encode> Topic<M> {
     /// Opens it.
-    pub fn open(opening: &mut Opening, name: &str) -> Result<Topic<M>, McapError> {
+    pub fn open(opening: &mut impl OpenChannels, name: &str) -> Result<Topic<M>, McapError> {
         let schema = M::get_schema().unwrap_or_else(|| foxglove::Schema::new("", "", &b""[..]));
         let channel = opening.protobuf(name, (&schema.name, &schema.data))?;
         Ok(Topic(channel, PhantomData))
     }
     /// Writes a message.
-    pub fn put(&self, sink: &mut Sink, t: Time<TrueTime>, message: &M) {
+    pub fn put(&self, sink: &mut impl TakeMessages, t: Time<TrueTime>, message: &M) {
         // A vector grows: the encoding cannot fail for lack of room.
         let _encoded = sink.message(self.0, stamp(t), |to| message.encode(to));
     }
@@ -108,7 +108,7 @@ pub struct Views {
     plan_points: Topic<PointCloud>,
     log: Topic<Log>,
     tag: Topic<PoseInFrame>,
-    vessel_odometry: Topic<Odometry>,
+    vessel_place: Topic<Odometry>,
     drone_odometry: Topic<Odometry>,
     estimate: Topic<schema::VesselEstimate>,
     wave: Topic<schema::WaveModel>,
@@ -134,7 +134,7 @@ pub struct Views {
 
 impl Views {
     /// Opens all channels.
-    pub fn new(o: &mut Opening) -> Result<Views, McapError> {
+    pub fn new(o: &mut impl OpenChannels) -> Result<Views, McapError> {
         Ok(Views {
             transforms: Topic::open(o, "/tf")?,
             forecast_path: Topic::open(o, "/deck/forecast/path")?,
@@ -143,7 +143,7 @@ impl Views {
             plan_points: Topic::open(o, "/points/plan")?,
             log: Topic::open(o, "/log")?,
             tag: Topic::open(o, "/sensor/tag")?,
-            vessel_odometry: Topic::open(o, "/vessel/odometry")?,
+            vessel_place: Topic::open(o, "/vessel/odometry")?,
             drone_odometry: Topic::open(o, "/drone/odometry")?,
             estimate: Topic::open(o, "/vessel/estimate")?,
             wave: Topic::open(o, "/vessel/wave")?,
@@ -180,7 +180,7 @@ impl Views {
     }
 
     /// The vessel's sensors and its broadcast.
-    pub fn vessel(&mut self, sink: &mut Sink, t: Time<TrueTime>, i: &VesselIn, o: &VesselOut) {
+    pub fn vessel(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, i: &VesselIn, o: &VesselOut) {
         if let (true, Some(imu)) = (self.fast(t), i.imu.last()) {
             let view = schema::Imu {
                 gyro_radps: imu.gyro,
@@ -206,21 +206,28 @@ impl Views {
         }
         if let Some(estimate) = o.estimate.as_ref().filter(|_| self.estimates.passes(t)) {
             self.estimate(sink, t, estimate);
+            self.vessel_odometry(sink, t, estimate);
         }
         if let Some(w) = &o.wave {
             self.wave.put(sink, t, &wave(w));
         }
     }
 
-    fn estimate<C: alight_shared::time::Clock>(
-        &self,
-        sink: &mut Sink,
-        t: Time<TrueTime>,
-        e: &VesselEstimate<C>,
-    ) {
+    /// What the vessel broadcasts, as the bridge received it: where the vessel itself is not looked at. Her odometry is
+    /// left out: it begins at a place of hers.
+    pub fn received(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, o: &BridgeOut) {
+        if let Some(estimate) = o.estimate.as_ref().filter(|_| self.estimates.passes(t)) {
+            self.estimate(sink, t, estimate);
+        }
+        if let Some(w) = &o.wave {
+            self.wave.put(sink, t, &wave(w));
+        }
+    }
+
+    fn estimate<C: Clock>(&self, sink: &mut impl TakeMessages, t: Time<TrueTime>, e: &VesselEstimate<C>) {
         let dot = e.eta_dot.map(f64::from);
         let [variance, variance_dot] = [0, 2].map(|k: usize| core::array::from_fn(|d| e.covariance(d)[k]));
-        let [x, y, z, roll, pitch, yaw] = e.eta;
+        let [_, _, _, roll, pitch, yaw] = e.eta;
         let view = schema::VesselEstimate {
             eta: e.eta,
             eta_dot: dot,
@@ -232,6 +239,17 @@ impl Views {
             yaw_deg: yaw.to_degrees(),
         };
         self.estimate.put(sink, t, &view);
+    }
+
+    fn vessel_odometry<C: Clock>(
+        &self,
+        sink: &mut impl TakeMessages,
+        t: Time<TrueTime>,
+        e: &VesselEstimate<C>,
+    ) {
+        let dot = e.eta_dot.map(f64::from);
+        let [variance, variance_dot] = [0, 2].map(|k: usize| core::array::from_fn(|d| e.covariance(d)[k]));
+        let [x, y, z, roll, pitch, yaw] = e.eta;
         let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
         let velocity = q.inverse() * Vector3::new(dot[0], dot[1], dot[2]);
         let odometry = Odometry {
@@ -245,11 +263,11 @@ impl Views {
             velocity_covariance: diagonal(variance_dot),
             metadata: Vec::new(),
         };
-        self.vessel_odometry.put(sink, t, &odometry);
+        self.vessel_place.put(sink, t, &odometry);
     }
 
     /// The link.
-    pub fn bridge(&mut self, sink: &mut Sink, t: Time<TrueTime>, o: &BridgeOut) {
+    pub fn bridge(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, o: &BridgeOut) {
         let Some(l) = &o.link else { return };
         let view = schema::Link {
             clock_offset_s: l.clock_offset_s,
@@ -265,7 +283,13 @@ impl Views {
     }
 
     /// The drone's sensors and the forecast.
-    pub fn predictor(&mut self, sink: &mut Sink, t: Time<TrueTime>, i: &PredictorIn, o: &PredictorOut) {
+    pub fn predictor(
+        &mut self,
+        sink: &mut impl TakeMessages,
+        t: Time<TrueTime>,
+        i: &PredictorIn,
+        o: &PredictorOut,
+    ) {
         for tag in &i.tags {
             let [w, x, y, z] = tag.attitude;
             let q = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
@@ -308,7 +332,7 @@ impl Views {
         }
     }
 
-    fn odometry(&self, sink: &mut Sink, t: Time<TrueTime>, d: &DroneState) {
+    fn odometry(&self, sink: &mut impl TakeMessages, t: Time<TrueTime>, d: &DroneState) {
         let square = |sd: [f64; 3]| sd.map(|s| s * s);
         let ([a, b, c], [e, f, g]) = (square(d.position_sd), square(d.euler_sd));
         let [h, i, j] = square(d.velocity_sd);
@@ -336,7 +360,13 @@ impl Views {
     }
 
     /// The mission's state, and a line of log when state or reason change.
-    pub fn mission(&mut self, sink: &mut Sink, t: Time<TrueTime>, i: &MissionIn, o: &MissionOut) {
+    pub fn mission(
+        &mut self,
+        sink: &mut impl TakeMessages,
+        t: Time<TrueTime>,
+        i: &MissionIn,
+        o: &MissionOut,
+    ) {
         for c in &i.commands {
             self.line(sink, t, log::Level::Info, format!("command: {:?}", c.kind));
         }
@@ -392,7 +422,7 @@ impl Views {
         self.shown_state = now;
     }
 
-    fn line(&self, sink: &mut Sink, t: Time<TrueTime>, level: log::Level, message: String) {
+    fn line(&self, sink: &mut impl TakeMessages, t: Time<TrueTime>, level: log::Level, message: String) {
         let line = Log {
             timestamp: Some(timestamp(t)),
             level: level.into(),
@@ -404,7 +434,13 @@ impl Views {
     }
 
     /// The plan and how it was found.
-    pub fn planner(&mut self, sink: &mut Sink, t: Time<TrueTime>, now: Time<DroneClock>, o: &PlannerOut) {
+    pub fn planner(
+        &mut self,
+        sink: &mut impl TakeMessages,
+        t: Time<TrueTime>,
+        now: Time<DroneClock>,
+        o: &PlannerOut,
+    ) {
         let Some(plan) = o.plan.as_ref().filter(|_| self.plans.passes(t)) else {
             return;
         };
@@ -423,7 +459,7 @@ impl Views {
     /// What the autopilot is asked for.
     pub fn pilot(
         &mut self,
-        sink: &mut Sink,
+        sink: &mut impl TakeMessages,
         t: Time<TrueTime>,
         now: Time<DroneClock>,
         i: &PilotIn,
@@ -468,7 +504,7 @@ impl Views {
     }
 }
 
-fn wave<C: alight_shared::time::Clock>(w: &WaveModel<C>) -> schema::WaveModel {
+fn wave<C: Clock>(w: &WaveModel<C>) -> schema::WaveModel {
     let of = |f: fn(&WaveMode) -> f32| w.modes.iter().map(|c| f64::from(f(c))).collect();
     let size = |dof: usize| w.modes.iter().map(|m| Mode::from(m).shape[dof].norm()).collect();
     schema::WaveModel {

@@ -11,6 +11,7 @@ use alight_shared::msg::{
     MissionState, OperatorCommand, Reason, State, still_armed,
 };
 use alight_shared::time::{DroneClock, Time, VesselClock};
+use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};
 use alight_shared::transport::radio::{Publication, Radio, RadioConfig, Urgency};
 use alight_shared::transport::wake::end_requested;
@@ -23,14 +24,13 @@ use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Exit};
 use crate::process::instance::is_running;
 use crate::process::life::draw_boot;
+use crate::process::local_command::LocalCommand;
 use crate::process::radio_keys::vessel_key;
 use crate::process::supervisor::pause;
 use crate::vessel::{deck_file, status_file};
 use crate::{certificates, terminal};
 
-/// The mission has this long to show that it took the command: its state comes at 50 Hz ...
-const MAX_POLLS: u32 = 40;
-/// ... looked at this often.
+/// What shows whether a command was taken is looked at this often.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 /// From ashore it takes a session and two radios.
 const MAX_POLLS_ASHORE: u32 = 240;
@@ -245,32 +245,15 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
     let memory = Memory::join(&instance, "command")?;
     let mut missions: Subscriber<MissionState> = memory.subscriber()?;
     let mut commands: Publisher<Command> = memory.publisher()?;
-    let mut header = Header::new(
-        computer.bridge.vessel_id,
-        computer.bridge.drone_id,
-        draw_boot(),
-        0,
-        computer.clock.now::<DroneClock>(),
-    );
-    let kind = args.order.kind();
-    let given = header.at;
-    // What a mission said before it was commanded is no answer.
-    let is_met =
-        |m: &MissionState| kind.is_none_or(|k| m.header.at >= given && k.is_met(m.state, m.waiting.code));
+    let mut command = LocalCommand::new(&computer, args.order.kind(), steady_ns());
     let mut newest: Option<MissionState> = None;
-    for poll in 0..MAX_POLLS {
+    while !command.is_over(steady_ns()) {
         let now: Time<DroneClock> = computer.clock.now();
         newest = missions.newest(now.nanos()).or(newest);
-        if newest.is_some_and(|m| is_met(&m)) && poll > 0 {
+        if newest.is_some_and(|m| command.is_met(&m)) {
             break;
         }
-        if let Some(kind) = kind
-            && poll % REPEAT_POLLS == 0
-        {
-            // The time at which it was given stays: what the mission is told meanwhile is newer.
-            header.sequence += 1;
-            commands.send(&Command { header, kind });
-        }
+        commands.send_any(command.due(steady_ns()).as_ref());
         if !memory.wait(POLL_PERIOD) {
             return Ok(Exit::Failed);
         }
@@ -280,7 +263,7 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
             "no mission answers under the name {name}: alight status --instance {name} shows what runs"
         )));
     };
-    let taken = is_met(&mission);
+    let taken = command.is_met(&mission);
     if args.json {
         terminal::line(json!({ "taken": taken, "mission": mission }));
     } else {

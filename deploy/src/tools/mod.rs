@@ -11,3 +11,5 @@ pub mod recording;
 pub mod replay;
 pub mod status;
 pub mod vessel_status;
+pub mod view;
+mod view_vessel;

@@ -12,27 +12,38 @@ use serde::de::DeserializeOwned;
 use serde_json::json;
 
 use crate::cells;
-use crate::config::{DroneComputer, VesselComputer};
+use crate::config::view::ViewConfig;
+use crate::config::{DroneComputer, DroneFile, VesselComputer};
 use crate::drone::autopilot;
 use crate::drone::mission::MissionShell;
 use crate::drone::pilot::PilotShell;
 use crate::drone::planner::PlannerShell;
 use crate::drone::predictor::PredictorShell;
 use crate::exit::{CliError, Doing, Exit};
+use crate::process::args::ViewArgs;
 use crate::process::shell::Shell;
 use crate::process::supervision::SupervisorNode;
 use crate::process::supervisor::SUPERVISOR;
+use crate::record::DRONE_FILE;
 use crate::record::flight::reading::{Start, Steps, is_part, is_whole, starts};
 use crate::record::flight::recorder::PartHeader;
 use crate::record::flight::store;
-use crate::record::reading::contained;
+use crate::record::onlooker::Nobody;
+use crate::record::reading::{Recording, contained};
 use crate::record::replay::{ForeignLaw, NodeReplay, replay};
 use crate::table::{Table, verdict};
 use crate::terminal::{self, note};
 use crate::tools::recording;
+use crate::tools::view::served;
+use crate::view::board::Known;
+use crate::view::watcher::Watcher;
 
 /// A recording to compute again.
 #[derive(Args, Debug)]
+#[command(
+    after_help = "With --view a recording (FILE.mcap) is held back to real time once the drone has appeared. It waits for no viewer,\n\
+and ends when it is over, or 10 s later while somebody still looks on."
+)]
 pub struct ReplayArgs {
     /// Recording (`alight trial --record FILE.mcap`), or a flight of the recorder (`alight flights`), or one of its files
     #[arg(value_name = "FILE.mcap|FLIGHT")]
@@ -40,6 +51,9 @@ pub struct ReplayArgs {
     /// Write the flight to one recording, for Foxglove, Lichtblick and Rerun
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
+    /// Whether and where people look on.
+    #[command(flatten)]
+    pub view: ViewArgs,
     /// Print the result as one JSON object, the last line
     #[arg(long)]
     pub json: bool,
@@ -54,13 +68,22 @@ pub fn run(args: &ReplayArgs, law: ForeignLaw) -> Result<Exit, CliError> {
             path.display()
         )));
     }
-    let nodes = contained(path, || {
-        if path.is_dir() || is_part(path) {
-            replay_starts(path)
-        } else {
-            replay(path, law)
+    let view = args.view.over(&ViewConfig::default());
+    let nodes = if path.is_dir() || is_part(path) {
+        if view.is_some() {
+            return Err(CliError(
+                "--view: a flight is computed one process after the other; make a recording of it first \
+                 (--record FILE.mcap)"
+                    .into(),
+            ));
         }
-    })?;
+        contained(path, || replay_starts(path))?
+    } else {
+        match &view {
+            None => contained(path, || replay(path, law, &mut Nobody))?,
+            Some(view) => watched(args, view, law)?,
+        }
+    };
     if let Some(to) = &args.record {
         for line in contained(path, || recording::write(to, path))? {
             note(args.json, line);
@@ -96,6 +119,29 @@ pub fn run(args: &ReplayArgs, law: ForeignLaw) -> Result<Exit, CliError> {
         terminal::line(verdict(&text, first.is_none()));
     }
     Ok(Exit::of(first.is_none()))
+}
+
+/// Replays before the eyes of who looks on.
+fn watched(args: &ReplayArgs, view: &ViewConfig, law: ForeignLaw) -> Result<Vec<NodeReplay>, CliError> {
+    let path = &args.path;
+    let DroneFile { drone, .. } = contained(path, || {
+        Recording::open(path)?.configuration::<DroneFile>(DRONE_FILE)
+    })?;
+    let known = Known {
+        title: format!("replay of {}", path.display()),
+        deck: Some(drone.deck),
+        ..Known::default()
+    };
+    let bodies = Some((drone.deck, drone.airframe));
+    let mut watcher = Watcher::start(served(view, "replay")?, known, &bodies, true)?;
+    watcher
+        .server
+        .lines()
+        .into_iter()
+        .for_each(|line| note(args.json, line));
+    let nodes = contained(path, || replay(path, law, &mut watcher))?;
+    watcher.linger();
+    Ok(nodes)
 }
 
 /// The starts of processes that are recorded at `path`: a flight's directory, or a part.

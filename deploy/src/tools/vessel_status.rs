@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use alight_shared::msg::{Charge, Course, still_armed};
 use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::wake::end_requested;
 use alight_usv::deck::Closure;
 use serde_json::json;
 
@@ -16,65 +17,97 @@ use crate::process::supervisor::pause;
 use crate::terminal;
 use crate::tools::check;
 use crate::tools::check::finding::{Finding, Level, Topic};
+use crate::tools::status::page::View;
+use crate::tools::status::vessel::page;
+use crate::tools::status::watch;
 use crate::vessel::status_file::{
-    self, CertificateStatus, DeckStatus, EstimatorStatus, SourceHealth, VesselStatus,
+    self, CertificateStatus, DeckStatus, EstimatorStatus, HeadingAdvice, SourceHealth, VesselStatus,
 };
 use crate::vessel::{deck_inputs, helm_lamp};
 
 /// A status older than this is a dead or a frozen process's, s: six of its periods.
-const STALE_S: f64 = 3.0;
+pub const STALE_S: f64 = 3.0;
 /// A sensor or an estimate older than this is missing, s.
-const MISSING_S: f64 = 2.0;
+pub const MISSING_S: f64 = 2.0;
 /// A drone reports at 2 Hz; without a report for this long it is out of reach, s.
-const LOST_CONTACT_S: f64 = 5.0;
+pub const LOST_CONTACT_S: f64 = 5.0;
+/// A turn that takes less than a tenth of the tilt away is not worth it.
+const WORTH_TURNING: f64 = 0.9;
 /// Shown again this often.
 const WATCH_PERIOD: Duration = Duration::from_secs(1);
 
 /// Shows once, or until stopped.
-pub fn run(path: &Path, computer: &VesselComputer, watch: bool, as_json: bool) -> Result<Exit, CliError> {
-    loop {
-        let status = match status_file::read(computer) {
-            None => {
-                let what = "no vessel's process runs on this computer, or this user may not see it";
-                if as_json {
-                    terminal::line(json!({ "config": path, "running": false }));
-                } else {
-                    terminal::line(format_args!(
-                        "{what}: systemctl status alight-vessel, and sudo -u alight"
-                    ));
-                }
-                return Ok(Exit::Failed);
+pub fn run(path: &Path, computer: &VesselComputer, view: View, watched: bool) -> Result<Exit, CliError> {
+    let mut worst = Level::Fine;
+    if watched && view == View::Page && status_file::read(computer).is_some() {
+        let mut is_first = true;
+        watch::run(|span| {
+            if !is_first {
+                pause(span);
             }
-            Some(Err(e)) => return Err(CliError(format!("{e}; restart the vessel's process"))),
-            Some(Ok(status)) => status,
+            is_first = false;
+            let status = read(computer)?.filter(|_| !end_requested());
+            Ok(status.map(|status| {
+                let findings = judge(&status, steady_ns());
+                worst = Level::worst(&findings);
+                page(&status, &findings)
+            }))
+        })?;
+        return Ok(worst.exit());
+    }
+    loop {
+        let Some(status) = read(computer)? else {
+            if view == View::Json {
+                terminal::line(json!({ "config": path, "running": false }));
+            } else {
+                let what = "no vessel's process runs on this computer, or this user may not see it";
+                terminal::line(format_args!(
+                    "{what}: systemctl status alight-vessel, and sudo -u alight"
+                ));
+            }
+            return Ok(Exit::Failed);
         };
         let findings = judge(&status, steady_ns());
-        let worst = Level::worst(&findings);
-        if as_json {
-            let config: PathBuf = path.into();
-            terminal::line(json!({
-                "config": config, "running": true, "worst": worst, "findings": findings, "status": status,
-            }));
-        } else {
-            terminal::line(format_args!(
-                "vessel {}, process {}, up {}, a step takes {} / {} (p50/p99)",
-                status.vessel,
-                status.process.pid,
-                time((status.process.at_ns - status.process.began_ns) as f64 * 1e-9),
-                time(status.process.step_s[0]),
-                time(status.process.step_s[1]),
-            ));
-            findings.iter().for_each(check::show);
+        worst = Level::worst(&findings);
+        match view {
+            View::Page => terminal::line(page(&status, &findings).text()),
+            View::All => {
+                terminal::line(title(&status));
+                findings.iter().for_each(check::show);
+            }
+            View::Json => {
+                let config: PathBuf = path.into();
+                terminal::line(json!({
+                    "config": config, "running": true, "worst": worst, "findings": findings, "status": status,
+                }));
+            }
         }
-        if !watch {
+        if !watched || end_requested() {
             return Ok(worst.exit());
         }
         pause(WATCH_PERIOD);
     }
 }
 
+/// The status of this computer's vessel; None: it runs not.
+fn read(computer: &VesselComputer) -> Result<Option<VesselStatus>, CliError> {
+    let status = status_file::read(computer).transpose();
+    status.map_err(|e| CliError(format!("{e}; restart the vessel's process")))
+}
+
+fn title(status: &VesselStatus) -> String {
+    format!(
+        "vessel {}, process {}, up {}, a step takes {} / {} (p50/p99)",
+        status.vessel,
+        status.process.pid,
+        time((status.process.at_ns - status.process.began_ns) as f64 * 1e-9),
+        time(status.process.step_s[0]),
+        time(status.process.step_s[1]),
+    )
+}
+
 /// What the status means at `now_ns` of the steady clock.
-fn judge(status: &VesselStatus, now_ns: i64) -> Vec<Finding> {
+pub fn judge(status: &VesselStatus, now_ns: i64) -> Vec<Finding> {
     let mut all = vec![process(status, now_ns)];
     all.extend(recorder(status));
     all.extend(status.sources.iter().map(source));
@@ -83,6 +116,7 @@ fn judge(status: &VesselStatus, now_ns: i64) -> Vec<Finding> {
     all.push(unauthorised_peers(status));
     all.extend(deck(status));
     all.extend(course(&status.deck));
+    all.extend(status.estimator.heading.as_ref().map(quiet_heading));
     all.extend(drones(status));
     all
 }
@@ -333,6 +367,24 @@ fn course(deck: &DeckStatus) -> Vec<Finding> {
     all
 }
 
+/// The heading that the helm may choose before a landing.
+fn quiet_heading(h: &HeadingAdvice) -> Finding {
+    const TOPIC: Topic = Topic("heading");
+    let [now, there] = h.tilt_deg;
+    let from = format!("waves from {:03.0} deg", h.waves_from_deg);
+    TOPIC.fine(if there < WORTH_TURNING * now {
+        format!(
+            "{from}; on {:03.0} deg the deck tilts {there:.1} deg, now {now:.1} deg: turn before the landing",
+            h.quietest_deg
+        )
+    } else {
+        format!(
+            "{from}; {:03.0} deg is as quiet as any, the deck tilts {now:.1} deg",
+            h.now_deg
+        )
+    })
+}
+
 fn drones(status: &VesselStatus) -> Vec<Finding> {
     const TOPIC: Topic = Topic("drones");
     if status.drones.is_empty() {
@@ -400,6 +452,7 @@ mod tests {
                 age_s: 0.3,
                 state: "Descent".into(),
                 entered: "the deck is calm".into(),
+                waiting: String::new(),
                 battery: Some(0.8),
                 armed: true,
                 still_armed_s: None,
@@ -408,7 +461,9 @@ mod tests {
                 sensor_age_s: [Some(0.01), Some(0.1), Some(0.1)],
                 estimate_age_s: Some(0.03),
                 sd: [0.5, 0.1, 0.005, 0.01],
+                motion: vec![[0.1, -0.05, 0.3]],
                 waves: Some([0.9, 1.0]),
+                heading: None,
                 gated: [0; 3],
                 restarts: 0,
                 rejected: 0,
@@ -508,6 +563,42 @@ mod tests {
         for (change, level, topic) in cases {
             assert_eq!(case(change), (level, vec![topic]), "{topic}");
         }
+    }
+
+    #[test]
+    fn page_of_a_vessel_fits_and_names_each_fault() {
+        let lines = |status: &VesselStatus| -> Vec<String> {
+            let findings = judge(status, 100 * 1_000_000_000);
+            page(status, &findings)
+                .text()
+                .lines()
+                .map(str::to_owned)
+                .collect()
+        };
+        let fine = lines(&status());
+        assert_eq!(fine[0], "vessel 1: works, up 100.0 s");
+        for part in [
+            "deck       reserved for drone 1",
+            "drones     drone 1: Descent",
+            "alarms     none",
+        ] {
+            assert!(fine.iter().any(|l| l.starts_with(part)), "{part}: {fine:?}");
+        }
+        let mut wrong = status();
+        wrong.drones[0].still_armed_s = Some(14.0);
+        wrong.deck.closed = Some(Closure::Crew);
+        wrong.estimator.estimate_age_s = None;
+        wrong.certificate = CertificateStatus::None;
+        wrong.rejected = vec![("no TLS".into(), 3)];
+        wrong.sources[0].is_stuck = true;
+        wrong.deck.doubles = vec![1, 2, 3];
+        let lines = lines(&wrong);
+        assert!(
+            lines.len() <= 20 && lines.iter().all(|l| l.chars().count() <= 80),
+            "{lines:?}"
+        );
+        assert!(lines[0].contains("BROKEN"), "{lines:?}");
+        assert!(lines.iter().any(|l| l.contains("still ARMED")), "{lines:?}");
     }
 
     #[test]

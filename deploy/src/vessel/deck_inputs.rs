@@ -1,30 +1,24 @@
-//! The deck's digital inputs as Linux offers them: files that hold 0 or 1, such as `/sys/class/gpio/gpio17/value`, or
-//! what a program writes that reads another interface. The crew's switch, a sensor of what lies on the deck, and the
-//! helm's switch.
+//! The deck's digital inputs ([`DigitalLine`]): the crew's switch, a sensor of what lies on the deck, and the helm's switch.
 //!
 //! Each is read twice a second in a thread of its own, since a driver may take long. One that cannot be read yields no
 //! level, and the deck arbiter then counts it as active.
 
-use std::fs::{self, File};
-use std::io::Read;
-use std::path::Path;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
 
 use alight_usv::deck::{DeckConfig, DeckInputs};
 use tracing::{info, warn};
 
+use crate::io::digital_line::DigitalLine;
 use crate::process::supervisor::pause;
 
 /// Time between two readings.
 const PERIOD: Duration = Duration::from_millis(500);
 /// A reading that takes longer is reported, ns: four periods, as the arbiter counts.
 const MAX_READING_NS: i64 = 2_000_000_000;
-/// Longest content, bytes.
-const MAX_BYTES: u64 = 16;
 /// What to do about an input that cannot be read.
-pub const REMEDY: &str = "it counts as 1: export it, make it a file of 0 or 1 that the user alight may read, or empty \
-                          the key in vessel.toml";
+pub const REMEDY: &str = "it counts as 1: let the user alight read the line or file (docs/operate.md), or empty the key in \
+                          vessel.toml";
 
 /// The inputs that may be configured: key and path; an empty path is none.
 pub fn configured(deck: &DeckConfig) -> [(&'static str, &str); 3] {
@@ -33,25 +27,6 @@ pub fn configured(deck: &DeckConfig) -> [(&'static str, &str); 3] {
         ("deck.occupancy_sensor", &deck.occupancy_sensor),
         ("deck.helm_switch", &deck.helm_switch),
     ]
-}
-
-/// The level that a file holds, or why it cannot be known.
-pub fn read_level(path: &Path) -> Result<bool, String> {
-    // Reading a pipe or a device may wait for ever; what sysfs offers is a regular file.
-    if !fs::metadata(path).map_err(|e| e.to_string())?.is_file() {
-        return Err("not a regular file".into());
-    }
-    let mut bytes = Vec::new();
-    let read = File::open(path).and_then(|file| file.take(MAX_BYTES).read_to_end(&mut bytes));
-    read.map_err(|e| e.to_string())?;
-    match bytes.trim_ascii() {
-        b"0" => Ok(false),
-        b"1" => Ok(true),
-        other => Err(format!(
-            "it holds {:?}, not 0 or 1",
-            String::from_utf8_lossy(other)
-        )),
-    }
 }
 
 type Level = Result<bool, String>;
@@ -70,11 +45,11 @@ impl Input {
     /// and a drone on its way down would break off because the vessel's process was started anew.
     fn start((key, path): (&str, &str), now_ns: i64) -> Option<Input> {
         let (sender, readings) = sync_channel(1);
-        let file = Path::new(path).to_path_buf();
         (!path.is_empty()).then(|| {
+            let mut line = DigitalLine::new(path);
             // Ends after the receiver.
             std::thread::spawn(move || {
-                while sender.send(read_level(&file)).is_ok() {
+                while sender.send(line.read()).is_ok() {
                     pause(PERIOD);
                 }
             });
@@ -135,23 +110,9 @@ impl InputFiles {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use std::fs;
 
-    #[test]
-    fn deck_input_is_a_small_regular_file_of_0_or_1() {
-        let path = std::env::temp_dir().join(format!("alight-input-{}", std::process::id()));
-        assert!(read_level(&path).is_err(), "missing");
-        assert!(read_level(Path::new("/dev/zero")).is_err(), "endless");
-        for (text, level) in [("0", Some(false)), ("1\n", Some(true)), (" 0\r\n", Some(false))] {
-            fs::write(&path, text).unwrap();
-            assert_eq!(read_level(&path).ok(), level, "{text:?}");
-        }
-        for nonsense in ["", "2", "01", "1 0", "\u{0}", &"1".repeat(1 << 20)] {
-            fs::write(&path, nonsense).unwrap();
-            assert!(read_level(&path).unwrap_err().contains("not 0 or 1"));
-        }
-        fs::remove_file(&path).unwrap();
-    }
+    use super::*;
 
     #[test]
     fn deck_input_that_is_missing_yields_no_level_and_names_key_and_path() {

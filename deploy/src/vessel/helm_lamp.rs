@@ -1,11 +1,7 @@
-//! The lamp at the helm that asks for a steady course: a file that takes 0 or 1, such as `/sys/class/gpio/gpio18/value`,
-//! or one that a program reads which drives another interface.
+//! The lamp at the helm that asks for a steady course, on a [`DigitalLine`].
 //!
 //! It is written twice a second in a thread of its own, since a driver may take long, and put out when the process ends.
 
-use std::fs::{self, OpenOptions};
-use std::io::Write;
-use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -13,23 +9,13 @@ use std::time::Duration;
 
 use tracing::{info, warn};
 
+use crate::io::digital_line::DigitalLine;
+
 /// Time between two writings of the same level.
 const PERIOD: Duration = Duration::from_millis(500);
 /// What to do about a lamp that cannot be written.
-pub const REMEDY: &str = "the helm is not asked by it: export the line as an output, let the user alight write it \
+pub const REMEDY: &str = "the helm is not asked by it: let the user alight write the line or file \
                           (docs/operate.md), or empty deck.helm_lamp in vessel.toml";
-
-/// Writes the level to a file that exists.
-fn write_level(path: &Path, lit: bool) -> Result<(), String> {
-    // Writing to a pipe or a device may wait for ever; what sysfs offers is a regular file.
-    if !fs::metadata(path).map_err(|e| e.to_string())?.is_file() {
-        return Err("not a regular file".into());
-    }
-    let file = OpenOptions::new().write(true).truncate(true).open(path);
-    let level: &[u8] = if lit { b"1\n" } else { b"0\n" };
-    file.and_then(|mut file| file.write_all(level))
-        .map_err(|e| e.to_string())
-}
 
 /// The lamp, while its thread drives it.
 pub struct HelmLamp {
@@ -83,9 +69,10 @@ impl Drop for HelmLamp {
 
 /// Writes the newest level until nobody sends any more, then puts the lamp out.
 fn drive(path: &str, levels: &Receiver<bool>, error: &Mutex<Option<String>>) {
+    let mut line = DigitalLine::new(path);
     let (mut lit, mut ended, mut before) = (false, false, None);
     while !ended {
-        let failed = write_level(Path::new(path), lit).err();
+        let failed = line.write(lit).err();
         let failed = failed.map(|e| format!("deck.helm_lamp: {path}: {e}"));
         if failed != before {
             match &failed {
@@ -101,27 +88,20 @@ fn drive(path: &str, levels: &Receiver<bool>, error: &Mutex<Option<String>>) {
             Err(RecvTimeoutError::Disconnected) => ended = true,
         }
     }
-    let _out = write_level(Path::new(path), false);
+    let _out = line.write(false);
 }
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]
     fn helm_lamp_follows_and_is_out_after_its_end() {
         let path = std::env::temp_dir().join(format!("alight-lamp-{}", std::process::id()));
         let text = path.display().to_string();
-        assert!(write_level(&path, true).is_err(), "a missing file is not created");
-        assert!(
-            write_level(Path::new("/dev/null"), true).is_err(),
-            "no regular file"
-        );
         fs::write(&path, "1").unwrap();
-        write_level(&path, false).unwrap();
-        assert_eq!(fs::read_to_string(&path).unwrap(), "0\n");
-        write_level(&path, true).unwrap();
-        assert_eq!(fs::read_to_string(&path).unwrap(), "1\n");
         let mut lamp = HelmLamp::start(&text);
         lamp.set(true);
         drop(lamp);

@@ -18,16 +18,20 @@ use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::metrics::{Metric, MetricName, MetricValue};
 use alight_shared::transport::process::ProcessKind;
 use alight_shared::transport::radio::RadioCounts;
+use alight_shared::transport::readiness::watched;
 use alight_shared::transport::rejections::{self, AccessRejections};
 use alight_shared::transport::statistics::Quantiles;
 use alight_usv::deck::DeckOrder;
 use alight_usv::{ComputerIn, ComputerOut, KINDS, SourceCounts, VesselNode};
+use tokio::io::Interest;
+use tokio::time::sleep;
 use tracing::{info, warn};
 
 use crate::config::VesselComputer;
 use crate::exit::{CliError, Doing, Exit};
+use crate::io::runtime;
 use crate::io::sensor_socket::SensorSocket;
-use crate::process::args::ProcessArgs;
+use crate::process::args::{ProcessArgs, ViewArgs};
 use crate::process::flight::Flight;
 use crate::process::life::Process;
 use crate::process::notify::Notify;
@@ -44,7 +48,11 @@ const MAX_WAIT: Duration = Duration::from_millis(10);
 const SOURCE_SUMMARY_PERIOD_NS: i64 = 60_000_000_000;
 
 /// Runs until it is asked to end: receive, step, publish.
-pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
+pub fn run(args: &ProcessArgs, view: &ViewArgs) -> Result<Exit, CliError> {
+    runtime::block_on_with_radio(estimate(args, view))
+}
+
+async fn estimate(args: &ProcessArgs, view: &ViewArgs) -> Result<Exit, CliError> {
     let computer: VesselComputer = config::load(&args.config)?;
     let name = format!("vessel-{}", computer.vessel_id);
     let mut flight = Flight::begin(&computer.recorder, args, &name, steady_ns());
@@ -55,8 +63,10 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut process = Process::start(ProcessKind::Vessel, args, computer.clock, |boot| {
         computer.node(boot)
     })?;
-    let mut sensors = SensorSocket::listen(&computer.sensors)
-        .doing(format_args!("listening for sensors on {}", computer.sensors))?;
+    let listening = || format!("listening for sensors on {}", computer.sensors);
+    let mut sensors = SensorSocket::listen(&computer.sensors).doing(listening())?;
+    let descriptor = sensors.descriptor().and_then(|d| watched(d, Interest::READABLE));
+    let descriptor = descriptor.doing(listening())?;
     let mut radio = VesselRadio::open(&computer)?;
     let (mut deck_file, left) = DeckFile::open(&computer);
     let mut deck_inputs = InputFiles::start(&computer.deck, steady_ns());
@@ -64,7 +74,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut status_file = StatusFile::new(&computer);
     let mut people = ForPeople::new(!computer.sensor.sources.is_empty(), steady_ns());
     // The last to start: an error before it leaves no process behind.
-    let mut sensor_supervisor = SensorSupervisor::start(&computer, args, steady_ns())?;
+    let mut sensor_supervisor = SensorSupervisor::start(&computer, args, view, steady_ns())?;
     let mut notify = Notify::default();
     notify.ready();
 
@@ -80,8 +90,13 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
                  it ends so that its supervisor starts it anew"
             )));
         }
+        tokio::select! {
+            ready = descriptor.readable() => ready.doing("waiting for sensors")?.clear_ready(),
+            () = radio.arrival() => {}
+            () = sleep(MAX_WAIT) => {}
+        }
         let mut input = ComputerIn {
-            vessel: sensors.read(MAX_WAIT).input(),
+            vessel: sensors.read(Duration::ZERO).input(),
             deck_orders: deck_order.take().into_iter().collect(),
             deck_inputs: deck_inputs.poll(steady_ns()),
             checkpoint: checkpoint.take(),

@@ -95,6 +95,10 @@ impl VesselRadio {
         self.radio.abandon();
     }
 
+    /// Waits until something has come.
+    pub async fn arrival(&self) {
+        self.radio.arrival().await;
+    }
     /// Adds what has come to `input`; `at` converts an arrival on the steady clock, ns.
     pub fn receive(&mut self, at: impl Fn(i64) -> Time<VesselClock>, input: &mut ComputerIn) {
         while let Some(packet) = self.radio.receive(Duration::ZERO) {

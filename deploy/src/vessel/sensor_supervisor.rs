@@ -1,5 +1,6 @@
-//! Supervision of the process that reads the vessel's real sensors: the vessel's process starts it where
-//! sensors are configured, takes in its reports, and restarts it when it ended or reports nothing.
+//! Supervision of the processes beside the vessel's: the one that reads its real sensors, started where sensors are
+//! configured, whose reports are taken in and which is restarted when it ended or reports nothing; and the viewers'
+//! server, where somebody looks on.
 
 use alight_shared::transport::process::ProcessKind;
 use alight_usv::sensors::SourceStatus;
@@ -8,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::config::VesselComputer;
 use crate::exit::CliError;
 use crate::io::link_url::LinkUrl;
-use crate::process::args::ProcessArgs;
+use crate::process::args::{ProcessArgs, ViewArgs};
 use crate::process::supervision::Limits;
 use crate::process::supervisor::{self, Supervisor};
 
@@ -32,7 +33,7 @@ pub struct SourceReport {
     pub why: Option<String>,
 }
 
-/// The process, if the vessel has real sensors.
+/// The processes, if the vessel has real sensors or somebody looks on.
 pub struct SensorSupervisor {
     supervisor: Option<Supervisor>,
     /// The newest report about each source, and when it came, ns of the steady clock.
@@ -45,6 +46,7 @@ impl SensorSupervisor {
     pub fn start(
         computer: &VesselComputer,
         args: &ProcessArgs,
+        view: &ViewArgs,
         now_ns: i64,
     ) -> Result<SensorSupervisor, CliError> {
         let sources = &computer.sensor.sources;
@@ -52,7 +54,8 @@ impl SensorSupervisor {
             let of = |e| CliError(format!("sensor {}: {e}", source.name));
             source.connect.parse::<LinkUrl>().map_err(of)?;
         }
-        let supervisor = if sources.is_empty() {
+        let view = view.over(&computer.view);
+        let supervisor = if sources.is_empty() && view.is_none() {
             None
         } else {
             let limits = Limits {
@@ -61,8 +64,13 @@ impl SensorSupervisor {
             };
             let mut supervisor =
                 Supervisor::new(std::env::temp_dir(), args.flight.clone(), limits)?.inheriting_stderr();
-            let arguments = supervisor::arguments(ProcessKind::Sensors, &args.config);
-            supervisor.start(ProcessKind::Sensors, arguments, Vec::new())?;
+            if !sources.is_empty() {
+                let arguments = supervisor::arguments(ProcessKind::Sensors, &args.config);
+                supervisor.start(ProcessKind::Sensors, arguments, Vec::new())?;
+            }
+            if let Some(view) = view {
+                supervisor.start_view(&args.config, &view)?;
+            }
             Some(supervisor)
         };
         Ok(SensorSupervisor {
@@ -88,7 +96,8 @@ impl SensorSupervisor {
                 Err(_) => lines.push(line),
             }
         }
-        match supervisor.poll(|_| Some(self.last_ns)) {
+        let last_ns = self.last_ns;
+        match supervisor.poll(|kind| (kind == ProcessKind::Sensors).then_some(last_ns)) {
             Ok(events) => lines.extend(events.iter().map(ToString::to_string)),
             // Without sensors the vessel still reports that there is no estimate, and arbitrates the deck.
             Err(e) => lines.push(e.to_string()),

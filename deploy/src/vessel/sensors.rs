@@ -10,28 +10,34 @@ use alight_shared::transport::clock::steady_ns;
 use alight_usv::KINDS;
 use alight_usv::sensors::{MAX_STEP_BYTES, SensorNode, SensorsIn, SourceConfig};
 use serde_json::json;
+use tokio::time::{MissedTickBehavior, interval};
 use tracing::{info, warn};
 
 use crate::config::VesselComputer;
 use crate::exit::{CliError, Doing, Exit};
 use crate::io::byte_link::ByteLink;
+use crate::io::byte_links::{Arrival, ByteLinks};
 use crate::io::link_url::LinkUrl;
+use crate::io::runtime;
 use crate::io::sensor_socket::SensorSender;
 use crate::process::args::SensorsArgs;
 use crate::process::life::{draw_boot, end_with_supervisor};
-use crate::process::supervisor::pause;
 use crate::terminal;
 use crate::vessel::sensor_supervisor::{self, SourceReport};
 use alight_shared::transport::wake::end_requested;
 use std::sync::atomic::Ordering;
 
-/// Pause when no source had bytes.
-const IDLE_PAUSE: Duration = Duration::from_millis(2);
+/// The node is stepped at least this often.
+const MAX_STEP_PERIOD: Duration = Duration::from_millis(20);
 /// Time between two reports about the sources to a person, ns.
 const SUMMARY_PERIOD_NS: i64 = 10_000_000_000;
 
 /// Runs until it is asked to end.
 pub fn run(args: &SensorsArgs) -> Result<Exit, CliError> {
+    runtime::block_on(read(args))
+}
+
+async fn read(args: &SensorsArgs) -> Result<Exit, CliError> {
     let computer: VesselComputer = config::load(&args.config)?;
     let sources = &computer.sensor.sources;
     if sources.is_empty() {
@@ -42,11 +48,12 @@ pub fn run(args: &SensorsArgs) -> Result<Exit, CliError> {
         )));
     }
     let mut links = Vec::new();
-    for source in sources {
+    for (number, source) in sources.iter().enumerate() {
         let url: LinkUrl = source.connect.parse().map_err(CliError)?;
         info!("{}: {url}", source.name);
-        links.push(ByteLink::new(url, steady_ns())?);
+        links.push((number, ByteLink::new(url).await?));
     }
+    let mut links = ByteLinks::start(links);
     let to = SensorSender::to(&computer.sensors).doing(format_args!("sending to {}", computer.sensors))?;
     let mut node = SensorNode::new(&computer.placed_sensors(), computer.vessel_id, draw_boot());
     let end = end_with_supervisor(args.supervised);
@@ -56,55 +63,58 @@ pub fn run(args: &SensorsArgs) -> Result<Exit, CliError> {
         SUMMARY_PERIOD_NS
     };
     let mut next_report_ns = steady_ns() + report_period_ns;
-    let mut faults: Vec<Option<String>> = vec![None; links.len()];
+    let mut faults: Vec<Option<String>> = vec![None; sources.len()];
+    let mut steps = interval(MAX_STEP_PERIOD);
+    steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
     while !(end.load(Ordering::Relaxed) || end_requested()) {
         let mut input = SensorsIn {
-            bytes: vec![Vec::new(); links.len()],
+            bytes: vec![Vec::new(); sources.len()],
         };
-        let mut any = false;
-        for (k, link) in links.iter_mut().enumerate() {
-            let (Some(bytes), Some(faults), Some(source)) =
-                (input.bytes.get_mut(k), faults.get_mut(k), sources.get(k))
-            else {
-                continue;
-            };
-            // What a flood brings beyond two steps' bytes waits in the system's buffers.
-            any |= link.read(steady_ns(), |b| {
-                if bytes.len() < 2 * MAX_STEP_BYTES {
-                    bytes.extend_from_slice(b);
-                }
-            });
-            if !bytes.is_empty() {
-                *faults = None;
-            }
-            if let Some(error) = link.last_error() {
-                // A link that is reopened again and again reports its error once.
-                if faults.as_ref() != Some(&error) {
-                    warn!("{}: {error}", source.name);
-                }
-                *faults = Some(error);
-            }
+        let mut arrival = tokio::select! {
+            arrival = links.next() => Some(arrival),
+            _ = steps.tick() => None,
+        };
+        while let Some(a) = arrival {
+            take(a, sources, &mut input, &mut faults);
+            // A step's bytes are a bound: more of them waits.
+            let full = input.bytes.iter().any(|b| b.len() >= MAX_STEP_BYTES);
+            arrival = if full { None } else { links.arrived() };
         }
         // Read after the bytes: no byte is from the future.
         let now = computer.clock.read(steady_ns());
         let out = node.step(now, &input);
         to.send(&out.readings);
         for (k, bytes) in &out.requests {
-            if let Some(link) = links.get_mut(*k) {
-                link.write(steady_ns(), bytes);
-            }
+            links.write(*k, bytes);
         }
         if steady_ns() >= next_report_ns {
             next_report_ns = steady_ns() + report_period_ns;
             print_reports(args, &reports(sources, &node, now, &faults));
         }
-        if !any {
-            pause(IDLE_PAUSE);
-        }
     }
     let now = computer.clock.read(steady_ns());
     print_reports(args, &reports(sources, &node, now, &faults));
     Ok(Exit::Success)
+}
+
+/// Takes what a source's link brought. A link that is reopened again and again reports its error once.
+fn take(arrival: Arrival, sources: &[SourceConfig], input: &mut SensorsIn, faults: &mut [Option<String>]) {
+    let k = arrival.link;
+    let (Some(bytes), Some(fault), Some(source)) =
+        (input.bytes.get_mut(k), faults.get_mut(k), sources.get(k))
+    else {
+        return;
+    };
+    if !arrival.bytes.is_empty() {
+        bytes.extend_from_slice(&arrival.bytes);
+        *fault = None;
+    }
+    if let Some(error) = arrival.error {
+        if fault.as_ref() != Some(&error) {
+            warn!("{}: {error}", source.name);
+        }
+        *fault = Some(error);
+    }
 }
 
 /// The report about each source.

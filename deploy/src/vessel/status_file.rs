@@ -3,6 +3,7 @@
 //!
 //! The file is named after the port of the vessel's sensors, which no two processes of a computer have.
 
+use core::f64::consts::PI;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -12,7 +13,7 @@ use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessState;
 use alight_shared::transport::rejections::{AccessRejection, AccessRejections};
 use alight_usv::deck::{Closure, Starved};
-use alight_usv::{ComputerIn, ComputerOut, KINDS, VesselNode};
+use alight_usv::{ComputerIn, ComputerOut, Estimator, KINDS, VesselNode};
 use serde::{Deserialize, Serialize};
 
 use crate::certificates;
@@ -23,6 +24,9 @@ use crate::vessel::sensor_supervisor::{SensorSupervisor, SourceReport};
 const SERVICE_DIRECTORY: &str = "/run/alight";
 /// Longest file, bytes.
 const MAX_BYTES: u64 = 1 << 20;
+/// Time between two samples of the motion, ns, and how many are kept until the next status.
+const MOTION_PERIOD_NS: i64 = 90_000_000;
+const MAX_MOTION: usize = 16;
 /// The certificate's file is read again this often, ns.
 const CERTIFICATE_PERIOD_NS: i64 = 60_000_000_000;
 
@@ -37,6 +41,9 @@ pub struct DroneContact {
     pub state: String,
     /// Why it is in it.
     pub entered: String,
+    /// Why its next state is not entered yet.
+    #[serde(default)]
+    pub waiting: String,
     /// Its battery, 0 to 1; None: not reported.
     pub battery: Option<f64>,
     /// Its motors are armed.
@@ -63,6 +70,32 @@ pub enum CertificateStatus {
     Unreadable(String),
 }
 
+/// The heading of the least deck motion beside the present one.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct HeadingAdvice {
+    /// Present mean heading, deg.
+    pub now_deg: f64,
+    /// Heading of the least tilt, deg.
+    pub quietest_deg: f64,
+    /// Standard deviation of the deck's tilt that is predicted on both, deg.
+    pub tilt_deg: [f64; 2],
+    /// Where the waves come from, deg.
+    pub waves_from_deg: f64,
+}
+
+impl HeadingAdvice {
+    fn of(estimator: &Estimator) -> Option<HeadingAdvice> {
+        let (quiet, now) = estimator.quietest_heading()?;
+        let compass = |rad: f64| rad.to_degrees().rem_euclid(360.0);
+        Some(HeadingAdvice {
+            now_deg: compass(now),
+            quietest_deg: compass(quiet.heading),
+            tilt_deg: [quiet.tilt_now, quiet.tilt].map(f64::to_degrees),
+            waves_from_deg: compass(quiet.waves_to + PI),
+        })
+    }
+}
+
 /// The estimator's health.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EstimatorStatus {
@@ -72,8 +105,14 @@ pub struct EstimatorStatus {
     pub estimate_age_s: Option<f64>,
     /// Standard deviations of that estimate: horizontal position (m), height (m), tilt (rad), heading (rad).
     pub sd: [f64; 4],
+    /// Roll, pitch (rad) and height (m, upwards) since the status before, at about 10 Hz, oldest first.
+    #[serde(default)]
+    pub motion: Vec<[f64; 3]>,
     /// Significant wave height, m, and how far the waves' identification is trusted, 0 to 1.
     pub waves: Option<[f64; 2]>,
+    /// Another heading that would be quieter, where the waves' direction can be told.
+    #[serde(default)]
+    pub heading: Option<HeadingAdvice>,
     /// Measurements outside its chi-square gates: inertial, GNSS, heading.
     pub gated: [u64; 3],
     /// Starts from scratch.
@@ -311,6 +350,8 @@ pub struct StatusFile {
     sensors: [Option<i64>; 3],
     estimated_ns: Option<i64>,
     sd: [f64; 4],
+    motion: Vec<[f64; 3]>,
+    motion_ns: i64,
     waves: Option<[f64; 2]>,
     occupied: bool,
     certificate: (i64, CertificateStatus),
@@ -324,6 +365,8 @@ impl StatusFile {
             sensors: [None; 3],
             estimated_ns: None,
             sd: [0.0; 4],
+            motion: Vec::new(),
+            motion_ns: i64::MIN,
             waves: None,
             occupied: false,
             certificate: (i64::MIN, CertificateStatus::None),
@@ -344,6 +387,10 @@ impl StatusFile {
         }
         if let Some(e) = &out.estimate {
             self.estimated_ns = Some(now_ns);
+            if now_ns.saturating_sub(self.motion_ns) >= MOTION_PERIOD_NS && self.motion.len() < MAX_MOTION {
+                self.motion_ns = now_ns;
+                self.motion.push([e.eta[3], e.eta[4], -e.eta[2]].map(finite));
+            }
             let variance = |i: usize| e.covariance(i)[0];
             self.sd = [
                 variance(0) + variance(1),
@@ -409,6 +456,7 @@ impl StatusFile {
                     age_s: (at - s.at).secs().max(0.0),
                     state: s.message.state.name().to_owned(),
                     entered: s.message.entered.to_string(),
+                    waiting: s.message.waiting.to_string(),
                     battery: s.message.battery,
                     armed: s.message.armed,
                     still_armed_s: s.message.still_armed_s,
@@ -418,7 +466,9 @@ impl StatusFile {
                 sensor_age_s: [0, 1, 2].map(|k| self.sensors.get(k).and_then(since)),
                 estimate_age_s: since(&self.estimated_ns),
                 sd: self.sd.map(finite),
+                motion: core::mem::take(&mut self.motion),
                 waves: self.waves,
+                heading: HeadingAdvice::of(node.estimator()),
                 gated: [gated.imu, gated.gnss, gated.heading],
                 restarts: gated.restarts,
                 rejected: rejected.total().into(),

@@ -27,6 +27,9 @@ fn bad_input_exits_with_code_2_and_names_the_input() {
         (format!("trial --deck-motion {bad_row}"), "line 3"),
         ("trial --motion-scale 2".into(), "--deck-motion"),
         (format!("trial --plot {no_file}"), no_file),
+        ("trial --plot landing.png".into(), ".svg"),
+        ("land --plot landing.png".into(), ".svg"),
+        ("land --ground-station nowhere".into(), "nowhere"),
         ("trials --trials 0".into(), "0"),
         ("trials --jobs 0".into(), "0"),
         (

@@ -8,6 +8,7 @@ use std::time::Duration;
 use serde_json::Value;
 
 use crate::common::{alight, errors, instance, printed, run, signal};
+use crate::ground::{self, GroundStation};
 
 const PROCESSES: [&str; 7] = [
     "world",
@@ -157,16 +158,21 @@ fn flight_and_recording_of_a_live_landing_replay_bit_for_bit() {
     let name = instance("lands");
     let log = std::env::temp_dir().join(format!("alight-live-log-{name}"));
     let (recording, plot) = (log.with_extension("mcap"), log.with_extension("svg"));
+    let station = GroundStation::listen();
     let child = land(
         &name,
         &format!(
-            "--warm-up 20 --log {} --record {} --plot {}",
+            "--warm-up 20 --log {} --record {} --plot {} --ground-station {}",
             log.display(),
             recording.display(),
-            plot.display()
+            plot.display(),
+            station.address
         ),
     );
+    status_when(&name, |s| s["mission"].is_object());
+    let watched = ground::watch(&name);
     let seen = status_when(&name, |s| s["mission"]["state"] == "Approach");
+    ground::assert_status_shown(&name);
     let pids = pids(&seen);
     assert_eq!(pids.len(), PROCESSES.len(), "{seen}");
     assert!(seen["link"]["age_s"].as_f64().is_some(), "{seen}");
@@ -175,7 +181,9 @@ fn flight_and_recording_of_a_live_landing_replay_bit_for_bit() {
     let outcome = outcome(&out);
     assert_eq!(outcome["outcome"], "success", "{outcome}\n{}", errors(&out));
     assert_eq!(out.status.code(), Some(0));
+    ground::assert_watched(watched);
     assert_gone(&name, &pids);
+    station.assert_landing();
 
     assert_eq!(
         logs(&log),

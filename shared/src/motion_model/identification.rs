@@ -7,7 +7,7 @@ use crate::vessel_model::{DOFS, Modes, PITCH, ROLL};
 
 use super::MotionSample;
 use super::errors::{Errors, SPREAD_AT_S};
-use super::regression::{self, PAST, REACH, Regression};
+use super::regression::{self, Covariance, PAST, REACH, Regression};
 use super::subspace::{Fit, Model, Progress};
 
 /// A longer gap between two samples empties the record, s: the past of a regression has no holes.
@@ -110,7 +110,8 @@ impl<C: Clock> Identification<C> {
             },
             None if self.since_fit >= REFIT && self.regression.rows() >= FIRST_FIT => {
                 self.since_fit = 0;
-                Some(Fit::new(&self.regression))
+                let level = self.record.back().map_or(0.0, |s| s.level_variance);
+                Some(Fit::new(&self.regression, level))
             }
             None => return false,
         };
@@ -125,6 +126,10 @@ impl<C: Clock> Identification<C> {
     pub(super) fn is_identified(&self) -> bool {
         self.model.is_some()
     }
+    /// Variance that the error of the level leaves in the slow heave of its modes, m².
+    pub(super) fn slow_variance(&self) -> f64 {
+        self.model.as_ref().map_or(0.0, |m| m.slow_variance)
+    }
     /// What its predictions are weighed by.
     pub(super) fn weights(&self) -> [f64; DOFS] {
         self.errors.weights()
@@ -132,6 +137,10 @@ impl<C: Clock> Identification<C> {
     /// Mean of each degree of freedom of late, in these axes.
     pub(super) fn mean(&self) -> [f64; DOFS] {
         self.regression.mean()
+    }
+    /// Covariance of the quantities of a sample of late.
+    pub(super) fn covariance(&self) -> Covariance {
+        self.regression.covariance()
     }
     /// Its standard deviation.
     pub(super) fn deviation(&self) -> [f64; DOFS] {

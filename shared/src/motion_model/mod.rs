@@ -17,6 +17,7 @@
 //! The error of the predictions is measured, not assumed: each is kept until it is due ([`errors`]).
 
 mod errors;
+mod heading;
 mod identification;
 mod regression;
 mod subspace;
@@ -27,8 +28,10 @@ use crate::vessel_model::{DOFS, HEAVE, Mode, Modes, Motion, PITCH, ROLL};
 use nalgebra::Complex;
 
 use errors::{Errors, SPREAD_AT_S};
+use heading::Moments;
+pub use heading::QuietHeading;
 use identification::{Axes, Identification};
-use regression::OBSERVED;
+use regression::{OBSERVED, PUSH, SINKS, TILT};
 
 /// Time between two samples, s: ten a second, eight to the period of the fastest deck (0.95 Hz).
 pub const SAMPLE_S: f64 = 0.1;
@@ -48,6 +51,8 @@ pub struct MotionSample<C: Clock> {
     /// Rates of heave (m/s), of the tilt about north and about east (rad/s) and of the velocity along north and east as
     /// the vessel's mean course turns (m/s²).
     pub rate: [f64; 5],
+    /// Variance of heave's error, m²: slow, the level of the water that heave is about.
+    pub level_variance: f64,
 }
 
 impl<C: Clock> MotionSample<C> {
@@ -102,7 +107,8 @@ impl<C: Clock> MotionModel<C> {
     /// Takes the motion of an instant. Samples that are not finite are left out.
     pub fn push(&mut self, sample: MotionSample<C>) {
         let numbers = sample.value.iter().chain(&sample.rate);
-        if !numbers.chain([&sample.mean_heading]).all(|v| v.is_finite()) {
+        let more = [&sample.mean_heading, &sample.level_variance];
+        if !numbers.chain(more).all(|v| v.is_finite()) {
             return;
         }
         for i in &mut self.identified {
@@ -208,6 +214,27 @@ impl<C: Clock> MotionModel<C> {
     /// and at least how far the two identifications predict apart now.
     pub fn spread(&self, ahead: f64) -> [f64; DOFS] {
         self.errors.spread(self.deviation(), &self.apart, ahead)
+    }
+    /// Variance of the modes' slow heave by the error of the level, m²: it is in the motion as it is estimated, too, so that
+    /// no comparison with that shows it.
+    pub fn slow_heave_variance(&self) -> f64 {
+        let [earth, vessel] = &self.identified;
+        earth.slow_variance().max(vessel.slow_variance())
+    }
+    /// The heading on which the deck would tilt least, of a vessel on this mean heading (rad); None before the first
+    /// identification and where the waves' direction cannot be told.
+    pub fn quietest_heading(&self, mean_heading: f64) -> Option<QuietHeading> {
+        let [earth, vessel] = &self.identified;
+        let known = earth.is_identified() && vessel.is_identified();
+        let (e, v) = (earth.covariance(), vessel.covariance());
+        let moments = Moments {
+            push: e.fixed_view::<2, 2>(PUSH[0], PUSH[0]).into_owned(),
+            runs: -e.fixed_view::<2, 1>(PUSH[0], SINKS).into_owned(),
+            rise: e[(SINKS, SINKS)],
+            own_push: PUSH.map(|c| v[(c, c)]),
+            own_tilt: TILT.map(|c| v[(c, c)]),
+        };
+        known.then(|| moments.quietest(mean_heading)).flatten()
     }
     /// Standard deviation of each degree of freedom of late.
     pub fn deviation(&self) -> [f64; DOFS] {

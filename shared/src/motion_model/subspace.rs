@@ -19,10 +19,15 @@ const RIDGE_ROWS: f64 = 300.0;
 const MIN_DECAY: f64 = 0.004;
 /// Least size of an eigenvalue: what it leaves after a step.
 const DEAD: f64 = 0.37;
-/// Degrees of freedom whose mean and slow modes are left out: they are a course, and errors of the mean water level.
-const WITHOUT_SLOW: [usize; 4] = [SURGE, SWAY, HEAVE, YAW];
+/// Degrees of freedom whose slow modes are left out: they are a course.
+const WITHOUT_SLOW: [usize; 3] = [SURGE, SWAY, YAW];
 /// Time of a step of the system, s.
 const STEP_S: f64 = SAMPLE_S * STRIDE as f64;
+
+/// Whether a mode is a wave, and no course, trim or level.
+fn wave(pole: Complex<f64>, shape: [Complex<f64>; DOFS]) -> bool {
+    Mode { pole, shape }.is_wave()
+}
 
 /// An identification under way.
 #[derive(Clone, Debug)]
@@ -36,6 +41,8 @@ pub(super) struct Fit {
     cross: Mat<f64>,
     variance: Vec<f64>,
     ridge: f64,
+    /// Of heave's slow error, m².
+    level_variance: f64,
 }
 
 #[derive(Clone, Debug)]
@@ -66,6 +73,8 @@ pub(super) enum Progress {
 pub(super) struct Model {
     mean_in: DVector<f64>,
     modes: Vec<ModeFit>,
+    /// What the error of the level leaves unknown of the slow heave that the modes hold, m².
+    pub(super) slow_variance: f64,
 }
 
 /// Pole, shape per unit of excitation, and excitation from the past.
@@ -94,7 +103,7 @@ impl Model {
 
 impl Fit {
     /// Scaled covariances of the sums as they are now.
-    pub(super) fn new(sums: &Regression) -> Fit {
+    pub(super) fn new(sums: &Regression, level_variance: f64) -> Fit {
         let w = sums.weight;
         let mean = &sums.sums / w;
         let mean_in: DVector<f64> = mean.rows(0, INPUTS).into_owned();
@@ -124,6 +133,7 @@ impl Fit {
                 .map(|j| variance_out(j) / scale_out[j].powi(2))
                 .collect(),
             ridge: RIDGE * (1.0 + RIDGE_ROWS / w),
+            level_variance,
             scale_in,
             scale_out,
             mean_in,
@@ -253,7 +263,7 @@ impl Fit {
                 }
                 *shape = sum / squares * (twice * self.scale_out[d]);
             }
-            if !(Mode { pole, shape }).is_wave() {
+            if !wave(pole, shape) {
                 for d in WITHOUT_SLOW {
                     shape[d] = Complex::default();
                 }
@@ -287,20 +297,42 @@ impl Fit {
         }
         modes.sort_by(|a, b| b.0.total_cmp(&a.0));
         modes.truncate(MAX_MODES);
+        let mut modes: Vec<ModeFit> = modes.into_iter().map(|(_, m)| m).collect();
+        let share = self.share_slow_heave(&mut modes);
         Some(Model {
             mean_in: self.mean_in.clone(),
-            modes: modes.into_iter().map(|(_, m)| m).collect(),
+            modes,
+            slow_variance: share * self.level_variance,
         })
+    }
+
+    /// Of the slow heave, what the error of the level leaves (Wiener 1949): the share `1 - P / V` of its variance `V`, with
+    /// the variance `P` of the level that heave is about. A sea from astern is met slowly and keeps nearly all, that of a
+    /// drifting boat next to nothing. Returns the share; the kept part is off by a variance of `share P`.
+    fn share_slow_heave(&self, modes: &mut [ModeFit]) -> f64 {
+        let slow = |m: &&mut ModeFit| !wave(m.pole, m.shape);
+        // Slow heave by the past: Re c (r + i s)' z.
+        let mut gain = DVector::zeros(INPUTS);
+        for m in modes.iter_mut().filter(slow) {
+            gain += &m.real * m.shape[HEAVE].re - &m.imaginary * m.shape[HEAVE].im;
+        }
+        let variance = self.variance_of(&gain);
+        let share = (1.0 - self.level_variance / variance.max(f64::MIN_POSITIVE)).max(0.0);
+        for m in modes.iter_mut().filter(slow) {
+            m.shape[HEAVE] *= Complex::from(share);
+        }
+        share
+    }
+    /// Variance of `gain' z` of the past z.
+    fn variance_of(&self, gain: &DVector<f64>) -> f64 {
+        let scaled = Mat::from_fn(INPUTS, 1, |i, _| gain[i] * self.scale_in[i]);
+        let product = &self.gram * &scaled;
+        (0..INPUTS).map(|i| scaled[(i, 0)] * product[(i, 0)]).sum()
     }
 
     /// Mean square of a mode's motion relative to the whole's, summed over the degrees of freedom.
     fn strength(&self, real: &DVector<f64>, imaginary: &DVector<f64>, shape: &[Complex<f64>; DOFS]) -> f64 {
-        let part = |v: &DVector<f64>| {
-            let scaled = Mat::from_fn(INPUTS, 1, |i, _| v[i] * self.scale_in[i]);
-            let product = &self.gram * &scaled;
-            (0..INPUTS).map(|i| scaled[(i, 0)] * product[(i, 0)]).sum::<f64>()
-        };
-        let excitation = part(real) + part(imaginary);
+        let excitation = self.variance_of(real) + self.variance_of(imaginary);
         (0..DOFS)
             .map(|d| excitation * shape[d].norm_sqr() / self.scale_out[d].powi(2))
             .sum()

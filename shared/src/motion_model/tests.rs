@@ -52,6 +52,7 @@ fn error_on_a_square(turns_with_vessel: bool) -> f64 {
             mean_heading: heading,
             value: [0.0; DOFS],
             rate: [0.0, c * rate, s * rate, 0.0, 0.0],
+            level_variance: 0.0,
         };
         (sample.value[ROLL], sample.value[PITCH]) = (c * tilt, s * tilt);
         model.push(sample);
@@ -94,6 +95,7 @@ fn after(seconds: f64, noise: f64) -> MotionModel<VesselClock> {
             mean_heading: 0.0,
             value: value.map(&mut noisy),
             rate: rate.map(&mut noisy),
+            level_variance: 0.0,
         };
         assert!(model.is_due(at));
         model.push(sample);
@@ -132,6 +134,7 @@ fn motion_model_starts_its_record_anew_after_a_gap_and_ignores_nan() {
         mean_heading: 0.0,
         value: [v; DOFS],
         rate: [0.0; 5],
+        level_variance: 0.0,
     };
     model.push(sample(60.0, f64::NAN));
     assert!(model.modes().is_some());

@@ -5,6 +5,7 @@
 //! it creates one can leave it unusable. So one process, the supervisor, creates all services
 //! ([`Services::create`]) before any other begins, and the others only open them.
 
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, RawFd};
 use std::time::Duration;
 
 use iceoryx2::node::{Node as IoxNode, NodeWaitFailure};
@@ -14,6 +15,7 @@ use iceoryx2::port::publisher::Publisher as IoxPublisher;
 use iceoryx2::port::subscriber::Subscriber as IoxSubscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
+use iceoryx2_bb_posix::file_descriptor::FileDescriptorBased;
 
 use crate::topics::Topic;
 use crate::transport::images::{ImagePublisher, ImageService, ImageSubscriber};
@@ -237,6 +239,27 @@ impl<T: Plain> Publisher<T> {
 /// Wakes a process up.
 pub struct Listener {
     pub(crate) port: IoxListener<Ipc>,
+}
+
+impl Listener {
+    /// Takes all wake-ups: a listener that is not drained wakes at once again.
+    pub fn drain(&self) {
+        let _drained = self.port.try_wait(|_| {});
+    }
+}
+
+/// Readable when a message was published, for who waits for other descriptors, too.
+impl AsFd for Listener {
+    #[allow(unsafe_code)]
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        // SAFETY: the descriptor is the port's, which alone closes it and outlives this borrow.
+        unsafe { BorrowedFd::borrow_raw(self.port.file_descriptor().native_handle()) }
+    }
+}
+impl AsRawFd for Listener {
+    fn as_raw_fd(&self) -> RawFd {
+        self.as_fd().as_raw_fd()
+    }
 }
 
 /// Reads messages `T`.

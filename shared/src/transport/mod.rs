@@ -15,6 +15,7 @@ pub mod observe;
 pub mod plain;
 pub mod process;
 pub mod radio;
+pub mod readiness;
 pub mod rejections;
 pub mod statistics;
 pub mod wake;

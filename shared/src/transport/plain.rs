@@ -1,4 +1,4 @@
-//! What may lie in shared memory, and on which topic. The only `unsafe` of Alight is here.
+//! What may lie in shared memory, and on which topic. Beside a descriptor's number in `memory` the only `unsafe` of Alight.
 #![allow(unsafe_code)]
 
 use core::fmt::Debug;

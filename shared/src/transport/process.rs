@@ -70,6 +70,8 @@ pub enum ProcessKind {
     Camera,
     /// The ultraviolet camera's images.
     Uvdar,
+    /// What people look on with.
+    View,
 }
 
 impl ProcessKind {
@@ -106,6 +108,7 @@ impl ProcessKind {
             ProcessKind::Sensors => "sensors",
             ProcessKind::Camera => "camera",
             ProcessKind::Uvdar => "uvdar",
+            ProcessKind::View => "view",
         }
     }
 }

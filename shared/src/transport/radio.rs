@@ -9,6 +9,7 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, atomic::AtomicU64, atomic::Ordering};
 use std::time::Duration;
 
+use tokio::sync::Notify;
 use zenoh::Wait;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
@@ -290,6 +291,8 @@ pub struct Radio {
     open: Option<Open>,
     sender: SyncSender<Received>,
     inbox: Receiver<Received>,
+    /// Something has arrived.
+    arrival: Arc<Notify>,
     dropped: Arc<AtomicU64>,
     counts: RadioCounts,
     flows: Vec<Flow>,
@@ -345,6 +348,7 @@ impl Radio {
             open: None,
             sender,
             inbox,
+            arrival: Arc::new(Notify::new()),
             dropped: Arc::new(AtomicU64::new(0)),
             counts: RadioCounts::default(),
             last_received_ns: None,
@@ -385,6 +389,7 @@ impl Radio {
         }
         for (subscription, key) in self.subscriptions.iter().enumerate() {
             let (sender, dropped) = (self.sender.clone(), Arc::clone(&self.dropped));
+            let arrival = Arc::clone(&self.arrival);
             session
                 .declare_subscriber(key.clone())
                 .callback(move |sample| {
@@ -401,7 +406,7 @@ impl Radio {
                         bytes,
                     };
                     match sender.try_send(received) {
-                        Ok(()) => {}
+                        Ok(()) => arrival.notify_one(),
                         Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {
                             dropped.fetch_add(1, Ordering::Relaxed);
                         }
@@ -436,6 +441,10 @@ impl Radio {
         }
     }
 
+    /// Waits until something has arrived since the last wait, for who waits for other things, too.
+    pub async fn arrival(&self) {
+        self.arrival.notified().await;
+    }
     /// The next message; waits at most `timeout` for it.
     pub fn receive(&mut self, timeout: Duration) -> Option<Received> {
         if let Some(plaintext_attempts) = &self.plaintext_attempts {

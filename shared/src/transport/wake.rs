@@ -40,9 +40,8 @@ pub fn run(
             WaitSetRunResult::Interrupt if end_requested() => return Ok(()),
             _ => {}
         }
-        // A listener that is not drained wakes at once again.
         for listener in listeners {
-            let _drained = listener.port.try_wait(|_| {});
+            listener.drain();
         }
         if !step() {
             return Ok(());

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::rc::Rc;
 
-use alight_shared::msg::{AutopilotState, LinkCheckpoint};
+use alight_shared::msg::{AutopilotState, Command, LinkCheckpoint};
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_uav::autopilot::message::{Address, Frame, Message, command};
@@ -91,6 +91,8 @@ pub struct LinkedAutopilot {
     boot: u32,
     /// A state that was reported where only set-points were looked for.
     state: Option<AutopilotState>,
+    /// The same of a command.
+    command: Option<Command>,
 }
 
 impl LinkedAutopilot {
@@ -114,6 +116,7 @@ impl LinkedAutopilot {
             make,
             boot,
             state: None,
+            command: None,
         }
     }
     /// The link's process dies.
@@ -161,12 +164,14 @@ impl LinkedAutopilot {
             },
         );
         out.state = out.state.or(self.state.take());
+        out.command = out.command.or(self.command.take());
         out
     }
-    /// A step of the link with what those published. A state that it reports is given with what is received next.
+    /// A step of the link with what those published. A state that it reports, and a command, is given with what is received
+    /// next.
     pub fn send(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, input: AutopilotIn) -> AutopilotOut {
         let mut out = self.step(t, now, input);
-        self.state = out.state.take();
+        (self.state, self.command) = (out.state.take(), out.command.take());
         out
     }
     fn step(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, input: AutopilotIn) -> AutopilotOut {

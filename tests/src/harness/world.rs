@@ -522,6 +522,7 @@ impl DroneComputer {
         linked.autopilot.steel_m = physics.deck_distance_m(k);
         let flown = linked.receive(t, now);
         let (odometry, autopilot) = (flown.odometry.last().copied(), flown.state);
+        self.commands.extend(flown.command);
         readings.ranges.extend(flown.ranges);
         self.autopilot_state = autopilot.unwrap_or(self.autopilot_state);
         if let Some(cameras) = &mut self.cameras {

@@ -101,6 +101,59 @@ pub const METRICS: &[Metric] = &[
     ("wall_time_s", |o| Some(o.wall_time_s)),
 ];
 
+/// Trials that ended in one way for one reason.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct FailureCount {
+    /// How they ended.
+    pub outcome: &'static str,
+    /// Why; `N` stands for each figure.
+    pub reason: String,
+    /// How many.
+    pub count: u32,
+    /// One of them: the first.
+    pub seed: u64,
+}
+
+/// These failures (ending, reason, seed) by ending and reason, the most frequent first.
+fn count_failures<'a>(failures: impl Iterator<Item = (Ending, &'a str, u64)>) -> Vec<FailureCount> {
+    let mut counts: Vec<FailureCount> = Vec::new();
+    for (ending, reason, seed) in failures {
+        let (outcome, reason) = (ending.name(), without_figures(reason));
+        match counts
+            .iter_mut()
+            .find(|c| (c.outcome, &c.reason) == (outcome, &reason))
+        {
+            Some(c) => c.count += 1,
+            None => counts.push(FailureCount {
+                outcome,
+                reason,
+                count: 1,
+                seed,
+            }),
+        }
+    }
+    counts.sort_by_key(|c| core::cmp::Reverse(c.count));
+    counts
+}
+
+/// A text with an `N` for each figure in it, its sign included.
+fn without_figures(text: &str) -> String {
+    let is_figure = |word: &str| {
+        let digits = word.trim_start_matches(['-', '+']);
+        digits.starts_with(|c: char| c.is_ascii_digit())
+    };
+    let mut out: Vec<String> = Vec::new();
+    for word in text.split(' ') {
+        let (before, figure) = word.split_at(word.len() - word.trim_start_matches('(').len());
+        let end = figure.rfind(|c: char| c.is_ascii_digit()).map_or(0, |k| k + 1);
+        out.push(match figure.get(end..) {
+            Some(after) if is_figure(figure) => format!("{before}N{after}"),
+            Some(_) | None => word.to_owned(),
+        });
+    }
+    out.join(" ")
+}
+
 /// The summary of a set of trials: figures over all that touched.
 #[derive(Clone, Debug)]
 pub struct Summary {
@@ -119,6 +172,8 @@ pub struct Summary {
     pub keep_out_collisions: Option<u32>,
     /// Contacts at more than 2 m/s.
     pub contacts_above_2_mps: u32,
+    /// Why trials failed.
+    pub failures: Vec<FailureCount>,
     /// Figures under the names of [`METRICS`].
     pub metrics: Vec<(&'static str, Option<SampleStatistics>)>,
 }
@@ -148,6 +203,12 @@ impl Summary {
                 .filter_map(|o| o.keep_out_collisions)
                 .reduce(|a, b| a + b),
             contacts_above_2_mps: outcomes.iter().map(|o| o.contacts_above_2_mps).sum(),
+            failures: count_failures(
+                outcomes
+                    .iter()
+                    .filter(|o| !o.success)
+                    .map(|o| (o.outcome, o.reason.as_str(), o.seed)),
+            ),
             metrics: METRICS
                 .iter()
                 .map(|(name, f)| (*name, SampleStatistics::of(touched().filter_map(f))))
@@ -184,6 +245,32 @@ mod tests {
         let [lo, hi] = bootstrap_mean(&values).unwrap();
         // sd 5.77, so 1.96 sd / sqrt(200) = 0.80 about the mean of 9.5.
         assert!((lo - 8.7).abs() < 0.15 && (hi - 10.3).abs() < 0.15, "{lo} {hi}");
+    }
+
+    #[test]
+    fn failures_by_ending_and_reason() {
+        let failures = [
+            (Ending::GaveUp, "the mission gave up after 4 attempts", 2),
+            (Ending::Hard, "contact at 1.32 m/s (limit 1)", 3),
+            (Ending::Hard, "contact at 1.05 m/s (limit 1)", 4),
+            (Ending::Hard, "contact at -0.1 m/s (limit 1)", 5),
+            (Ending::Water, "in the water after 41.0 s", 6),
+        ];
+        let counts = count_failures(failures.into_iter());
+        let count = |outcome, reason: &str, count, seed| FailureCount {
+            outcome,
+            reason: reason.into(),
+            count,
+            seed,
+        };
+        assert_eq!(
+            counts,
+            [
+                count("hard", "contact at N m/s (limit N)", 3, 3),
+                count("gave-up", "the mission gave up after N attempts", 1, 2),
+                count("water", "in the water after N s", 1, 6),
+            ]
+        );
     }
 
     #[test]

@@ -5,7 +5,7 @@ use alight_shared::node::Node;
 use alight_shared::time::Time;
 use alight_uav::autopilot::message::{
     Address, AttitudeReport, CommandLong, CommandResult, DistanceReport, Frame, Heartbeat, HilGps, ImuReport,
-    Message, OdometryReport, ParameterValue, PositionReport, VelocityFrame,
+    Message, OdometryReport, ParameterValue, PositionReport, RcChannels, VelocityFrame,
 };
 use alight_uav::autopilot::wire::{Decoder, encode};
 use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotLinkConfig};
@@ -115,6 +115,17 @@ fn message() -> impl Strategy<Value = Message> {
         (commands(), Just(CommandResult::Denied))
             .prop_map(|(command, result)| Message::CommandAck { command, result }),
         (0..8_u8, "\\PC{0,60}").prop_map(|(severity, text)| Message::Text { severity, text }),
+        any::<(u32, u32)>().prop_map(|(present, healthy)| Message::SystemStatus { present, healthy }),
+        (
+            any::<u8>(),
+            prop_oneof![any::<u16>(), Just(1000), Just(1500), Just(2000)]
+        )
+            .prop_map(|(count, us)| {
+                Message::RemoteControl(RcChannels {
+                    count,
+                    pulses_us: [us; 18],
+                })
+            }),
         (three(), number()).prop_map(|(velocity, altitude_m)| {
             Message::HilGps(HilGps {
                 time_us: 0,
@@ -177,7 +188,7 @@ proptest! {
     ) {
         use alight_shared::msg::Message as _;
         let mut link = AutopilotLink::new(
-            &AutopilotLinkConfig { publish_deck: true, may_arm: true, ..AutopilotLinkConfig::default() },
+            &AutopilotLinkConfig { publish_deck: true, may_arm: true, rc_switch: 7, ..AutopilotLinkConfig::default() },
             &OdometryConfig::default(),
             &DroneGeometry::default(),
             true,

@@ -2,8 +2,10 @@
 
 use alight_shared::msg::{DroneState, SetPoint, State};
 use alight_uav::autopilot::AutopilotLinkConfig;
+use alight_uav::autopilot::message::{Address, LandingTarget, Message, TargetFrame};
 use alight_uav::autopilot::modes::Firmware;
-use nalgebra::{Quaternion, UnitQuaternion};
+use alight_uav::autopilot::wire::{Decoder, encode};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::rig::{Rig, hover, press};
 use super::{BOTH, config};
@@ -78,5 +80,80 @@ fn tilted_drone_gets_the_thrust_that_the_pilot_commands() {
         // The thrust that is applied is reported.
         let reported = p.state().thrust;
         assert!((reported - hover()).abs() < 0.01, "{firmware:?}: {reported}");
+    }
+}
+
+/// What each firmware takes of a LANDING_TARGET whose position is valid, by its source text. PX4,
+/// `MavlinkReceiver::handle_message_landing_target`: `frame == MAV_FRAME_LOCAL_NED` (1), and the position counts from the
+/// origin. ArduPilot, `AC_PrecLand_MAVLink::handle_msg`: `frame == MAV_FRAME_BODY_FRD` (12) or, in newer ones,
+/// `MAV_FRAME_LOCAL_FRD` (20), and `distance > 0`, by which the position is divided.
+fn takes(firmware: Firmware, t: &LandingTarget) -> bool {
+    match firmware {
+        Firmware::Px4 => t.frame.number() == 1,
+        Firmware::ArduCopter => matches!(t.frame.number(), 12 | 20) && t.distance_m > 0.0,
+    }
+}
+
+#[test]
+fn landing_target_in_the_form_that_each_firmware_takes() {
+    let c = AutopilotLinkConfig {
+        publish_deck: true,
+        ..config()
+    };
+    for firmware in BOTH {
+        // Not level, and not heading north: a vector in another frame points elsewhere.
+        let mut p = Rig::at(firmware, 6.0, 1.1, &c);
+        p.deck_offset = [2.0, -1.0];
+        p.take_command();
+        p.mission = State::Descent;
+        p.pilot = Some(lean);
+        p.run(0.8);
+        let a = &p.linked.autopilot;
+        let roll = p.odometry.last().expect("odometry").1.euler().x;
+        assert!(roll > 0.15, "{firmware:?}: leans by {roll} rad");
+        assert!(p.targets.len() > 30, "{firmware:?}: {}", p.targets.len());
+        assert!(p.targets.iter().all(|t| takes(firmware, t)), "{firmware:?}");
+        assert_eq!(a.targets_rejected, 0, "{firmware:?}");
+        // Where its guidance believes the deck to be: 2 m north and 1 m west of below the drone.
+        let at = a.target.expect("a target") - a.position();
+        let apart = at - Vector3::new(2.0, -1.0, -a.position().z);
+        assert!(apart.norm() < 0.5, "{firmware:?}: {at:?}");
+    }
+}
+
+#[test]
+fn landing_target_of_the_other_firmware_is_dropped() {
+    let target = |frame, distance_m| LandingTarget {
+        time_us: 1,
+        frame,
+        position: [1.0, 2.0, 4.0],
+        distance_m,
+        attitude: [1.0, 0.0, 0.0, 0.0],
+        size_m: 1.0,
+    };
+    let norm = Vector3::new(1.0, 2.0, 4.0).norm();
+    for (frame, distance_m, takers) in [
+        (TargetFrame::LocalNed, 0.0, &[Firmware::Px4][..]),
+        (TargetFrame::BodyFrd, norm, &[Firmware::ArduCopter]),
+        (TargetFrame::LocalFrd, norm, &[Firmware::ArduCopter]),
+        (TargetFrame::BodyFrd, 0.0, &[]),
+    ] {
+        let sent = Message::LandingTarget(target(frame, distance_m));
+        // As it is on the wire.
+        let mut decoder = Decoder::default();
+        decoder.push(&encode(Address::new(1, 191), 1, &sent).expect("a frame"));
+        let received = decoder.next_frame().expect("a landing target").message;
+        let Message::LandingTarget(t) = received else {
+            panic!("{received:?}")
+        };
+        for firmware in BOTH {
+            let mut p = Rig::new(firmware, 6.0, &config());
+            p.give(&Message::LandingTarget(t));
+            let a = &p.linked.autopilot;
+            let expected = takers.contains(&firmware);
+            assert_eq!(takes(firmware, &t), expected, "{firmware:?} {frame:?}");
+            assert_eq!(a.target.is_some(), expected, "{firmware:?} {frame:?}");
+            assert_eq!(a.targets_rejected, u32::from(!expected), "{firmware:?} {frame:?}");
+        }
     }
 }

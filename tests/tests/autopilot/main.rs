@@ -6,6 +6,7 @@ mod arbitrary;
 mod checkpoint;
 mod disarm;
 mod firmwares;
+mod ground;
 mod home;
 mod landings;
 mod restarts;
@@ -564,6 +565,7 @@ fn deck_is_published_to_the_autopilot_when_configured() {
         let mut p = Rig::new(Firmware::Px4, 5.0, &c);
         p.run(5.0);
         assert_eq!(p.deck_messages >= 20, some, "{}", p.deck_messages);
+        assert_eq!(p.targets.is_empty(), !some);
     }
 }
 

@@ -6,8 +6,8 @@ use std::rc::Rc;
 use alight_shared::frames::{Deck, Point};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, BatteryPlace, DeckForecast, DeckStage, DroneState, Header, MissionState,
-    Motors, RangeSample, Reason, ReasonCode, Seq, SetPoint, SetPointKind, State,
+    AutopilotMode, AutopilotState, BatteryPlace, Command, DeckForecast, DeckStage, DroneState, Header,
+    MissionState, Motors, RangeSample, Reason, ReasonCode, Seq, SetPoint, SetPointKind, State,
 };
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_sim::autopilots::simulated::{SimulatedAutopilot, mode_number};
@@ -16,7 +16,7 @@ use alight_sim::harness::world::Checkpoints;
 use alight_sim::physics::body::RigidState;
 use alight_sim::physics::drone::{DroneConfig, DroneStart, NavigationConfig, SimulatedDrone};
 use alight_sim::physics::streams::Streams;
-use alight_uav::autopilot::message::{Address, CommandLong, Message};
+use alight_uav::autopilot::message::{Address, CommandLong, Heartbeat, LandingTarget, Message};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::{
     AutopilotIn, AutopilotLink, AutopilotLinkConfig, AutopilotOut, ControlAuthority,
@@ -72,8 +72,20 @@ pub struct Rig {
     pub commands: Vec<(f64, CommandLong)>,
     /// The mission waits for the drone to fly.
     pub waits_for_flight: bool,
+    /// Texts to a ground station: severity, text.
+    pub notes: Vec<(u8, String)>,
+    /// Named values: when, name and value.
+    pub values: Vec<(f64, String, f64)>,
+    /// Heartbeats of the companion: when, its address, heartbeat.
+    pub heartbeats: Vec<(f64, Address, Heartbeat)>,
+    /// Commands to the mission.
+    pub orders: Vec<Command>,
     /// Messages about the deck.
     pub deck_messages: usize,
+    /// The deck's centre from below the drone, north and east, m.
+    pub deck_offset: [f64; 2],
+    /// Landing targets sent by the link.
+    pub targets: Vec<LandingTarget>,
     sequence: u32,
     newest: Option<DroneState>,
 }
@@ -147,7 +159,13 @@ impl Rig {
             sent: Vec::new(),
             commands: Vec::new(),
             waits_for_flight: false,
+            notes: Vec::new(),
+            values: Vec::new(),
+            heartbeats: Vec::new(),
+            orders: Vec::new(),
             deck_messages: 0,
+            deck_offset: [0.0; 2],
+            targets: Vec::new(),
             sequence: 0,
             newest: None,
         }
@@ -260,13 +278,14 @@ impl Rig {
     }
 
     fn deck(&self, header: Header<DroneClock>) -> DeckForecast {
-        // Below the drone, wherever it is.
+        // Below the drone or so, wherever it is.
         let [x, y, _] = self.newest.map_or([0.0; 3], |d| d.position);
+        let [north, east] = self.deck_offset;
         DeckForecast {
             header,
             step: Span::from_millis(50),
             stages: Seq::filled((0..41).map(|_| DeckStage {
-                position: [x, y, 0.0],
+                position: [x + north, y + east, 0.0],
                 ..DeckStage::default()
             })),
             ..DeckForecast::default()
@@ -277,8 +296,14 @@ impl Rig {
         for m in &out.messages {
             match m {
                 Message::Position(_) | Message::AttitudeThrust(_) => self.sent.push((self.t_s, m.clone())),
-                Message::LandingTarget { .. } | Message::Deck { .. } => self.deck_messages += 1,
+                Message::LandingTarget(t) => self.targets.push(*t),
+                Message::Deck { .. } => self.deck_messages += 1,
                 Message::Command(c) => self.commands.push((self.t_s, *c)),
+                Message::Text { severity, text } => self.notes.push((*severity, text.clone())),
+                Message::NamedValue { name, value, .. } => {
+                    self.values.push((self.t_s, name.clone(), *value));
+                }
+                Message::Heartbeat(h) => self.heartbeats.push((self.t_s, out.from, *h)),
                 _ => {}
             }
         }
@@ -287,6 +312,7 @@ impl Rig {
             self.odometry.push((self.t_s, o));
         }
         self.states.extend(out.state);
+        self.orders.extend(out.command);
         self.ranges.extend(out.ranges);
         self.texts.extend(out.texts);
     }
@@ -302,6 +328,11 @@ impl Rig {
             .map(|(_, c)| *c)
             .filter(|c| c.command == command)
             .collect()
+    }
+    /// Gives the autopilot a message.
+    pub fn give(&mut self, m: &Message) {
+        let truth = self.drone.plant_state(Time::from_secs(self.t_s));
+        self.linked.autopilot.step(&truth, core::slice::from_ref(m));
     }
     /// A message of somebody else on the same wire.
     pub fn inject(&mut self, from: Address, m: &Message) {

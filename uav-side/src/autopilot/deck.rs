@@ -7,7 +7,8 @@ use alight_shared::topics;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::message::command::SET_HOME;
-use super::message::{CommandLong, Message};
+use super::message::{CommandLong, LandingTarget, Message, TargetFrame};
+use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, DroneTime};
 
 /// Home is sent when the deck is further than this from the one sent before, m: the errors of two receivers.
@@ -43,19 +44,40 @@ impl AutopilotLink {
             ..SetPoint::default()
         });
         let time_us = self.clock.remote_time_us(now, now);
-        let [roll, pitch, yaw] = d.euler;
-        let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
         let (position, velocity) = (there.position, there.velocity);
-        out.messages.push(Message::LandingTarget {
-            time_us,
-            position,
-            attitude: [q.w, q.i, q.j, q.k],
-            size_m: self.config.deck_tag_m,
-        });
+        let target = match self.peer.as_ref().map(|p| p.firmware) {
+            Some(Firmware::Px4) => Some(LandingTarget {
+                time_us,
+                frame: TargetFrame::LocalNed,
+                position,
+                distance_m: 0.0,
+                attitude: quaternion(&attitude(&d)),
+                size_m: self.config.deck_tag_m,
+            }),
+            Some(Firmware::ArduCopter) => self.target_from_vehicle(now),
+            None => None,
+        };
+        out.messages.extend(target.map(Message::LandingTarget));
         out.messages.push(Message::Deck {
             time_us,
             values: [position, velocity, d.euler, d.euler_rates, d.position_sd],
         });
+    }
+    /// The deck as ArduCopter takes it: from the vehicle, in its own axes, at the time of its newest odometry.
+    fn target_from_vehicle(&self, now: DroneTime) -> Option<LandingTarget> {
+        let state = self.state?;
+        let deck = self.deck(state.header.at)?;
+        let body = state.attitude();
+        let apart = body.inverse() * (Vector3::from(deck.position) - state.position());
+        let distance_m = apart.norm();
+        (distance_m > 0.0).then(|| LandingTarget {
+            time_us: self.clock.remote_time_us(now, state.header.at),
+            frame: TargetFrame::BodyFrd,
+            position: apart.into(),
+            distance_m,
+            attitude: quaternion(&(body.inverse() * attitude(&deck))),
+            size_m: self.config.deck_tag_m,
+        })
     }
     /// Sends the deck's place as home, where that is configured. The command's single precision is half a metre of it.
     pub(super) fn send_home(&mut self, now: DroneTime, out: &mut AutopilotOut) {
@@ -79,4 +101,13 @@ impl AutopilotLink {
         out.messages.push(Message::Command(command));
         self.home = Some((now, place));
     }
+}
+
+/// NED from deck.
+fn attitude(d: &DeckStage) -> UnitQuaternion<f64> {
+    let [roll, pitch, yaw] = d.euler;
+    UnitQuaternion::from_euler_angles(roll, pitch, yaw)
+}
+fn quaternion(q: &UnitQuaternion<f64>) -> [f64; 4] {
+    [q.w, q.i, q.j, q.k]
 }

@@ -1,9 +1,9 @@
 //! Messages received on the link: heartbeats, clocks, samples, answers.
 
 use alight_shared::geodesy::Datum;
-use alight_shared::msg::{DroneState, LandedState};
+use alight_shared::msg::{CommandKind, DroneState, LandedState};
 
-use super::message::{self, Address, CommandResult, Frame, Heartbeat, Message, command};
+use super::message::{self, Address, CommandResult, Frame, Heartbeat, Message, command, severity};
 use super::modes::Firmware;
 use super::peer::Peer;
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output, drone_state, thrust};
@@ -135,8 +135,19 @@ impl AutopilotLink {
                         .push(format!("the autopilot denied command {command}: {result:?}"));
                 }
             }
-            Message::Text { severity, text } => {
-                if *severity <= 4 {
+            Message::SystemStatus { present, healthy } => {
+                peer.streams.received(message::id::SYS_STATUS);
+                self.switch.on_status(now, *present, *healthy);
+            }
+            Message::RemoteControl(channels) => {
+                peer.streams.received(message::id::RC_CHANNELS);
+                let given = self.switch.on_channels(now, c.rc_switch, channels);
+                if let Some(kind) = given {
+                    self.command_by_switch(now, kind, out);
+                }
+            }
+            Message::Text { severity: of, text } => {
+                if *of <= severity::WARNING {
                     out.texts.push(format!("{}: {text}", peer.firmware.name()));
                 }
             }
@@ -145,13 +156,27 @@ impl AutopilotLink {
             | Message::Command(_)
             | Message::Position(_)
             | Message::AttitudeThrust(_)
-            | Message::LandingTarget { .. }
+            | Message::LandingTarget(_)
             | Message::Deck { .. }
+            | Message::RemoteControlOverride { .. }
+            | Message::NamedValue { .. }
             | Message::HilSensor(_)
             | Message::HilGps(_)
             | Message::HilActuators { .. } => {}
         }
         false
+    }
+
+    /// The remote control's switch was moved: the mission is commanded.
+    fn command_by_switch(&mut self, now: DroneTime, kind: CommandKind, out: &mut AutopilotOut) {
+        let header = self.header(Output::Command, now);
+        self.switch.give(header, kind);
+        let (severity, order) = match kind {
+            CommandKind::Abort => (severity::WARNING, "an abort"),
+            CommandKind::Land => (severity::NOTICE, "a landing"),
+            CommandKind::Hold => (severity::NOTICE, "a hold"),
+        };
+        out.alarm(severity, format!("the remote control commands {order}"));
     }
 
     /// The autopilot of the vehicle that is to be flown has this address.

@@ -40,12 +40,16 @@ pub const PX4: u8 = 12;
 pub mod id {
     /// `HEARTBEAT`.
     pub const HEARTBEAT: u32 = 0;
+    /// `SYS_STATUS`.
+    pub const SYS_STATUS: u32 = 1;
     /// `SCALED_IMU`.
     pub const SCALED_IMU: u32 = 26;
     /// `ATTITUDE_QUATERNION`.
     pub const ATTITUDE_QUATERNION: u32 = 31;
     /// `LOCAL_POSITION_NED`.
     pub const LOCAL_POSITION_NED: u32 = 32;
+    /// `RC_CHANNELS`.
+    pub const RC_CHANNELS: u32 = 65;
     /// `ATTITUDE_TARGET`.
     pub const ATTITUDE_TARGET: u32 = 83;
     /// `HIGHRES_IMU`.
@@ -65,6 +69,21 @@ pub mod id {
     /// `CURRENT_MODE`.
     pub const CURRENT_MODE: u32 = 436;
 }
+
+/// Severities of a text (`MAV_SEVERITY`).
+pub mod severity {
+    /// Something has to be done at once.
+    pub const CRITICAL: u8 = 2;
+    /// Something went wrong.
+    pub const WARNING: u8 = 4;
+    /// Unusual, and no error.
+    pub const NOTICE: u8 = 5;
+    /// Normal.
+    pub const INFO: u8 = 6;
+}
+
+/// `MAV_SYS_STATUS_SENSOR_RC_RECEIVER`.
+pub const RC_RECEIVER: u32 = 1 << 16;
 
 /// Numbers of commands.
 pub mod command {
@@ -261,6 +280,56 @@ pub struct DistanceReport {
     pub variance: Option<f64>,
 }
 
+/// Pulses of the remote control, as the autopilot's receiver has them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RcChannels {
+    /// Channels that it has.
+    pub count: u8,
+    /// Of each channel, us; 65535: not there.
+    pub pulses_us: [u16; 18],
+}
+
+/// The frame of a landing target's position (`MAV_FRAME`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum TargetFrame {
+    /// `MAV_FRAME_LOCAL_NED`: the autopilot's NED, from its origin.
+    LocalNed,
+    /// `MAV_FRAME_BODY_FRD`: from the vehicle, along its forward, right and down axes.
+    BodyFrd,
+    /// `MAV_FRAME_LOCAL_FRD`: from the vehicle, forward by its heading, right and down, level.
+    LocalFrd,
+}
+
+impl TargetFrame {
+    /// All.
+    pub const ALL: [TargetFrame; 3] = [TargetFrame::LocalNed, TargetFrame::BodyFrd, TargetFrame::LocalFrd];
+    /// Its `MAV_FRAME`.
+    pub const fn number(self) -> u8 {
+        match self {
+            TargetFrame::LocalNed => 1,
+            TargetFrame::BodyFrd => 12,
+            TargetFrame::LocalFrd => 20,
+        }
+    }
+}
+
+/// `LANDING_TARGET` with a position (`position_valid` 1).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LandingTarget {
+    /// Autopilot's time, us.
+    pub time_us: u64,
+    /// Frame of position and attitude.
+    pub frame: TargetFrame,
+    /// Deck's centre, m.
+    pub position: [f64; 3],
+    /// From the vehicle to the deck's centre, m; 0: not stated.
+    pub distance_m: f64,
+    /// That frame from deck (w, x, y, z).
+    pub attitude: [f64; 4],
+    /// Size of the tag, m.
+    pub size_m: f64,
+}
+
 /// One message.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Message {
@@ -346,17 +415,8 @@ pub enum Message {
     Position(PositionTarget),
     /// `SET_ATTITUDE_TARGET`.
     AttitudeThrust(AttitudeTarget),
-    /// `LANDING_TARGET`: the deck for other users of the autopilot.
-    LandingTarget {
-        /// Autopilot's time, us.
-        time_us: u64,
-        /// Deck's centre, NED, m.
-        position: [f64; 3],
-        /// NED from deck (w, x, y, z).
-        attitude: [f64; 4],
-        /// Size of the tag, m.
-        size_m: f64,
-    },
+    /// `LANDING_TARGET`: the deck for the autopilot's own guidance.
+    LandingTarget(LandingTarget),
     /// `DEBUG_FLOAT_ARRAY` named "deck": the estimated deck. Not `ODOMETRY`, which an autopilot would
     /// take for a measurement of its own pose.
     Deck {
@@ -365,6 +425,31 @@ pub enum Message {
         /// Position (NED, m), velocity (NED, m/s), roll, pitch, yaw (rad), their rates (rad/s),
         /// standard deviation of the position (m).
         values: [[f64; 3]; 5],
+    },
+    /// `SYS_STATUS`: sensors by the bits of `MAV_SYS_STATUS_SENSOR`.
+    SystemStatus {
+        /// That are there.
+        present: u32,
+        /// That work.
+        healthy: u32,
+    },
+    /// `RC_CHANNELS`.
+    RemoteControl(RcChannels),
+    /// `RC_CHANNELS_OVERRIDE`: the first eight channels as a ground station sets them.
+    RemoteControlOverride {
+        /// Receiver.
+        to: Address,
+        /// us; 0: as the receiver has it, 65535: as before.
+        pulses_us: [u16; 8],
+    },
+    /// `NAMED_VALUE_FLOAT`.
+    NamedValue {
+        /// Autopilot's time, ms.
+        time_ms: u32,
+        /// At most 10 characters.
+        name: String,
+        /// The value.
+        value: f64,
     },
     /// `STATUSTEXT`.
     Text {

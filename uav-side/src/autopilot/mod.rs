@@ -4,7 +4,7 @@
 //!
 //! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
 //! [`lapse`] (whose hold it is), [`disarm`] (when motors are stopped), this file (one step), [`inbound`] and [`outbound`] (its two
-//! halves), [`shadow`] (a person flies and nothing is commanded), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
+//! halves), [`ground_station`] and [`rc_switch`] (people at a ground station and at the remote control), [`shadow`] (a person flies and nothing is commanded), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
 //! [`parameters`] (what a landing relies on), and [`wire`] for the bytes.
 //!
 //! Safety does not rest on this node being alive. Without its set-points PX4 leaves OFFBOARD after
@@ -18,6 +18,7 @@ pub mod config;
 mod deck;
 mod disarm;
 mod drone_state;
+pub mod ground_station;
 mod inbound;
 mod lapse;
 pub mod message;
@@ -25,6 +26,7 @@ pub mod modes;
 mod outbound;
 pub mod parameters;
 mod peer;
+mod rc_switch;
 mod shadow;
 mod streams;
 mod thrust;
@@ -40,7 +42,7 @@ use alight_shared::admission::{Latest, Periodic};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, DeckForecast, DroneState, Header, LandedState, LandingMode,
+    AutopilotMode, AutopilotState, Command, DeckForecast, DroneState, Header, LandedState, LandingMode,
     LinkCheckpoint, MissionState, RangeSample, Reason, ReasonCode, SetPoint,
 };
 use alight_shared::node::Node;
@@ -54,9 +56,11 @@ use authority::{AuthorityStateMachine, Evidence};
 use clock::RemoteClock;
 use disarm::DisarmSequence;
 use drone_state::DroneStateAssembler;
+use ground_station::GroundReports;
 use lapse::LapseMonitor;
 use message::{Address, CUSTOM_MODE, CommandLong, Frame, Heartbeat, Message, command};
 use peer::Peer;
+use rc_switch::RcSwitch;
 use thrust::HoverThrust;
 
 type DroneTime = Time<DroneClock>;
@@ -110,6 +114,8 @@ pub struct AutopilotOut {
     pub ranges: Vec<RangeSample>,
     /// For a successor.
     pub checkpoint: Option<LinkCheckpoint>,
+    /// Of the remote control's switch, to the mission.
+    pub command: Option<Command>,
     /// For a person: changes of control authority, denied commands, the autopilot's own texts.
     pub texts: Vec<String>,
 }
@@ -136,6 +142,7 @@ enum Output {
     State,
     Range,
     Checkpoint,
+    Command,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -159,7 +166,7 @@ pub struct AutopilotLink {
     attitudes: bool,
     drone_id: u32,
     boot: u32,
-    sequences: [u32; 4],
+    sequences: [u32; 5],
     /// Of a crashed predecessor.
     recovery: Recovery<LinkCheckpoint>,
     /// It waits no longer for a predecessor's checkpoint.
@@ -200,6 +207,8 @@ pub struct AutopilotLink {
     flown: Option<SetPoint>,
     sent_at: Option<DroneTime>,
     lapse: LapseMonitor,
+    ground: GroundReports,
+    switch: RcSwitch,
     set_points: u32,
     low_since: Option<DroneTime>,
     diversions: u32,
@@ -426,6 +435,8 @@ impl Node for AutopilotLink {
             self.send_home(now, &mut out);
         }
         self.report_armed(now, &mut out);
+        self.report_to_ground(now, &mut out);
+        out.command = self.switch.poll(now, self.mission.get());
         self.send_periodic(now, &mut out);
         self.publish_deck(now, &mut out);
 

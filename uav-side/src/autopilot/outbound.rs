@@ -11,7 +11,9 @@ use nalgebra::Vector3;
 
 use super::config::{DisarmConfig, Diversion};
 use super::disarm::{self, ContactEvidence, DisarmDecision};
-use super::message::{Address, AttitudeTarget, CUSTOM_MODE, CommandLong, Message, PositionTarget, command};
+use super::message::{
+    Address, AttitudeTarget, CUSTOM_MODE, CommandLong, Message, PositionTarget, command, severity,
+};
 use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, STILL_ARMED, thrust};
 use crate::pilot::steer;
@@ -146,9 +148,10 @@ impl AutopilotLink {
             DisarmDecision::InAir(inhibit) => {
                 if self.inhibited != Some(inhibit) {
                     self.inhibited = Some(inhibit);
-                    out.texts.push(format!(
-                        "no disarm, the drone climbs by {CLEAR_M} m and holds: {inhibit}"
-                    ));
+                    out.alarm(
+                        severity::CRITICAL,
+                        format!("no disarm, the drone climbs by {CLEAR_M} m and holds: {inhibit}"),
+                    );
                 }
                 self.hold_above(now)
             }
@@ -179,9 +182,10 @@ impl AutopilotLink {
             ..CommandLong::new(to, command::ARM_DISARM, [0.0, command::FORCE])
         }));
         if sent == self.config.disarm.tries {
-            out.texts.push(format!(
-                "still armed after {sent} commands to disarm on the deck: disarm by remote control"
-            ));
+            out.alarm(
+                severity::CRITICAL,
+                format!("still armed after {sent} commands to disarm on the deck: disarm by remote control"),
+            );
         }
     }
 
@@ -191,7 +195,7 @@ impl AutopilotLink {
         let mission = self.fresh_mission(now);
         let still_s = mission.and_then(|m| disarm::still_armed_s(now, m, armed, &self.config.disarm));
         if let Some(s) = still_s.filter(|_| self.timers.armed.is_due_spaced(now, STILL_ARMED)) {
-            out.texts.push(still_armed(s as f32));
+            out.alarm(severity::CRITICAL, still_armed(s as f32));
         }
     }
 
@@ -433,11 +437,12 @@ impl AutopilotLink {
             return;
         };
         if !repeated {
-            out.texts.push(format!(
-                "battery at {:.0} %: the autopilot is commanded to {}",
-                100.0 * charge,
-                if to == Diversion::Land { "land" } else { "return" }
-            ));
+            let order = if to == Diversion::Land { "land" } else { "return" };
+            let charge = 100.0 * charge;
+            out.alarm(
+                severity::WARNING,
+                format!("battery at {charge:.0} %: the autopilot is commanded to {order}"),
+            );
         }
         let mode = [f64::from(CUSTOM_MODE), main, sub];
         out.messages.push(Message::Command(CommandLong::new(

@@ -13,6 +13,9 @@ const REQUEST_SPACING_S: f64 = 0.02;
 const REVIEW_S: f64 = 2.0;
 /// Rate that is requested of CURRENT_MODE: a change is reported within its period, Hz.
 const MODE_HZ: f64 = 50.0;
+/// Rates of the remote control's channels and of the autopilot's sensors' health, where a switch commands, Hz.
+const CHANNELS_HZ: f64 = 10.0;
+const STATUS_HZ: f64 = 5.0;
 /// Below this fraction of its rate a stream is requested again.
 const MIN_RATE_FRACTION: f64 = 0.7;
 /// A denied stream is not requested for this long, s.
@@ -66,10 +69,16 @@ impl Streams {
             (id::DISTANCE_SENSOR, c.range_hz),
             (id::BATTERY_STATUS, 1.0),
         ];
+        let switch: &[(u32, f64)] = if c.rc_switch == 0 {
+            &[]
+        } else {
+            &[(id::RC_CHANNELS, CHANNELS_HZ), (id::SYS_STATUS, STATUS_HZ)]
+        };
         Streams {
             list: both
                 .iter()
                 .chain(own)
+                .chain(switch)
                 .map(|&(id, hz)| Stream {
                     id,
                     hz,

@@ -16,19 +16,19 @@ config! {
         /// After a start nobody is given the deck for this long, s: its owner before the restart reports first.
         /// Source: six periods of a drone's status.
         pub startup_hold_s: f64 = 3.0, in 1.0..=60.0;
-        /// Digital input of the crew's switch: a file that holds 1 while they close the deck and 0 while it is open
-        /// (`/sys/class/gpio/gpio17/value`); empty: none. Unreadable counts as 1.
+        /// Digital input of the crew's switch, 1 while they close the deck: a line (`/dev/gpiochip0:17`, with
+        /// `:active-low` one that is pulled up) or a file that holds 0 or 1; empty: none. Unreadable counts as 1.
         pub crew_switch: String = String::new();
-        /// Digital input of a sensor of what lies on the deck: a file that holds 1 while it is occupied and 0 while
-        /// it is free; empty: none. Unreadable counts as 1.
+        /// Digital input of a sensor of what lies on the deck, 1 while it is occupied: a line or a file; empty: none.
+        /// Unreadable counts as 1.
         pub occupancy_sensor: String = String::new();
-        /// Digital input of the helm's switch: a file that holds 1 while the vessel turns or may turn, and 0 while
-        /// she keeps course and speed; empty: none. Unreadable counts as 1.
+        /// Digital input of the helm's switch, 1 while the vessel turns or may turn, 0 while she keeps course and
+        /// speed: a line or a file; empty: none. Unreadable counts as 1.
         pub helm_switch: String = String::new();
         /// So long the helm keeps course and speed from any moment on at which its switch is at 0, s.
         /// Chosen: twice the longest descent.
         pub helm_steady_s: f64 = 60.0, in 1.0..=3600.0;
-        /// Digital output of the helm's lamp, lit (1) while a drone asks for a steady course: a file; empty: none.
+        /// Digital output of the helm's lamp, lit (1) while a drone asks for a steady course: a line or a file; empty: none.
         pub helm_lamp: String = String::new();
     }
 }

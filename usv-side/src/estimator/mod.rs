@@ -14,11 +14,12 @@ mod gnss;
 mod history;
 mod inertial;
 mod output;
+mod speed_gain;
 mod tilt;
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::geodesy::Datum;
-use alight_shared::motion_model::MotionModel;
+use alight_shared::motion_model::{MotionModel, QuietHeading};
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample};
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{
@@ -91,6 +92,8 @@ pub(crate) struct Filter {
     pub(crate) mean_velocity: Vector2<f64>,
     pub(crate) mean_heading: f64,
     pub(crate) mean_heading_rate: f64,
+    /// What she gains of speed by herself.
+    pub(crate) gain: speed_gain::SpeedGain,
     pub(crate) adaptive_noise: adaptive_noise::AdaptiveNoise,
     /// Identified modes of the motion.
     pub(crate) motion: MotionModel<VesselClock>,
@@ -176,6 +179,11 @@ impl Estimator {
     /// seconds from now (position, m; roll, pitch, heading, rad), and that of heave about the level, m. For studies.
     pub fn level_and_sd(&self, ahead_s: f64) -> Option<(f64, [f64; 6], f64)> {
         self.filter.as_ref().map(|f| f.level_and_sd(ahead_s))
+    }
+    /// The heading on which the deck would tilt least, where it can be told, and the present mean heading, rad.
+    pub fn quietest_heading(&self) -> Option<(QuietHeading, f64)> {
+        let f = self.filter.as_ref()?;
+        Some((f.motion.quietest_heading(f.mean_heading)?, f.mean_heading))
     }
     pub(crate) fn filter(&self) -> Option<&Filter> {
         self.filter.as_ref()
@@ -397,6 +405,7 @@ impl Filter {
             mean_velocity: Vector2::new(fix.velocity[0], fix.velocity[1]),
             mean_heading: reference,
             mean_heading_rate: 0.0,
+            gain: speed_gain::SpeedGain::default(),
             adaptive_noise: adaptive_noise::AdaptiveNoise::new(at),
             motion: MotionModel::default(),
             slow: SlowMotion::default(),
@@ -480,6 +489,8 @@ impl Filter {
             Some(w) => velocity - Vector2::new(w[SURGE], w[SWAY]),
             None => self.slow.velocity(self.mean_heading),
         };
+        let ahead = Rotation2::new(self.mean_heading) * Vector2::x();
+        self.gain.update((mean - self.mean_velocity).dot(&ahead));
         self.mean_velocity += (mean - self.mean_velocity) * STEP_S;
         let (heading, rate) = (heading - waves.map_or(0.0, |w| w[YAW]), b.get(YAW, NU));
         self.mean_heading_rate += (rate - self.mean_heading_rate) * STEP_S;

@@ -127,9 +127,10 @@ impl Filter {
         let velocity = self.ned(b.get(SURGE, NU), b.get(SWAY, NU));
         let v = velocity - self.slow.velocity(self.mean_heading);
         let acceleration = self.accelerations();
-        // Without what turns the course.
+        // Without what turns the course and what an engine does.
         let a = self.ned(acceleration[SURGE], acceleration[SWAY])
-            - self.mean_heading_rate * Vector2::new(-velocity.y, velocity.x);
+            - self.mean_heading_rate * Vector2::new(-velocity.y, velocity.x)
+            - self.gain.acceleration() * (Rotation2::new(self.mean_heading) * Vector2::x());
         self.motion.push(MotionSample {
             at: self.at,
             mean_heading: self.mean_heading,
@@ -142,6 +143,7 @@ impl Filter {
                 self.slow.off(b.get(YAW, ETA)),
             ],
             rate: [b.get(HEAVE, NU), c * dr - s * dp, s * dr + c * dp, a.x, a.y],
+            level_variance: b.variance(HEAVE, ETA).max(0.0),
         });
     }
 
@@ -249,6 +251,7 @@ impl Filter {
             // The slow error of heave is one of the level.
             out[HEAVE] = grown[HEAVE].max(within(HEAVE, 1.0 / omega).sqrt());
         }
+        out[HEAVE] = out[HEAVE].hypot(self.motion.slow_heave_variance().sqrt());
         // A velocity that is wrong by so much for so long.
         out[SURGE] = place[0].hypot(ahead * out[SURGE]);
         out[SWAY] = place[1].hypot(ahead * out[SWAY]);

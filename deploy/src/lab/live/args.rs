@@ -1,5 +1,6 @@
 //! Flags of the live system.
 
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use alight_sim::radio::Transport;
@@ -10,7 +11,7 @@ use crate::lab::args::{Autopilot, SceneArgs};
 use crate::lab::live::config::AutopilotKind;
 use crate::lab::live::fault::FaultSpec;
 use crate::lab::live::follow::MAX_FOLLOW_S;
-use crate::process::args::ProcessArgs;
+use crate::process::args::{ProcessArgs, ViewArgs};
 
 /// One landing, live.
 #[derive(Args, Debug)]
@@ -61,6 +62,9 @@ pub struct LandArgs {
     /// Its plant's motors, sensors and port (TOML, keys of [firmware])
     #[arg(long, value_name = "FILE", requires = "external")]
     pub firmware: Option<PathBuf>,
+    /// A ground station listens there, UDP, at another link of the simulated autopilot, such as 127.0.0.1:14550
+    #[arg(long, value_name = "ADDRESS", conflicts_with_all = ["external", "trials"])]
+    pub ground_station: Option<SocketAddr>,
     /// Plain Unix and UDP sockets carry the same messages beside the middlewares; the report compares
     #[arg(long)]
     pub relay: bool,
@@ -83,6 +87,9 @@ pub struct LandArgs {
     /// PROCESS:kill|freeze:PHASE|contact, such as planner:kill:descent
     #[arg(long, value_name = "FAULT")]
     pub fault: Option<FaultSpec>,
+    /// Whether and where people look on.
+    #[command(flatten)]
+    pub view: ViewArgs,
     /// Print the outcome as one JSON object, the last line
     #[arg(long)]
     pub json: bool,

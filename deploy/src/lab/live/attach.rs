@@ -21,7 +21,7 @@ use crate::config::{DroneComputer, VesselComputer};
 use crate::drone::planner::{Inputs, PlannerShell};
 use crate::drone::{bridge, mission, pilot, predictor};
 use crate::exit::{CliError, Exit};
-use crate::process::args::ProcessArgs;
+use crate::process::args::{ProcessArgs, ViewArgs};
 use crate::process::radio_keys::vessel_key;
 use crate::process::shell::{self, Shell};
 use crate::vessel;
@@ -76,7 +76,7 @@ pub fn run(attach: &AttachArgs) -> Result<Exit, CliError> {
             if let Some(impaired) = impaired(Direction::ToVessel) {
                 receive_through(Box::new(Inbound::new(Some(impaired), None)));
             }
-            vessel::run(args)
+            vessel::run(args, &ViewArgs::default())
         }
         AttachedProcess::Bridge => {
             let computer: DroneComputer = config::load(&args.config)?;

@@ -127,6 +127,9 @@ config! {
         pub autopilot: AutopilotKind = AutopilotKind::default();
         /// Where the drone's link to the simulated autopilot listens, UDP.
         pub mavlink: String = "127.0.0.1:14540".into();
+        /// Where a ground station listens, UDP: the simulated autopilot's other link, between which it forwards.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub ground_station: Option<String> = None;
         /// The plant of a firmware.
         pub firmware: FirmwareConfig;
         /// What the drone's computer is connected to; then it may be started later than the vehicles.

@@ -25,6 +25,7 @@ use alight_usv::DeckConfig;
 use crate::config::camera::{CameraSource, UltravioletSource};
 use crate::config::recorder::RecorderConfig;
 use crate::config::supervision::Supervision;
+use crate::config::view::ViewConfig;
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Exit};
 use crate::lab::live::air::{RadioPath, RadioWatch};
@@ -276,6 +277,7 @@ impl LandingSetup {
             uvdar: UltravioletSource::default(),
             supervision: Supervision::default(),
             recorder: RecorderConfig::default(),
+            view: ViewConfig::default(),
             drone: scene.nodes.settings(),
         };
         let world = SimulatedWorld {
@@ -294,6 +296,7 @@ impl LandingSetup {
                 None => FirmwareConfig::default(),
             },
             mavlink,
+            ground_station: args.ground_station.map(|a| a.to_string()),
             devices: None,
             scenario: scene.scenario.drawn(args.seed),
         };
@@ -322,7 +325,9 @@ impl LandingSetup {
         let (config, attachable) = match kind {
             ProcessKind::Link | ProcessKind::Sensors | ProcessKind::World => (&self.world, false),
             ProcessKind::Vessel => (&self.vessel_file, true),
-            ProcessKind::Autopilot | ProcessKind::Camera | ProcessKind::Uvdar => (&self.drone_file, false),
+            ProcessKind::Autopilot | ProcessKind::Camera | ProcessKind::Uvdar | ProcessKind::View => {
+                (&self.drone_file, false)
+            }
             ProcessKind::Bridge
             | ProcessKind::Predictor
             | ProcessKind::Mission
@@ -393,6 +398,11 @@ impl<'a> Landing<'a> {
         kinds.push(ProcessKind::Autopilot);
         for kind in kinds {
             supervisor.start(kind, plan.arguments(kind), plan.air.enter(kind))?;
+        }
+        if let Some(view) = args.view.over(&plan.drone.view) {
+            // Outside the emulated radio's namespaces: people are at neither end of it.
+            let lines = supervisor.start_view(&plan.drone_file, &view)?;
+            lines.into_iter().for_each(|line| note(args.json, line));
         }
         Ok(Landing {
             args,

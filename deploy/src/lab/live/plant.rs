@@ -58,6 +58,8 @@ enum Link {
     /// MAVLink bytes of the simulated autopilot, which a person gives to the drone's computer.
     Simulated {
         socket: UdpSocket,
+        /// A ground station at its other link.
+        station: Option<UdpSocket>,
         autopilot: Option<Box<SimulatedAutopilot>>,
         handed_over: bool,
     },
@@ -97,10 +99,12 @@ pub struct Plant {
 }
 
 impl Plant {
-    /// Listens where the firmware looks for a simulator; the simulated autopilot sends its MAVLink to `mavlink`.
+    /// Listens where the firmware looks for a simulator; the simulated autopilot sends its MAVLink to `mavlink`, and to a
+    /// ground station at `station`.
     pub fn open(
         kind: AutopilotKind,
         mavlink: &str,
+        station: Option<&str>,
         config: &FirmwareConfig,
         sensors: FirmwareSensors,
     ) -> Result<Plant, CliError> {
@@ -108,12 +112,15 @@ impl Plant {
         let doing = |port: u16| format!("listening for the firmware on port {port}");
         let (link, exchanges) = match kind {
             AutopilotKind::Internal => {
-                let socket = UdpSocket::bind("0.0.0.0:0")
-                    .and_then(|s| s.connect(mavlink).map(|()| s))
-                    .and_then(|s| s.set_nonblocking(true).map(|()| s))
-                    .doing(format_args!("sending MAVLink to {mavlink}"))?;
+                let dial = |to: &str| {
+                    UdpSocket::bind("0.0.0.0:0")
+                        .and_then(|s| s.connect(to).map(|()| s))
+                        .and_then(|s| s.set_nonblocking(true).map(|()| s))
+                        .doing(format_args!("sending MAVLink to {to}"))
+                };
                 let link = Link::Simulated {
-                    socket,
+                    socket: dial(mavlink)?,
+                    station: station.map(dial).transpose()?,
                     autopilot: None,
                     handed_over: false,
                 };
@@ -214,6 +221,7 @@ impl Plant {
         let (turn, motors) = match &mut self.link {
             Link::Simulated {
                 socket,
+                station,
                 autopilot,
                 handed_over,
             } => {
@@ -223,15 +231,21 @@ impl Plant {
                     let offboard = mode_number(autopilot.firmware(), AutopilotMode::Offboard);
                     *handed_over = autopilot.choose(offboard);
                 }
-                let (mut buffer, mut received) = ([0_u8; 2048], Vec::new());
-                while received.len() < MAX_READS as usize
-                    && let Ok(n) = socket.recv(&mut buffer)
-                {
-                    received.push(buffer.get(..n).unwrap_or_default().to_vec());
+                // Nobody may listen yet.
+                let send = |to: &UdpSocket, all: &[Vec<u8>]| {
+                    all.iter().for_each(|bytes| drop(to.send(bytes)));
+                };
+                let mut received = datagrams(socket);
+                if let Some(station) = station {
+                    // Each link gets what came by the other, as a firmware forwards.
+                    let commanded = datagrams(station);
+                    send(station, &received);
+                    send(socket, &commanded);
+                    received.extend(commanded);
                 }
                 let (motors, sent) = autopilot.step_bytes(sensed, &received);
-                // Nobody may listen yet.
-                sent.iter().for_each(|bytes| drop(socket.send(bytes)));
+                send(socket, &sent);
+                station.iter().for_each(|s| send(s, &sent));
                 (Turn::Answered, motors)
             }
             Link::Px4 { door, stream, plant } => {
@@ -297,6 +311,17 @@ impl Plant {
         }
         motors
     }
+}
+
+/// What has come, at most [`MAX_READS`].
+fn datagrams(socket: &UdpSocket) -> Vec<Vec<u8>> {
+    let (mut buffer, mut received) = ([0_u8; 2048], Vec::new());
+    while received.len() < MAX_READS as usize
+        && let Ok(n) = socket.recv(&mut buffer)
+    {
+        received.push(buffer.get(..n).unwrap_or_default().to_vec());
+    }
+    received
 }
 
 /// Sends what the sensors say and, where motors are due, reads until they came or it is `until`. Err: the
@@ -382,7 +407,7 @@ mod tests {
             ..FirmwareConfig::default()
         };
         let sensors = FirmwareSensors::new(&c, &Default::default(), Default::default(), &Streams::new(1));
-        Plant::open(kind, "", &c, sensors).unwrap()
+        Plant::open(kind, "", None, &c, sensors).unwrap()
     }
     /// Exchanges until the motors are as `wanted`; the slice in which they were.
     fn until(plant: &mut Plant, from: i64, wanted: impl Fn(Option<[f64; MAX_ROTORS]>) -> bool) -> i64 {

@@ -71,7 +71,8 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         let (navigation, datum) = (&scenario.drone.navigation, physics.place().unwrap_or_default());
         let sensors = FirmwareSensors::new(firmware, navigation, datum, physics.streams());
         let kind = kind.unwrap_or(world.autopilot);
-        Plant::open(kind, &world.mavlink, firmware, sensors)?
+        let station = world.ground_station.as_deref();
+        Plant::open(kind, &world.mavlink, station, firmware, sensors)?
     };
     let instance = Instance::new(&world.instance)?;
     // Vehicles with devices of their own are there before the drone's computer is.

@@ -1,6 +1,5 @@
 //! Recordings of simulated flights: what the world's tap shows, and the truth beside it.
 
-mod shapes;
 mod truth;
 
 use std::path::Path;
@@ -26,8 +25,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::DroneFile;
 use crate::exit::{CliError, Doing};
+use crate::record::onlooker::Onlooker;
 use crate::record::reading::Recording;
 use crate::record::{DECK_FILE, DRONE_FILE, LIVE, NODES, Recorder, VESSEL_FILE};
+use crate::view::watcher::Watcher;
 use truth::TruthViews;
 
 /// Boot ids of the nodes in lock-step.
@@ -73,9 +74,17 @@ pub struct FlightRecorder {
     truth: TruthViews,
 }
 
-/// Flies the subject's trial and records it to `path`.
-pub fn fly(path: &Path, subject: &Subject<'_>, watch: Watch<'_>) -> Result<FlownTrial, CliError> {
-    let mut recorder = FlightRecorder::create(path, subject)?;
+/// Flies the subject's trial, records it to `path`, and shows it to who looks on.
+pub fn fly(
+    path: Option<&Path>,
+    subject: &Subject<'_>,
+    watch: Watch<'_>,
+    watcher: Option<&mut Watcher>,
+) -> Result<FlownTrial, CliError> {
+    let recorder = path
+        .map(|path| FlightRecorder::create(path, subject))
+        .transpose()?;
+    let mut shown = Shown { recorder, watcher };
     let Subject {
         scenario,
         nodes,
@@ -84,9 +93,21 @@ pub fn fly(path: &Path, subject: &Subject<'_>, watch: Watch<'_>) -> Result<Flown
         boots: _,
         live: _,
     } = *subject;
-    let flown = fly_with(scenario, nodes, seed, sea, watch, &mut recorder).doing("setting up the trial")?;
-    recorder.finish(path, &flown.outcome)?;
+    let flown = fly_with(scenario, nodes, seed, sea, watch, &mut shown).doing("setting up the trial")?;
+    let Shown { recorder, watcher } = shown;
+    if let (Some(recorder), Some(path)) = (recorder, path) {
+        recorder.finish(path, &flown.outcome)?;
+    }
+    if let Some(watcher) = watcher {
+        watcher.linger();
+    }
     Ok(flown)
+}
+
+/// The file and who looks on.
+struct Shown<'a> {
+    recorder: Option<FlightRecorder>,
+    watcher: Option<&'a mut Watcher>,
 }
 
 impl FlightRecorder {
@@ -160,5 +181,66 @@ impl Tap for FlightRecorder {
     }
     fn pilot(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PilotIn, o: &PilotOut) {
         self.recorder.pilot(t, now, i, o);
+    }
+}
+
+impl Tap for Shown<'_> {
+    fn truth(
+        &mut self,
+        t: Time<TrueTime>,
+        vessel: &RigidState<VesselBody>,
+        drone: Option<&RigidState<DroneBody>>,
+    ) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.truth(t, vessel, drone);
+        }
+    }
+    fn vessel(&mut self, t: Time<TrueTime>, now: Time<VesselClock>, i: &ComputerIn, o: &ComputerOut) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.vessel(t, now, i, o);
+        }
+        if let Some(watcher) = &mut self.watcher {
+            watcher.vessel(t, i, o);
+        }
+    }
+    fn bridge(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &BridgeIn, o: &BridgeOut) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.bridge(t, now, i, o);
+        }
+        if let Some(watcher) = &mut self.watcher {
+            watcher.bridge(t, o);
+        }
+    }
+    fn predictor(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PredictorIn, o: &PredictorOut) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.predictor(t, now, i, o);
+        }
+        if let Some(watcher) = &mut self.watcher {
+            watcher.predictor(t, i, o);
+        }
+    }
+    fn mission(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &MissionIn, o: &MissionOut) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.mission(t, now, i, o);
+        }
+        if let Some(watcher) = &mut self.watcher {
+            watcher.mission(t, i, o);
+        }
+    }
+    fn planner(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PlannerIn, o: &PlannerOut) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.planner(t, now, i, o);
+        }
+        if let Some(watcher) = &mut self.watcher {
+            watcher.planner(t, now, o);
+        }
+    }
+    fn pilot(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PilotIn, o: &PilotOut) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.pilot(t, now, i, o);
+        }
+        if let Some(watcher) = &mut self.watcher {
+            watcher.pilot(t, now, i, o);
+        }
     }
 }

@@ -8,12 +8,11 @@ use foxglove::messages::{FrameTransforms, PointCloud, SceneUpdate};
 use mcap::McapError;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use super::shapes;
-use crate::record::geometry::frame;
+use crate::record::geometry::{frame, on_the_water};
 use crate::record::schema::Truth;
 use crate::record::sink::Opening;
 use crate::record::views::{Topic, due, timestamp, transform};
-use crate::record::{Recorder, cloud};
+use crate::record::{Recorder, cloud, shapes};
 
 /// Period of the shapes, ms.
 const SCENE_MS: i64 = 5_000;
@@ -65,8 +64,10 @@ impl TruthViews {
         let still = UnitQuaternion::identity();
         let body =
             |child: &str, position: [f64; 3], attitude| transform(t, frame::NED, child, position, attitude);
+        let chase = on_the_water(vessel.position.0.into());
         let mut transforms = vec![
             transform(t, frame::WORLD, frame::NED, [0.0; 3], &north_east_down),
+            transform(t, frame::WORLD, frame::CHASE, chase, &still),
             body(frame::VESSEL, vessel.position.0.into(), &vessel.attitude.0),
             transform(t, frame::VESSEL, frame::DECK, deck.centre_m, &still),
         ];

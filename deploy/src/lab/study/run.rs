@@ -267,7 +267,7 @@ fn record_failed(
             on_event: &mut |_| {},
             trace_step_s: None,
         };
-        record::fly(&path, &subject, watch)?;
+        record::fly(Some(&path), &subject, watch, None)?;
         note(args.json, format_args!("recorded: {}", path.display()));
     }
     Ok(())

@@ -12,11 +12,12 @@ use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::parameters::Parameters;
 use alight_uav::autopilot::wire::{Decoder, encode};
 use alight_uav::pilot::Output;
+use tokio::time::{Instant, timeout_at};
 
 use crate::config::DroneComputer;
 use crate::io::byte_link::ByteLink;
 use crate::io::link_url::LinkUrl;
-use crate::process::supervisor::pause;
+use crate::io::runtime;
 use crate::tools::check::facts::AutopilotReport;
 
 /// Time between two looks at the link.
@@ -30,16 +31,24 @@ const HEARTBEAT: Span = Span::from_millis(1000);
 
 /// What the autopilot reports; None when no heartbeat of one came.
 pub fn report(computer: &DroneComputer, url: &LinkUrl) -> Option<AutopilotReport> {
+    runtime::block_on(async { Ok(received(computer, url).await) }).ok()?
+}
+
+async fn received(computer: &DroneComputer, url: &LinkUrl) -> Option<AutopilotReport> {
     let c = &computer.autopilot;
-    let mut link = ByteLink::new(url.clone(), steady_ns()).ok()?;
+    let mut link = ByteLink::new(url.clone()).await.ok()?;
     let (mut decoder, mut sequence) = (Decoder::default(), 0_u8);
     let mut heartbeat = Periodic::<DroneClock>::default();
     let mut origin_due = Periodic::<DroneClock>::default();
     let mut found: Option<(Address, Parameters)> = None;
     let mut report = AutopilotReport::default();
     for round in 0..ROUNDS {
+        let round_ends = Instant::now() + ROUND;
+        while timeout_at(round_ends, link.read(|bytes| decoder.push(bytes)))
+            .await
+            .is_ok()
+        {}
         let now = Time::from_nanos(steady_ns());
-        link.read(now.nanos(), |bytes| decoder.push(bytes));
         while let Some(frame) = decoder.next_frame() {
             match (&frame.message, &mut found) {
                 (Message::Heartbeat(h), None) if frame.from.component == AUTOPILOT_COMPONENT => {
@@ -92,7 +101,7 @@ pub fn report(computer: &DroneComputer, url: &LinkUrl) -> Option<AutopilotReport
         for message in alive.iter().chain(&request).chain(wanted.iter().flatten()) {
             sequence = sequence.wrapping_add(1);
             if let Some(bytes) = encode(Address::new(system, c.component), sequence, message) {
-                link.write(now.nanos(), &bytes);
+                link.write(&bytes);
             }
         }
         let done = match &found {
@@ -102,7 +111,6 @@ pub fn report(computer: &DroneComputer, url: &LinkUrl) -> Option<AutopilotReport
         if done {
             break;
         }
-        pause(ROUND);
     }
     found.map(|(_, p)| AutopilotReport {
         parameters: p.findings().collect(),

@@ -19,6 +19,7 @@ use crate::certificates;
 use crate::config::camera::CameraSource;
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Doing};
+use crate::io::digital_line::DigitalLine;
 use crate::io::link_url::LinkUrl;
 use crate::io::sensor_socket::SensorSocket;
 use crate::process::observer::Observer;
@@ -84,10 +85,13 @@ pub fn gather(path: &Path) -> Facts {
             let inputs = deck_inputs::configured(&v.deck).into_iter();
             facts.deck_inputs = inputs
                 .filter(|(_, path)| !path.is_empty())
-                .map(|(key, path)| DeckInputCheck {
+                .map(|(key, path)| (key, path, DigitalLine::new(path)))
+                // The process that runs has them, and reports what it cannot read.
+                .filter(|(_, _, line)| !(facts.running && line.is_exclusive()))
+                .map(|(key, path, mut line)| DeckInputCheck {
                     key,
                     path: path.into(),
-                    level: deck_inputs::read_level(Path::new(path)),
+                    level: line.read(),
                 })
                 .collect();
             facts.sources = (!facts.running).then(|| sources::listen(v));

@@ -11,6 +11,7 @@ pub mod rules;
 mod sources;
 #[cfg(test)]
 mod tests;
+mod view;
 
 use std::path::{Path, PathBuf};
 

@@ -7,12 +7,12 @@ use alight_uav::autopilot::parameters::Finding as ParameterFinding;
 use alight_uav::mission::MAX_VESSEL_DISTANCE_M;
 
 use crate::certificates::{Certificate, RENEWAL_DAYS, common_name};
-use crate::tools::check::equipment;
 use crate::tools::check::facts::{
     AutopilotReport, CameraCheck, Computer, DeckInputCheck, Facts, Identity, Port, PortState, Reach,
     SharedMemory, SourceCheck,
 };
 use crate::tools::check::finding::{Finding, Topic};
+use crate::tools::check::{equipment, view};
 use crate::vessel::deck_inputs;
 
 /// Shared memory that a drone's processes take, bytes: 7 MB measured with `alight land`; with people
@@ -44,9 +44,9 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
             )];
         }
     };
-    let (side, id, radio) = match computer {
-        Computer::Vessel(v) => ("vessel", v.vessel_id, &v.radio),
-        Computer::Drone(d) => ("drone", d.bridge.drone_id, &d.radio),
+    let (side, id, radio, looked_at) = match computer {
+        Computer::Vessel(v) => ("vessel", v.vessel_id, &v.radio, &v.view),
+        Computer::Drone(d) => ("drone", d.bridge.drone_id, &d.radio, &d.view),
     };
     let mut all = vec![Topic("configuration").fine(format!("{path} is a {side}'s, number {id}"))];
     all.extend(clock(facts));
@@ -56,6 +56,7 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     }
     all.extend(facts.ports.iter().map(|p| port(p, facts.running)));
     all.extend(facts.dialled.iter().map(|(to, reach)| dialled(to, reach)));
+    all.extend(view::judge(looked_at));
     all.extend(facts.memory.as_ref().map(memory).into_iter().flatten());
     all.extend(facts.autopilot.as_ref().map(|a| autopilot(a, facts)));
     match (computer, &facts.reported) {

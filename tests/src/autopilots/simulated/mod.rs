@@ -80,6 +80,8 @@ pub struct SimulatedAutopilot {
     pub no_timesync: bool,
     /// Fault: does not report its origin.
     pub no_origin: bool,
+    /// The remote control's channels, us; None: it has no receiver.
+    pub channels: Option<[u16; 18]>,
     /// Fault: the remote control's signal is lost.
     pub remote_control_lost: bool,
     /// Fault: the ground station's heartbeats have ceased.
@@ -90,6 +92,10 @@ pub struct SimulatedAutopilot {
     pub set_points: u32,
     /// Set-points rejected.
     pub rejected: u32,
+    /// The newest landing target that its guidance took, m, in the NED of its estimate.
+    pub target: Option<Vector3<f64>>,
+    /// Landing targets that it dropped.
+    pub targets_rejected: u32,
     clock: ClockModel,
     estimator: Estimator,
     flight: Flight,
@@ -143,11 +149,14 @@ impl SimulatedAutopilot {
             no_timesync: false,
             no_origin: false,
             home: None,
+            channels: None,
             remote_control_lost: false,
             data_link_lost: false,
             commands: VecDeque::new(),
             set_points: 0,
             rejected: 0,
+            target: None,
+            targets_rejected: 0,
             clock: ClockModel::new(ago_s - truth.at.secs(), drift),
             estimator,
             flight,

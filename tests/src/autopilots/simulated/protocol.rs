@@ -9,7 +9,8 @@ use alight_shared::msg::{AutopilotMode, LandedState};
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_uav::autopilot::message::{
     ARDUPILOT, ARMED, AttitudeReport, CUSTOM_MODE, CommandLong, CommandResult, DistanceReport, Heartbeat,
-    ImuReport, Message, OdometryReport, PX4, PositionReport, VelocityFrame, command, id,
+    ImuReport, LandingTarget, Message, OdometryReport, PX4, PositionReport, RC_RECEIVER, RcChannels,
+    TargetFrame, VelocityFrame, command, id, severity,
 };
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -197,8 +198,54 @@ impl SimulatedAutopilot {
                     .map(|q| Reference::attitude(q, rates.into(), a.thrust));
                 self.take(reference);
             }
+            Message::LandingTarget(t) => self.take_target(t),
+            Message::RemoteControlOverride { to, pulses_us } if to.system == self.address.system => {
+                let channels = self.channels.get_or_insert([1500; 18]);
+                for (channel, us) in channels.iter_mut().zip(pulses_us) {
+                    if !matches!(*us, 0 | u16::MAX) {
+                        *channel = *us;
+                    }
+                }
+            }
             _ => {}
         }
+    }
+    /// A landing target, by the rule of each firmware. PX4 (`MavlinkReceiver::handle_message_landing_target`): with a valid
+    /// position only MAV_FRAME_LOCAL_NED, else a critical text. ArduPilot (`AC_PrecLand_MAVLink::handle_msg`): only
+    /// MAV_FRAME_BODY_FRD or MAV_FRAME_LOCAL_FRD, else one text; of a valid position the direction is
+    /// `position / distance`, and without a distance above 0 it is dropped silently.
+    fn take_target(&mut self, t: &LandingTarget) {
+        let e = self.estimator.now();
+        let (_, _, yaw) = e.attitude.euler_angles();
+        let position = Vector3::from(t.position);
+        let from_vehicle = |rotation: UnitQuaternion<f64>| {
+            let direction = rotation * position / t.distance_m;
+            (t.distance_m > 0.0).then(|| e.position + direction * t.distance_m)
+        };
+        let (target, text) = match (self.firmware(), t.frame) {
+            (Firmware::Px4, TargetFrame::LocalNed) => (Some(self.off_map(&position)), None),
+            (Firmware::Px4, TargetFrame::BodyFrd | TargetFrame::LocalFrd) => {
+                let number = t.frame.number();
+                let text = format!("landing target: coordinate frame {number} unsupported");
+                (None, Some((severity::CRITICAL, text)))
+            }
+            (Firmware::ArduCopter, TargetFrame::BodyFrd) => (from_vehicle(e.attitude), None),
+            (Firmware::ArduCopter, TargetFrame::LocalFrd) => {
+                let level = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
+                (from_vehicle(level), None)
+            }
+            (Firmware::ArduCopter, TargetFrame::LocalNed) => {
+                let first = self.targets_rejected == 0;
+                (
+                    None,
+                    first.then(|| (severity::INFO, "Plnd: Frame not supported".to_owned())),
+                )
+            }
+        };
+        self.outbox
+            .extend(text.map(|(severity, text)| Message::Text { severity, text }));
+        self.targets_rejected += u32::from(target.is_none());
+        self.target = target.or(self.target);
     }
     fn take(&mut self, reference: Option<Reference>) {
         self.set_points += 1;
@@ -378,6 +425,21 @@ impl SimulatedAutopilot {
                 voltage_v: None,
                 current_a: None,
             },
+            // PX4's receiver is not there while its signal is lost; ArduCopter's is not healthy, and its failsafe's channels
+            // go on.
+            id::RC_CHANNELS if self.remote_control_lost && self.firmware() == Firmware::Px4 => return None,
+            id::RC_CHANNELS => Message::RemoteControl(RcChannels {
+                count: 18,
+                pulses_us: self.channels?,
+            }),
+            id::SYS_STATUS => {
+                let bit = |is: bool| if is { RC_RECEIVER } else { 0 };
+                let (receiver, lost) = (self.channels.is_some(), self.remote_control_lost);
+                Message::SystemStatus {
+                    present: bit(receiver && (!lost || self.firmware() == Firmware::ArduCopter)),
+                    healthy: bit(receiver && !lost),
+                }
+            }
             id::ATTITUDE_TARGET => Message::AttitudeTargetThrust {
                 thrust: self.flight.reported_thrust(),
             },

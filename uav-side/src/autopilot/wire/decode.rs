@@ -6,7 +6,7 @@ use alight_shared::mavlink::{Fields, dialect as m};
 use super::super::message::{
     Address, AttitudeReport, AttitudeTarget, CommandLong, CommandResult, DistanceReport, Heartbeat, HilGps,
     HilSensor, ImuReport, Message, OdometryReport, ParameterValue, PositionReport, PositionTarget,
-    VelocityFrame,
+    RcChannels, VelocityFrame,
 };
 use super::extension::{ELLIPSOID_HEIGHT_AT, RESET_COUNTER_AT};
 use super::{text, wide};
@@ -142,6 +142,51 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
                 thrust: d.thrust.into(),
             })
         }
+        M::SYS_STATUS(d) => Message::SystemStatus {
+            present: d.onboard_control_sensors_present.bits(),
+            healthy: d.onboard_control_sensors_health.bits(),
+        },
+        M::RC_CHANNELS(d) => Message::RemoteControl(RcChannels {
+            count: d.chancount,
+            pulses_us: [
+                d.chan1_raw,
+                d.chan2_raw,
+                d.chan3_raw,
+                d.chan4_raw,
+                d.chan5_raw,
+                d.chan6_raw,
+                d.chan7_raw,
+                d.chan8_raw,
+                d.chan9_raw,
+                d.chan10_raw,
+                d.chan11_raw,
+                d.chan12_raw,
+                d.chan13_raw,
+                d.chan14_raw,
+                d.chan15_raw,
+                d.chan16_raw,
+                d.chan17_raw,
+                d.chan18_raw,
+            ],
+        }),
+        M::RC_CHANNELS_OVERRIDE(d) => Message::RemoteControlOverride {
+            to: Address::new(d.target_system, d.target_component),
+            pulses_us: [
+                d.chan1_raw,
+                d.chan2_raw,
+                d.chan3_raw,
+                d.chan4_raw,
+                d.chan5_raw,
+                d.chan6_raw,
+                d.chan7_raw,
+                d.chan8_raw,
+            ],
+        },
+        M::NAMED_VALUE_FLOAT(d) => Message::NamedValue {
+            time_ms: d.time_boot_ms,
+            name: text(&d.name),
+            value: d.value.into(),
+        },
         M::STATUSTEXT(d) => Message::Text {
             severity: d.severity as u8,
             text: text(&d.text),

@@ -164,8 +164,63 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
         // Made byte by byte.
         Message::Odometry(_)
         | Message::GnssHeights { .. }
-        | Message::LandingTarget { .. }
+        | Message::LandingTarget(_)
         | Message::Deck { .. } => return None,
+        Message::SystemStatus { present, healthy } => {
+            let sensors = m::MavSysStatusSensor::from_bits_retain;
+            M::SYS_STATUS(m::SYS_STATUS_DATA {
+                onboard_control_sensors_present: sensors(*present),
+                onboard_control_sensors_enabled: sensors(*present),
+                onboard_control_sensors_health: sensors(*healthy),
+                ..m::SYS_STATUS_DATA::DEFAULT
+            })
+        }
+        Message::RemoteControl(c) => {
+            let mut d = m::RC_CHANNELS_DATA::DEFAULT;
+            d.chancount = c.count;
+            [
+                d.chan1_raw,
+                d.chan2_raw,
+                d.chan3_raw,
+                d.chan4_raw,
+                d.chan5_raw,
+                d.chan6_raw,
+                d.chan7_raw,
+                d.chan8_raw,
+                d.chan9_raw,
+                d.chan10_raw,
+                d.chan11_raw,
+                d.chan12_raw,
+                d.chan13_raw,
+                d.chan14_raw,
+                d.chan15_raw,
+                d.chan16_raw,
+                d.chan17_raw,
+                d.chan18_raw,
+            ] = c.pulses_us;
+            d.rssi = u8::MAX;
+            M::RC_CHANNELS(d)
+        }
+        Message::RemoteControlOverride { to, pulses_us } => {
+            let mut d = m::RC_CHANNELS_OVERRIDE_DATA::DEFAULT;
+            (d.target_system, d.target_component) = (to.system, to.component);
+            [
+                d.chan1_raw,
+                d.chan2_raw,
+                d.chan3_raw,
+                d.chan4_raw,
+                d.chan5_raw,
+                d.chan6_raw,
+                d.chan7_raw,
+                d.chan8_raw,
+            ] = *pulses_us;
+            M::RC_CHANNELS_OVERRIDE(d)
+        }
+        Message::NamedValue { time_ms, name, value } => M::NAMED_VALUE_FLOAT(m::NAMED_VALUE_FLOAT_DATA {
+            time_boot_ms: *time_ms,
+            value: *value as f32,
+            name: chars(name),
+        }),
         Message::Text { severity, text } => M::STATUSTEXT(m::STATUSTEXT_DATA {
             severity: m::MavSeverity::from_u8(*severity)?,
             text: chars(text),

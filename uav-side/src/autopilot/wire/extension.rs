@@ -2,7 +2,7 @@
 
 use alight_shared::mavlink::{CharArray, Fields, dialect as m};
 
-use super::super::message::{Message, OdometryReport, VelocityFrame};
+use super::super::message::{LandingTarget, Message, OdometryReport, TargetFrame, VelocityFrame};
 use super::chars;
 
 /// Name of the float array that holds the deck.
@@ -27,21 +27,37 @@ impl Row {
 /// Places of extension fields in their payloads.
 pub(super) const RESET_COUNTER_AT: usize = 230;
 pub(super) const ELLIPSOID_HEIGHT_AT: usize = 30;
+const TARGET_DISTANCE_AT: usize = 16;
 const TARGET_SIZE_AT: usize = 20;
+const TARGET_FRAME_AT: usize = 29;
 const TARGET_PLACE_AT: usize = 30;
+const TARGET_IS_VALID_AT: usize = 59;
 const LIST_AT: usize = 20;
 
-/// `LANDING_TARGET`: time, angles and distance (not used), size; number, frame; then the extension:
+/// `LANDING_TARGET`: time, angles (not used), distance, size; number, frame; then the extension:
 /// place, attitude, kind (2: fiducial marker), place is valid.
-pub(super) fn landing_target(time_us: u64, position: &[f64; 3], attitude: &[f64; 4], size_m: f64) -> Vec<u8> {
+pub(super) fn landing_target(t: &LandingTarget) -> Vec<u8> {
     Row::default()
-        .bytes(&time_us.to_le_bytes())
-        .floats(&[0.0, 0.0, 0.0, size_m, size_m])
-        .bytes(&[0, m::MavFrame::MAV_FRAME_LOCAL_NED as u8])
-        .floats(position)
-        .floats(attitude)
+        .bytes(&t.time_us.to_le_bytes())
+        .floats(&[0.0, 0.0, t.distance_m, t.size_m, t.size_m])
+        .bytes(&[0, t.frame.number()])
+        .floats(&t.position)
+        .floats(&t.attitude)
         .bytes(&[2, 1])
         .0
+}
+/// One with a position in a frame that is known here.
+fn read_landing_target(payload: Fields<'_>) -> Option<LandingTarget> {
+    let number = payload.u8(TARGET_FRAME_AT);
+    let frame = TargetFrame::ALL.into_iter().find(|f| f.number() == number)?;
+    (payload.u8(TARGET_IS_VALID_AT) == 1).then(|| LandingTarget {
+        time_us: payload.u64(0),
+        frame,
+        position: payload.floats(TARGET_PLACE_AT),
+        distance_m: payload.float(TARGET_DISTANCE_AT),
+        attitude: payload.floats(TARGET_PLACE_AT + 12),
+        size_m: payload.float(TARGET_SIZE_AT),
+    })
 }
 /// `DEBUG_FLOAT_ARRAY`: time, number, name; then the extension: 58 floats.
 pub(super) fn deck(time_us: u64, values: &[[f64; 3]; 5]) -> Vec<u8> {
@@ -94,12 +110,7 @@ pub(super) fn odometry(o: &OdometryReport) -> Vec<u8> {
 /// Messages whose extension is their content.
 pub(super) fn read(id: u32, payload: Fields<'_>) -> Option<Message> {
     match id {
-        149 => Some(Message::LandingTarget {
-            time_us: payload.u64(0),
-            position: payload.floats(TARGET_PLACE_AT),
-            attitude: payload.floats(TARGET_PLACE_AT + 12),
-            size_m: payload.float(TARGET_SIZE_AT),
-        }),
+        149 => read_landing_target(payload).map(Message::LandingTarget),
         350 => {
             let name = payload.0.get(10..20)?;
             let rest = name.strip_prefix(DECK.as_bytes())?;

@@ -61,15 +61,7 @@ pub fn encode(from: Address, sequence: u8, message: &Message) -> Option<Vec<u8>>
         Message::GnssHeights { sea_m, ellipsoid_m } => {
             mavlink::encode_payload::<24, 24>(from, extension::gnss_heights(*sea_m, *ellipsoid_m))
         }
-        Message::LandingTarget {
-            time_us,
-            position,
-            attitude,
-            size_m,
-        } => {
-            let payload = extension::landing_target(*time_us, position, attitude, *size_m);
-            mavlink::encode_payload::<149, 200>(from, payload)
-        }
+        Message::LandingTarget(t) => mavlink::encode_payload::<149, 200>(from, extension::landing_target(t)),
         Message::Deck { time_us, values } => {
             mavlink::encode_payload::<350, 232>(from, extension::deck(*time_us, values))
         }

@@ -44,7 +44,7 @@ pub fn scene(timestamp: Timestamp, deck: &DeckGeometry, airframe: &DroneGeometry
     };
     let water = SceneEntity {
         cubes: vec![cube([0.0; 3], [200.0, 200.0, 0.02], color(0.1, 0.35, 0.6, 0.35))],
-        ..entity(frame::NED, "water")
+        ..entity(frame::CHASE, "water")
     };
     SceneUpdate {
         deletions: Vec::new(),

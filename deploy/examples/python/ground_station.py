@@ -1,0 +1,75 @@
+#!/usr/bin/env python3
+"""What a ground station sees of a landing, by pymavlink (pip install pymavlink==2.4.50).
+
+    python3 ground_station.py udpin:0.0.0.0:14550 &
+    alight land --ground-station 127.0.0.1:14550
+
+Prints what the companion sends: its heartbeats (counted), each text, and the named values once a second. With --switch it
+turns the switch of the remote control (autopilot.rc_switch) by RC_CHANNELS_OVERRIDE: "7: 1500@0 2000@20 1000@40" puts
+channel 7 to 1500 us at once, to 2000 after 20 s and to 1000 after 40 s.
+"""
+import argparse
+import time
+
+from pymavlink import mavutil
+
+COMPANION = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
+
+
+def switch(text):
+    channel, steps = text.split(":")
+    return int(channel), [(float(at), int(us)) for us, at in (step.split("@") for step in steps.split())]
+
+
+def turn(link, system, channel, pulse_us):
+    pulses = [0] * 8
+    pulses[channel - 1] = pulse_us
+    link.mav.rc_channels_override_send(system, 1, *pulses)
+
+
+def main():
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("url", help="as pymavlink names it: udpin:0.0.0.0:14550, /dev/ttyUSB0")
+    arguments.add_argument("--for", dest="seconds", type=float, default=120.0, help="ends after so many seconds")
+    arguments.add_argument("--switch", type=switch, help="positions of the remote control's switch, by time")
+    options = arguments.parse_args()
+
+    # The default dialect of pymavlink is ArduPilot's, which contains `common`.
+    link = mavutil.mavlink_connection(options.url, source_system=255)
+    began, heartbeats, values, shown, system = time.monotonic(), 0, {}, 0.0, None
+    channel, steps = options.switch or (0, [])
+    pulse_us, sent = None, 0.0
+    while (elapsed := time.monotonic() - began) < options.seconds:
+        while steps and steps[0][0] <= elapsed and system is not None:
+            pulse_us = steps.pop(0)[1]
+            print(f"{elapsed:6.1f}  RC_CHANNELS_OVERRIDE channel {channel}: {pulse_us} us", flush=True)
+        if pulse_us and elapsed - sent > 0.1:
+            turn(link, system, channel, pulse_us)
+            sent = elapsed
+        message = link.recv_match(blocking=True, timeout=0.1)
+        if message is None or message.get_srcComponent() != COMPANION:
+            continue
+        system, kind = message.get_srcSystem(), message.get_type()
+        if kind == "HEARTBEAT":
+            heartbeats += 1
+            if heartbeats == 1:
+                print(
+                    f"{elapsed:6.1f}  HEARTBEAT of {system}/{COMPANION}: type {message.type} "
+                    f"(18: onboard controller), autopilot {message.autopilot} (8: invalid), "
+                    f"status {message.system_status} (4: active)",
+                    flush=True,
+                )
+        elif kind == "STATUSTEXT":
+            severity = mavutil.mavlink.enums["MAV_SEVERITY"][message.severity].name.removeprefix("MAV_SEVERITY_")
+            print(f"{elapsed:6.1f}  STATUSTEXT {severity:<8} {message.text}", flush=True)
+        elif kind == "NAMED_VALUE_FLOAT":
+            values[message.name] = message.value
+            if elapsed - shown >= 1.0:
+                shown = elapsed
+                text = ", ".join(f"{name} {value:.2f}" for name, value in sorted(values.items()))
+                print(f"{elapsed:6.1f}  NAMED_VALUE_FLOAT {text}", flush=True)
+    print(f"{heartbeats} heartbeats of the companion in {options.seconds:.0f} s")
+
+
+if __name__ == "__main__":
+    main()

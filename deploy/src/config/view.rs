@@ -1,0 +1,57 @@
+//! What people see of a landing while it goes on: a page for a browser, and Foxglove.
+
+use std::net::SocketAddr;
+
+use alight_shared::config;
+
+/// Where the page is unless it is configured.
+pub const PAGE: &str = "127.0.0.1:7450";
+/// Where Foxglove looks unless it is told another address.
+pub const FOXGLOVE: &str = "127.0.0.1:8765";
+
+config! {
+    /// What people see of a landing while it goes on: `alight view`.
+    pub struct ViewConfig {
+        /// The service starts the viewers' server as one more process.
+        /// Source: Where somebody looks on; it takes a few per cent of a processor.
+        pub on: bool = false;
+        /// Address of the page for browsers. On loopback only this computer sees it; the address of a network shows it to
+        /// everybody there.
+        /// Source: Ours.
+        pub listen: String = PAGE.into();
+        /// Address at which Foxglove connects; empty: none.
+        /// Source: Foxglove's usual port is 8765.
+        pub foxglove: String = String::new();
+        /// The page offers the local crew's word: on the drone's computer abort, on the vessel's the closing of the deck.
+        /// Everybody who reaches the page can then give it.
+        pub abort: bool = false;
+    }
+    check |this, at| {
+        const ADDRESS: &str = "an address and a port, such as 127.0.0.1:7450";
+        at.require(this.listen.parse::<SocketAddr>().is_ok(), "listen", &this.listen, ADDRESS)?;
+        let foxglove = this.foxglove.is_empty() || this.foxglove.parse::<SocketAddr>().is_ok();
+        at.require(foxglove, "foxglove", &this.foxglove, ADDRESS)?;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::config::{Check, Keys};
+
+    #[test]
+    fn view_addresses_that_are_none_are_refused() {
+        let refused = |listen: &str, foxglove: &str| {
+            let config = ViewConfig {
+                listen: listen.into(),
+                foxglove: foxglove.into(),
+                ..ViewConfig::default()
+            };
+            config.check(&Keys::ROOT).err().map(|e| e.to_string())
+        };
+        assert_eq!(refused(PAGE, ""), None);
+        assert_eq!(refused("[::1]:7450", FOXGLOVE), None);
+        assert!(refused("boat:7450", "").is_some_and(|e| e.contains("listen")));
+        assert!(refused(PAGE, "8765").is_some_and(|e| e.contains("foxglove")));
+    }
+}

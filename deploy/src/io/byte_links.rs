@@ -1,0 +1,85 @@
+//! Several byte links, each read and written by a task of its own.
+
+use std::collections::BTreeMap;
+
+use tokio::sync::mpsc;
+
+use crate::io::byte_link::ByteLink;
+
+/// Arrivals that wait for who reads; what comes beyond them waits in the system's buffers.
+const MAX_WAITING: usize = 16;
+/// Messages that wait for their link.
+const MAX_UNSENT: usize = 16;
+
+/// What a link brings.
+pub struct Arrival {
+    /// Number of the link.
+    pub link: usize,
+    /// Bytes, at most what a link reads at once.
+    pub bytes: Vec<u8>,
+    /// Why it could not be opened, or broke.
+    pub error: Option<String>,
+}
+
+/// Links, by their numbers.
+pub struct ByteLinks {
+    arrivals: mpsc::Receiver<Arrival>,
+    out: BTreeMap<usize, mpsc::Sender<Vec<u8>>>,
+}
+
+impl ByteLinks {
+    /// Begins to read them inside a tokio runtime; the tasks end with this value.
+    pub fn start(links: impl IntoIterator<Item = (usize, ByteLink)>) -> ByteLinks {
+        let (to, arrivals) = mpsc::channel(MAX_WAITING);
+        let start = |(number, link)| {
+            let (sender, messages) = mpsc::channel(MAX_UNSENT);
+            tokio::spawn(run(number, link, to.clone(), messages));
+            (number, sender)
+        };
+        let out = links.into_iter().map(start).collect();
+        ByteLinks { arrivals, out }
+    }
+    /// Waits for what comes next; for ever where there is no link.
+    pub async fn next(&mut self) -> Arrival {
+        match self.arrivals.recv().await {
+            Some(arrival) => arrival,
+            None => core::future::pending().await,
+        }
+    }
+    /// What has come already.
+    pub fn arrived(&mut self) -> Option<Arrival> {
+        self.arrivals.try_recv().ok()
+    }
+    /// Sends a message on a link; one for which there is no room is lost.
+    pub fn write(&self, link: usize, message: &[u8]) {
+        let _lost = self.out.get(&link).map(|to| to.try_send(message.to_vec()));
+    }
+}
+
+async fn run(
+    number: usize,
+    mut link: ByteLink,
+    to: mpsc::Sender<Arrival>,
+    mut messages: mpsc::Receiver<Vec<u8>>,
+) {
+    loop {
+        let mut bytes = Vec::new();
+        tokio::select! {
+            () = link.read(|b| bytes.extend_from_slice(b)) => {}
+            message = messages.recv() => match message {
+                Some(message) => link.write(&message),
+                None => return,
+            },
+        }
+        let error = link.last_error();
+        let arrival = Arrival {
+            link: number,
+            bytes,
+            error,
+        };
+        let something = !arrival.bytes.is_empty() || arrival.error.is_some();
+        if something && to.send(arrival).await.is_err() {
+            return;
+        }
+    }
+}

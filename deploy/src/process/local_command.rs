@@ -1,0 +1,91 @@
+//! An operator's command to the mission of this computer: repeated until the mission shows that it has taken it.
+
+use alight_shared::msg::{Command, CommandKind, Header, MissionState};
+use alight_shared::time::DroneClock;
+
+use crate::config::DroneComputer;
+use crate::process::life::draw_boot;
+
+/// The mission has this long to show that it took the command, ns: its state comes at 50 Hz.
+const TIMEOUT_NS: i64 = 2_000_000_000;
+/// A command that shows no effect is repeated after this long, ns.
+const REPEAT_NS: i64 = 500_000_000;
+
+/// A command under way; without a kind nothing is commanded, and the mission is only asked.
+pub struct LocalCommand {
+    header: Header<DroneClock>,
+    kind: Option<CommandKind>,
+    began_ns: i64,
+    sent_ns: Option<i64>,
+}
+
+impl LocalCommand {
+    /// Given now, at `steady_ns` of the steady clock.
+    pub fn new(computer: &DroneComputer, kind: Option<CommandKind>, steady_ns: i64) -> LocalCommand {
+        let now = computer.clock.read::<DroneClock>(steady_ns);
+        let (vessel, drone) = (computer.bridge.vessel_id, computer.bridge.drone_id);
+        LocalCommand {
+            header: Header::new(vessel, drone, draw_boot(), 0, now),
+            kind,
+            began_ns: steady_ns,
+            sent_ns: None,
+        }
+    }
+    /// What is to be sent now.
+    pub fn due(&mut self, steady_ns: i64) -> Option<Command> {
+        let kind = self.kind?;
+        if self.sent_ns.is_some_and(|sent| steady_ns - sent < REPEAT_NS) {
+            return None;
+        }
+        self.sent_ns = Some(steady_ns);
+        // The time at which it was given stays: what the mission is told meanwhile is newer.
+        self.header.sequence += 1;
+        Some(Command {
+            header: self.header,
+            kind,
+        })
+    }
+    /// Whether the mission that says this has taken it: what it said before it was commanded is no answer.
+    pub fn is_met(&self, m: &MissionState) -> bool {
+        self.kind
+            .is_none_or(|k| m.header.at >= self.header.at && k.is_met(m.state, m.waiting.code))
+    }
+    /// Whether nothing more is waited for.
+    pub fn is_over(&self, steady_ns: i64) -> bool {
+        steady_ns - self.began_ns >= TIMEOUT_NS
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::State;
+    use alight_shared::time::Time;
+
+    #[test]
+    fn abort_is_repeated_as_one_and_met_only_by_what_the_mission_says_after_it() {
+        let mut abort = LocalCommand::new(
+            &DroneComputer::default(),
+            Some(CommandKind::Abort),
+            10_000_000_000,
+        );
+        let sent: Vec<Command> = (0..40)
+            .filter_map(|k| abort.due(10_000_000_000 + k * 50_000_000))
+            .collect();
+        assert_eq!(sent.len(), 4);
+        assert!(sent.iter().all(|c| c.header.at.nanos() == 10_000_000_000));
+        assert!(
+            sent.windows(2)
+                .all(|w| w[0].header.sequence < w[1].header.sequence)
+        );
+        let says = |ns: i64, state| MissionState {
+            header: Header::new(1, 1, 7, 1, Time::from_nanos(ns)),
+            state,
+            ..MissionState::default()
+        };
+        assert!(!abort.is_met(&says(9_999_000_000, State::GaveUp)));
+        assert!(!abort.is_met(&says(10_020_000_000, State::Descent)));
+        assert!(abort.is_met(&says(10_020_000_000, State::GaveUp)));
+        assert!(!abort.is_over(11_999_000_000) && abort.is_over(12_000_000_000));
+    }
+}

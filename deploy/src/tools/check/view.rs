@@ -1,0 +1,54 @@
+//! Who can look on, and give the page's order.
+
+use std::net::SocketAddr;
+
+use crate::config::view::ViewConfig;
+use crate::tools::check::finding::{Finding, Topic};
+
+/// Judges where the page is and what it may do.
+pub fn judge(view: &ViewConfig) -> Option<Finding> {
+    const TOPIC: Topic = Topic("view");
+    if !view.on {
+        return None;
+    }
+    let alone = view
+        .listen
+        .parse()
+        .is_ok_and(|a: SocketAddr| a.ip().is_loopback());
+    Some(if alone || !view.abort {
+        TOPIC.fine(format!("page at http://{}", view.listen))
+    } else {
+        TOPIC.warning(
+            format!(
+                "everybody who reaches http://{} can give the crew's order",
+                view.listen
+            ),
+            "view.abort = false, or view.listen on loopback, unless that network is the crew's alone",
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tools::check::finding::Level;
+
+    #[test]
+    fn page_that_orders_on_a_network_is_warned_of() {
+        let level = |on, listen: &str, abort| {
+            let view = ViewConfig {
+                on,
+                listen: listen.into(),
+                abort,
+                ..ViewConfig::default()
+            };
+            judge(&view).map(|f| f.level)
+        };
+        assert_eq!(level(false, "192.168.7.1:7450", true), None);
+        assert_eq!(level(true, "127.0.0.1:7450", true), Some(Level::Fine));
+        assert_eq!(level(true, "192.168.7.1:7450", false), Some(Level::Fine));
+        for listen in ["192.168.7.1:7450", "0.0.0.0:7450", "[::]:7450"] {
+            assert_eq!(level(true, listen, true), Some(Level::Warning), "{listen}");
+        }
+    }
+}

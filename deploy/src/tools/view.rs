@@ -1,0 +1,367 @@
+//! `alight view`: what runs on this computer, for people with a browser or with Foxglove.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use alight_shared::config;
+use alight_shared::msg::{Command, CommandKind, MissionState};
+use alight_shared::time::{Time, TrueTime};
+use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::memory::{Instance, Memory, Publisher};
+use alight_shared::transport::process::{ProcessKind, ProcessState};
+use alight_shared::transport::wake::end_requested;
+use clap::Args;
+
+use crate::config::view::{FOXGLOVE, ViewConfig};
+use crate::config::{DroneComputer, VesselComputer};
+use crate::exit::{CliError, Doing, Exit};
+use crate::process::instance::{is_running, owner};
+use crate::process::life::{Life, draw_boot, end_with_supervisor};
+use crate::process::local_command::LocalCommand;
+use crate::process::supervisor::pause;
+use crate::terminal;
+use crate::tools::check::facts::Computer;
+use crate::tools::check::{self, gather};
+use crate::tools::view_vessel;
+use crate::view::board::Known;
+use crate::view::memory_feed::MemoryFeed;
+use crate::view::server::{Order, Served};
+use crate::view::watcher::{Bodies, Watcher};
+
+/// What is to be shown, and where.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "Run it as the user that runs Alight: sudo -u alight alight view\n\
+Then open http://127.0.0.1:7450 in a browser on this computer. For a phone on board name an address of this\n\
+computer's network: alight view --listen 192.168.7.1:7450 (or view.listen); everybody there sees it.\n\
+Foxglove: alight view --foxglove, then Open connection, Foxglove WebSocket, ws://127.0.0.1:8765.\n\
+It ends by Ctrl-C, and nothing in a flight waits for it."
+)]
+pub struct ViewCommand {
+    /// Name of the set of processes [default: the configuration's; without one: land]
+    #[arg(long)]
+    pub instance: Option<String>,
+    /// Configuration of the vessel's or the drone's computer (TOML) [default: /etc/alight/vessel.toml or
+    /// /etc/alight/drone.toml, whichever is there]
+    #[arg(long, value_name = "FILE", conflicts_with = "instance")]
+    pub config: Option<PathBuf>,
+    /// Address of the page [default: view.listen of the configuration, 127.0.0.1:7450]
+    #[arg(long, value_name = "ADDR:PORT")]
+    pub listen: Option<SocketAddr>,
+    /// Serve the topics of a recording to Foxglove [default: view.foxglove; without a value: 127.0.0.1:8765]
+    #[arg(long, value_name = "ADDR:PORT", num_args = 0..=1, require_equals = true)]
+    pub foxglove: Option<Option<SocketAddr>>,
+    /// End when standard input closes
+    #[arg(long, hide = true)]
+    pub supervised: bool,
+}
+
+/// The name of `alight land`'s processes.
+const LAND: &str = "land";
+/// Time between two looks; the display rates of recordings lie on this grid.
+const LOOK_PERIOD_NS: i64 = 20_000_000;
+/// The same when there is only the page to show.
+const PAGE_PERIOD: Duration = Duration::from_millis(100);
+/// What runs under the name is asked so often.
+const INSTANCE_PERIOD_NS: i64 = 1_000_000_000;
+/// The name is asked again after this long when nothing runs under it.
+const ABSENT_PAUSE: Duration = Duration::from_millis(500);
+
+impl ViewCommand {
+    /// The configuration of what is shown.
+    fn computer(&self) -> Result<Computer, CliError> {
+        let of_instance = |name: &str| -> Result<Computer, CliError> {
+            // A landing of all processes has the drone's file beside its memory.
+            let file = Instance::new(name)?.directory().join("drone.toml");
+            let mut drone: DroneComputer = if file.exists() {
+                config::load(&file)?
+            } else {
+                DroneComputer::default()
+            };
+            drone.instance = name.into();
+            Ok(Computer::Drone(Box::new(drone)))
+        };
+        match (&self.instance, &self.config) {
+            (Some(name), _) => of_instance(name),
+            (None, Some(path)) => gather::computer(path),
+            (None, None) if is_running(&Instance::new(LAND)?) => of_instance(LAND),
+            (None, None) => {
+                check::shipped().map_or_else(|| of_instance(LAND), |path| gather::computer(&path))
+            }
+        }
+    }
+}
+
+/// Where it is served: the flags over the configuration.
+pub fn served(view: &ViewConfig, name: &str) -> Result<Served, CliError> {
+    let address = |text: &str| {
+        text.parse::<SocketAddr>()
+            .doing(format_args!("the address {text}"))
+    };
+    Ok(Served {
+        page: address(&view.listen)?,
+        foxglove: match view.foxglove.as_str() {
+            "" => None,
+            text => Some(address(text)?),
+        },
+        name: name.into(),
+        may_order: view.abort,
+    })
+}
+
+/// Shows until it is asked to end.
+pub fn run(args: &ViewCommand) -> Result<Exit, CliError> {
+    // The first question puts the signal's handler in place.
+    let told_to_end = end_with_supervisor(args.supervised);
+    if end_requested() {
+        return Ok(Exit::Success);
+    }
+    let over = |mut view: ViewConfig| {
+        view.listen = args.listen.map_or(view.listen, |a| a.to_string());
+        if let Some(address) = args.foxglove {
+            view.foxglove = address.map_or_else(|| FOXGLOVE.into(), |a| a.to_string());
+        }
+        view
+    };
+    let ends = || end_requested() || told_to_end.load(Ordering::Relaxed);
+    match args.computer()? {
+        Computer::Vessel(v) => vessel(&v, &over(v.view.clone()), &ends),
+        Computer::Drone(d) => drone(&d, &over(d.view.clone()), &ends, &told_to_end),
+    }
+}
+
+fn vessel(computer: &VesselComputer, view: &ViewConfig, ends: &dyn Fn() -> bool) -> Result<Exit, CliError> {
+    if !view.foxglove.is_empty() {
+        return Err(CliError(
+            "the vessel has nothing for Foxglove: serve it on the drone's computer (--foxglove, view.foxglove)".into(),
+        ));
+    }
+    let served = served(view, "vessel")?;
+    let server = crate::view::server::Server::start(served)?;
+    server.lines().iter().for_each(terminal::line);
+    let mut look = view_vessel::Look::new(computer, view.abort);
+    while !ends() {
+        server.show(look.picture(steady_ns()));
+        if let Some(order) = server.order() {
+            look.close_deck(order);
+        }
+        pause(PAGE_PERIOD);
+    }
+    Ok(Exit::Success)
+}
+
+fn drone(
+    computer: &DroneComputer,
+    view: &ViewConfig,
+    ends: &dyn Fn() -> bool,
+    told_to_end: &AtomicBool,
+) -> Result<Exit, CliError> {
+    let known = Known {
+        title: format!("drone {}, {}", computer.bridge.drone_id, computer.instance),
+        deck: Some(computer.drone.deck),
+        disarm: computer.autopilot.disarm,
+    };
+    let bodies: Bodies = Some((computer.drone.deck, computer.drone.airframe));
+    let served = served(view, &computer.instance)?;
+    let is_live = served.foxglove.is_some();
+    let mut watcher = Watcher::start(served, known, &bodies, false)?;
+    watcher.server.lines().iter().for_each(terminal::line);
+    let instance = Instance::new(&computer.instance)?;
+    let wall_ns = wall_offset_ns();
+    while !ends() {
+        let pid = owner(&instance).filter(|_| is_running(&instance));
+        let joined = pid.and_then(|pid| Some((pid, Joined::join(&instance).ok()?)));
+        let Some((pid, mut joined)) = joined else {
+            let why = format!("nothing runs under the name {}", computer.instance);
+            watcher.show_nothing(Time::from_nanos(steady_ns() + wall_ns), why);
+            refuse(watcher.server.order());
+            pause(ABSENT_PAUSE);
+            continue;
+        };
+        watcher.reset();
+        watcher.board.order.label = view.abort.then_some("ABORT");
+        let is_there = || owner(&instance) == Some(pid);
+        if !joined.show(computer, &mut watcher, (is_live, wall_ns), &is_there, told_to_end) {
+            break;
+        }
+    }
+    Ok(Exit::Success)
+}
+
+fn refuse(order: Option<Order>) {
+    if let Some(order) = order {
+        // Who gave it may have gone.
+        let _gone = order.reply.send(Err("no mission runs".into()));
+    }
+}
+
+/// The shared memory of a set of processes that runs.
+struct Joined {
+    memory: Memory,
+    feed: MemoryFeed,
+    commands: Publisher<Command>,
+    reports: Publisher<ProcessState>,
+    life: Life,
+    abort: Option<(LocalCommand, Order)>,
+}
+
+impl Joined {
+    fn join(instance: &Instance) -> Result<Joined, CliError> {
+        let memory = Memory::join(instance, ProcessKind::View.name())?;
+        Ok(Joined {
+            feed: MemoryFeed::join(&memory)?,
+            commands: memory.publisher()?,
+            reports: memory.publisher()?,
+            life: Life::begin(ProcessKind::View, draw_boot(), false),
+            abort: None,
+            memory,
+        })
+    }
+    /// Shows what the processes say for as long as they are there; false when it was asked to end.
+    fn show(
+        &mut self,
+        computer: &DroneComputer,
+        watcher: &mut Watcher,
+        (is_live, wall_ns): (bool, i64),
+        is_there: &dyn Fn() -> bool,
+        told_to_end: &AtomicBool,
+    ) -> bool {
+        let (mut asked_ns, mut order) = (steady_ns(), watcher.board.order.clone());
+        loop {
+            let now_ns = steady_ns();
+            let grid_ns = (now_ns + wall_ns) / LOOK_PERIOD_NS * LOOK_PERIOD_NS;
+            let t: Time<TrueTime> = Time::from_nanos(grid_ns);
+            watcher.board.order.clone_from(&order);
+            let mission = self.feed.poll(t, computer.clock.now(), watcher);
+            self.life.stepped(Some((steady_ns() - now_ns) as f64 * 1e-9));
+            if let Some(answer) = self.order(computer, watcher.server.order(), mission.as_ref()) {
+                order.answer = answer;
+            }
+            if let Some(report) = self.life.state(Vec::new, 0) {
+                self.reports.send(&report);
+            }
+            if now_ns - asked_ns > INSTANCE_PERIOD_NS {
+                asked_ns = now_ns;
+                if !is_there() {
+                    return true;
+                }
+            }
+            let wait = if is_live {
+                let next = LOOK_PERIOD_NS - (steady_ns() + wall_ns).rem_euclid(LOOK_PERIOD_NS);
+                Duration::from_nanos(next.unsigned_abs())
+            } else {
+                PAGE_PERIOD
+            };
+            // Whoever asks consumes the signal: it has to be passed on.
+            if !self.memory.wait(wait) || told_to_end.load(Ordering::Relaxed) {
+                return false;
+            }
+        }
+    }
+
+    /// Carries out the order of the page: an abort as `alight command abort` gives it here. What became of it, once that
+    /// is known.
+    fn order(
+        &mut self,
+        computer: &DroneComputer,
+        given: Option<Order>,
+        mission: Option<&MissionState>,
+    ) -> Option<String> {
+        if let Some(order) = given {
+            match self.abort {
+                None => {
+                    let command = LocalCommand::new(computer, Some(CommandKind::Abort), steady_ns());
+                    self.abort = Some((command, order));
+                }
+                Some(_) => drop(order.reply.send(Err("an abort is under way".into()))),
+            }
+        }
+        let (command, _) = self.abort.as_mut()?;
+        self.commands.send_any(command.due(steady_ns()).as_ref());
+        let taken = mission.filter(|m| command.is_met(m));
+        let answer = match taken {
+            Some(m) => Ok(format!("abort taken: {}", m.state.name())),
+            None if command.is_over(steady_ns()) => Err(
+                "ABORT NOT TAKEN: the mission does not show it; take the drone over by remote control"
+                    .to_owned(),
+            ),
+            None => return None,
+        };
+        let (_, order) = self.abort.take()?;
+        let text = answer.clone().unwrap_or_else(|e| e);
+        let _gone = order.reply.send(answer);
+        Some(text)
+    }
+}
+
+/// The time of day less the steady clock, ns: messages for Foxglove bear the time of day.
+#[allow(clippy::disallowed_methods)]
+fn wall_offset_ns() -> i64 {
+    let wall = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    let wall_ns = wall.map_or(0, |d| i64::try_from(d.as_nanos()).unwrap_or(0));
+    wall_ns - steady_ns()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::{Header, State};
+    use alight_shared::time::DroneClock;
+    use alight_shared::transport::memory::{Services, Subscriber};
+
+    use crate::process::instance::OwnedInstance;
+
+    fn said(at: Time<DroneClock>, state: State) -> MissionState {
+        MissionState {
+            header: Header::new(1, 1, 7, 1, at),
+            state,
+            ..MissionState::default()
+        }
+    }
+
+    #[test]
+    fn page_shows_the_mission_of_shared_memory_and_its_abort_reaches_it() {
+        let name = format!("test-view-{}", std::process::id());
+        let owned = OwnedInstance::take(&name).unwrap();
+        let memory = Memory::join(owned.instance(), "test").unwrap();
+        let services = Services::create(&memory).unwrap();
+        let mut missions: Publisher<MissionState> = memory.publisher().unwrap();
+        let mut commands: Subscriber<Command> = memory.subscriber().unwrap();
+        let computer = DroneComputer {
+            instance: name,
+            ..DroneComputer::default()
+        };
+        let mut joined = Joined::join(owned.instance()).unwrap();
+        let view = ViewConfig {
+            listen: "127.0.0.1:0".into(),
+            ..ViewConfig::default()
+        };
+        let served = served(&view, "test").unwrap();
+        let mut watcher = Watcher::start(served, Known::default(), &None, false).unwrap();
+        let mut show = |joined: &mut Joined, state| {
+            let now = computer.clock.now();
+            missions.send(&said(now, state));
+            let mission = joined.feed.poll(Time::from_nanos(now.nanos()), now, &mut watcher);
+            let picture = watcher.board.picture(Time::from_nanos(now.nanos()));
+            (mission, picture.state.map(|s| s.name))
+        };
+        let (descends, shown) = show(&mut joined, State::Descent);
+        assert_eq!(shown.as_deref(), Some("Descent"));
+
+        let (reply, mut answer) = tokio::sync::oneshot::channel();
+        let given = joined.order(&computer, Some(Order { reply }), descends.as_ref());
+        assert_eq!(given, None);
+        assert_eq!(commands.newest(0).map(|c| c.kind), Some(CommandKind::Abort));
+        assert!(answer.try_recv().is_err(), "answered before the mission did");
+        let (reply, mut second) = tokio::sync::oneshot::channel();
+        assert_eq!(joined.order(&computer, Some(Order { reply }), None), None);
+        assert!(second.try_recv().unwrap().is_err(), "two at a time");
+        let (gave_up, _) = show(&mut joined, State::GaveUp);
+        let text = joined.order(&computer, None, gave_up.as_ref());
+        assert_eq!(text.as_deref(), Some("abort taken: Gave up"));
+        assert_eq!(answer.try_recv().unwrap(), Ok("abort taken: Gave up".into()));
+        drop((missions, commands, joined, services, memory));
+    }
+}

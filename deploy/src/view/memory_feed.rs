@@ -1,0 +1,141 @@
+//! What the processes of a drone's computer say, out of their shared memory: looked at, never waited for.
+
+use std::collections::BTreeMap;
+
+use alight_bridge::BridgeOut;
+use alight_shared::msg::{
+    AutopilotState, Command, DeckForecast, DeckGrant, DroneState, LinkState, MissionState, Plan, RangeSample,
+    SetPoint, TagPose, UvdarFix, VesselEstimate, WaveModel,
+};
+use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_shared::topics;
+use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::memory::{Memory, Subscriber};
+use alight_shared::transport::process::{ProcessKind, ProcessState};
+use alight_uav::mission::{MissionIn, MissionOut};
+use alight_uav::pilot::{PilotIn, PilotOut};
+use alight_uav::planner::PlannerOut;
+use alight_uav::predictor::{PredictorIn, PredictorOut};
+
+use crate::exit::CliError;
+use crate::record::onlooker::Onlooker;
+use crate::view::board::minutes;
+use crate::view::picture::{Alarm, Tone};
+use crate::view::watcher::Watcher;
+
+/// Reads all that a viewer shows.
+pub struct MemoryFeed {
+    processes: Subscriber<ProcessState>,
+    estimate: Subscriber<VesselEstimate<DroneClock>>,
+    wave: Subscriber<WaveModel<DroneClock>>,
+    deck: Subscriber<DeckGrant<DroneClock>>,
+    link: Subscriber<LinkState>,
+    tags: Subscriber<TagPose>,
+    uvdar: Subscriber<UvdarFix>,
+    ranges: Subscriber<RangeSample>,
+    drone: Subscriber<DroneState>,
+    forecast: Subscriber<DeckForecast>,
+    commands: Subscriber<Command>,
+    autopilot: Subscriber<AutopilotState>,
+    mission: Subscriber<MissionState>,
+    plan: Subscriber<Plan>,
+    set_point: Subscriber<SetPoint>,
+    reported: BTreeMap<ProcessKind, i64>,
+}
+
+impl MemoryFeed {
+    /// Looks on.
+    pub fn join(memory: &Memory) -> Result<MemoryFeed, CliError> {
+        Ok(MemoryFeed {
+            processes: memory.subscriber()?,
+            estimate: memory.subscriber()?,
+            wave: memory.subscriber()?,
+            deck: memory.subscriber()?,
+            link: memory.subscriber()?,
+            tags: memory.subscriber()?,
+            uvdar: memory.subscriber()?,
+            ranges: memory.subscriber()?,
+            drone: memory.subscriber()?,
+            forecast: memory.subscriber()?,
+            commands: memory.subscriber()?,
+            autopilot: memory.subscriber()?,
+            mission: memory.subscriber()?,
+            plan: memory.subscriber()?,
+            set_point: memory.subscriber()?,
+            reported: BTreeMap::new(),
+        })
+    }
+    /// Shows `watcher` what is new; the mission's newest state, if it is.
+    pub fn poll(
+        &mut self,
+        t: Time<TrueTime>,
+        now: Time<DroneClock>,
+        watcher: &mut Watcher,
+    ) -> Option<MissionState> {
+        let ns = now.nanos();
+        let bridge = BridgeOut {
+            estimate: self.estimate.newest(ns),
+            wave: self.wave.newest(ns),
+            deck: self.deck.newest(ns),
+            link: self.link.newest(ns),
+            ..BridgeOut::default()
+        };
+        watcher.bridge(t, &bridge);
+        watcher.received(t, &bridge);
+        let seen = PredictorIn {
+            tags: self.tags.all(ns),
+            uvdar: self.uvdar.all(ns),
+            ranges: self.ranges.all(ns),
+            drone: self.drone.newest(ns),
+            ..PredictorIn::default()
+        };
+        let predicted = PredictorOut {
+            forecast: self.forecast.newest(ns),
+            ..PredictorOut::default()
+        };
+        watcher.predictor(t, &seen, &predicted);
+        let plan = self.plan.newest(ns);
+        watcher.planner(t, now, &PlannerOut { plan });
+        let piloted = PilotOut {
+            set_point: self.set_point.newest(ns),
+            ..PilotOut::default()
+        };
+        let flown = PilotIn {
+            plan,
+            ..PilotIn::default()
+        };
+        watcher.pilot(t, now, &flown, &piloted);
+        let asked = MissionIn {
+            autopilot: self.autopilot.newest(ns),
+            commands: self.commands.all(ns),
+            ..MissionIn::default()
+        };
+        let decided = MissionOut {
+            state: self.mission.newest(ns),
+            ..MissionOut::default()
+        };
+        watcher.board.alarms = self.silent();
+        watcher.mission(t, &asked, &decided);
+        decided.state
+    }
+
+    /// Processes that have reported, and do no more.
+    fn silent(&mut self) -> Vec<Alarm> {
+        let now = steady_ns();
+        for state in self.processes.all(now) {
+            self.reported.insert(state.kind, state.at_ns);
+        }
+        let silent = self.reported.iter().filter_map(|(kind, at_ns)| {
+            let silent_s = now.saturating_sub(*at_ns) as f64 * 1e-9;
+            (silent_s > topics::PROCESS.stale_after.secs()).then(|| Alarm {
+                tone: Tone::Alarm,
+                text: format!(
+                    "the {} has reported nothing for {}",
+                    kind.name(),
+                    minutes(silent_s)
+                ),
+            })
+        });
+        silent.collect()
+    }
+}

@@ -1,0 +1,171 @@
+//! What the page shows, once: a JSON object that needs none before it, so that a viewer that missed some shows the newest.
+
+use serde::Serialize;
+
+/// How a figure or an alarm is to be taken.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Tone {
+    /// As it should be.
+    #[default]
+    Fine,
+    /// Look at it.
+    Warning,
+    /// Act.
+    Alarm,
+}
+
+/// The state in large letters.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct StateView {
+    /// Its name.
+    pub name: String,
+    /// Since when, s.
+    pub since_s: f64,
+    /// Why it was entered; empty: no reason.
+    pub entered: String,
+    /// What the next one waits for, with figure and limit; empty: nothing.
+    pub waiting: String,
+    /// Nothing new is known of it.
+    pub stale: bool,
+}
+
+/// A figure with its name.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Figure {
+    /// Its name.
+    pub name: &'static str,
+    /// With its unit; None: not known.
+    pub value: Option<String>,
+    /// What else is known of it.
+    pub note: String,
+    /// How it is to be taken.
+    pub tone: Tone,
+    /// It is an old one.
+    pub stale: bool,
+}
+
+/// What a person has to know now.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Alarm {
+    /// How bad.
+    pub tone: Tone,
+    /// What, and what to do.
+    pub text: String,
+}
+
+/// Something on a path or a body: forward of the deck's centre along the vessel's mean heading, to starboard, up, m.
+pub type Place = [f64; 3];
+
+/// The drone beside the deck.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DroneView {
+    /// Its centre of mass.
+    pub at: Place,
+    /// Roll, pitch, and heading against the vessel's mean heading, deg.
+    pub euler_deg: [f64; 3],
+    /// Its odometry is old.
+    pub stale: bool,
+}
+
+/// The deck from above and from the side.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct SceneView {
+    /// Length and width of the deck, m, where they are known.
+    pub size_m: Option<[f64; 2]>,
+    /// Roll and pitch of the deck, and its heading against its mean heading, deg.
+    pub euler_deg: [f64; 3],
+    /// The vessel's mean heading, deg.
+    pub heading_deg: f64,
+    /// Where the deck's centre is going to be.
+    pub forecast: Vec<Place>,
+    /// No forecast came of late.
+    pub forecast_stale: bool,
+    /// Where the drone is planned to be.
+    pub plan: Vec<Place>,
+    /// No plan came of late.
+    pub plan_stale: bool,
+    /// The drone.
+    pub drone: Option<DroneView>,
+}
+
+/// The deck's motion of late, oldest first; None where nothing was known.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct MotionView {
+    /// Time between two samples, s.
+    pub step_s: f64,
+    /// Roll, deg.
+    pub roll_deg: Vec<Option<f64>>,
+    /// Pitch, deg.
+    pub pitch_deg: Vec<Option<f64>>,
+    /// Upwards against the mean, m.
+    pub heave_m: Vec<Option<f64>>,
+}
+
+/// A line of what happened.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LogLine {
+    /// So long ago, s.
+    pub ago_s: f64,
+    /// What.
+    pub text: String,
+}
+
+/// A flight that ended.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FlightLine {
+    /// When it ended: so long ago (s), or in words.
+    pub when: String,
+    /// How: landed, gave up.
+    pub outcome: String,
+    /// Why, and its figures.
+    pub text: String,
+}
+
+/// The one order that the page can give.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct OrderView {
+    /// What the button says; None: it may not be given from here.
+    pub label: Option<&'static str>,
+    /// What became of the last one that was given; empty: none was.
+    pub answer: String,
+}
+
+/// All of it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Picture {
+    /// What is shown.
+    pub title: String,
+    /// When it was sent, on a steady clock, s: whoever shows it late can tell.
+    pub clock_s: f64,
+    /// The state of the landing; None: not known.
+    pub state: Option<StateView>,
+    /// Deck and drone; None: not known.
+    pub scene: Option<SceneView>,
+    /// Figures, the most important first.
+    pub figures: Vec<Figure>,
+    /// Alarms, the worst first.
+    pub alarms: Vec<Alarm>,
+    /// The deck's motion.
+    pub motion: MotionView,
+    /// What happened in this run, the newest first.
+    pub log: Vec<LogLine>,
+    /// Flights that ended, the newest first.
+    pub flights: Vec<FlightLine>,
+    /// The order that the page may give.
+    pub order: OrderView,
+}
+
+impl Picture {
+    /// A picture of nothing, with the reason why.
+    pub fn empty(title: impl Into<String>, why: impl Into<String>) -> Picture {
+        Picture {
+            title: title.into(),
+            alarms: vec![Alarm {
+                tone: Tone::Warning,
+                text: why.into(),
+            }],
+            ..Picture::default()
+        }
+    }
+}

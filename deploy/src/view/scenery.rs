@@ -1,0 +1,106 @@
+//! Deck and drone in Foxglove's scene as the drone itself knows them: in a recording of the simulation the truth stands
+//! in their place.
+
+use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::msg::{DeckForecast, DroneState};
+use alight_shared::time::{Time, TrueTime};
+use foxglove::messages::{FrameTransforms, PointCloud, SceneUpdate};
+use mcap::McapError;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+use crate::record::geometry::{frame, on_the_water};
+use crate::record::sink::{OpenChannels, TakeMessages};
+use crate::record::views::{Topic, Views, due, timestamp, transform};
+use crate::record::{cloud, shapes};
+
+/// Period of the shapes, ms: whoever begins to look on sees them within this time.
+const SCENE_MS: i64 = 1_000;
+/// The water's level follows the vessel's height by this part at each forecast (50 Hz): within half a minute.
+const LEVEL_GAIN: f64 = 1e-3;
+
+/// Deck and drone, and their channels.
+pub struct Scenery {
+    deck: DeckGeometry,
+    airframe: DroneGeometry,
+    scene: Topic<SceneUpdate>,
+    deck_points: Topic<PointCloud>,
+    drone_points: Topic<PointCloud>,
+    shown: bool,
+    /// The water in the drone's NED, m down, by the vessel's height of late: that NED begins at any height.
+    water_m: Option<f64>,
+}
+
+impl Scenery {
+    /// Opens the channels.
+    pub fn new(
+        opening: &mut impl OpenChannels,
+        deck: &DeckGeometry,
+        airframe: &DroneGeometry,
+    ) -> Result<Scenery, McapError> {
+        Ok(Scenery {
+            deck: *deck,
+            airframe: *airframe,
+            scene: Topic::open(opening, "/scene")?,
+            deck_points: Topic::open(opening, "/points/deck")?,
+            drone_points: Topic::open(opening, "/points/drone")?,
+            shown: false,
+            water_m: None,
+        })
+    }
+    /// The vessel's reference point and attitude, and the water's level by it.
+    fn vessel(&mut self, forecast: Option<&DeckForecast>) -> Option<(Vector3<f64>, UnitQuaternion<f64>)> {
+        let stage = forecast?.stages.first()?;
+        let [roll, pitch, yaw] = stage.euler;
+        let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+        let vessel = Vector3::from(stage.position) - q * self.deck.centre();
+        let water_m = self.water_m.get_or_insert(vessel.z);
+        *water_m += LEVEL_GAIN * (vessel.z - *water_m);
+        Some((vessel, q))
+    }
+    /// A place of the drone's NED in the scene's, which begins on the water.
+    pub fn in_scene(&self, [north, east, down]: [f64; 3]) -> [f64; 3] {
+        [north, east, down - self.water_m.unwrap_or_default()]
+    }
+    /// Both at `t`.
+    pub fn show(
+        &mut self,
+        sink: &mut impl TakeMessages,
+        views: &Views,
+        t: Time<TrueTime>,
+        forecast: Option<&DeckForecast>,
+        drone: Option<&DroneState>,
+    ) {
+        let vessel = self.vessel(forecast);
+        if due(t, SCENE_MS) || !self.shown {
+            self.shown = true;
+            let now = timestamp(t);
+            self.scene
+                .put(sink, t, &shapes::scene(now, &self.deck, &self.airframe));
+            self.deck_points.put(sink, t, &cloud::deck(now, &self.deck));
+            self.drone_points.put(sink, t, &cloud::drone(now, &self.airframe));
+        }
+        if !views.fast(t) {
+            return;
+        }
+        let north_east_down = UnitQuaternion::new_normalize(Quaternion::new(0.0, 1.0, 1.0, 0.0));
+        let still = UnitQuaternion::identity();
+        let mut transforms = vec![
+            transform(t, frame::WORLD, frame::NED, [0.0; 3], &north_east_down),
+            transform(t, frame::VESSEL, frame::DECK, self.deck.centre_m, &still),
+        ];
+        if let Some((vessel, q)) = vessel {
+            let at = self.in_scene(vessel.into());
+            transforms.push(transform(t, frame::NED, frame::VESSEL, at, &q));
+            transforms.push(transform(t, frame::WORLD, frame::CHASE, on_the_water(at), &still));
+        }
+        if let Some(d) = drone {
+            // The camera looks down, the top of its image is forward.
+            let down = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), core::f64::consts::FRAC_PI_2);
+            let at = self.in_scene(d.position);
+            transforms.push(transform(t, frame::NED, frame::DRONE, at, &d.attitude()));
+            let camera = self.airframe.camera_m;
+            transforms.push(transform(t, frame::DRONE, frame::CAMERA, camera, &down));
+        }
+        views.transforms.put(sink, t, &FrameTransforms { transforms });
+    }
+}

@@ -1,0 +1,330 @@
+use super::*;
+use std::io::{Read, Write};
+use std::net::TcpStream;
+
+use crate::view::picture::StateView;
+use alight_shared::msg::{Command as MissionCommand, MissionState, State as Phase};
+use alight_shared::time::Time;
+use alight_uav::mission::{MissionIn, MissionOut};
+
+use crate::record::onlooker::Onlooker;
+use crate::view::board::Known;
+use crate::view::watcher::Watcher;
+
+/// No test waits longer for an answer.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+fn served(may_order: bool) -> Served {
+    let free = "127.0.0.1:0".parse().unwrap();
+    Served {
+        page: free,
+        foxglove: Some(free),
+        name: "test".into(),
+        may_order,
+    }
+}
+fn picture(name: &str) -> Picture {
+    Picture {
+        state: Some(StateView {
+            name: name.into(),
+            ..StateView::default()
+        }),
+        ..Picture::default()
+    }
+}
+fn connect(to: SocketAddr) -> TcpStream {
+    let stream = TcpStream::connect(to).unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream
+}
+/// One request, and all of its answer.
+fn ask(to: SocketAddr, method: &str, path: &str, more: &str) -> String {
+    let mut stream = connect(to);
+    let request = format!("{method} {path} HTTP/1.1\r\nConnection: close\r\nContent-Length: 0\r\n{more}\r\n");
+    stream.write_all(request.as_bytes()).unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    answer
+}
+/// Reads until `text` has come.
+fn read_until(stream: &mut TcpStream, text: &str) -> String {
+    let (mut all, mut part) = (String::new(), [0; 4096]);
+    while !all.contains(text) {
+        let n = stream.read(&mut part).unwrap();
+        assert!(n > 0, "it ended: {all}");
+        all.push_str(&String::from_utf8_lossy(&part[..n]));
+    }
+    all
+}
+
+#[test]
+fn page_and_its_pictures_come_over_loopback() {
+    let server = Server::start(served(false)).unwrap();
+    let to = server.page();
+    let host = format!("Host: {to}\r\n");
+    for (path, needle) in [
+        ("/", "<canvas id=\"above\""),
+        ("/view.css", ":root.night"),
+        ("/view.js", "EventSource"),
+    ] {
+        let answer = ask(to, "GET", path, &host);
+        assert!(
+            answer.starts_with("HTTP/1.1 200") && answer.contains(needle),
+            "{path}"
+        );
+        assert!(answer.contains("default-src 'self'"), "{path} names no policy");
+    }
+    assert!(ask(to, "GET", "/state", &host).starts_with("HTTP/1.1 503"));
+    server.show(picture("Approach"));
+    assert!(ask(to, "GET", "/state", &host).contains("\"name\":\"Approach\""));
+    assert!(!server.is_watched());
+    let mut viewer = connect(to);
+    viewer
+        .write_all(format!("GET /events HTTP/1.1\r\n{host}\r\n").as_bytes())
+        .unwrap();
+    let first = read_until(&mut viewer, "\"name\":\"Approach\"");
+    assert!(first.contains("text/event-stream"), "{first}");
+    assert!(server.is_watched());
+    server.show(picture("Descent"));
+    read_until(&mut viewer, "\"name\":\"Descent\"");
+    assert!(ask(to, "GET", "/order", &host).starts_with("HTTP/1.1 405"));
+}
+
+#[test]
+fn page_has_at_most_1000_lines_and_names_no_other_host() {
+    let files = [
+        include_str!("../page/view.html"),
+        include_str!("../page/view.css"),
+        include_str!("../page/view.js"),
+    ];
+    assert!(files.iter().map(|f| f.lines().count()).sum::<usize>() <= 1000);
+    assert!(
+        files
+            .iter()
+            .all(|f| !f.contains("//www") && !f.contains("http:") && !f.contains("https:"))
+    );
+}
+
+#[test]
+fn order_is_refused_without_leave_and_from_any_other_page() {
+    let allowed = Server::start(served(true)).unwrap();
+    let to = allowed.page();
+    let own = format!("Host: {to}\r\nOrigin: http://{to}\r\n");
+    let port = to.port();
+    for (what, given) in [
+        ("no origin", format!("Host: {to}\r\n")),
+        ("null", format!("Host: {to}\r\nOrigin: null\r\n")),
+        (
+            "another page",
+            format!("Host: {to}\r\nOrigin: http://evil.example\r\n"),
+        ),
+        (
+            "another port",
+            format!("Host: {to}\r\nOrigin: http://127.0.0.1:1\r\n"),
+        ),
+        (
+            "another scheme",
+            format!("Host: {to}\r\nOrigin: https://{to}\r\n"),
+        ),
+        ("two origins", format!("{own}Origin: http://evil.example\r\n")),
+        (
+            "a name that somebody lets lead here",
+            format!("Host: evil.example:{port}\r\nOrigin: http://evil.example:{port}\r\n"),
+        ),
+        (
+            "a name that begins like an address",
+            format!(
+                "Host: localhost.evil.example:{port}\r\nOrigin: http://localhost.evil.example:{port}\r\n"
+            ),
+        ),
+    ] {
+        let answer = ask(to, "POST", "/order", &given);
+        assert!(answer.starts_with("HTTP/1.1 403"), "{what}: {answer}");
+    }
+    assert!(allowed.order().is_none(), "an order came through");
+    let forbidden = Server::start(served(false)).unwrap();
+    let to = forbidden.page();
+    let answer = ask(
+        to,
+        "POST",
+        "/order",
+        &format!("Host: {to}\r\nOrigin: http://{to}\r\n"),
+    );
+    assert!(
+        answer.starts_with("HTTP/1.1 403") && answer.contains("view.abort"),
+        "{answer}"
+    );
+    assert!(forbidden.order().is_none());
+}
+
+#[test]
+fn order_from_our_own_page_is_carried_out_and_answered() {
+    let server = Server::start(served(true)).unwrap();
+    let to = server.page();
+    let given = std::thread::spawn(move || {
+        let own = format!("Host: {to}\r\nOrigin: http://{to}\r\n");
+        ask(to, "POST", "/order", &own)
+    });
+    let order = (0..1000).find_map(|_| {
+        crate::process::supervisor::pause(Duration::from_millis(5));
+        server.order()
+    });
+    order
+        .unwrap()
+        .reply
+        .send(Ok("abort taken: Gave up".into()))
+        .unwrap();
+    let answer = given.join().unwrap();
+    assert!(
+        answer.starts_with("HTTP/1.1 200") && answer.ends_with("abort taken: Gave up"),
+        "{answer}"
+    );
+}
+
+#[test]
+fn viewer_that_does_not_read_holds_nobody_up_and_sees_a_recent_picture_when_it_does() {
+    let server = Server::start(served(false)).unwrap();
+    let to = server.page();
+    let mut slow = connect(to);
+    slow.write_all(format!("GET /events HTTP/1.1\r\nHost: {to}\r\n\r\n").as_bytes())
+        .unwrap();
+    read_until(&mut slow, "text/event-stream");
+    // 4 MB in pictures of 10 kB.
+    let filler = "x".repeat(10_000);
+    for k in 0..400 {
+        server.show(Picture {
+            title: format!("picture {k}. {filler}"),
+            ..Picture::default()
+        });
+        crate::process::supervisor::pause(Duration::from_millis(2));
+    }
+    let (mut waiting, mut part) = (0, [0; 1 << 16]);
+    let mut tail = String::new();
+    while !tail.contains("picture 399.") {
+        let n = slow.read(&mut part).unwrap();
+        assert!(n > 0, "it ended after {waiting} bytes");
+        waiting += n;
+        tail = String::from_utf8_lossy(&part[..n]).into_owned();
+    }
+    // What lay in the kernel's buffers of both ends, and no more.
+    assert!(waiting < 320 << 10, "{waiting} bytes waited for it");
+    // Another sees the newest at once.
+    assert!(ask(to, "GET", "/state", &format!("Host: {to}\r\n")).contains("picture 399."));
+}
+
+/// A viewer's client: JSON texts, and numbers of subscriptions in binary frames.
+type Viewer = tungstenite::WebSocket<TcpStream>;
+
+fn foxglove(to: SocketAddr) -> Viewer {
+    use tungstenite::client::IntoClientRequest;
+    let mut request = format!("ws://{to}/").into_client_request().unwrap();
+    let protocol = "foxglove.sdk.v1".parse().unwrap();
+    request.headers_mut().insert("Sec-WebSocket-Protocol", protocol);
+    tungstenite::client(request, connect(to)).unwrap().0
+}
+/// The topics that are advertised, with their numbers.
+fn topics(viewer: &mut Viewer) -> Vec<(u64, String)> {
+    let mut all = Vec::new();
+    while all.len() < 22 {
+        let message = viewer.read().unwrap();
+        let Ok(text) = message.to_text() else { continue };
+        let Ok(json) = serde_json::from_str::<serde_json::Value>(text) else {
+            continue;
+        };
+        for channel in json["channels"].as_array().into_iter().flatten() {
+            assert_eq!(channel["encoding"], "protobuf");
+            let (id, topic) = (channel["id"].as_u64(), channel["topic"].as_str());
+            all.push((id.unwrap(), topic.unwrap().to_owned()));
+        }
+    }
+    all
+}
+
+#[test]
+fn foxglove_viewer_lists_the_topics_of_recordings_and_receives_them_at_their_rates() {
+    let mut watcher = Watcher::start(served(false), Known::default(), &None, false).unwrap();
+    let mut viewer = foxglove(watcher.server.foxglove().unwrap());
+    let all = topics(&mut viewer);
+    for topic in [
+        "/tf",
+        "/mission",
+        "/plan",
+        "/deck/forecast",
+        "/link",
+        "/log",
+        "/drone/autopilot",
+    ] {
+        assert!(
+            all.iter().any(|(_, t)| t == topic),
+            "{topic} is not among {all:?}"
+        );
+    }
+    let mission = all.iter().find(|(_, t)| t == "/mission").unwrap().0;
+    let subscribe = format!(r#"{{"op":"subscribe","subscriptions":[{{"id":5,"channelId":{mission}}}]}}"#);
+    viewer.send(tungstenite::Message::text(subscribe)).unwrap();
+    // Five seconds of a mission at 50 Hz, as fast as they go once the viewer has subscribed.
+    let mut t = 0_i64;
+    let mut step = |watcher: &mut Watcher| {
+        t += 20_000_000;
+        let state = MissionState {
+            state: Phase::Tracking,
+            ..MissionState::default()
+        };
+        let out = MissionOut {
+            state: Some(state),
+            ..MissionOut::default()
+        };
+        let input = MissionIn {
+            commands: Vec::<MissionCommand>::new(),
+            ..MissionIn::default()
+        };
+        watcher.mission(Time::from_nanos(t), &input, &out);
+    };
+    let received = |viewer: &mut Viewer| {
+        let message = viewer.read().unwrap();
+        let data = message.into_data();
+        // Opcode 1, the number of the subscription, the time.
+        (data.first() == Some(&1)).then(|| u64::from_le_bytes(data[5..13].try_into().unwrap()))
+    };
+    viewer
+        .get_ref()
+        .set_read_timeout(Some(Duration::from_millis(20)))
+        .unwrap();
+    let begun = (0..500).any(|_| {
+        step(&mut watcher);
+        viewer.read().is_ok_and(|m| m.is_binary())
+    });
+    assert!(begun, "no message in 500 steps");
+    viewer.get_ref().set_read_timeout(Some(PATIENCE)).unwrap();
+    for _ in 0..250 {
+        step(&mut watcher);
+    }
+    let times: Vec<u64> = core::iter::repeat_with(|| received(&mut viewer))
+        .flatten()
+        .take(48)
+        .collect();
+    // Shown at 10 Hz.
+    assert!(times.windows(2).all(|w| w[1] - w[0] == 100_000_000), "{times:?}");
+}
+
+#[test]
+fn foxglove_viewer_that_does_not_read_holds_nobody_up() {
+    let mut watcher = Watcher::start(served(false), Known::default(), &None, false).unwrap();
+    let mut viewer = foxglove(watcher.server.foxglove().unwrap());
+    let all: Vec<String> = topics(&mut viewer)
+        .iter()
+        .map(|(id, _)| format!(r#"{{"id":{id},"channelId":{id}}}"#))
+        .collect();
+    let subscribe = format!(r#"{{"op":"subscribe","subscriptions":[{}]}}"#, all.join(","));
+    viewer.send(tungstenite::Message::text(subscribe)).unwrap();
+    // An hour of states, of which its queue keeps the newest; and whoever comes next is served.
+    for k in 0..36_000_i64 {
+        let out = MissionOut {
+            state: Some(MissionState::default()),
+            ..MissionOut::default()
+        };
+        watcher.mission(Time::from_nanos(k * 100_000_000), &MissionIn::default(), &out);
+    }
+    let mut other = foxglove(watcher.server.foxglove().unwrap());
+    assert!(topics(&mut other).len() >= 22);
+}

@@ -1,0 +1,197 @@
+//! One who looks on for all: takes what the nodes say into the board, and shows it to the viewers.
+
+use std::time::Duration;
+
+use alight_bridge::BridgeOut;
+use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_shared::transport::clock::steady_ns;
+use alight_uav::mission::{MissionIn, MissionOut};
+use alight_uav::pilot::{PilotIn, PilotOut};
+use alight_uav::planner::PlannerOut;
+use alight_uav::predictor::{PredictorIn, PredictorOut};
+use alight_usv::{ComputerIn, ComputerOut};
+
+use crate::exit::{CliError, Doing};
+use crate::process::supervisor::pause;
+use crate::record::onlooker::Onlooker;
+use crate::record::views::Views;
+use crate::view::board::{Board, Known};
+use crate::view::live_sink::LiveSink;
+use crate::view::picture::Picture;
+use crate::view::scenery::Scenery;
+use crate::view::server::{Served, Server};
+
+/// Time between two pictures, ns.
+const PICTURE_PERIOD_NS: i64 = 200_000_000;
+/// What is computed faster than it flies is held back in steps of at most this.
+const MAX_PAUSE: Duration = Duration::from_millis(50);
+/// After the end of what was computed somebody may still look at its last picture for so long.
+const LINGER_NS: i64 = 10_000_000_000;
+
+/// Deck and drone, where they are known.
+pub type Bodies = Option<(DeckGeometry, DroneGeometry)>;
+
+/// What Foxglove is shown.
+struct Live {
+    sink: LiveSink,
+    views: Views,
+    scenery: Option<Scenery>,
+}
+
+/// Looks on, and shows.
+pub struct Watcher {
+    /// The server.
+    pub server: Server,
+    /// What is known.
+    pub board: Board,
+    live: Option<Live>,
+    next_ns: i64,
+    /// The newest step's time.
+    newest: Time<TrueTime>,
+    pace: Pace,
+}
+
+impl Watcher {
+    /// Starts the server; `paced`: what is looked at is computed, and held back to real time.
+    pub fn start(served: Served, known: Known, bodies: &Bodies, paced: bool) -> Result<Watcher, CliError> {
+        let server = Server::start(served)?;
+        let mut live = None;
+        if let Some(context) = server.context() {
+            let mut sink = LiveSink::new(context);
+            let opened = Views::new(&mut sink).doing("opening Foxglove's channels")?;
+            let scenery = bodies.as_ref().map(|(d, a)| Scenery::new(&mut sink, d, a));
+            live = Some(Live {
+                views: opened,
+                scenery: scenery.transpose().doing("opening Foxglove's channels")?,
+                sink,
+            });
+        }
+        Ok(Watcher {
+            server,
+            board: Board::new(known),
+            live,
+            next_ns: i64::MIN,
+            newest: Time::EPOCH,
+            pace: if paced { Pace::Waiting } else { Pace::Free },
+        })
+    }
+    /// Forgets what was known but for the flights that ended: another set of processes runs.
+    pub fn reset(&mut self) {
+        self.board.reset();
+        self.next_ns = i64::MIN;
+    }
+    /// Shows at `t` that there is nothing to be seen, and the flights that ended.
+    pub fn show_nothing(&self, t: Time<TrueTime>, why: String) {
+        let Picture { title, flights, .. } = self.board.picture(t);
+        self.server.show(Picture {
+            flights,
+            ..Picture::empty(title, why)
+        });
+    }
+    /// Shows a picture when one is due.
+    pub fn show(&mut self, t: Time<TrueTime>) {
+        self.newest = t;
+        if t.nanos() >= self.next_ns {
+            self.next_ns = t.nanos() + PICTURE_PERIOD_NS;
+            self.server.show(self.board.picture(t));
+        }
+    }
+    /// What was computed has ended: whoever looks on sees its last picture for a little longer.
+    pub fn linger(&self) {
+        self.server.show(self.board.picture(self.newest));
+        let until = steady_ns() + LINGER_NS;
+        while self.server.is_watched() && steady_ns() < until {
+            pause(MAX_PAUSE);
+        }
+    }
+}
+
+impl Onlooker for Watcher {
+    fn vessel(&mut self, t: Time<TrueTime>, i: &ComputerIn, o: &ComputerOut) {
+        self.board.vessel(t, o);
+        if let Some(live) = &mut self.live {
+            live.views.vessel(&mut live.sink, t, &i.vessel, &o.vessel);
+        }
+        self.show(t);
+    }
+    fn bridge(&mut self, t: Time<TrueTime>, o: &BridgeOut) {
+        self.board.bridge(t, o);
+        if let Some(live) = &mut self.live {
+            live.views.bridge(&mut live.sink, t, o);
+        }
+    }
+    fn predictor(&mut self, t: Time<TrueTime>, i: &PredictorIn, o: &PredictorOut) {
+        self.board.predictor(t, i, o);
+        self.pace.begin(t, i.drone.is_some());
+        let Some(Live { sink, views, scenery }) = &mut self.live else {
+            return;
+        };
+        // It is where it says it is: its NED is the scene's, but for the water's level.
+        let at = i.drone.map(|d| d.position);
+        let at = at.map(|at| scenery.as_ref().map_or(at, |s| s.in_scene(at)));
+        views.true_drone = at.or(views.true_drone);
+        views.predictor(sink, t, i, o);
+        if let Some(scenery) = scenery {
+            scenery.show(sink, views, t, o.forecast.as_ref(), i.drone.as_ref());
+        }
+    }
+    fn mission(&mut self, t: Time<TrueTime>, i: &MissionIn, o: &MissionOut) {
+        self.board.mission(t, i, o);
+        if let Some(live) = &mut self.live {
+            live.views.mission(&mut live.sink, t, i, o);
+        }
+        self.show(t);
+        self.pace.hold(t);
+    }
+    fn planner(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, o: &PlannerOut) {
+        self.board.planner(t, o);
+        if let Some(live) = &mut self.live {
+            live.views.planner(&mut live.sink, t, now, o);
+        }
+    }
+    fn pilot(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PilotIn, o: &PilotOut) {
+        if let Some(live) = &mut self.live {
+            live.views.pilot(&mut live.sink, t, now, i, o);
+        }
+    }
+}
+
+impl Watcher {
+    /// The vessel's broadcast as the bridge received it, where the vessel herself is not looked at.
+    pub fn received(&mut self, t: Time<TrueTime>, o: &BridgeOut) {
+        self.board.received(t, o);
+        if let Some(live) = &mut self.live {
+            live.views.received(&mut live.sink, t, o);
+        }
+    }
+}
+
+/// Holds back what is computed faster than real time.
+enum Pace {
+    /// It is real time.
+    Free,
+    /// The drone has not appeared: nothing is to be seen yet.
+    Waiting,
+    /// Steady clock less the world's time at which the drone appeared, ns.
+    From(i64),
+}
+
+impl Pace {
+    fn begin(&mut self, t: Time<TrueTime>, appeared: bool) {
+        if matches!(self, Pace::Waiting) && appeared {
+            *self = Pace::From(steady_ns() - t.nanos());
+        }
+    }
+    fn hold(&mut self, t: Time<TrueTime>) {
+        let Pace::From(offset) = *self else { return };
+        let ahead = || t.nanos() - (steady_ns() - offset);
+        while ahead() > 1_000_000 {
+            pause(Duration::from_nanos(ahead().unsigned_abs()).min(MAX_PAUSE));
+        }
+        if ahead() < -1_000_000_000 {
+            // This computer is slower than real time: what is behind is not caught up with.
+            *self = Pace::From(steady_ns() - t.nanos());
+        }
+    }
+}

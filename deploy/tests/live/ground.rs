@@ -1,0 +1,120 @@
+//! Who looks on from beside: a ground station at the autopilot's other link, and a person at another terminal.
+
+use std::net::{SocketAddr, UdpSocket};
+use std::process::{Child, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use alight_uav::autopilot::message::{Address, COMPANION_COMPONENT, COMPANION_TYPE, Message, NO_AUTOPILOT};
+use alight_uav::autopilot::wire::Decoder;
+
+use crate::common::{alight, errors, printed, run};
+
+/// A ground station that keeps what the companion sends.
+pub struct GroundStation {
+    pub address: SocketAddr,
+    ends: Arc<AtomicBool>,
+    thread: JoinHandle<Vec<(Address, Message)>>,
+}
+
+impl GroundStation {
+    pub fn listen() -> GroundStation {
+        let socket = UdpSocket::bind("127.0.0.1:0").expect("a port");
+        let address = socket.local_addr().expect("an address");
+        socket
+            .set_read_timeout(Some(Duration::from_millis(50)))
+            .expect("a timeout");
+        let ends = Arc::new(AtomicBool::new(false));
+        let ended = Arc::clone(&ends);
+        let thread = std::thread::spawn(move || {
+            let (mut decoder, mut kept, mut buffer) = (Decoder::default(), Vec::new(), [0; 2048]);
+            while !ended.load(Ordering::Relaxed) {
+                if let Ok(n) = socket.recv(&mut buffer) {
+                    decoder.push(&buffer[..n]);
+                }
+                while let Some(frame) = decoder.next_frame() {
+                    if frame.from.component == COMPANION_COMPONENT {
+                        kept.push((frame.from, frame.message));
+                    }
+                }
+            }
+            kept
+        });
+        GroundStation {
+            address,
+            ends,
+            thread,
+        }
+    }
+    /// What the companion has sent is what a ground station shows of a landing.
+    pub fn assert_landing(self) {
+        self.ends.store(true, Ordering::Relaxed);
+        let kept = self.thread.join().expect("no panic");
+        let of_vehicle: Vec<&Message> = kept
+            .iter()
+            .filter(|(a, _)| a.system == 3)
+            .map(|(_, m)| m)
+            .collect();
+        let heartbeats = of_vehicle.iter().filter(|m| match m {
+            Message::Heartbeat(h) => h.vehicle == COMPANION_TYPE && h.autopilot == NO_AUTOPILOT,
+            _ => false,
+        });
+        assert!(heartbeats.count() > 10);
+        let texts: Vec<&str> = of_vehicle
+            .iter()
+            .filter_map(|m| match m {
+                Message::Text { text, .. } => Some(text.as_str()),
+                _ => None,
+            })
+            .collect();
+        for state in [
+            "Get altitude: landing commanded",
+            "Descent: reached",
+            "Landed: touchdown",
+        ] {
+            assert!(texts.contains(&state), "{state}: {texts:?}");
+        }
+        for name in ["deck_m", "link_age_s"] {
+            let of_name = |m: &&&Message| matches!(m, Message::NamedValue { name: n, .. } if n == name);
+            assert!(of_vehicle.iter().filter(of_name).count() > 10, "{name}");
+        }
+    }
+}
+
+/// `status --watch` without a terminal.
+pub fn watch(instance: &str) -> Child {
+    alight(format!("status --watch --instance {instance}"))
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("starts")
+}
+
+/// It has printed a line for each change, and ended with the landing.
+pub fn assert_watched(watch: Child) {
+    let out = watch.wait_with_output().expect("ends");
+    let text = printed(&out);
+    assert!(out.status.success(), "{text}{}", errors(&out));
+    let lines: Vec<&str> = text.lines().collect();
+    assert!((4..200).contains(&lines.len()), "{text}");
+    assert!(lines.iter().any(|l| l.contains(": Descent since")), "{text}");
+    assert!(!text.contains('\x1b'), "{text}");
+}
+
+/// The page fits, and the tables are those of each process.
+pub fn assert_status_shown(instance: &str) {
+    let page = printed(&run(format!("status --instance {instance}")));
+    let fits = page.lines().count() <= 20 && page.lines().all(|l| l.chars().count() <= 80);
+    assert!(
+        fits && page.contains("waits for") && page.contains("processes"),
+        "{page}"
+    );
+    let all = printed(&run(format!("status --all --instance {instance}")));
+    assert!(
+        all.contains("step p99") && all.contains("read at p50") && all.contains("bytes/s"),
+        "{all}"
+    );
+}

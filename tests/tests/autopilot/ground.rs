@@ -1,0 +1,259 @@
+//! What a ground station sees through the autopilot, and what the remote control's switch commands.
+
+use alight_shared::mavlink::{FrameReader, dialect};
+use alight_shared::msg::{CommandKind, ReasonCode, State};
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::tap::NoTap;
+use alight_sim::harness::world::World;
+use alight_uav::autopilot::AutopilotLinkConfig;
+use alight_uav::autopilot::ground_station::{AGE, DISTANCE, MAX_TEXT};
+use alight_uav::autopilot::message::{
+    Address, LandingTarget, Message, RC_RECEIVER, RcChannels, TargetFrame, severity,
+};
+use alight_uav::autopilot::wire::{Decoder, encode};
+
+use super::rig::{Rig, press, stop};
+use super::{BOTH, config};
+
+/// The channel that the switch is on.
+const CHANNEL: u8 = 7;
+const LOW: u16 = 1000;
+const MIDDLE: u16 = 1500;
+const HIGH: u16 = 2000;
+
+fn with_switch() -> AutopilotLinkConfig {
+    AutopilotLinkConfig {
+        rc_switch: CHANNEL,
+        ..config()
+    }
+}
+/// The remote control with its switch at this pulse, us.
+fn channels(us: u16) -> Option<[u16; 18]> {
+    let mut all = [1500; 18];
+    all[usize::from(CHANNEL) - 1] = us;
+    Some(all)
+}
+
+#[test]
+fn companion_is_a_component_of_the_vehicle() {
+    for firmware in BOTH {
+        let mut p = Rig::new(firmware, 5.0, &config());
+        p.run(2.0);
+        p.heartbeats.clear();
+        p.run(10.0);
+        let vehicle = p.linked.autopilot.address.system;
+        assert!((9..=11).contains(&p.heartbeats.len()), "{}", p.heartbeats.len());
+        for (_, from, heartbeat) in &p.heartbeats {
+            assert_eq!((from.system, from.component), (vehicle, 191));
+            let bytes = encode(*from, 1, &Message::Heartbeat(*heartbeat)).expect("a frame");
+            let mut frames = FrameReader::default();
+            frames.push(&bytes);
+            let frame = frames.next_frame().and_then(|f| f.message());
+            let Some(dialect::MavMessage::HEARTBEAT(h)) = frame else {
+                panic!("{frame:?}")
+            };
+            assert_eq!(h.mavtype, dialect::MavType::MAV_TYPE_ONBOARD_CONTROLLER);
+            assert_eq!(h.autopilot, dialect::MavAutopilot::MAV_AUTOPILOT_INVALID);
+            assert_eq!(h.system_status, dialect::MavState::MAV_STATE_ACTIVE);
+        }
+    }
+}
+
+#[test]
+fn ground_station_reads_states_and_figures() {
+    for firmware in BOTH {
+        let mut p = Rig::commanding(firmware, 5.0, &config());
+        p.notes.clear();
+        p.values.clear();
+        for state in [State::Tracking, State::Descent, State::GaveUp] {
+            p.mission = state;
+            p.run(1.0);
+        }
+        let names: Vec<&str> = p.notes.iter().map(|(_, t)| t.as_str()).collect();
+        assert_eq!(names, ["Tracking", "Descent", "Gave up"], "{firmware:?}");
+        let severities: Vec<u8> = p.notes.iter().map(|(s, _)| *s).collect();
+        assert_eq!(severities, [severity::INFO, severity::INFO, severity::WARNING]);
+        let of = |name: &str| {
+            p.values
+                .iter()
+                .filter(|(_, n, _)| n == name)
+                .map(|v| v.2)
+                .collect::<Vec<_>>()
+        };
+        let (distances, ages) = (of(DISTANCE), of(AGE));
+        // At 2 Hz.
+        assert!(
+            (5..=7).contains(&distances.len()) && distances.len() == ages.len(),
+            "{distances:?}"
+        );
+        let height = -p.truth().position.0.z;
+        assert!(
+            distances.iter().all(|d| (d - height).abs() < 0.3),
+            "{distances:?} at {height} m"
+        );
+        assert!(ages.iter().all(|a| (0.0..0.1).contains(a)), "{ages:?}");
+        // Without forecasts the age grows, and no distance is stated.
+        p.forecast = false;
+        p.run(3.0);
+        p.values.clear();
+        p.run(1.1);
+        let last = p.values.last().expect("values");
+        assert!(last.1 == AGE && last.2 > 3.0, "{:?}", p.values);
+        assert!(p.values.iter().all(|v| v.1 == AGE), "{:?}", p.values);
+    }
+}
+
+#[test]
+fn alarm_of_a_drone_that_stays_armed_reaches_the_ground_station() {
+    let mut c = config();
+    c.disarm.on_deck = false;
+    let mut p = Rig::commanding(alight_uav::autopilot::modes::Firmware::ArduCopter, 1.0, &c);
+    p.mission = State::Flare;
+    p.pilot = Some(press);
+    p.run(3.0);
+    p.mission = State::Landed;
+    p.pilot = Some(stop);
+    p.run(15.0);
+    let alarms: Vec<_> = p.notes.iter().filter(|(s, _)| *s <= severity::WARNING).collect();
+    assert!(
+        alarms.iter().any(|(_, t)| t.contains("still ARMED"))
+            && p.notes.iter().all(|(_, t)| t.len() <= MAX_TEXT),
+        "{:?}",
+        p.notes
+    );
+}
+
+#[test]
+fn switch_of_the_remote_control_commands_the_mission() {
+    for firmware in BOTH {
+        let mut p = Rig::new(firmware, 5.0, &with_switch());
+        // It was left on high, and that lands nothing.
+        p.linked.autopilot.channels = channels(HIGH);
+        p.run(6.0);
+        assert_eq!(p.orders, [], "{firmware:?}");
+        let kinds = |p: &mut Rig, us, seconds| {
+            p.linked.autopilot.channels = channels(us);
+            p.orders.clear();
+            p.run(seconds);
+            let mut kinds: Vec<CommandKind> = p.orders.iter().map(|c| c.kind).collect();
+            kinds.dedup();
+            kinds
+        };
+        assert_eq!(kinds(&mut p, MIDDLE, 3.0), []);
+        assert_eq!(kinds(&mut p, LOW, 1.5), [CommandKind::Abort], "{firmware:?}");
+        assert!(
+            p.notes
+                .contains(&(severity::WARNING, "the remote control commands an abort".into()))
+        );
+        // Nobody shows that it was received: it is repeated as the same command, and given up.
+        let first = p.orders[0];
+        assert!(
+            p.orders.len() > 2 && p.orders.iter().all(|c| *c == first),
+            "{:?}",
+            p.orders
+        );
+        kinds(&mut p, LOW, 5.0);
+        assert_eq!(kinds(&mut p, LOW, 3.0), []);
+        assert_eq!(kinds(&mut p, HIGH, 3.0), [CommandKind::Land], "{firmware:?}");
+        kinds(&mut p, MIDDLE, 6.0);
+        // The remote control is lost, and the receiver's failsafe moves the channel; it comes back there.
+        p.linked.autopilot.remote_control_lost = true;
+        assert_eq!(kinds(&mut p, HIGH, 4.0), [], "{firmware:?}");
+        p.linked.autopilot.remote_control_lost = false;
+        assert_eq!(kinds(&mut p, HIGH, 4.0), [], "{firmware:?}");
+        assert_eq!(kinds(&mut p, MIDDLE, 2.0), []);
+        assert_eq!(kinds(&mut p, LOW, 2.0), [CommandKind::Abort], "{firmware:?}");
+    }
+}
+
+#[test]
+fn switch_that_is_not_configured() {
+    for firmware in BOTH {
+        let mut p = Rig::new(firmware, 5.0, &config());
+        for us in [MIDDLE, LOW, HIGH] {
+            p.linked.autopilot.channels = channels(us);
+            p.run(3.0);
+        }
+        assert_eq!(p.orders, [], "{firmware:?}");
+    }
+}
+
+#[test]
+fn landing_is_aborted_and_commanded_again_by_the_switch() {
+    let mut nodes = NodeConfigs::default();
+    nodes.autopilot.rc_switch = CHANNEL;
+    let mut world = World::new(&Scenario::default(), &nodes, 1).expect("a world");
+    world.warm_up(&mut NoTap);
+    let turn = |world: &mut World, us: u16| {
+        world.linked(0).expect("a link").autopilot.channels = channels(us);
+    };
+    // Ticks of 10 ms until the mission is so; false after 60 s.
+    let until = |world: &mut World, is: fn(State, ReasonCode) -> bool| {
+        (0..6000).any(|_| {
+            world.tick(&mut NoTap);
+            let m = world.mission_state();
+            is(m.state, m.waiting.code)
+        })
+    };
+    turn(&mut world, MIDDLE);
+    world.command(CommandKind::Land);
+    assert!(until(&mut world, |s, _| s == State::Descent));
+    turn(&mut world, LOW);
+    let given_up = |s, w| CommandKind::Abort.is_met(s, w);
+    assert!(until(&mut world, given_up));
+    let m = world.mission_state();
+    assert!(
+        m.state == State::GaveUp && m.entered.code == ReasonCode::Operator,
+        "{m:?}"
+    );
+    assert!(m.abort.is_some());
+    turn(&mut world, HIGH);
+    assert!(
+        until(&mut world, |s, _| s == State::Landed),
+        "{:?}",
+        world.mission_state().state
+    );
+}
+
+#[test]
+fn messages_keep_their_values_over_the_wire() {
+    let target = |frame| {
+        Message::LandingTarget(LandingTarget {
+            time_us: 123_456_789_012,
+            frame,
+            position: [1.5, -2.25, 4.0],
+            distance_m: 4.75,
+            attitude: [0.5, -0.5, 0.5, -0.5],
+            size_m: 1.5,
+        })
+    };
+    let mut sent: Vec<Message> = TargetFrame::ALL.into_iter().map(target).collect();
+    let pulses_us: [u16; 18] = core::array::from_fn(|k| 1000 + 10 * k as u16);
+    sent.extend([
+        Message::RemoteControl(RcChannels { count: 16, pulses_us }),
+        Message::RemoteControlOverride {
+            to: Address::new(3, 1),
+            pulses_us: core::array::from_fn(|k| pulses_us[k]),
+        },
+        Message::SystemStatus {
+            present: RC_RECEIVER | 1,
+            healthy: RC_RECEIVER,
+        },
+        Message::NamedValue {
+            time_ms: 77,
+            name: AGE.into(),
+            value: 0.25,
+        },
+        Message::Text {
+            severity: severity::WARNING,
+            text: "x".repeat(MAX_TEXT),
+        },
+    ]);
+    for message in sent {
+        let mut decoder = Decoder::default();
+        decoder.push(&encode(Address::new(3, 191), 9, &message).expect("a frame"));
+        assert_eq!(decoder.next_frame().map(|f| f.message), Some(message));
+    }
+    // Names of named values have ten characters.
+    assert!(DISTANCE.len() <= 10 && AGE.len() <= 10);
+}

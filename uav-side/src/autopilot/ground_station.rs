@@ -1,0 +1,320 @@
+//! What a ground station sees of a landing, through the autopilot: a text for each change of the mission's state and for
+//! each alarm, and two figures at a low rate. The heartbeat of the companion is with the periodic messages.
+
+use alight_shared::admission::Periodic;
+use alight_shared::msg::{MissionState, ReasonCode, State};
+use alight_shared::time::{DroneClock, Span};
+use alight_shared::topics;
+use nalgebra::Vector3;
+
+use super::message::{Message, severity};
+use super::{AutopilotLink, AutopilotOut, DroneTime};
+
+/// Characters of a STATUSTEXT.
+pub const MAX_TEXT: usize = 50;
+/// Period of the named values.
+const VALUES: Span = Span::from_millis(500);
+/// A mission that waits for one thing for this long reports it.
+const WAITS: Span = Span::from_millis(3000);
+/// A clause of a text that is cut ends no sooner than this, characters.
+const MIN_CLAUSE: usize = 30;
+/// Words at which a text does not end.
+const DANGLING: [&str; 16] = [
+    "a", "an", "and", "at", "by", "for", "from", "in", "is", "of", "on", "or", "than", "the", "to", "with",
+];
+/// An abort or a hold where a climb would meet the deck harder than the landing does.
+const STOPPED_LOW: &str = "Stopped too low to climb: completes the landing";
+/// Name of the distance between the drone's and the deck's centre, m.
+pub const DISTANCE: &str = "deck_m";
+/// Name of the age of the newest vessel estimate that the forecast rests on, s.
+pub const AGE: &str = "link_age_s";
+
+/// What was reported so far.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct GroundReports {
+    /// The state, and when it was entered.
+    entered: Option<(State, DroneTime)>,
+    /// What the mission waits for, since when, and whether that was reported.
+    waiting: Option<(ReasonCode, DroneTime, bool)>,
+    values: Periodic<DroneClock>,
+}
+
+impl AutopilotOut {
+    /// Something that whoever watches has to know at once, here and at a ground station.
+    pub(super) fn alarm(&mut self, severity: u8, text: String) {
+        self.messages.push(Message::Text {
+            severity,
+            text: fit(&text),
+        });
+        self.texts.push(text);
+    }
+}
+
+impl AutopilotLink {
+    /// Reports changes of the mission's state, and the named values when they are due.
+    pub(super) fn report_to_ground(&mut self, now: DroneTime, out: &mut AutopilotOut) {
+        if self.peer.is_none() {
+            return;
+        }
+        let text = self.mission.get().and_then(|m| self.ground.report(now, m));
+        out.messages.extend(text);
+        if !self.ground.values.is_due_spaced(now, VALUES) {
+            return;
+        }
+        let time_ms = (self.clock.remote_time_us(now, now) / 1000) as u32;
+        let values = [(DISTANCE, self.deck_distance_m(now)), (AGE, self.link_age_s(now))];
+        out.messages
+            .extend(values.into_iter().filter_map(|(name, value)| {
+                Some(Message::NamedValue {
+                    time_ms,
+                    name: name.into(),
+                    value: value?,
+                })
+            }));
+    }
+    /// From the drone to the deck's centre, m; None while either is unknown.
+    fn deck_distance_m(&self, now: DroneTime) -> Option<f64> {
+        let state = self
+            .state
+            .filter(|s| now - s.header.at <= topics::DRONE_STATE.stale_after)?;
+        let deck = self.deck(now)?;
+        Some((Vector3::from(deck.position) - state.position()).norm())
+    }
+    /// Age of the newest vessel estimate that the forecast rests on, s; None before the first.
+    fn link_age_s(&self, now: DroneTime) -> Option<f64> {
+        let forecast = self.forecast.get()?;
+        let age_s = forecast.radio_age_s + (now - forecast.header.at).secs();
+        age_s.is_finite().then_some(age_s)
+    }
+}
+
+impl GroundReports {
+    /// A text for a state that was entered, else for what is waited for.
+    fn report(&mut self, now: DroneTime, m: &MissionState) -> Option<Message> {
+        if self.entered != Some((m.state, m.since)) {
+            self.entered = Some((m.state, m.since));
+            self.waiting = None;
+            let (name, reason) = (m.state.name(), m.entered.to_string());
+            let text = if reason.is_empty() {
+                name.to_owned()
+            } else {
+                format!("{name}: {reason}")
+            };
+            return Some(Message::Text {
+                severity: severity_of(m),
+                text: fit(&text),
+            });
+        }
+        let code = m.waiting.code;
+        match &mut self.waiting {
+            Some((known, since, reported)) if *known == code => {
+                if *reported || now - *since < WAITS {
+                    return None;
+                }
+                *reported = true;
+            }
+            waiting => {
+                let nothing = matches!(code, ReasonCode::None | ReasonCode::NotCommanded);
+                // Whoever stopped it sees it go on down, and learns at once that it does so on purpose.
+                let stopped = code == ReasonCode::CompletesLanding;
+                *waiting = Some((code, now, nothing || stopped));
+                return stopped.then(|| Message::Text {
+                    severity: severity::WARNING,
+                    text: STOPPED_LOW.into(),
+                });
+            }
+        }
+        let battery = matches!(
+            code,
+            ReasonCode::BatteryLow
+                | ReasonCode::BatteryDeck
+                | ReasonCode::BatteryHome
+                | ReasonCode::BatteryHere
+        );
+        Some(Message::Text {
+            severity: if battery {
+                severity::WARNING
+            } else {
+                severity::INFO
+            },
+            text: fit(&format!("Waits: {}", m.waiting)),
+        })
+    }
+}
+
+/// An end without a landing, a hold that nobody commanded and a descent that is broken off are warnings.
+fn severity_of(m: &MissionState) -> u8 {
+    let was_landing = matches!(m.previous, State::Descent | State::Flare);
+    let by_itself = !matches!(m.entered.code, ReasonCode::Operator | ReasonCode::Matched);
+    match m.state {
+        State::GaveUp => severity::WARNING,
+        State::Hold if by_itself => severity::WARNING,
+        State::Idle
+        | State::GetAltitude
+        | State::Approach
+        | State::Tracking
+        | State::TrackingStable
+        | State::Hold
+            if was_landing && m.entered.code != ReasonCode::Matched =>
+        {
+            severity::WARNING
+        }
+        State::Hold | State::Landed => severity::NOTICE,
+        State::Idle
+        | State::GetAltitude
+        | State::Approach
+        | State::Tracking
+        | State::TrackingStable
+        | State::Descent
+        | State::Flare => severity::INFO,
+    }
+}
+
+/// `text` in the ASCII characters of one STATUSTEXT: without its remarks in brackets where it is too long, then without its
+/// last clauses, then without its last words.
+pub(super) fn fit(text: &str) -> String {
+    let ascii = |c: char| match c {
+        '²' => '2',
+        c if c.is_ascii() => c,
+        _ => '?',
+    };
+    let mut text: String = text.chars().map(ascii).collect();
+    while text.len() > MAX_TEXT
+        && let Some((begin, end)) = last_remark(&text)
+    {
+        text.replace_range(begin..end, "");
+    }
+    if text.len() <= MAX_TEXT {
+        return text;
+    }
+    let short = text.get(..=MAX_TEXT).unwrap_or(&text);
+    let clause = short.rfind([':', ';', ',']).filter(|k| *k >= MIN_CLAUSE);
+    let end = clause.or_else(|| short.rfind(' ')).unwrap_or(MAX_TEXT);
+    let mut words: Vec<&str> = short.get(..end).unwrap_or(short).split(' ').collect();
+    while words.len() > 1 && words.last().is_some_and(|w| DANGLING.contains(w)) {
+        words.pop();
+    }
+    words.join(" ").trim_end_matches([':', ';', ',']).to_owned()
+}
+
+/// Where the last remark in brackets is, the space before it included.
+fn last_remark(text: &str) -> Option<(usize, usize)> {
+    let begin = text.rfind(" (")?;
+    let length = text.get(begin..)?.find(')')?;
+    Some((begin, begin + length + 1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::{Header, Reason};
+    use alight_shared::time::Time;
+
+    #[test]
+    fn texts_of_whole_words_in_fifty_characters() {
+        for (text, expected) in [
+            ("Landed: touchdown", "Landed: touchdown"),
+            (
+                "Hold: deck forecast 0.61 s old (limit 0.60), by radio",
+                "Hold: deck forecast 0.61 s old, by radio",
+            ),
+            (
+                "Idle: not flying, not armed, or not in OFFBOARD (PX4) or GUIDED (ArduPilot)",
+                "Idle: not flying, not armed, or not in OFFBOARD",
+            ),
+            (
+                "Gave up: battery at 21 % (needs 30 %) and no place to land: gives the landing up",
+                "Gave up: battery at 21 % and no place to land",
+            ),
+            (
+                "still armed after 10 commands to disarm on the deck: disarm by remote control",
+                "still armed after 10 commands to disarm",
+            ),
+            (
+                "Waits: wind pushes with up to 2.1 m/s² (limit 1.5)",
+                "Waits: wind pushes with up to 2.1 m/s2 (limit 1.5)",
+            ),
+        ] {
+            assert_eq!(fit(text), expected);
+        }
+        // One word, and no character that takes several bytes is cut in two.
+        assert_eq!(fit(&"ü".repeat(80)).len(), MAX_TEXT);
+        assert_eq!(fit(""), "");
+    }
+
+    fn state(state: State, since_s: f64, code: ReasonCode) -> MissionState {
+        MissionState {
+            header: Header::new(0, 1, 1, 1, Time::from_secs(since_s)),
+            state,
+            since: Time::from_secs(since_s),
+            entered: code.into(),
+            waiting: Reason::plain(ReasonCode::NoVision),
+            ..MissionState::default()
+        }
+    }
+
+    #[test]
+    fn severities_of_states_by_their_kind() {
+        use ReasonCode::{ForecastStale, Matched, Operator, Reached, Touchdown};
+        for (previous, entered, code, expected) in [
+            (State::Tracking, State::Descent, Reached, severity::INFO),
+            (State::Flare, State::Landed, Touchdown, severity::NOTICE),
+            (State::Descent, State::GaveUp, Operator, severity::WARNING),
+            (State::Tracking, State::GaveUp, Operator, severity::WARNING),
+            (State::Tracking, State::Hold, ForecastStale, severity::WARNING),
+            (State::Tracking, State::Hold, Operator, severity::NOTICE),
+            (
+                State::Descent,
+                State::GetAltitude,
+                ForecastStale,
+                severity::WARNING,
+            ),
+            (State::Descent, State::GetAltitude, Matched, severity::INFO),
+        ] {
+            let m = MissionState {
+                previous,
+                ..state(entered, 1.0, code)
+            };
+            assert_eq!(severity_of(&m), expected, "{entered:?} after {previous:?}");
+        }
+    }
+
+    #[test]
+    fn stop_that_completes_the_landing_is_reported_at_once() {
+        let mut reports = GroundReports::default();
+        let mut m = state(State::Flare, 0.0, ReasonCode::Reached);
+        assert!(reports.report(Time::from_secs(0.0), &m).is_some());
+        m.waiting = ReasonCode::CompletesLanding.into();
+        let first = reports.report(Time::from_secs(0.1), &m);
+        let expected = Message::Text {
+            severity: severity::WARNING,
+            text: STOPPED_LOW.into(),
+        };
+        assert_eq!(first, Some(expected));
+        assert!((2..100).all(|k| reports.report(Time::from_secs(0.1 * f64::from(k)), &m).is_none()));
+        assert!(STOPPED_LOW.len() <= MAX_TEXT);
+    }
+
+    #[test]
+    fn texts_for_each_state_once_and_for_what_is_waited_for() {
+        let mut reports = GroundReports::default();
+        let mut texts = Vec::new();
+        for k in 0..100 {
+            let at = 0.1 * f64::from(k);
+            let m = if k < 50 {
+                state(State::Tracking, 0.0, ReasonCode::Reached)
+            } else {
+                state(State::Hold, 5.0, ReasonCode::Operator)
+            };
+            texts.extend(reports.report(Time::from_secs(at), &m).map(|t| match t {
+                Message::Text { text, .. } => text,
+                other => panic!("{other:?}"),
+            }));
+        }
+        let waits = "Waits: deck not seen yet";
+        assert_eq!(
+            texts,
+            ["Tracking: reached", waits, "Hold: operator's command", waits]
+        );
+    }
+}

@@ -1,0 +1,303 @@
+//! A three-position switch of the remote control that commands: low aborts, the middle does nothing, high lands.
+//!
+//! Only a change between two positions that were held counts. The position at the beginning, and the first after the remote
+//! control was lost, is none: a switch that was left on high lands nothing. What it commands goes to the mission like any
+//! other command, and is admitted by the same rules.
+
+use alight_shared::msg::{Command, CommandKind, Header, MissionState};
+use alight_shared::time::{DroneClock, Span};
+
+use super::DroneTime;
+use super::message::{RC_RECEIVER, RcChannels};
+
+/// Without a channel for this long the remote control is lost.
+const LOST: Span = Span::from_millis(600);
+/// Pulses that a receiver sends, us.
+const PULSES_US: core::ops::RangeInclusive<u16> = 800..=2200;
+/// Pulses of each position; what lies between is none.
+const LOW_US: u16 = 1300;
+const MIDDLE_US: core::ops::RangeInclusive<u16> = 1400..=1600;
+const HIGH_US: u16 = 1700;
+/// A position other than high counts when it was held for this long. A receiver's own failsafe may move the channel before
+/// the autopilot knows that the remote control is lost; an abort that it causes is the lesser harm.
+const HELD: Span = Span::from_millis(500);
+/// High counts after this long: longer than an autopilot takes to report the remote control lost (PX4: COM_RC_LOSS_T 0.5 s).
+const HELD_HIGH: Span = Span::from_millis(1500);
+/// Readings in that time, at least.
+const MIN_READINGS: u32 = 3;
+/// A command is repeated at this period until the mission shows that it has received it ...
+const REPEAT: Span = Span::from_millis(250);
+/// ... for no longer than this.
+const GIVEN_UP: Span = Span::from_millis(5000);
+
+/// Where the switch is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Position {
+    Low,
+    Middle,
+    High,
+}
+
+impl Position {
+    fn of(pulse_us: u16) -> Option<Position> {
+        match pulse_us {
+            us if us <= LOW_US => Some(Position::Low),
+            us if us >= HIGH_US => Some(Position::High),
+            us if MIDDLE_US.contains(&us) => Some(Position::Middle),
+            _ => None,
+        }
+    }
+    fn held(self) -> Span {
+        match self {
+            Position::Low | Position::Middle => HELD,
+            Position::High => HELD_HIGH,
+        }
+    }
+}
+
+/// A position that may become the one in force.
+#[derive(Clone, Copy, Debug)]
+struct Candidate {
+    position: Position,
+    since: DroneTime,
+    readings: u32,
+}
+
+/// The switch.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct RcSwitch {
+    /// The position in force; None: none was held since the beginning or since the remote control was lost.
+    position: Option<Position>,
+    candidate: Option<Candidate>,
+    received_at: Option<DroneTime>,
+    /// When the autopilot reported last that its receiver works; None: never. Some firmware reports nothing of it.
+    healthy_at: Option<DroneTime>,
+    /// It reports now that its receiver does not.
+    lost: bool,
+    /// What is commanded, and when it was published last.
+    given: Option<(Command, DroneTime)>,
+}
+
+impl RcSwitch {
+    /// The autopilot's report of its sensors. PX4 has a receiver while it works, ArduCopter one that is healthy or not.
+    pub(super) fn on_status(&mut self, now: DroneTime, present: u32, healthy: u32) {
+        if present & healthy & RC_RECEIVER != 0 {
+            (self.healthy_at, self.lost) = (Some(now), false);
+        } else if self.healthy_at.is_some() {
+            self.lost = true;
+            self.forget();
+        }
+    }
+    /// Channels of the remote control, the switch on number `channel` from 1 on. What a change commands.
+    pub(super) fn on_channels(
+        &mut self,
+        now: DroneTime,
+        channel: u8,
+        channels: &RcChannels,
+    ) -> Option<CommandKind> {
+        let pulse_us = usize::from(channel)
+            .checked_sub(1)
+            .filter(|_| channel <= channels.count && !self.lost)
+            .and_then(|k| channels.pulses_us.get(k).copied())
+            .filter(|us| PULSES_US.contains(us));
+        let Some(pulse_us) = pulse_us else {
+            self.forget();
+            return None;
+        };
+        self.received_at = Some(now);
+        let position = Position::of(pulse_us);
+        match (&mut self.candidate, position) {
+            (Some(c), Some(p)) if c.position == p => c.readings = c.readings.saturating_add(1),
+            (candidate, position) => {
+                *candidate = position.map(|position| Candidate {
+                    position,
+                    since: now,
+                    readings: 1,
+                });
+            }
+        }
+        self.settle(now)
+    }
+    /// A candidate that was held comes into force.
+    fn settle(&mut self, now: DroneTime) -> Option<CommandKind> {
+        let c = self.candidate?;
+        let works = self.healthy_at.is_none_or(|at| at >= c.since);
+        if self.position == Some(c.position)
+            || now - c.since < c.position.held()
+            || c.readings < MIN_READINGS
+            || !works
+        {
+            return None;
+        }
+        // The first position that is held commands nothing.
+        self.position.replace(c.position)?;
+        match c.position {
+            Position::Low => Some(CommandKind::Abort),
+            Position::Middle => None,
+            Position::High => Some(CommandKind::Land),
+        }
+    }
+    /// The remote control is lost: the next position is a first one.
+    fn forget(&mut self) {
+        (self.position, self.candidate, self.received_at) = (None, None, None);
+    }
+    /// A command that the switch gave.
+    pub(super) fn give(&mut self, header: Header<DroneClock>, kind: CommandKind) {
+        self.given = Some((Command { header, kind }, header.at - REPEAT));
+    }
+    /// What is to be published now, by the mission's newest state; time passes for the channels, too.
+    pub(super) fn poll(&mut self, now: DroneTime, mission: Option<&MissionState>) -> Option<Command> {
+        if self.received_at.is_some_and(|at| now - at > LOST) {
+            self.forget();
+        }
+        let (command, published_at) = self.given?;
+        let (h, kind) = (command.header, command.kind);
+        let taken = |m: &MissionState| match kind {
+            CommandKind::Abort => m.abort == Some([h.boot, h.sequence]),
+            CommandKind::Land | CommandKind::Hold => {
+                m.header.at > h.at && kind.is_met(m.state, m.waiting.code)
+            }
+        };
+        if mission.is_some_and(taken) || now - h.at > GIVEN_UP {
+            self.given = None;
+            return None;
+        }
+        (now - published_at >= REPEAT).then(|| {
+            self.given = Some((command, now));
+            command
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use CommandKind::{Abort, Land};
+    use alight_shared::msg::{ReasonCode, State};
+    use alight_shared::time::Time;
+
+    const CHANNEL: u8 = 7;
+
+    fn at(s: f64) -> DroneTime {
+        Time::from_secs(s)
+    }
+    fn channels(pulse_us: u16) -> RcChannels {
+        let mut c = RcChannels {
+            count: 8,
+            pulses_us: [1500; 18],
+        };
+        c.pulses_us[usize::from(CHANNEL) - 1] = pulse_us;
+        c
+    }
+
+    /// What a switch commands that is at these pulses (us; 0: the remote control sends nothing) for these times, s, at 10 Hz,
+    /// with the receiver's health at 5 Hz where the autopilot reports it.
+    fn commands(reports_health: bool, course: &[(u16, f64)]) -> Vec<CommandKind> {
+        let (mut switch, mut now_s, mut all) = (RcSwitch::default(), 100.0, Vec::new());
+        for &(pulse_us, for_s) in course {
+            for k in 0..(10.0 * for_s) as u32 {
+                now_s += 0.1;
+                if reports_health && k % 2 == 0 {
+                    let healthy = if pulse_us == 0 { 0 } else { RC_RECEIVER };
+                    switch.on_status(at(now_s), RC_RECEIVER, healthy);
+                }
+                if pulse_us != 0 {
+                    all.extend(switch.on_channels(at(now_s), CHANNEL, &channels(pulse_us)));
+                }
+                assert_eq!(switch.poll(at(now_s), None), None);
+            }
+        }
+        all
+    }
+
+    #[test]
+    fn switch_commands_by_held_changes_only() {
+        const LOW: u16 = 1000;
+        const MIDDLE: u16 = 1500;
+        const HIGH: u16 = 2000;
+        for reports_health in [false, true] {
+            for (course, expected) in [
+                // The position at the beginning, whichever.
+                (&[(LOW, 9.0)][..], &[][..]),
+                (&[(HIGH, 9.0)], &[]),
+                (&[(HIGH, 3.0), (MIDDLE, 3.0)], &[]),
+                (&[(MIDDLE, 3.0), (HIGH, 3.0)], &[Land]),
+                (&[(MIDDLE, 3.0), (LOW, 1.0)], &[Abort]),
+                (&[(HIGH, 3.0), (LOW, 1.0)], &[Abort]),
+                (&[(LOW, 3.0), (MIDDLE, 3.0), (LOW, 1.0)], &[Abort]),
+                (
+                    &[(MIDDLE, 3.0), (HIGH, 3.0), (LOW, 3.0), (HIGH, 3.0)],
+                    &[Land, Abort, Land],
+                ),
+                // Not held, and between two positions.
+                (&[(MIDDLE, 3.0), (LOW, 0.3), (MIDDLE, 3.0)], &[]),
+                (&[(MIDDLE, 3.0), (HIGH, 1.0), (MIDDLE, 3.0)], &[]),
+                (&[(MIDDLE, 3.0), (1350, 3.0), (1650, 3.0)], &[]),
+                // The remote control is lost, and comes back in another position.
+                (&[(MIDDLE, 3.0), (0, 2.0), (HIGH, 9.0)], &[]),
+                (&[(MIDDLE, 3.0), (0, 2.0), (LOW, 9.0)], &[]),
+                (&[(HIGH, 3.0), (0, 2.0), (MIDDLE, 3.0), (HIGH, 3.0)], &[Land]),
+                // No pulse of a receiver.
+                (&[(MIDDLE, 3.0), (500, 3.0)], &[]),
+                (&[(MIDDLE, 3.0), (65535, 3.0)], &[]),
+            ] {
+                assert_eq!(commands(reports_health, course), expected, "{course:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn failsafe_of_the_receiver_moves_the_channel_and_lands_nothing() {
+        // The receiver sets the channel on high at once; the autopilot reports the loss a second later.
+        let mut switch = RcSwitch::default();
+        for k in 0..100 {
+            let (now, high) = (at(0.1 * f64::from(k)), k >= 30);
+            let healthy = if k >= 40 { 0 } else { RC_RECEIVER };
+            switch.on_status(now, RC_RECEIVER, healthy);
+            let given = switch.on_channels(now, CHANNEL, &channels(if high { 2000 } else { 1500 }));
+            assert_eq!(given, None, "{k}");
+        }
+    }
+
+    #[test]
+    fn channel_that_the_receiver_does_not_have() {
+        let mut switch = RcSwitch::default();
+        for k in 0..100 {
+            let c = RcChannels {
+                count: 6,
+                ..channels(if k < 50 { 1500 } else { 1000 })
+            };
+            assert_eq!(switch.on_channels(at(0.1 * f64::from(k)), CHANNEL, &c), None);
+        }
+    }
+
+    #[test]
+    fn command_is_repeated_until_the_mission_shows_it() {
+        let mission = |s, state, waiting: ReasonCode, abort| MissionState {
+            header: Header::new(0, 1, 5, 1, at(s)),
+            state,
+            waiting: waiting.into(),
+            abort,
+            ..MissionState::default()
+        };
+        let before = mission(9.9, State::Tracking, ReasonCode::NotSteady, None);
+        let other = mission(11.0, State::GaveUp, ReasonCode::Operator, Some([7, 2]));
+        let own = mission(11.0, State::GaveUp, ReasonCode::Operator, Some([7, 3]));
+        let published = |kind, mission: &MissionState| {
+            let mut switch = RcSwitch::default();
+            switch.give(Header::new(0, 1, 7, 3, at(10.0)), kind);
+            let polls = (0..1000).filter_map(|k| switch.poll(at(10.0 + 0.01 * f64::from(k)), Some(mission)));
+            polls.map(|c| assert_eq!(c.header.at, at(10.0))).count()
+        };
+        // For 5 s every quarter of one, while the mission shows nothing or something else.
+        assert_eq!(published(Abort, &before), 21);
+        assert_eq!(published(Abort, &other), 21);
+        assert_eq!(published(Abort, &own), 0);
+        // It was landing before it was commanded to.
+        assert_eq!(published(Land, &before), 21);
+        assert_eq!(
+            published(Land, &mission(10.1, State::Approach, ReasonCode::TooFar, None)),
+            0
+        );
+    }
+}

@@ -1,0 +1,63 @@
+//! What an engine does to the speed: it is no wave, and the identification must not take it for one.
+
+use super::STEP_S;
+
+/// Acceleration of the mean motion along the course.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct SpeedGain {
+    /// As it is measured, m/s².
+    measured: f64,
+    /// Mean square of late, (m/s²)².
+    usual: f64,
+}
+
+/// Memory of what is measured and of what is usual, s: half that of the mean velocity; that of the identification.
+const GAIN_S: f64 = 0.5;
+const USUAL_S: f64 = 100.0;
+
+impl SpeedGain {
+    /// Takes what the mean velocity, with a memory of 1 s, is behind by, m/s.
+    pub(crate) fn update(&mut self, behind: f64) {
+        self.measured += (behind - self.measured) * STEP_S / GAIN_S;
+        self.usual += (self.measured * self.measured - self.usual) * STEP_S / USUAL_S;
+    }
+    /// The part that is more than what the waves' own errors leave, m/s²: `g (1 - sigma² / g²)`, the estimate of least square
+    /// error of a quantity that is measured with the variance sigma² (James and Stein 1961).
+    pub(crate) fn acceleration(&self) -> f64 {
+        let g = self.measured;
+        if g == 0.0 {
+            0.0
+        } else {
+            g * (1.0 - self.usual / (g * g)).max(0.0)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn speed_gain_passes_an_engine_and_leaves_what_is_usual() {
+        let mut gain = SpeedGain::default();
+        let mut squares = [0.0; 2];
+        for k in 0..10_000 {
+            // What the waves leave: 0.05 m/s.
+            let t = STEP_S * f64::from(k);
+            gain.update(0.07 * (1.3 * t).sin());
+            if t > 100.0 {
+                squares[0] += gain.measured.powi(2);
+                squares[1] += gain.acceleration().powi(2);
+            }
+        }
+        assert!(squares[1] < 0.2 * squares[0], "{squares:?}");
+        for _ in 0..100 {
+            gain.update(0.5);
+        }
+        assert!(
+            (gain.acceleration() - 0.5).abs() < 0.05,
+            "{}",
+            gain.acceleration()
+        );
+    }
+}
