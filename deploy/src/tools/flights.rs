@@ -13,6 +13,10 @@ use crate::record::flight::summary::Summary;
 use crate::record::reading::contained;
 use crate::table::{Cell, Table};
 use crate::terminal::{self, note};
+use crate::view::picture::FlightLine;
+
+/// Flights that the page lists.
+const MAX_ON_PAGE: usize = 8;
 
 /// Flights to list.
 #[derive(Args, Debug)]
@@ -99,6 +103,22 @@ fn mended(path: &Path, done: &Mended) -> String {
             n => format!("; {n} without a step removed"),
         }
     )
+}
+
+/// The newest flights below a recorder's directory that have ended, for the page.
+pub fn earlier(directory: &str) -> Vec<FlightLine> {
+    // Without a recorder there is none, and one that cannot be read is for `alight flights` to report.
+    let all = store::flights(Path::new(directory)).unwrap_or_default();
+    let ended = all.iter().rev().filter(|f| !f.is_running());
+    ended
+        .take(MAX_ON_PAGE)
+        .map(Row::of)
+        .map(|row| FlightLine {
+            text: format!("{}; {}", row.summary.reason, row.figures()),
+            outcome: row.summary.outcome,
+            when: row.begun,
+        })
+        .collect()
 }
 
 impl Row {

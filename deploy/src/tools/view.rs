@@ -24,7 +24,7 @@ use crate::process::supervisor::pause;
 use crate::terminal;
 use crate::tools::check::facts::Computer;
 use crate::tools::check::{self, gather};
-use crate::tools::view_vessel;
+use crate::tools::{flights, view_vessel};
 use crate::view::board::Known;
 use crate::view::memory_feed::MemoryFeed;
 use crate::view::server::{Order, Served};
@@ -181,6 +181,7 @@ fn drone(
             continue;
         };
         watcher.reset();
+        watcher.board.earlier = flights::earlier(&computer.recorder.directory);
         watcher.board.order.label = view.abort.then_some("ABORT");
         let is_there = || owner(&instance) == Some(pid);
         if !joined.show(computer, &mut watcher, (is_live, wall_ns), &is_there, told_to_end) {

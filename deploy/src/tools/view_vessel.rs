@@ -8,12 +8,13 @@ use alight_usv::deck::DeckOrder;
 
 use crate::config::VesselComputer;
 use crate::tools::check::finding::Level;
+use crate::tools::flights;
 use crate::tools::vessel_status::{LOST_CONTACT_S, MISSING_S, STALE_S, judge};
 use crate::vessel::deck_file;
 use crate::vessel::status_file::{self, DroneContact, VesselStatus};
 use crate::view::board::{age, minutes};
 use crate::view::motion::MotionHistory;
-use crate::view::picture::{Alarm, Figure, LogLine, OrderView, Picture, StateView, Tone};
+use crate::view::picture::{Alarm, Figure, FlightLine, LogLine, OrderView, Picture, StateView, Tone};
 use crate::view::server::Order;
 
 /// Changes of drones' states that are kept.
@@ -29,6 +30,8 @@ pub struct Look<'a> {
     seen_ns: i64,
     states: BTreeMap<u32, String>,
     log: VecDeque<(i64, String)>,
+    /// Flights that had ended when the look began, as the vessel's own process does.
+    earlier: Vec<FlightLine>,
     order: OrderView,
 }
 
@@ -41,6 +44,7 @@ impl<'a> Look<'a> {
             seen_ns: i64::MIN,
             states: BTreeMap::new(),
             log: VecDeque::new(),
+            earlier: flights::earlier(&computer.recorder.directory),
             order: OrderView {
                 label: may_order.then_some("CLOSE THE DECK"),
                 answer: String::new(),
@@ -147,7 +151,7 @@ impl<'a> Look<'a> {
                     text: text.clone(),
                 })
                 .collect(),
-            flights: Vec::new(),
+            flights: self.earlier.clone(),
             order: self.order.clone(),
         }
     }

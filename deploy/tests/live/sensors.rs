@@ -95,6 +95,42 @@ fn sensor_process_dates_nmea_sentences_over_udp_and_tcp() {
     std::fs::remove_file(config).unwrap();
 }
 
+#[test]
+fn sensor_process_stopped_as_by_systemd() {
+    let vessel = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let config = scratch("stopped-sensors.toml");
+    let text = format!(
+        "sensors = \"{}\"\n[[sensor.sources]]\nname = \"receiver\"\nconnect = \"udpin://{}\"\n",
+        vessel.local_addr().unwrap(),
+        free_udp()
+    );
+    std::fs::write(&config, text).unwrap();
+    let child = alight(format!("sensors --config {}", config.display()))
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program runs");
+    let mut program = Running(child);
+    // Its first line comes before it waits.
+    let mut first = [0];
+    program.0.stderr.as_mut().unwrap().read_exact(&mut first).unwrap();
+    std::thread::sleep(Duration::from_millis(300));
+    // Both signals wait for it, the one that asks it to end and the one that follows.
+    let pid = program.0.id().into();
+    for name in ["-STOP", "-TERM", "-CONT"] {
+        signal(pid, name);
+    }
+    let mut ended = None;
+    for _ in 0..200 {
+        ended = program.0.try_wait().unwrap();
+        if ended.is_some() {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    assert_eq!(ended.and_then(|e| e.code()), Some(0));
+    std::fs::remove_file(config).unwrap();
+}
+
 /// What `alight status` says on the vessel once it says what `wanted` waits for.
 fn status_when(config: &Path, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
     let mut last = Value::Null;

@@ -1,10 +1,13 @@
 //! Waiting for messages without burning a core: an iceoryx2 wait set over listeners.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, LazyLock};
 use std::time::Duration;
 
 use iceoryx2::prelude::*;
 use iceoryx2::waitset::WaitSetRunResult;
 use iceoryx2_bb_posix::signal::SignalHandler;
+use signal_hook::consts::{SIGINT, SIGTERM};
 
 use crate::transport::clock::steady_ns;
 use crate::transport::instance::Ipc;
@@ -12,9 +15,22 @@ use crate::transport::memory::{Instance, Listener, Memory};
 use crate::transport::plain::Plain;
 use crate::transport::{Doing, TransportError};
 
-/// Whether the process was asked to end (SIGTERM or SIGINT).
+/// Set by SIGTERM or SIGINT, for good. iceoryx2 keeps the newest signal alone and forgets it when it is looked at, and
+/// systemd sends SIGCONT right after SIGTERM.
+static END: LazyLock<Arc<AtomicBool>> = LazyLock::new(|| {
+    // Installs iceoryx2's handlers first, which those registered here then call.
+    let asked = SignalHandler::termination_requested();
+    let end = Arc::new(AtomicBool::new(asked));
+    for signal in [SIGTERM, SIGINT] {
+        // It fails for signals alone that no program may catch.
+        let _registered = signal_hook::flag::register(signal, Arc::clone(&end));
+    }
+    end
+});
+
+/// Whether the process was asked to end (SIGTERM or SIGINT), now or at any time since the first call.
 pub fn end_requested() -> bool {
-    SignalHandler::termination_requested()
+    END.load(Ordering::Relaxed)
 }
 
 /// Calls `step` whenever one of `listeners` was woken, and at the latest `timeout` after the last
@@ -25,6 +41,7 @@ pub fn run(
     mut step: impl FnMut() -> bool,
 ) -> Result<(), TransportError> {
     let doing = || "waiting for messages".to_owned();
+    let _watched = end_requested();
     let waits = WaitSetBuilder::new().create::<Ipc>().doing(doing)?;
     let mut guards = Vec::with_capacity(listeners.len());
     for listener in listeners {
