@@ -30,8 +30,11 @@ use clap::Parser;
 use exit::Exit;
 
 fn main() -> ExitCode {
-    process::journal::init();
-    match cli::Cli::parse().command.run() {
+    let lines = process::journal::init();
+    let result = cli::Cli::parse().command.run();
+    // What was reported before comes before the error.
+    drop(lines);
+    match result {
         Ok(Exit::Success) => ExitCode::SUCCESS,
         Ok(Exit::Failed) => ExitCode::from(1),
         Ok(Exit::Broken) => ExitCode::from(2),

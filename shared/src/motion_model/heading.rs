@@ -71,7 +71,8 @@ impl Moments {
                 .sqrt()
         };
         let waves_to = self.runs.y.atan2(self.runs.x);
-        let meets = |heading: f64| wrap_angle(heading - waves_to).cos() <= 0.0;
+        // Abeam counts as meeting them, by a rounded cosine.
+        let meets = |heading: f64| wrap_angle(heading - waves_to).cos() < 1e-9;
         let heading = (0..HEADINGS)
             .map(|k| wrap_angle(TAU * f64::from(k) / f64::from(HEADINGS)))
             .filter(|h| meets(*h))
