@@ -126,7 +126,7 @@ fn quietest_heading_tilts_the_deck_least() {
         let waves_to = quiet.waves_to.to_degrees();
         assert!(
             waves_to.abs() < 15.0,
-            "{hull}: waves run to 0 deg, told {waves_to:.0}"
+            "{hull}: waves run to 0 deg, found {waves_to:.0}"
         );
         let there = tilt_on(&scenario, quiet.heading.to_degrees(), 1);
         let now = tilt_on(&scenario, heading_deg, 1);

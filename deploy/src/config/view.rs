@@ -6,7 +6,7 @@ use alight_shared::config;
 
 /// Where the page is unless it is configured.
 pub const PAGE: &str = "127.0.0.1:7450";
-/// Where Foxglove looks unless it is told another address.
+/// Where Foxglove looks unless another address is given.
 pub const FOXGLOVE: &str = "127.0.0.1:8765";
 
 config! {

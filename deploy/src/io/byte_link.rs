@@ -244,7 +244,7 @@ impl ByteLink {
             }
         }
     }
-    /// Whether a datagram is from the peer: who is heard first, until it is silent, or who we send to.
+    /// Whether a datagram is from the peer: who sends first, until it is silent, or who we send to.
     fn is_from_peer(&mut self, from: SocketAddr) -> bool {
         let Some(Open::Udp { peer, fixed, .. }) = &mut self.open else {
             return true;

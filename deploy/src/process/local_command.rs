@@ -38,7 +38,7 @@ impl LocalCommand {
             return None;
         }
         self.sent_ns = Some(steady_ns);
-        // The time at which it was given stays: what the mission is told meanwhile is newer.
+        // The time at which it was given stays: what the mission receives meanwhile is newer.
         self.header.sequence += 1;
         Some(Command {
             header: self.header,

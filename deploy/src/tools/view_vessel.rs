@@ -157,11 +157,11 @@ impl<'a> Look<'a> {
     }
 }
 
-/// The drone that has the deck, else the one that was heard last.
+/// The drone that has the deck, else the one that was received last.
 fn foremost(status: &VesselStatus) -> Option<&DroneContact> {
     let owner = status.drones.iter().find(|d| Some(d.drone) == status.deck_owner);
-    let heard = status.drones.iter().min_by(|a, b| a.age_s.total_cmp(&b.age_s));
-    owner.or(heard)
+    let newest = status.drones.iter().min_by(|a, b| a.age_s.total_cmp(&b.age_s));
+    owner.or(newest)
 }
 
 fn named(drone: &DroneContact) -> String {

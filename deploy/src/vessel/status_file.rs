@@ -110,7 +110,7 @@ pub struct EstimatorStatus {
     pub motion: Vec<[f64; 3]>,
     /// Significant wave height, m, and how far the waves' identification is trusted, 0 to 1.
     pub waves: Option<[f64; 2]>,
-    /// Another heading that would be quieter, where the waves' direction can be told.
+    /// Another heading that would be quieter, where the waves' direction is known.
     #[serde(default)]
     pub heading: Option<HeadingAdvice>,
     /// Measurements outside its chi-square gates: inertial, GNSS, heading.

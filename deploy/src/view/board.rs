@@ -346,7 +346,7 @@ impl Board {
         let age_s = l.age_s + age_s;
         if age_s.is_infinite() {
             return Figure {
-                note: "no vessel heard yet".into(),
+                note: "no vessel received yet".into(),
                 tone: Tone::Warning,
                 ..unknown(NAME)
             };

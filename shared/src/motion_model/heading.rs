@@ -20,7 +20,7 @@ use crate::frames::wrap_angle;
 
 /// Headings that are compared, ten degrees apart.
 const HEADINGS: u32 = 36;
-/// Least correlation of horizontal push and rise of waves whose direction can be told.
+/// Least correlation of horizontal push and rise of waves whose direction is known.
 const MIN_DIRECTED: f64 = 0.3;
 
 /// Second moments of the motion of late.
@@ -52,8 +52,8 @@ pub struct QuietHeading {
 }
 
 impl Moments {
-    /// The heading of the least tilt for a vessel that heads `now` (rad); None where the waves have no direction that can
-    /// be told.
+    /// The heading of the least tilt for a vessel that heads `now` (rad); None where the waves have no direction that
+    /// is known.
     pub(super) fn quietest(&self, now: f64) -> Option<QuietHeading> {
         let directed = self.runs.norm() / (self.rise * self.push.trace()).sqrt();
         let (pitch, roll) = (

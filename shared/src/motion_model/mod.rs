@@ -222,7 +222,7 @@ impl<C: Clock> MotionModel<C> {
         earth.slow_variance().max(vessel.slow_variance())
     }
     /// The heading on which the deck would tilt least, of a vessel on this mean heading (rad); None before the first
-    /// identification and where the waves' direction cannot be told.
+    /// identification and where the waves' direction is not known.
     pub fn quietest_heading(&self, mean_heading: f64) -> Option<QuietHeading> {
         let [earth, vessel] = &self.identified;
         let known = earth.is_identified() && vessel.is_identified();

@@ -180,7 +180,7 @@ impl Estimator {
     pub fn level_and_sd(&self, ahead_s: f64) -> Option<(f64, [f64; 6], f64)> {
         self.filter.as_ref().map(|f| f.level_and_sd(ahead_s))
     }
-    /// The heading on which the deck would tilt least, where it can be told, and the present mean heading, rad.
+    /// The heading on which the deck would tilt least, where it is known, and the present mean heading, rad.
     pub fn quietest_heading(&self) -> Option<(QuietHeading, f64)> {
         let f = self.filter.as_ref()?;
         Some((f.motion.quietest_heading(f.mean_heading)?, f.mean_heading))

@@ -133,11 +133,11 @@ fn board_alarms_at_a_low_battery_an_old_link_and_a_given_up_landing() {
         age_s: 1.5,
         ..LinkState::default()
     };
-    let heard = BridgeOut {
+    let received = BridgeOut {
         link: Some(link),
         ..BridgeOut::default()
     };
-    board.bridge(at(1.0), &heard);
+    board.bridge(at(1.0), &received);
     let alarms = board.picture(at(1.1)).alarms;
     let has = |text: &str| {
         alarms
