@@ -30,7 +30,7 @@ pub fn page(status: &VesselStatus, findings: &[Finding]) -> Page {
         ""
     };
     page.state_entry("deck", format!("{closed}{owner}{occupied}"));
-    for topic in ["drones", "course", "estimator", "peers", "certificate"] {
+    for topic in ["drones", "course", "heading", "estimator", "peers", "certificate"] {
         let fine = |f: &&Finding| f.topic == topic && f.level == Level::Fine;
         for finding in findings.iter().filter(fine) {
             if topic == "drones" {
