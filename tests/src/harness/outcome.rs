@@ -204,6 +204,14 @@ pub struct Outcome {
     pub digest: String,
 }
 
+impl Outcome {
+    /// It ended without a contact: no descent was begun, or none was completed in time.
+    pub fn is_refused(&self) -> bool {
+        let gave_up = matches!(self.outcome, Ending::Timeout | Ending::GaveUp);
+        gave_up && self.position_error_m.is_none() && self.unsafe_contacts == 0
+    }
+}
+
 struct FirstContact {
     t_s: f64,
     position_error: f64,

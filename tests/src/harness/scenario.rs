@@ -8,6 +8,7 @@ use alight_shared::config::{Check, ConfigError, Keys};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::State;
+use alight_shared::surroundings::SurroundingsConfig;
 use alight_shared::time::{Clock, Span, Time};
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::planner::{Planner, PlannerKind};
@@ -224,6 +225,13 @@ impl Scenario {
         self.sensors.vessel_imu.lever_arm_m = imu;
         nodes.vessel.imu.lever_arm_m = imu;
         Ok(())
+    }
+    /// Makes the world what its configurations describe: the deck, what stands around it, and the drone.
+    pub fn describe(&mut self, deck: &DeckGeometry, around: &SurroundingsConfig, drone: &DroneGeometry) {
+        (self.deck, self.airframe) = (*deck, *drone);
+        self.keep_out_m = around.keep_out_m.clone();
+        // As far as the simulated autopilot goes.
+        self.drone.autopilot.attitude_lag_s = drone.attitude_lag_s.clamp(0.08, 1.0);
     }
     /// Lets the wind blow that raises such a sea, along its waves.
     pub fn raise_wind(&mut self) {
