@@ -232,6 +232,9 @@ pub struct SceneArgs {
     /// The outage lasts this long, s [default: for good]
     #[arg(long, alias = "radio-back", value_name = "S", requires = "outage_at")]
     pub outage_duration: Option<f64>,
+    /// Watch a landed drone for so long: the outcome tells where it stands then, s
+    #[arg(long, value_name = "S")]
+    pub stay: Option<f64>,
     /// Descend at a random moment, however likely it succeeds: compares predicted probability with what happens
     #[arg(long)]
     pub begin_anyway: bool,

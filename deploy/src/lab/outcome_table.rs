@@ -112,6 +112,25 @@ pub fn summary(s: &Summary) -> String {
     )
 }
 
+/// How likely descents were thought to succeed, and how many did.
+pub fn likelihood(s: &Summary) -> String {
+    let mut table = Table::new(
+        1..,
+        ["likelihood", "descents", "predicted", "landed", "95 % interval"],
+    );
+    for b in &s.likelihood {
+        let [from, to] = b.between;
+        table.row(cells![
+            format!("{from:.2} to {to:.2}"),
+            b.descents,
+            Cell::number(Some(b.predicted), 3),
+            Cell::number(Some(b.landed as f64 / b.descents.max(1) as f64), 3),
+            format!("{:.3} to {:.3}", b.interval.0, b.interval.1)
+        ]);
+    }
+    table.text()
+}
+
 /// The summary as the JSON object of `trials --json`.
 pub fn summary_json(s: &Summary) -> Map<String, Value> {
     let (lo, hi) = wilson(s.successes, s.trials);
@@ -126,6 +145,7 @@ pub fn summary_json(s: &Summary) -> Map<String, Value> {
         ("water_contacts", json!(s.water_contacts)),
         ("contacts_above_2_mps", json!(s.contacts_above_2_mps)),
         ("failures", json!(s.failures)),
+        ("likelihood", json!(s.likelihood)),
     ] {
         map.insert(name.into(), value);
     }

@@ -109,6 +109,9 @@ pub fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
         terminal::line(serde_json::Value::Object(outcome_table::summary_json(&summary)));
     } else {
         terminal::line(outcome_table::summary(&summary));
+        if scene.scenario.begin_anyway {
+            terminal::line(outcome_table::likelihood(&summary));
+        }
     }
     Ok(Exit::of(summary.successes == summary.trials))
 }

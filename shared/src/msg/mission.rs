@@ -459,8 +459,6 @@ pub struct MissionCheckpoint {
     pub datum: Datum,
     /// The deck's mean level, drone's NED z, m.
     pub mean_deck_z: Option<f64>,
-    /// The deck's steepest apparent slope recently.
-    pub recent_slope: f64,
 }
 
 /// What an operator wants.
@@ -642,5 +640,4 @@ message!(MissionCheckpoint, DroneClock, |m| {
     m.state.header.version == m.header.version && super::Message::check(&m.state).is_ok() => "state",
     m.datum.is_on_earth() => "datum",
     m.mean_deck_z.is_none_or(|z| within([&z], MAX_POSITION_M)) => "mean_deck_z",
-    within([&m.recent_slope], 100.0) => "recent_slope",
 });

@@ -193,6 +193,9 @@ pub struct Outcome {
     /// Age of the newest sighting in the forecast at first contact, s.
     #[serde(default)]
     pub vision_age_s: Option<f64>,
+    /// The same when it has been watched for the scenario's `stay_s`, m; not watched: null.
+    #[serde(default)]
+    pub stay_position_error_m: Option<f64>,
     /// How likely the mission thought the last descent to succeed when it began; not known: null.
     #[serde(default)]
     pub likelihood: Option<f64>,
@@ -240,7 +243,8 @@ pub struct Judge {
     ended: bool,
 }
 
-fn centroid_error(feet: &[[f64; 3]; 4]) -> f64 {
+/// Deck centre to the feet's centroid, m.
+pub(super) fn centroid_error(feet: &[[f64; 3]; 4]) -> f64 {
     let mean = |i: usize| feet.iter().map(|f| f[i]).sum::<f64>() / 4.0;
     mean(0).hypot(mean(1))
 }
@@ -446,6 +450,7 @@ impl Judge {
             radio_age_s: None,
             vision_age_s: None,
             likelihood: None,
+            stay_position_error_m: None,
             sim_time_s,
             wall_time_s: 0.0,
             digest: String::new(),

@@ -3,7 +3,7 @@
 use alight_shared::msg::{CommandKind, Reason, State};
 use alight_shared::time::Span;
 
-use crate::harness::outcome::{Judge, Outcome, TIME_LIMIT_S};
+use crate::harness::outcome::{Judge, Outcome, TIME_LIMIT_S, centroid_error};
 use crate::harness::physics::TICK;
 use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
 use crate::harness::tap::{NoTap, Tap};
@@ -139,6 +139,9 @@ pub fn land(
     outcome.digest = format!("{:016x}", world.physics().digest());
     for _ in 0..(scenario.stay_s / TICK.secs()) as u64 {
         world.tick(tap);
+    }
+    if scenario.stay_s > 0.0 && outcome.success {
+        outcome.stay_position_error_m = Some(centroid_error(&world.observation().feet));
     }
     FlownTrial { outcome, trace }
 }

@@ -174,8 +174,54 @@ pub struct Summary {
     pub contacts_above_2_mps: u32,
     /// Why trials failed.
     pub failures: Vec<FailureCount>,
+    /// How the last descents of trials ended, by how likely they were thought to succeed.
+    pub likelihood: Vec<LikelihoodBin>,
     /// Figures under the names of [`METRICS`].
     pub metrics: Vec<(&'static str, Option<SampleStatistics>)>,
+}
+
+/// Bounds of the bins of likelihood.
+const BINS: [f64; 6] = [0.0, 0.5, 0.8, 0.95, 0.99, 1.0];
+
+/// Descents that were thought about as likely to succeed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LikelihoodBin {
+    /// Their likelihoods lie between these.
+    pub between: [f64; 2],
+    /// How many.
+    pub descents: usize,
+    /// How many ended at rest on the deck, and stayed within it while they were watched.
+    pub landed: usize,
+    /// Mean of their likelihoods.
+    pub predicted: f64,
+    /// Wilson's interval of the part that landed, 95 %.
+    pub interval: (f64, f64),
+}
+
+/// How far from the deck's centre a drone has left it for certain, m: half the diagonal of the default deck.
+const LEFT_M: f64 = 1.5;
+
+fn likelihood_bins(outcomes: &[Outcome]) -> Vec<LikelihoodBin> {
+    let bins = BINS.windows(2).filter_map(|b| {
+        let (&[from, to], last) = (b.first_chunk::<2>()?, *b.last()? >= 1.0);
+        let of: Vec<(f64, bool)> = outcomes
+            .iter()
+            .filter_map(|o| {
+                let stayed = o.stay_position_error_m.is_none_or(|m| m < LEFT_M);
+                o.likelihood.map(|p| (p, o.success && stayed))
+            })
+            .filter(|(p, _)| *p >= from && (*p < to || last))
+            .collect();
+        let landed = of.iter().filter(|(_, landed)| *landed).count();
+        (!of.is_empty()).then(|| LikelihoodBin {
+            between: [from, to],
+            descents: of.len(),
+            landed,
+            predicted: of.iter().map(|(p, _)| p).sum::<f64>() / of.len() as f64,
+            interval: wilson(landed, of.len()),
+        })
+    });
+    bins.collect()
 }
 
 /// Whether the last descent of a trial ended badly.
@@ -191,6 +237,7 @@ impl Summary {
         let touched = || outcomes.iter().filter(|o| o.position_error_m.is_some());
         Summary {
             trials: outcomes.len(),
+            likelihood: likelihood_bins(outcomes),
             successes: outcomes.iter().filter(|o| o.success).count(),
             descents: [
                 outcomes.iter().map(|o| o.attempts).sum(),

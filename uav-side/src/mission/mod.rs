@@ -94,8 +94,6 @@ pub struct MissionOut {
 const PERIOD: Span = Span::from_millis(20);
 /// Time constant of the deck's mean level, s: two periods of a long swell.
 const LEVEL_TIME_S: f64 = 10.0;
-/// Time constant with which a steep deck is forgotten, s: several periods of any deck.
-const SLOPE_TIME_S: f64 = 20.0;
 /// The level follows a forecast by no more than this at a time, m: 0.2 m/s with [`LEVEL_TIME_S`], many
 /// times what two GNSS receivers drift apart. The minimum altitude depends on it, and a wrong
 /// forecast (20 m below the water, from an estimator that had lost the tilt) must not lower it; a frame
@@ -130,8 +128,6 @@ pub struct Mission {
     waiting: Waiting,
     tilt: TiltMonitor,
     battery: BatteryMonitor,
-    /// The deck's steepest recent apparent slope, and when it was updated.
-    steepest: Option<(Time<DroneClock>, f64)>,
     /// Flies over the deck at its speed: the wind now is the wind on the deck.
     follows: bool,
 
@@ -247,29 +243,15 @@ impl Mission {
         }
     }
 
-    /// The steepest apparent slope of the predicted deck recently, which decays slowly: the forecast of a deck that rocks
-    /// faster than the waves is too small between two extremes, but not at them.
-    fn recent_slope(&mut self, now: Time<DroneClock>, deck: Option<&Deck>) -> f64 {
-        let left = self.steepest.map_or(0.0, |(at, slope)| {
-            slope * (-(now - at).secs().max(0.0) / SLOPE_TIME_S).exp()
-        });
-        let Some(slope) = deck.map(|d| d.slope).filter(|t| t.is_finite()) else {
-            return left;
-        };
-        self.steepest = Some((now, left.max(slope)));
-        left.max(slope)
-    }
-
     /// How likely a landing from here succeeds, and above which probability waiting on is not worth it.
     fn judge(&mut self, now: Time<DroneClock>, s: &mut Situation) {
-        let recent_slope = self.recent_slope(now, s.fresh_deck());
         let (plate, drone) = (&self.deck_geometry, &self.drone_geometry);
         let edge = |side_m: f64, span_m: f64| 0.5 * (side_m - span_m);
         let stand = Stand {
             friction: self.config.friction * (1.0 + plate.hold_n / (drone.mass_kg * GRAVITY)),
             edge_m: edge(plate.length_m, drone.feet_span_m[0]).min(edge(plate.width_m, drone.feet_span_m[1])),
         };
-        s.staying = Staying::of(self.forecast.get(), recent_slope, &self.wind, &stand);
+        s.staying = Staying::of(self.forecast.get(), &self.wind, &stand);
         let (Some(forecast), Some(deck)) = (self.forecast.get(), s.fresh_deck()) else {
             return;
         };
@@ -444,7 +426,6 @@ impl Mission {
                 (self.previous, self.since, self.entered) = (m.state.state, now, why);
             }
             self.commands = CommandAdmission::after(m.command, m.abort);
-            self.steepest = Some((m.header.at, m.recent_slope));
             if let Some(z) = m.mean_deck_z.filter(|_| same_frame) {
                 self.mean_deck_z.begin(m.header.at, z);
             }
@@ -497,7 +478,6 @@ impl Mission {
             origin_resets: self.autopilot.get().map_or(0, |a| a.origin_resets),
             datum: self.drone.get().map_or(Datum::default(), |d| d.datum),
             mean_deck_z: self.mean_deck_z.value(),
-            recent_slope: self.steepest.map_or(0.0, |(_, slope)| slope),
         }
     }
 

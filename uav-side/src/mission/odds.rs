@@ -4,15 +4,15 @@
 //! feet inside the edges, and staying where it stands. Each figure is taken as normal about what is predicted for the
 //! contact, with the variance of everything that nobody can take back any more:
 //!
-//! | figure | mean | variance |
+//! | figure | mean | standard deviations |
 //! |---|---|---|
-//! | onto the deck, m/s | `max(v_t, sqrt(w² - 2 a (h - w r)))` | the pilot's, `(r sd(a_z))²` |
-//! | along it, m/s | `U psi' t_l`, what is left of the present speed | the pilot's, `(r sd(a_xy))²`, `(r s_w)²`, `(t_a m)²` |
-//! | angle, rad | 0 | the pilot's, `sd(tilt)²`, `(r² sd(a_xy) / ...)²` |
-//! | place, m | what is left of the present offset | the pilot's, the forecast's, `(odometry's drift x time without sight)²` |
+//! | onto the deck, m/s | `max(v_t, sqrt(w² - 2 a (h - w t_b)))` | the pilot's, `r sd(a_z)` |
+//! | along it, m/s | `U psi' t_l`, what is left of the present speed | the pilot's, `r sd(a_xy)`, gusts, `t_a m`, half of the turn's |
+//! | angle, rad | against a strong wind the drone leans | the pilot's, `sd(tilt)`, gusts |
+//! | place, m | what is left of the present offset | the pilot's, the forecast's, drift without sight, gusts |
 //!
-//! with the drone's reaction `r`, the speed of the deck's approach `w` at the height `h`, the gusts' standard deviation
-//! `s_w` and the deck's acceleration `m` that an aligned drone does not have. What a feedback takes back counts no more:
+//! with the drone's reaction `r`, the speed `w` at which deck and drone come together at the height `h`, and the deck's
+//! acceleration `m` that an aligned drone does not have. What a feedback takes back counts no more:
 //! errors of a prediction older than `r` are corrected before the contact. The landing's probability is the product over
 //! the limits, whose errors have different causes. Where the planner chooses the instant, it is that of the best one in
 //! its window.
@@ -27,6 +27,8 @@ use nalgebra::{Vector2, Vector3};
 use super::situation::Deck;
 use super::staying::Staying;
 use super::wind::WindMonitor;
+use crate::planner::rendezvous::carried;
+use crate::planner::rendezvous::config::WindConfig;
 use crate::planner::rendezvous::touchdown_time::aligned_acceleration;
 
 /// The limits of a good contact ([`crate`]'s trials are judged by the same): speeds, m/s, and angle, rad.
@@ -37,7 +39,7 @@ const MAX_TILT_RAD: f64 = 10.0 * core::f64::consts::PI / 180.0;
 pub const REACTION_S: f64 = 0.3;
 /// Usual speed onto the deck, m/s, and how it is spread by drone and pilot alone.
 const CONTACT_MPS: f64 = 0.33;
-const CONTACT_SD_MPS: f64 = 0.06;
+const CONTACT_SD_MPS: f64 = 0.12;
 /// What pilot and drone leave along the deck, m/s, of the angle, rad, and of the place, m: landings in still air on a deck
 /// that does not move.
 const ALONG_SD_MPS: f64 = 0.07;
@@ -48,16 +50,23 @@ const BRAKING_MPS2: f64 = 3.5;
 const BRAKING_LAG_S: f64 = 0.15;
 /// Time constant with which the pilot closes a gap, s.
 const CLOSING_S: f64 = 0.5;
-/// An alignment lasts this long, s: for so long what the deck does not share with an aligned drone parts the two.
-const ALIGNMENT_S: f64 = 0.15;
+/// An alignment lasts so long, s: meanwhile what the deck does not share with an aligned drone parts the two.
+const ALIGNMENT_S: f64 = 0.1;
+/// Between the decision and the contact the deck's uncertainty changes, with the groups of the waves, to this much.
+const CHANGES: f64 = 1.3;
+/// What a gust of 1 m/s² leaves, by landings begun at random moments in 8 to 14 m/s of wind: of speed along the deck,
+/// m/s; of tilt, in parts of the thrust that holds it; of place, m.
+const ALONG_PER_GUST_S: f64 = 0.15;
+const TILT_PER_GUST: f64 = 0.25;
+const PLACE_PER_GUST_S2: f64 = 0.15;
 /// Odometry drifts by this without sight of the deck, m/s, and sight ends so long before the contact, s.
 const DRIFT_MPS: f64 = 0.05;
 const BLIND_S: f64 = 0.5;
 /// The planner chooses the instant of contact within this time, s, and this far apart are those that are judged.
 const WINDOW_S: f64 = 2.5;
 const GRID_S: f64 = 0.25;
-/// No landing is more likely than this: what is in no model.
-const MOST: f64 = 0.999;
+/// No landing is more likely than this: 1 of 100 fails of what is in no model.
+const MOST: f64 = 0.99;
 
 /// What a landing may fail of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -166,29 +175,31 @@ impl Outlook<'_> {
     /// The odds of the contact with the deck `contact`, as uncertain as it is a reaction ahead.
     fn at_contact(&self, reacted: &DeckStage, contact: &DeckStage, left_s: f64) -> Odds {
         let left = (-left_s / CLOSING_S).exp();
-        let gust = REACTION_S * self.wind.gust_sd();
+        let (wind, gust) = (self.wind.mean(), self.wind.gust_sd());
+        let slips = ALONG_PER_GUST_S * gust;
         let [ax, ay, az] = reacted.acceleration_sd.map(|sd| REACTION_S * sd);
         let horizontal = (0.5 * (ax * ax + ay * ay)).sqrt();
         // Both to and fro: of what an aligned drone is parted by, the plan allows for the part that is foreseen.
-        let apart =
-            Vector3::from(contact.acceleration).xy() - aligned_acceleration(contact) - self.wind.mean();
+        let apart = Vector3::from(contact.acceleration).xy() - aligned_acceleration(contact) - wind;
         let parted = ALIGNMENT_S * apart.norm();
         // How far the forecast lags behind a turn is known to a half only.
         let turns = 0.5 * self.deck.turn_mps;
-        let along_sd = norm(&[ALONG_SD_MPS, horizontal, gust, parted, turns]);
+        let along_sd = norm(&[ALONG_SD_MPS, horizontal, slips, parted, turns]);
         let along = self.deck.turn_mps + left * self.deck.relative_speed_mps;
         let tilt_sd = norm(&[
             TILT_SD_RAD,
             (0.5 * (reacted.euler_sd[0].powi(2) + reacted.euler_sd[1].powi(2))).sqrt(),
-            gust / GRAVITY,
+            TILT_PER_GUST * gust / GRAVITY,
         ]);
+        // Against the part of a strong wind that would blow an aligned drone along too fast it leans.
+        let lean = (wind - carried(&wind, &WindConfig::default())).norm() / GRAVITY;
         Odds {
-            hard: below((MAX_MPS - self.contact_mps()) / norm(&[CONTACT_SD_MPS, az])),
+            hard: below((MAX_MPS - self.contact_mps()) / norm(&[CONTACT_SD_MPS, CHANGES * az])),
             fast: inside(along, along_sd, MAX_MPS),
-            tilted: inside(0.0, tilt_sd, MAX_TILT_RAD),
-            beside: self.inside_edges(left, reacted),
+            tilted: inside(lean, tilt_sd, MAX_TILT_RAD),
+            beside: self.inside_edges(left, reacted, PLACE_PER_GUST_S2 * gust),
             slides: self.staying.probability,
-            turns: self.deck.turn_mps > horizontal.max(gust).max(parted),
+            turns: self.deck.turn_mps > horizontal.max(slips).max(parted),
         }
     }
     /// The speed onto the deck if the drone brakes from now on, m/s.
@@ -197,7 +208,7 @@ impl Outlook<'_> {
         let square = w * w - 2.0 * BRAKING_MPS2 * (h - w * BRAKING_LAG_S);
         CONTACT_MPS.max(square.max(0.0).sqrt())
     }
-    fn inside_edges(&self, left: f64, reacted: &DeckStage) -> f64 {
+    fn inside_edges(&self, left: f64, reacted: &DeckStage, blown_m: f64) -> f64 {
         let blind_s = BLIND_S + self.deck.vision_age_s.min(self.deck.radio_age_s);
         let margin = [
             0.5 * (self.plate.length_m - self.drone.feet_span_m[0]),
@@ -207,6 +218,7 @@ impl Outlook<'_> {
             PLACE_SD_M,
             reacted.position_sd[0].hypot(reacted.position_sd[1]) / SQRT_2,
             DRIFT_MPS * blind_s,
+            blown_m,
         ]);
         let offset: Vector2<f64> = self.deck.feet * left;
         let axis = |margin: f64, off: f64| below((margin - off) / sd) - below((-margin - off) / sd);

@@ -3,8 +3,8 @@
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, Course, DECK_CLOSED, DeckForecast, DeckGrant, DeckStage, DroneState,
-    LandedState, LandingMode, Reason, ReasonCode, WAITING_DISTANCE_M, WaitingPlace,
+    AutopilotMode, AutopilotState, Course, DECK_CLOSED, DeckForecast, DeckGrant, DroneState, LandedState,
+    LandingMode, Reason, ReasonCode, WAITING_DISTANCE_M, WaitingPlace,
 };
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::topics;
@@ -198,8 +198,6 @@ pub struct Deck {
     pub heave_mps: f64,
     /// Greatest predicted tilt over the horizon, rad.
     pub tilt_rad: f64,
-    /// Greatest predicted apparent slope over the horizon.
-    pub slope: f64,
     /// Rate of the vessel's mean heading, rad/s, without a sign: the waves' yaw is no turn.
     pub turn_radps: f64,
     /// By how much the vessel's turn may change the deck's horizontal velocity before the forecast follows, m/s.
@@ -232,7 +230,7 @@ impl Deck {
         let clearance_m = r.dot(&here.normal()) - drone.feet_below_m;
         let step = forecast.step.secs();
         let since = (start - forecast.header.at).secs();
-        let (mut speed, mut heave, mut tilt, mut slope) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
+        let (mut speed, mut heave, mut tilt) = (0.0_f64, 0.0_f64, 0.0_f64);
         let mut sum = 0.0;
         let mut course = Vector2::zeros();
         for (i, s) in forecast.stages.iter().enumerate() {
@@ -245,7 +243,6 @@ impl Deck {
             speed = speed.max(s.velocity[0].hypot(s.velocity[1]));
             heave = heave.max(s.velocity[2].abs());
             tilt = tilt.max(angle_from_vertical(s.euler[0], s.euler[1]));
-            slope = slope.max(apparent_slope(s));
         }
         let turn_radps = forecast.mean_heading_rate.abs();
         let mean_mps = course.norm() / forecast.stages.len().max(1) as f64;
@@ -270,7 +267,6 @@ impl Deck {
             speed_mps: speed,
             heave_mps: heave,
             tilt_rad: tilt,
-            slope,
             turn_radps,
             turn_mps: mean_mps * turn_radps * TURN_LAG_S,
             mean_z: sum / forecast.stages.len().max(1) as f64,
@@ -286,15 +282,6 @@ impl Deck {
         let across = self.feet.y.abs() - 0.5 * (deck.width_m - drone.feet_span_m[1]);
         along.max(across)
     }
-}
-
-/// Apparent slope of the deck: `|f_xy| / |f_z|` with the specific force `f` in its axes. A deck that the water carries along
-/// its slope has none.
-fn apparent_slope(s: &DeckStage) -> f64 {
-    /// Less normal force than this holds nothing, m/s².
-    const MIN_NORMAL_MPS2: f64 = 0.5;
-    let f = s.rotation().transpose() * (Vector3::from(s.acceleration) - Vector3::z() * GRAVITY);
-    f.xy().norm() / (-f.z).max(MIN_NORMAL_MPS2)
 }
 
 /// Angle between a body's down axis and the vertical for roll and pitch, rad.

@@ -5,7 +5,7 @@ use alight_shared::msg::ReasonCode::{
     NoVision, NotCommanded, NotFlying, NotSteady, Operator, Reached, TiltExcess, TooFar, TooFast, TooNear,
     TooSteep, VesselTooFar, VesselTurns, VisionLost,
 };
-use alight_shared::msg::{Course, PLACES, Reason};
+use alight_shared::msg::{Course, PLACES, Reason, ReasonCode};
 use nalgebra::Vector3;
 
 use super::config::MissionConfig;
@@ -196,8 +196,12 @@ fn widening(progress: &Progress) -> f64 {
 
 /// Why the landing is not as likely to succeed as is `needed`; an empty battery leaves no other place.
 fn unlikely(progress: &Progress, s: &Situation, needed: f64) -> Option<Reason> {
-    let odds = s.odds.filter(|_| !progress.is_urgent() && s.anyway.is_none())?;
-    odds.below(needed)
+    if progress.is_urgent() || s.anyway.is_some() {
+        return None;
+    }
+    // Of what is not known no landing is likely.
+    let unknown = Reason::new(ReasonCode::LikelyBeside, 0.0, needed);
+    s.odds.map_or(Some(unknown), |odds| odds.below(needed))
 }
 
 /// Tracking: until stably above the deck.

@@ -3,14 +3,16 @@
 //!
 //! Feet hold while `|f_xy| <= mu |f_z|`, with the specific force `f` in the deck's axes (Coulomb): with the apparent slope
 //! `s = f_xy / |f_z|`, averaged over a second, and the wind's acceleration `w` of a drone that stands,
-//! `|s - w / g| <= mu`. Slope and gust are independent:
+//! `|s - w / g| <= mu`. Slope and gust are independent, and the friction is known to a part of it:
 //!
 //! - until a drone that descends now is at rest, each wave's steepest `|s - w / g|` is normal with the variance of the
-//!   predicted tilt and of the gusts, and each of [`WAVE_S`] is another draw;
-//! - later no forecast reaches. In waves like those of the last two minutes feet slip now and then, to either side alike
-//!   as long as there is no wind; a wind adds to one side and takes from the other, and the drone drifts. Each wave of
-//!   the slope `s` moves it by `(g t² / 2) ((s + w/g - mu)+ - (s - w/g - mu)+) / 2` for the time `t` of a peak. Slips that
-//!   come one after the other at random bring it `D` far in the mean and over an edge `e` away with `exp(-e / D)`.
+//!   predicted tilt, of a peak over its second's mean and of the gusts, and each of [`WAVE_S`] is another draw;
+//! - later no forecast reaches. In waves like those of the last two minutes feet slip now and then, to and fro. With the
+//!   mean push `b = |mean(s) - w / g|` of trim, heel and wind a wave of the slope `s` moves the drone by
+//!   `c = g t² / 2 (s + b - mu)+` one way and by `d = g t² / 2 (s - b - mu)+` back, for the time `t` of a peak: in a minute by
+//!   `sum (c - d) / 2` in the mean, with the variance `sum ((c + d) / 4)²`.
+//!
+//! Both are averaged over the friction (Gauss and Hermite, three nodes).
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{DeckForecast, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, SLOPE_WINDOW_S};
@@ -19,9 +21,15 @@ use nalgebra::Vector2;
 use super::odds::{below, norm};
 use super::wind::WindMonitor;
 
-/// Of the wind's acceleration in flight, a drone that stands with its rotors stopped has this part: it has no rotors' drag,
-/// and stands lower in the wind's profile and in the deck's boundary layer.
-const STANDING: f64 = 0.5;
+/// Of the wind's acceleration in flight, a drone that stands with its rotors stopped has this part: half, since rotors that
+/// turn have as much drag as the body, and less by the wind's profile above water and deck.
+const STANDING: f64 = 0.4;
+/// Standard deviation of the friction as a part of it: dry, wet and salt.
+const FRICTION_SD: f64 = 0.15;
+/// Its nodes, in standard deviations, and their weights.
+const FRICTION_NODES: [(f64, f64); 3] = [(-1.732, 1.0 / 6.0), (0.0, 2.0 / 3.0), (1.732, 1.0 / 6.0)];
+/// Standard deviation of a peak's slope as a part of its second's mean.
+const PEAK_SD: f64 = 0.3;
 /// The peak of a quick wave for its mean over a second: a sine of 1.7 s. Of 589 landings on three foreign hulls at 0, 2 and
 /// 7 m/s 76 slid overboard within a minute; of the 376 that a drift below 0.2 m permits 3 did. With 1.6 it permits 464,
 /// and 19.
@@ -65,62 +73,108 @@ pub struct Stand {
 }
 
 impl Staying {
-    /// By the forecast's slopes, predicted and measured, the deck's steepest apparent slope recently and the wind.
-    pub fn of(
-        forecast: Option<&DeckForecast>,
-        recent_slope: f64,
-        wind: &WindMonitor,
-        stand: &Stand,
-    ) -> Staying {
-        let push = wind.mean() * (STANDING / GRAVITY);
-        let gust = wind.gust_sd() * STANDING / GRAVITY;
-        let holds = |slope: f64, sd: f64| below((stand.friction - slope) / norm(&[sd, gust, LEAST_SD]));
-        let measured: Vec<f64> = forecast
-            .map(|f| f.slopes.iter().map(|s| f64::from(*s) * SLOPE_STEP).collect())
-            .unwrap_or_default();
-        let waves = TIME_TO_REST_S / WAVE_S;
-        let until_rest = match forecast.filter(|f| !f.predicted_slopes.is_empty()) {
-            Some(f) => predicted(f, &push, &holds),
-            // While no wave is known the next group of waves is taken to be like the last.
-            None => {
-                let (mean, sd) = moments(&measured);
-                holds(mean + push.norm(), sd).powf(waves)
-            }
+    /// By the forecast's slopes, predicted and measured, and the wind.
+    pub fn of(forecast: Option<&DeckForecast>, wind: &WindMonitor, stand: &Stand) -> Staying {
+        let slopes = Slopes::of(forecast, wind);
+        let given = |(sds, weight): (f64, f64)| {
+            let friction = stand.friction * (1.0 + FRICTION_SD * sds);
+            weight * slopes.hold(friction) * slopes.keep(friction, stand.edge_m)
         };
-        let just_now = measured
-            .iter()
-            .take((JUST_NOW_S / SLOPE_WINDOW_S) as usize)
-            .fold(recent_slope, |a, b| a.max(*b));
-        let again = holds(just_now + push.norm(), 0.0);
-        let drift_m = drift_m(&measured, push.norm(), stand.friction);
-        let stays = 1.0 - (-stand.edge_m.max(0.0) / drift_m.max(1e-9)).exp();
         Staying {
-            probability: until_rest.min(again) * stays,
+            probability: FRICTION_NODES.into_iter().map(given).sum(),
         }
     }
 }
 
-/// That none of the predicted waves overcomes the friction.
-fn predicted(f: &DeckForecast, push: &Vector2<f64>, holds: &impl Fn(f64, f64) -> f64) -> f64 {
-    let per_wave = (WAVE_S / PREDICTED_SLOPE_STEP_S) as usize;
-    let slopes: Vec<f64> = f
-        .predicted_slopes
-        .iter()
-        .take((TIME_TO_REST_S / PREDICTED_SLOPE_STEP_S) as usize)
-        .map(|[north, east]| (Vector2::new(f64::from(*north), f64::from(*east)) * SLOPE_STEP - push).norm())
-        .collect();
-    let sd = |ahead_s: f64| {
+/// What moves a drone that stands, as slopes.
+struct Slopes {
+    /// Steepest of each predicted wave with the wind, and the spread of its prediction.
+    predicted: Vec<(f64, f64)>,
+    /// The steepest measured in each span, the newest first.
+    measured: Vec<f64>,
+    /// Of the wind.
+    push: Vector2<f64>,
+    gust: f64,
+    /// Of the wind, trim and heel.
+    bias: f64,
+}
+
+impl Slopes {
+    fn of(forecast: Option<&DeckForecast>, wind: &WindMonitor) -> Slopes {
+        let push = wind.mean() * (STANDING / GRAVITY);
+        let slope = |s: &[i8; 2]| Vector2::new(f64::from(s[0]), f64::from(s[1])) * SLOPE_STEP;
+        let predicted: Vec<Vector2<f64>> = forecast
+            .map(|f| f.predicted_slopes.iter().map(slope).collect())
+            .unwrap_or_default();
+        let mean = predicted.iter().sum::<Vector2<f64>>() / predicted.len().max(1) as f64;
+        let until_rest = (TIME_TO_REST_S / PREDICTED_SLOPE_STEP_S) as usize;
+        let per_wave = (WAVE_S / PREDICTED_SLOPE_STEP_S) as usize;
+        let wave = |(k, slopes): (usize, &[Vector2<f64>])| {
+            let steepest = slopes.iter().map(|s| (s - push).norm()).fold(0.0, f64::max);
+            (steepest, tilt_sd(forecast, WAVE_S * (k as f64 + 0.5)))
+        };
+        Slopes {
+            predicted: predicted
+                .get(..until_rest)
+                .unwrap_or(&predicted)
+                .chunks(per_wave)
+                .enumerate()
+                .map(wave)
+                .collect(),
+            measured: forecast
+                .map(|f| f.slopes.iter().map(|s| f64::from(*s) * SLOPE_STEP).collect())
+                .unwrap_or_default(),
+            bias: (mean - push).norm(),
+            gust: wind.gust_sd() * STANDING / GRAVITY,
+            push,
+        }
+    }
+    /// That a wave of this slope, which is known to `sd`, does not overcome the friction.
+    fn holds(&self, friction: f64, slope: f64, sd: f64) -> f64 {
+        below((friction - slope) / norm(&[sd, PEAK_SD * slope, self.gust, LEAST_SD]))
+    }
+    /// That nothing moves the drone before it is at rest.
+    fn hold(&self, friction: f64) -> f64 {
+        let until_rest = if self.predicted.is_empty() {
+            // While no wave is known the next group of waves is taken to be like the last.
+            let (mean, sd) = moments(&self.measured);
+            self.holds(friction, mean + self.push.norm(), sd)
+                .powf(TIME_TO_REST_S / WAVE_S)
+        } else {
+            let waves = self.predicted.iter();
+            waves
+                .map(|(slope, sd)| self.holds(friction, *slope, *sd))
+                .product()
+        };
+        let just_now = self.measured.iter().take((JUST_NOW_S / SLOPE_WINDOW_S) as usize);
+        let again = just_now.copied().fold(0.0, f64::max) + self.push.norm();
+        until_rest.min(below((friction - again) / norm(&[self.gust, LEAST_SD])))
+    }
+    /// That it keeps within the edge in the minute after.
+    fn keep(&self, friction: f64, edge_m: f64) -> f64 {
+        let peak = 0.5 * GRAVITY * PEAK_TIME_S * PEAK_TIME_S;
+        let slips = |s: f64| peak * (s - friction).max(0.0);
+        let windows = STAY_S / SLOPE_WINDOW_S / self.measured.len().max(1) as f64;
+        let (mut mean, mut square) = (0.0, 0.0);
+        for s in &self.measured {
+            let (on, back) = (slips(PEAK * s + self.bias), slips(PEAK * s - self.bias));
+            mean += windows * 0.5 * (on - back);
+            square += windows * (0.25 * (on + back)).powi(2);
+        }
+        let sd = norm(&[square.sqrt(), LEAST_SD]);
+        below((edge_m - mean) / sd) - below((-edge_m - mean) / sd)
+    }
+}
+
+/// Standard deviation of the tilt so far ahead, rad; that of a prediction some seconds ahead where no forecast tells it.
+fn tilt_sd(forecast: Option<&DeckForecast>, ahead_s: f64) -> f64 {
+    let stage = forecast.and_then(|f| {
         let at = (ahead_s / f.step.secs().max(1e-3)) as usize;
-        let stage = f.stages.get(at).or(f.stages.last());
-        stage.map_or(UNKNOWN_SD, |s| {
-            norm(&s.euler_sd[..2]) * core::f64::consts::FRAC_1_SQRT_2
-        })
-    };
-    let wave = |(k, slopes): (usize, &[f64])| {
-        let steepest = slopes.iter().copied().fold(0.0, f64::max);
-        holds(steepest, sd(WAVE_S * (k as f64 + 0.5)))
-    };
-    slopes.chunks(per_wave).enumerate().map(wave).product()
+        f.stages.get(at).or(f.stages.last())
+    });
+    stage.map_or(UNKNOWN_SD, |s| {
+        norm(&s.euler_sd[..2]) * core::f64::consts::FRAC_1_SQRT_2
+    })
 }
 
 /// Mean and standard deviation; 0 of none.
@@ -129,15 +183,6 @@ fn moments(values: &[f64]) -> (f64, f64) {
     let mean = values.iter().sum::<f64>() / n;
     let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n;
     (mean, square.sqrt())
-}
-
-/// How far waves like the measured ones and a push move a drone in the minute after, m.
-fn drift_m(measured: &[f64], push: f64, friction: f64) -> f64 {
-    let slips = |s: f64| (s - friction).max(0.0);
-    let way = |s: &f64| 0.5 * (slips(PEAK * s + push) - slips(PEAK * s - push));
-    let windows = STAY_S / SLOPE_WINDOW_S / measured.len().max(1) as f64;
-    let peak = 0.5 * GRAVITY * PEAK_TIME_S * PEAK_TIME_S;
-    peak * windows * measured.iter().map(way).sum::<f64>()
 }
 
 #[cfg(test)]
@@ -159,7 +204,7 @@ mod tests {
             friction: 0.4,
             edge_m: 0.65,
         };
-        Staying::of(Some(&f), 0.1, &WindMonitor::steady(wind_mps2), &stand).probability
+        Staying::of(Some(&f), &WindMonitor::steady(wind_mps2), &stand).probability
     }
 
     #[test]
@@ -203,7 +248,7 @@ mod tests {
             friction: f64::NAN,
             edge_m: 0.65,
         };
-        let p = Staying::of(None, 0.1, &WindMonitor::default(), &stand).probability;
+        let p = Staying::of(None, &WindMonitor::default(), &stand).probability;
         assert!(!likely(p));
     }
 }

@@ -9,6 +9,7 @@ use alight_shared::msg::ReasonCode::{
 use alight_shared::msg::{AutopilotMode, BatteryPlace, Course, DECK_CLOSED};
 use nalgebra::{Vector2, Vector3};
 
+use super::odds::Odds;
 use super::*;
 
 pub(super) type DroneTime = Time<DroneClock>;
@@ -61,7 +62,6 @@ pub(super) fn fair() -> Situation {
             turn_radps: 0.0,
             turn_mps: 0.0,
             tilt_rad: 0.1,
-            slope: 0.05,
             mean_z: -1.3,
             climb_contact_mps: None,
         }),

@@ -324,7 +324,7 @@ impl Rendezvous {
 
 /// The part of the acceleration `wind` that an aligned drone is to be blown along with; against
 /// the rest it tilts.
-fn carried(wind: &Vector2<f64>, c: &WindConfig) -> Vector2<f64> {
+pub(crate) fn carried(wind: &Vector2<f64>, c: &WindConfig) -> Vector2<f64> {
     let whole = wind.norm();
     if whole <= c.aligned_mps2 {
         return *wind;
