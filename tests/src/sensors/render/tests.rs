@@ -55,6 +55,14 @@ fn deck(euler: [f64; 3]) -> RigidState<Deck> {
     }
 }
 
+/// The paper's.
+fn one_tag() -> DeckGeometry {
+    DeckGeometry {
+        tag_side_m: Some(1.0),
+        ..DeckGeometry::default()
+    }
+}
+
 struct Setup {
     renderer: Renderer,
     node: CameraNode,
@@ -68,8 +76,8 @@ fn setup(change: impl FnOnce(&mut RenderConfig)) -> Setup {
         ..CameraSettings::default()
     };
     Setup {
-        renderer: Renderer::new(&config, &DeckGeometry::default(), &Streams::new(1)),
-        node: CameraNode::new(&settings, 1.0, NAMES),
+        renderer: Renderer::new(&config, &one_tag(), &Streams::new(1)),
+        node: CameraNode::new(&settings, &one_tag().tags(), NAMES),
     }
 }
 
@@ -127,11 +135,11 @@ fn camera_node_compensates_a_turned_mount() {
     };
     let designed = view(3.0, 0.2, [0.0; 3], [0.0; 3]);
     let deck = deck([0.1, -0.05, 0.3]);
-    let mut renderer = Renderer::new(&config, &DeckGeometry::default(), &Streams::new(1));
+    let mut renderer = Renderer::new(&config, &one_tag(), &Streams::new(1));
     let image = renderer
         .image(&shot(&mount.view(&drone), &deck, 0.004))
         .expect("an image");
-    let pose = CameraNode::new(&settings, 1.0, NAMES)
+    let pose = CameraNode::new(&settings, &one_tag().tags(), NAMES)
         .detect(&image)
         .expect("seen");
     let shifted = View {

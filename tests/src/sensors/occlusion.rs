@@ -1,0 +1,69 @@
+//! What of the drone itself comes between its camera and the tags: its legs, and its shadow on the deck.
+
+use alight_shared::frames::{TrueNed, Vector};
+use alight_shared::geometry::DroneGeometry;
+use nalgebra::{Vector2, Vector3};
+
+use super::camera::{CameraMount, View};
+
+/// Radius of a leg, m.
+/// Chosen: a carbon tube of 16 mm with its clamps.
+const LEG_RADIUS_M: f64 = 0.01;
+/// Radius of what casts a shadow (plates, battery, arms' roots) in lengths of an arm. Spinning rotors let 9 of 10 parts of
+/// the light through.
+/// Chosen: as on a Tarot T650.
+const BODY: f64 = 0.4;
+/// Points along a leg: closer together than its radius.
+const POINTS: usize = 60;
+
+/// Legs and body in the camera's axes, in which they rest, and the sun.
+#[derive(Clone, Debug)]
+pub struct Occlusion {
+    /// Points along the legs in front of the camera: image at unit distance and radius there.
+    pub(super) legs: Vec<(Vector2<f64>, f64)>,
+    body: Vector3<f64>,
+    radius_m: f64,
+    /// Direction to the sun.
+    sun: Vector<TrueNed>,
+}
+
+impl Occlusion {
+    /// Of this drone with this mount of its camera in this light.
+    pub fn new(drone: &DroneGeometry, mount: &CameraMount, sun: Vector<TrueNed>) -> Occlusion {
+        let to_camera = |p: Vector3<f64>| mount.attitude.inverse().0 * (p - mount.position);
+        let [x, y] = drone.feet_span_m.map(|span| 0.5 * span);
+        let along = |k: usize| k as f64 / (POINTS - 1) as f64;
+        let legs = [[x, y], [x, -y], [-x, y], [-x, -y]]
+            .into_iter()
+            .flat_map(|[x, y]| {
+                let (root, foot) = (
+                    Vector3::new(BODY * x, BODY * y, 0.0),
+                    Vector3::new(x, y, drone.feet_below_m),
+                );
+                (0..POINTS).map(move |k| to_camera(root.lerp(&foot, along(k))))
+            });
+        let image = |p: Vector3<f64>| (p.z > 2.0 * LEG_RADIUS_M).then(|| (p.xy() / p.z, LEG_RADIUS_M / p.z));
+        Occlusion {
+            legs: legs.filter_map(image).collect(),
+            body: to_camera(Vector3::zeros()),
+            radius_m: BODY * drone.arm_m,
+            sun,
+        }
+    }
+    /// Whether the body takes the sun from a point in the camera's axes.
+    pub(super) fn shades(&self, view: &View, point: Vector3<f64>) -> bool {
+        let sun = (view.camera_from_world * self.sun).0;
+        let to_body = self.body - point;
+        let along = to_body.dot(&sun);
+        along > 0.0 && to_body.norm_squared() - along * along < self.radius_m * self.radius_m
+    }
+    /// Whether a leg crosses the convex quadrilateral at unit distance, its corners clockwise as [`super::tag`] has them.
+    pub(super) fn covers(&self, quad: &[Vector2<f64>; 4]) -> bool {
+        self.legs.iter().any(|(at, radius)| {
+            (0..4).all(|k| {
+                let side = quad[(k + 1) % 4] - quad[k];
+                side.perp(&(at - quad[k])) >= -radius * side.norm()
+            })
+        })
+    }
+}
