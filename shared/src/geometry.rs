@@ -58,6 +58,16 @@ impl DeckGeometry {
             None => self.tags,
         }
     }
+    /// The same deck with these tags.
+    #[must_use]
+    pub fn with_tags(self, tags: &Tags) -> DeckGeometry {
+        DeckGeometry {
+            tags: *tags,
+            tag_side_m: None,
+            tag_centre_m: [0.0; 3],
+            ..self
+        }
+    }
     /// Side of the largest of them, m.
     pub fn largest_tag_m(&self) -> f64 {
         self.tags().iter().fold(0.0, |most, tag| tag.side_m.max(most))

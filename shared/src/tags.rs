@@ -55,7 +55,7 @@ pub fn suggested(length_m: f64, width_m: f64) -> Tags {
         }]);
     }
     // To the millimetre, as it is printed.
-    let mm = |v: f64| (1e3 * v).round() * 1e-3;
+    let mm = |v: f64| (1e3 * v).round() / 1e3;
     let (fore, aside) = (inner[0] + 0.5 * MARGIN * large, inner[1] + 0.5 * MARGIN * middle);
     let far = [
         (large, fore, 0.0),
@@ -69,7 +69,7 @@ pub fn suggested(length_m: f64, width_m: f64) -> Tags {
     let useful = all.filter(|(side, ..)| *side >= SMALL_M);
     Seq::filled(useful.zip(0..).map(|((side, x, y), id)| DeckTag {
         id,
-        side_m: (1e3 * side + 1e-6).floor() * 1e-3,
+        side_m: (1e3 * side + 1e-6).floor() / 1e3,
         centre_m: [mm(x), mm(y), 0.0],
     }))
 }

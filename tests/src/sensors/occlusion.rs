@@ -67,3 +67,39 @@ impl Occlusion {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::camera::body_from_camera;
+    use super::*;
+    use alight_shared::frames::DroneBody;
+
+    use crate::physics::body::RigidState;
+
+    #[test]
+    fn tag_behind_a_leg_or_in_the_shadow_hidden() {
+        let drone = DroneGeometry {
+            feet_span_m: [0.2, 0.2],
+            ..DroneGeometry::default()
+        };
+        let mount = CameraMount {
+            position: Vector3::from(drone.camera_m),
+            attitude: body_from_camera(),
+        };
+        // From ahead, 45 deg high.
+        let half = core::f64::consts::FRAC_1_SQRT_2;
+        let hidden = Occlusion::new(&drone, &mount, Vector::new(half, 0.0, -half));
+        // The right front foot is at 0.1 / 0.22 to the right and up in the image.
+        let quad = |x: f64, y: f64| {
+            [[-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [1.0, 1.0]]
+                .map(|[u, v]| Vector2::new(x + 0.05 * u, y + 0.05 * v))
+        };
+        assert!(hidden.covers(&quad(0.45, -0.45)));
+        assert!(!hidden.covers(&quad(0.0, 0.0)) && !hidden.covers(&quad(0.45, 0.2)));
+        // A metre above the deck its shadow lies a metre aft of it.
+        let view = mount.view(&RigidState::<DroneBody>::default());
+        let below = |ahead: f64| view.to_camera_frame(alight_shared::frames::Point::new(ahead, 0.0, 1.0));
+        assert!(hidden.shades(&view, below(-1.0)));
+        assert!(!hidden.shades(&view, below(0.0)) && !hidden.shades(&view, below(-1.4)));
+    }
+}

@@ -232,8 +232,46 @@ impl Node for CameraNode {
 
 #[cfg(test)]
 mod tests {
+    use super::super::square_pose::corners_of;
     use super::*;
+    use alight_shared::geometry::DeckGeometry;
     use alight_shared::tags::DeckTag;
+    use nalgebra::UnitQuaternion;
+
+    #[test]
+    fn loose_tag_left_out_of_the_pose() {
+        let tags = DeckGeometry::default().tags();
+        let settings = CameraSettings::default();
+        let identity = CameraIdentity {
+            vessel: 1,
+            drone: 1,
+            boot: 1,
+        };
+        let mut node = CameraNode::new(&settings, &tags, identity);
+        let (at, turn) = (
+            Vector3::new(0.1, -0.05, 2.5),
+            UnitQuaternion::from_euler_angles(0.05, 0.1, 1.5),
+        );
+        // Tag 2 lies 3 cm from its place.
+        let mut loose = tags;
+        loose[2].centre_m[0] += 0.03;
+        let seen: Vec<TagDetection> = (loose.iter().zip(tags.iter()).take(6))
+            .map(|(lies, known)| TagDetection {
+                tag: *known,
+                corners: corners_of(lies).map(|p| settings.lens.project(&(turn * p + at)).unwrap()),
+                wrong_bits: 0,
+                margin: 100.0,
+                motion_blur_px2: 0.0,
+                light: TagLight::default(),
+            })
+            .collect();
+        let pose = node.estimate_pose(&seen).unwrap();
+        assert!((Vector3::from(pose.position) - at).norm() < 1e-4, "{pose:?}");
+        assert_eq!((node.counts().detected, node.counts().misfit), (1, 1));
+        // Known better than by the best of them alone.
+        let alone = node.estimate_pose(&seen[..1]).unwrap();
+        assert!(pose.variance[5] < 0.5 * alone.variance[5]);
+    }
 
     #[test]
     fn corner_sd_grows_for_small_and_blurred_tags() {

@@ -141,7 +141,7 @@ impl Scenario {
                 tag.centre_m[i] += moved[i] + own;
             }
         }
-        (self.deck.tag_side_m, self.deck.tags) = (None, tags);
+        self.deck = self.deck.with_tags(&tags);
     }
 
     fn draw_sensors(&mut self, c: &DrawConfig, draws: &Draws<'_>) {

@@ -258,3 +258,42 @@ fn view_along(sun: &Vector3<f64>) -> View {
     v.centre = Point::new(away.x, away.y, -height);
     v
 }
+
+#[test]
+fn deck_tags_in_images_from_contact_to_10_m() {
+    let (config, deck_geometry, drone) = (
+        RenderConfig::default(),
+        DeckGeometry::default(),
+        DroneGeometry::default(),
+    );
+    let mount = CameraMount {
+        position: Vector3::from(drone.camera_m),
+        attitude: body_from_camera(),
+    };
+    let mut renderer = Renderer::new(&config, &deck_geometry, &Streams::new(1)).below(&drone, &mount);
+    let mut node = CameraNode::new(&CameraSettings::default(), &deck_geometry.tags(), NAMES);
+    // Feet above the deck.
+    for (up, aside) in [
+        (0.0, 0.0),
+        (0.0, 0.2),
+        (0.3, 0.15),
+        (0.8, 0.2),
+        (2.0, -0.2),
+        (5.0, 0.1),
+        (10.0, 0.2),
+    ] {
+        let at = RigidState::<DroneBody> {
+            position: Point::new(aside, -0.5 * aside, -up - drone.feet_below_m),
+            attitude: Rotation::from_euler(0.03, -0.04, 0.5),
+            ..Default::default()
+        };
+        let (view, level) = (mount.view(&at), deck([0.0; 3]));
+        let image = renderer.image(&shot(&view, &level, 0.004)).expect("an image");
+        let pose = node.detect(&image).expect("seen");
+        let (moved, turned) = errors(&pose, &view, &level);
+        assert!(
+            moved < 0.002 + 0.004 * up && turned < 0.01,
+            "{moved} m, {turned} rad at {up} m"
+        );
+    }
+}
