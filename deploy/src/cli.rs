@@ -10,7 +10,7 @@ use crate::lab;
 use crate::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, SensorsArgs, ServiceArgs};
 use crate::process::shell;
 use crate::record::replay::ForeignLaw;
-use crate::tools::{calibrate, check, command, config, estimate, flights, keys, replay, status, view};
+use crate::tools::{calibrate, check, command, config, estimate, flights, keys, replay, status, tag, view};
 use crate::{drone, vessel};
 
 /// Lands a multirotor on the deck of a small boat that moves and rocks in waves.
@@ -78,6 +78,8 @@ pub enum Command {
     Keys(keys::KeysArgs),
     /// Find what keeps this computer from flying, with the remedy.
     Check(check::CheckArgs),
+    /// List the deck's tags, and print them: sheets at true scale and a drawing of the deck.
+    Tag(tag::TagArgs),
     /// Measure what the configuration of this vessel and this drone needs.
     Calibrate(calibrate::CalibrateArgs),
 }
@@ -117,6 +119,7 @@ impl Command {
             Command::Uvdar(a) => camera::run(a, ProcessKind::Uvdar),
             Command::Keys(a) => keys::run(a),
             Command::Check(a) => check::run(a),
+            Command::Tag(a) => tag::run(a),
             Command::Calibrate(a) => calibrate::run(a),
         }
     }

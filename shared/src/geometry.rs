@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::config;
+use crate::tags::{DeckTag, Tags, suggested};
 
 /// Standard gravity, m/s².
 pub const GRAVITY: f64 = 9.806_65;
@@ -10,8 +11,8 @@ pub const GRAVITY: f64 = 9.806_65;
 config! {
     /// The landing deck, in the vessel's body frame (FRD, origin midships on the waterline at rest).
     ///
-    /// Defaults: The paper's vessel: deck 2.5 x 1.7 m with an AprilTag of 1 m side (Procházka
-    /// 2024); height of 1.3 m from the Virtual RobotX WAM-V.
+    /// Defaults: The paper's vessel: deck 2.5 x 1.7 m (Procházka 2024; one AprilTag of 1 m side there); height of 1.3 m
+    /// from the Virtual RobotX WAM-V.
     #[derive(Copy)]
     pub struct DeckGeometry {
         /// Centre of the deck's upper surface, m.
@@ -20,14 +21,27 @@ config! {
         pub length_m: f64 = 2.5, in 0.5..=100.0;
         /// Width across the vessel, m.
         pub width_m: f64 = 1.7, in 0.5..=100.0;
-        /// Side of the fiducial tag, black square, m.
-        pub tag_side_m: f64 = 1.0, in 0.02..=10.0;
-        /// Tag's centre in the deck frame, m.
+        /// Its fiducial tags, each with id, side_m and centre_m; empty: those that `alight tag` suggests for a deck of this
+        /// size.
+        pub tags: Tags = Tags::new();
+        /// In their place one tag alone: side of its black square, m.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub tag_side_m: Option<f64> = None, in 0.02..=10.0;
+        /// Its centre from the deck's centre, m.
         pub tag_centre_m: [f64; 3] = [0.0, 0.0, 0.0], in -50.0..=50.0;
         /// Force with which the deck holds a drone that stands on it (net, magnets, suction, latch), down along the deck's
         /// normal, N, a quarter of it on each foot from its contact on; friction holds the more along the deck. 0: a plain
         /// deck.
         pub hold_n: f64 = 0.0, in 0.0..=1e4;
+    }
+    check |this, at| {
+        this.tags.iter().try_for_each(|tag| tag.check(&at.table("tags")))?;
+        at.require(
+            this.tag_side_m.is_none() || this.tags.is_empty(),
+            "tag_side_m",
+            this.tag_side_m.unwrap_or_default(),
+            "one of both: tag_side_m for one tag alone, or the list `tags`",
+        )?;
     }
 }
 
@@ -35,6 +49,32 @@ impl DeckGeometry {
     /// Deck centre in the body frame, m.
     pub fn centre(&self) -> Vector3<f64> {
         Vector3::from(self.centre_m)
+    }
+    /// The tags on it.
+    pub fn tags(&self) -> Tags {
+        match self.tag_side_m {
+            Some(side_m) => Tags::filled([DeckTag {
+                side_m,
+                centre_m: self.tag_centre_m,
+                ..DeckTag::default()
+            }]),
+            None if self.tags.is_empty() => suggested(self.length_m, self.width_m),
+            None => self.tags,
+        }
+    }
+    /// The same deck with these tags.
+    #[must_use]
+    pub fn with_tags(self, tags: &Tags) -> DeckGeometry {
+        DeckGeometry {
+            tags: *tags,
+            tag_side_m: None,
+            tag_centre_m: [0.0; 3],
+            ..self
+        }
+    }
+    /// Side of the largest of them, m.
+    pub fn largest_tag_m(&self) -> f64 {
+        self.tags().iter().fold(0.0, |most, tag| tag.side_m.max(most))
     }
 }
 

@@ -17,6 +17,7 @@ pub mod motion_model;
 pub mod msg;
 pub mod node;
 pub mod surroundings;
+pub mod tags;
 pub mod time;
 pub mod topics;
 #[cfg(feature = "transport")]

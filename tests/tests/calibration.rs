@@ -41,7 +41,7 @@ fn at_sea(sea: &str) -> Scenario {
 /// Receivers with corrections, and a tag that the camera sees from the deck.
 fn scene() -> Scenario {
     let mut s = at_sea("slight");
-    s.deck.tag_side_m = 0.12;
+    s.deck.tag_side_m = Some(0.12);
     s.sensors.tag.min_distance_m = 0.1;
     s.sensors.vessel_gnss.error.bias_sd_m = 0.01;
     s.sensors.vessel_gnss.error.white_sd_m = 0.01;

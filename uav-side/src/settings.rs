@@ -2,6 +2,7 @@
 
 use alight_shared::config;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::tags::{DeckTag, Tags};
 
 use crate::camera::CameraSettings;
 use crate::mission::MissionConfig;
@@ -53,6 +54,15 @@ config! {
 }
 
 impl DroneSettings {
+    /// The deck's tags; one alone has the number that its detector's settings say.
+    pub fn tags(&self) -> Tags {
+        let id = self.deck.tag_side_m.map(|_| self.camera.tag.id);
+        let numbered = |tag: &DeckTag| DeckTag {
+            id: id.unwrap_or(tag.id),
+            ..*tag
+        };
+        Tags::filled(self.deck.tags().iter().map(numbered))
+    }
     /// The predictor's configuration, with this drone and this deck.
     pub fn predictor(&self) -> PredictorConfig {
         PredictorConfig {

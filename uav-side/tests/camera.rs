@@ -7,6 +7,7 @@
 
 use std::cell::RefCell;
 
+use alight_shared::tags::{DeckTag, Tags};
 use alight_uav::camera::node::CameraIdentity;
 use alight_uav::camera::{CameraNode, CameraSettings, GreyImage, Lens, TagSettings};
 use proptest::prelude::*;
@@ -129,7 +130,7 @@ fn node(width: usize, height: usize) -> CameraNode {
         drone: 1,
         boot: 1,
     };
-    CameraNode::new(&settings, 1.0, names)
+    CameraNode::new(&settings, &Tags::filled([DeckTag::default()]), names)
 }
 
 thread_local! {

@@ -99,7 +99,7 @@ config! {
         let [fx, fy] = own.camera.lens.focal_px;
         let longest_s = longest_exposure_s(
             fx.max(fy),
-            own.deck.tag_side_m,
+            own.deck.largest_tag_m(),
             own.mission.tracking_height_m,
             own.planner.limits.rates_rps,
         );

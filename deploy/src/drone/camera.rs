@@ -89,7 +89,7 @@ impl Detector {
             Detector::Markers(UvdarNode::new(&settings.uvdar, names), fixes)
         } else {
             let tags = memory.map(Memory::publisher).transpose()?;
-            let node = CameraNode::new(settings, computer.drone.deck.tag_side_m, names);
+            let node = CameraNode::new(settings, &computer.drone.tags(), names);
             Detector::Tag(node, tags)
         })
     }

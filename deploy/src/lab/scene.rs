@@ -79,6 +79,10 @@ impl Scene {
             drone: drone.drone,
             baseline: None,
         };
+        if args.scenario.is_none() {
+            // The deck carries what the drone's file says.
+            scenario.deck = scenario.deck.with_tags(&nodes.drone.tags());
+        }
         if let Some(given) = &args.sea {
             sea = given.text.clone();
             flags.take("sea", Some(&sea));

@@ -90,11 +90,13 @@ impl Points {
     }
 }
 
-/// The deck's edge, its tag and the line forward.
+/// The deck's edge, its tags and the line forward.
 pub fn deck(timestamp: Timestamp, deck: &DeckGeometry) -> PointCloud {
     let mut points = Points::default();
     points.rectangle([0.0; 3], [deck.length_m, deck.width_m], ORANGE);
-    points.rectangle(deck.tag_centre_m, [deck.tag_side_m; 2], WHITE);
+    deck.tags()
+        .iter()
+        .for_each(|tag| points.rectangle(tag.centre_m, [tag.side_m; 2], WHITE));
     points.line([0.0; 3], [0.5 * deck.length_m, 0.0, 0.0], WHITE);
     points.cloud(timestamp, frame::DECK)
 }

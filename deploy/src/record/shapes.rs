@@ -68,23 +68,29 @@ fn hulls(deck: &DeckGeometry) -> Vec<CubePrimitive> {
 }
 fn deck_cubes(deck: &DeckGeometry) -> Vec<CubePrimitive> {
     let thickness = 0.06;
-    let tag = deck.tag_side_m;
-    let mut centre = deck.tag_centre_m;
-    centre[2] -= 0.005;
-    vec![
-        cube(
-            [0.0, 0.0, 0.5 * thickness],
-            [deck.length_m, deck.width_m, thickness],
-            color(0.85, 0.55, 0.2, 1.0),
-        ),
-        cube(centre, [tag, tag, 0.01], color(0.05, 0.05, 0.05, 1.0)),
-        // Forward on the tag.
-        cube(
-            [centre[0] + 0.25 * tag, centre[1], centre[2] - 0.005],
-            [0.3 * tag, 0.1 * tag, 0.01],
-            color(1.0, 1.0, 1.0, 1.0),
-        ),
-    ]
+    let platform = cube(
+        [0.0, 0.0, 0.5 * thickness],
+        [deck.length_m, deck.width_m, thickness],
+        color(0.85, 0.55, 0.2, 1.0),
+    );
+    let tags = deck.tags();
+    let tags = tags.iter().flat_map(|tag| {
+        let (side, [x, y, z]) = (tag.side_m, tag.centre_m);
+        [
+            cube(
+                [x, y, z - 0.005],
+                [side, side, 0.01],
+                color(0.05, 0.05, 0.05, 1.0),
+            ),
+            // Forward on the tag.
+            cube(
+                [x + 0.25 * side, y, z - 0.01],
+                [0.3 * side, 0.1 * side, 0.01],
+                color(1.0, 1.0, 1.0, 1.0),
+            ),
+        ]
+    });
+    [platform].into_iter().chain(tags).collect()
 }
 fn rotors(drone: &DroneGeometry) -> Vec<CylinderPrimitive> {
     let at = drone.arm_m / core::f64::consts::SQRT_2;

@@ -10,6 +10,7 @@ pub mod keys;
 pub mod recording;
 pub mod replay;
 pub mod status;
+pub mod tag;
 pub mod vessel_status;
 pub mod view;
 mod view_vessel;

@@ -19,15 +19,15 @@ pub const PREDICTED_SLOPES: usize = 48;
 /// Time between two of them, s; together twelve seconds.
 pub const PREDICTED_SLOPE_STEP_S: f64 = 0.25;
 
-/// A 6-DOF detection of the deck's fiducial tag.
+/// A 6-DOF detection of the deck by those of its fiducial tags that an image shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
 pub struct TagPose {
     /// Identity; `at` is the time of exposure.
     pub header: Header<DroneClock>,
-    /// Tag's centre in the camera frame, m.
+    /// Deck's centre in the camera frame, m.
     pub position: [f64; 3],
-    /// Rotation camera from tag, unit quaternion (w, x, y, z).
+    /// Rotation camera from deck, unit quaternion (w, x, y, z).
     pub attitude: [f64; 4],
     /// Variances: position x, y, z (m²) and rotation about the camera's x, y, z (rad²).
     pub variance: [f64; 6],

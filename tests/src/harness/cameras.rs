@@ -1,7 +1,7 @@
 //! The drone's cameras in lock-step: images rendered, delivered late, looked at by the drone's camera nodes.
 
-use alight_shared::geometry::DeckGeometry;
 use alight_shared::node::Node;
+use alight_shared::tags::Tags;
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_uav::camera::node::CameraIdentity;
 use alight_uav::camera::uvdar::UvdarNode;
@@ -10,6 +10,7 @@ use alight_uav::camera::{CameraIn, CameraNode, CameraSettings, Frame, GreyImage}
 use crate::harness::scenario::Scenario;
 use crate::physics::streams::Streams;
 use crate::sensors::DroneReadings;
+use crate::sensors::camera::CameraMount;
 use crate::sensors::delay::DelayLine;
 use crate::sensors::render::ultraviolet::Ultraviolet;
 use crate::sensors::render::{Renderer, Shot};
@@ -65,7 +66,7 @@ impl SimulatedCameras {
     pub fn new(
         scenario: &Scenario,
         settings: &CameraSettings,
-        deck: &DeckGeometry,
+        tags: &Tags,
         names: CameraIdentity,
         streams: &Streams,
     ) -> Option<SimulatedCameras> {
@@ -74,9 +75,12 @@ impl SimulatedCameras {
         (render.on || render.markers).then(|| SimulatedCameras {
             belly: render.on.then(|| {
                 (
-                    Renderer::new(render, &scenario.deck, streams),
+                    Renderer::new(render, &scenario.deck, streams).below(
+                        &scenario.airframe,
+                        &CameraMount::new(&sensors.camera_mount, &scenario.airframe, streams),
+                    ),
                     ImageDelay::new(sensors.tag.latency_s),
-                    CameraNode::new(settings, deck.tag_side_m, names),
+                    CameraNode::new(settings, tags, names),
                 )
             }),
             ultraviolet: render.markers.then(|| {

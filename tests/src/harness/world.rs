@@ -448,7 +448,7 @@ impl DroneComputer {
             boot,
             radio: Session::new(&scenario.radio, &streams),
             bridge: Bridge::new(&bridge, boot),
-            cameras: SimulatedCameras::new(scenario, &drone.camera, &drone.deck, identity, &streams),
+            cameras: SimulatedCameras::new(scenario, &drone.camera, &drone.tags(), identity, &streams),
             make_link: make_link(nodes, id),
             linked: None,
             handed_over: false,

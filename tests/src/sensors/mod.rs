@@ -4,7 +4,7 @@
 //! delivered: two planners that fly differently meet the same errors at the same time.
 //!
 //! Reading order: [`noise`], [`gnss`] and [`imu`] for the vessel; [`camera`], [`square_pose`],
-//! [`sight_loss`] and [`tag`] for the drone.
+//! [`sight_loss`], [`occlusion`] and [`tag`] for the drone.
 
 pub mod attitude;
 pub mod bytes;
@@ -15,6 +15,7 @@ pub mod gnss;
 pub mod heading;
 pub mod imu;
 pub mod noise;
+pub mod occlusion;
 pub mod outlet;
 pub mod rangefinder;
 pub mod render;
@@ -35,6 +36,7 @@ use nalgebra::Vector3;
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 use camera::CameraMount;
+use occlusion::Occlusion;
 use outlet::{Identity, Outlet};
 
 config! {
@@ -151,7 +153,11 @@ impl DroneSensors {
         };
         DroneSensors {
             mount,
-            tag: tag::TagDetector::new(&config.tag, deck, streams),
+            tag: tag::TagDetector::new(&config.tag, deck, streams).below(Occlusion::new(
+                drone,
+                &mount,
+                render::sun(&config.render, streams),
+            )),
             tag_outlet: Outlet::new(
                 config.tag.rate_hz,
                 config.tag.latency_s,

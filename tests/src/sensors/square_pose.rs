@@ -1,16 +1,29 @@
 //! The solver of the drone's camera, in the place where the measurement model uses it; its errors are
 //! measured here, with the noise of the simulated world.
 
-pub use alight_uav::camera::square_pose::{SquarePose, corners, solve};
+pub use alight_uav::camera::square_pose::{DeckPose, SeenTag, corners, corners_of, solve};
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::physics::streams::Streams;
     use crate::sensors::noise::Noise;
+    use alight_shared::tags::DeckTag;
     use nalgebra::{UnitQuaternion, Vector2, Vector3, Vector6};
     use proptest::prelude::*;
 
+    /// The pose by one tag of `side_m`.
+    fn solve(side_m: f64, image: &[Vector2<f64>; 4], sd: f64) -> Option<DeckPose> {
+        let tag = DeckTag {
+            side_m,
+            ..DeckTag::default()
+        };
+        super::solve(&[SeenTag {
+            tag,
+            image: *image,
+            sd,
+        }])
+    }
     fn image(side: f64, t: Vector3<f64>, q: UnitQuaternion<f64>) -> [Vector2<f64>; 4] {
         corners(side).map(|c| {
             let p = q * c + t;

@@ -1,4 +1,5 @@
-//! The detector of the deck's fiducial tag: corners, noise, pose.
+//! The detector of the deck's fiducial tags: corners, noise, pose. Each tag is decoded or not by itself; one that is partly
+//! outside of the image, behind a leg or touched by the drone's shadow is not.
 //!
 //! Chance of a sighting and noise of the corners follow the camera node on rendered images
 //! (`studies::camera`): 4000 of them at random over range, incidence and motion. Two measures of the
@@ -18,13 +19,15 @@ use alight_shared::config;
 use alight_shared::frames::{Deck, Tag};
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::msg::TagPose;
+use alight_shared::tags::{DeckTag, Tags};
 use alight_shared::time::{Time, TrueTime};
 use nalgebra::{Vector2, Vector3};
 
 use super::camera::{Lens, View};
 use super::noise::{Noise, Windows};
+use super::occlusion::Occlusion;
 use super::sight_loss::{SightLoss, SightLossConfig};
-use super::square_pose::{corners, solve};
+use super::square_pose::{SeenTag, corners, solve};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
@@ -59,6 +62,12 @@ config! {
         /// Source: The camera node states 0.15 for a large, sharp tag; ours, on the safe side of
         /// it.
         pub stated_sd_px: f64 = 0.2, in 1e-6..=20.0;
+        /// How exactly the detector takes several tags to lie where it has them, m, each axis.
+        /// Source: the camera node's.
+        pub place_sd_m: f64 = 0.002, in 0.0..=0.1;
+        /// The tags as the camera's node has them; none: as they are. Of what is drawn.
+        #[serde(skip)]
+        pub known: Tags = Tags::new();
         /// Narrowest width of the tag in the image at which half of the frames are decoded, px: this limits
         /// range and, with the width that an oblique view leaves, incidence.
         pub min_width_px: f64 = 13.3, in 1.0..=1e4;
@@ -70,7 +79,9 @@ config! {
         /// Source: As far as images were rendered.
         pub max_incidence_deg: f64 = 80.0, in 1.0..=89.0;
         /// Shortest distance along the optical axis that is in focus, m.
-        pub min_distance_m: f64 = 0.25, in 0.01..=100.0;
+        /// Source: circle of confusion `f a (1/d - 1/s)`: 320 px of focal length, an aperture of 0.7 mm (1.9 mm f/2.8) and
+        /// focus at 1 m blur by 1.6 px at 0.12 m, a tenth of a cell of the smallest tag there.
+        pub min_distance_m: f64 = 0.12, in 0.01..=100.0;
         /// Exposure, s.
         pub exposure_s: f64 = 0.004, in 0.0..=0.1;
         /// Largest motion of the tag in the image during the exposure, px.
@@ -87,8 +98,10 @@ config! {
 pub(crate) struct TagDetector {
     config: TagConfig,
     lens: Lens,
-    side: f64,
-    centre: Vector3<f64>,
+    /// As they are, and as the camera's node has them.
+    tags: Tags,
+    known: Tags,
+    occlusion: Option<Occlusion>,
     corner: Noise,
     loss: SightLoss,
     read: Noise,
@@ -98,12 +111,24 @@ impl TagDetector {
     pub(crate) fn new(config: &TagConfig, deck: &DeckGeometry, streams: &Streams) -> Self {
         TagDetector {
             lens: Lens::new(config.width_px, config.height_px, config.fov_deg.to_radians()),
-            side: deck.tag_side_m,
-            centre: Vector3::from(deck.tag_centre_m),
+            tags: deck.tags(),
+            known: if config.known.is_empty() {
+                deck.tags()
+            } else {
+                config.known
+            },
+            occlusion: None,
             corner: Noise::new(streams, "drone.tag.corner"),
             loss: SightLoss::new(&config.loss, streams),
             read: Noise::new(streams, "drone.tag.read"),
             config: config.clone(),
+        }
+    }
+    /// The same below a drone that hides part of the deck.
+    pub(crate) fn below(self, occlusion: Occlusion) -> Self {
+        TagDetector {
+            occlusion: Some(occlusion),
+            ..self
         }
     }
     /// The sighting of the image of `t`.
@@ -113,22 +138,35 @@ impl TagDetector {
         view: &View,
         deck: &RigidState<Deck>,
     ) -> Option<TagPose> {
-        // The noise of a frame is drawn whether the tag is detected or not: two planners meet the same
-        // noise at the same time.
-        let noise: [Vector2<f64>; 4] =
-            core::array::from_fn(|_| Vector2::new(self.corner.normal(), self.corner.normal()));
         let hidden = self.loss.hides(t);
-        let luck = self.read.uniform();
-        let image = self
-            .image(view, deck)
-            .filter(|image| !hidden && luck < image.chance)?;
-        self.measure(&image, &noise)
+        let seen: Vec<SeenTag> = (0..self.tags.len())
+            .filter_map(|k| {
+                // The noise of a frame is drawn whether the tag is detected or not: two planners meet the same
+                // noise at the same time.
+                let noise: [Vector2<f64>; 4] =
+                    core::array::from_fn(|_| Vector2::new(self.corner.normal(), self.corner.normal()));
+                let luck = self.read.uniform();
+                let tag = self.tags.get(k)?;
+                let image = self
+                    .image(view, deck, tag)
+                    .filter(|i| !hidden && luck < i.chance)?;
+                self.measure(self.known.get(k)?, &image, &noise)
+            })
+            .collect();
+        let s = solve(&seen)?;
+        let q = s.attitude.quaternion();
+        Some(TagPose {
+            position: s.position.into(),
+            attitude: [q.w, q.i, q.j, q.k],
+            variance: s.variance.into(),
+            ..TagPose::default()
+        })
     }
-    /// The tag in an image; None when it cannot be decoded at all.
-    pub(crate) fn image(&self, view: &View, deck: &RigidState<Deck>) -> Option<TagImage> {
-        let tag = deck.at::<Tag>(self.centre);
-        let centre = view.to_camera_frame(tag.position);
-        let rotation = view.camera_from_world * tag.attitude;
+    /// A tag in an image; None when it cannot be decoded at all.
+    pub(crate) fn image(&self, view: &View, deck: &RigidState<Deck>, tag: &DeckTag) -> Option<TagImage> {
+        let state = deck.at::<Tag>(Vector3::from(tag.centre_m));
+        let centre = view.to_camera_frame(state.position);
+        let rotation = view.camera_from_world * state.attitude;
         // The printed face looks along -z of the tag.
         let cos_incidence = rotation.down().0.dot(&centre) / centre.norm();
         if !(centre.z >= self.config.min_distance_m)
@@ -137,13 +175,22 @@ impl TagDetector {
             return None;
         }
         let mut pixels = [Vector2::zeros(); 4];
-        for (px, corner) in pixels.iter_mut().zip(corners(self.side)) {
-            *px = self.lens.project(rotation.0 * corner + centre)?;
+        let corners = corners(tag.side_m).map(|corner| rotation.0 * corner + centre);
+        for (px, corner) in pixels.iter_mut().zip(corners) {
+            *px = self.lens.project(corner)?;
             if !self.lens.holds(*px) {
                 return None;
             }
         }
-        let moves = view.drift(centre, tag.velocity);
+        if let Some(drone) = &self.occlusion {
+            // Shadow is far larger than a tag of a few centimetres, and far away where a larger one is seen whole.
+            let points = corners.into_iter().chain([centre]);
+            let shaded = points.into_iter().any(|p| drone.shades(view, p));
+            if shaded || drone.covers(&corners.map(|p| p.xy() / p.z)) {
+                return None;
+            }
+        }
+        let moves = view.drift(centre, state.velocity);
         let blur = (moves.xy() - centre.xy() * (moves.z / centre.z)).norm() * self.lens.focal_px / centre.z
             * self.config.exposure_s;
         let width = width(&pixels);
@@ -153,18 +200,21 @@ impl TagDetector {
             sd_px: self.config.sd_px(width, blur),
         })
     }
-    /// The pose from noisy corners.
-    fn measure(&self, image: &TagImage, noise: &[Vector2<f64>; 4]) -> Option<TagPose> {
+    /// What the detector makes of it: noisy corners, and the noise that it states of them.
+    fn measure(&self, known: &DeckTag, image: &TagImage, noise: &[Vector2<f64>; 4]) -> Option<SeenTag> {
         let measured: [Vector2<f64>; 4] =
             core::array::from_fn(|i| self.lens.normalised(image.pixels[i] + noise[i] * image.sd_px));
-        let stated = image.sd_px.max(self.config.stated_sd_px);
-        let s = solve(self.side, &measured, stated / self.lens.focal_px)?;
-        let q = s.attitude.quaternion();
-        Some(TagPose {
-            position: s.position.into(),
-            attitude: [q.w, q.i, q.j, q.k],
-            variance: s.variance.into(),
-            ..TagPose::default()
+        let stated = image.sd_px.max(self.config.stated_sd_px) / self.lens.focal_px;
+        let place = self.config.place_sd_m * width(&image.pixels) / (self.lens.focal_px * known.side_m);
+        let sd = if self.known.len() > 1 {
+            stated.hypot(place)
+        } else {
+            stated
+        };
+        Some(SeenTag {
+            tag: *known,
+            image: measured,
+            sd,
         })
     }
 }

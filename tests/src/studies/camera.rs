@@ -4,6 +4,7 @@
 use alight_shared::frames::{Camera, Deck, Point, Rotation, TrueNed, Vector};
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::msg::TagPose;
+use alight_shared::tags::DeckTag;
 use alight_shared::time::Time;
 use alight_uav::camera::node::CameraIdentity;
 use alight_uav::camera::{CameraNode, CameraSettings, GreyImage};
@@ -139,18 +140,27 @@ impl ModelFit {
     }
 }
 
+/// The deck with one tag alone.
+pub(super) fn alone(deck: &DeckGeometry) -> DeckGeometry {
+    DeckGeometry {
+        tag_side_m: deck.tag_side_m.or(Some(1.0)),
+        ..*deck
+    }
+}
+
 /// The camera, its node and its model.
 pub struct CameraBench {
     renderer: Renderer,
     node: CameraNode,
     model: TagDetector,
     sensors: SensorConfig,
-    deck: DeckGeometry,
+    tag: DeckTag,
     draw: Noise,
 }
 
 impl CameraBench {
-    /// Everything of one seed; `sensors` is the camera as it is.
+    /// Everything of one seed; `sensors` is the camera as it is. One tag lies on the deck alone, of a metre where the deck
+    /// has several.
     pub fn new(
         sensors: &SensorConfig,
         settings: &CameraSettings,
@@ -168,12 +178,14 @@ impl CameraBench {
             loss: SightLossConfig::none(),
             ..sensors.tag.clone()
         };
+        let deck = alone(deck);
+        let tags = deck.tags();
         CameraBench {
-            renderer: Renderer::new(&sensors.render, deck, &streams),
-            node: CameraNode::new(settings, deck.tag_side_m, names),
-            model: TagDetector::new(&in_sight, deck, &streams),
+            renderer: Renderer::new(&sensors.render, &deck, &streams),
+            node: CameraNode::new(settings, &tags, names),
+            model: TagDetector::new(&in_sight, &deck, &streams),
             sensors: sensors.clone(),
-            deck: *deck,
+            tag: tags.first().copied().unwrap_or_default(),
             draw: Noise::new(&streams, "study.camera"),
         }
     }
@@ -196,7 +208,7 @@ impl CameraBench {
             ),
             ..Default::default()
         };
-        let centre = deck.at::<Deck>(Vector3::from(self.deck.tag_centre_m)).position;
+        let centre = deck.at::<Deck>(Vector3::from(self.tag.centre_m)).position;
         // From the tag to the camera: its upward normal, leaned by the incidence.
         let about = self.within(-3.1, 3.1);
         let incidence = turn(
@@ -216,7 +228,7 @@ impl CameraBench {
         let roll = turn(Vector3::z(), self.within(-3.1, 3.1));
         // Half the image's height less half the tag, as an angle.
         let half = 0.5 * self.sensors.tag.height_px / self.sensors.render.lens.focal_px[1];
-        let room = (half - 0.75 * self.deck.tag_side_m / c.range_m).clamp(0.0, 0.17);
+        let room = (half - 0.75 * self.tag.side_m / c.range_m).clamp(0.0, 0.17);
         let off = turn(
             Vector3::new(self.within(-room, room), self.within(-room, room), 0.0),
             1.0,
@@ -272,10 +284,12 @@ impl CameraBench {
         let (mut expected, mut chance) = (0.0, 0.0);
         for _ in 0..images {
             let shot = self.shot(condition);
-            let truth = Truth::of(&shot, &self.deck);
-            let detection = self.image(&shot).and_then(|image| self.node.find(&image));
-            if let Some(seen) = &detection {
-                for (corner, at) in seen.corners.iter().zip(corners(self.deck.tag_side_m)) {
+            let truth = Truth::of(&shot);
+            let detection = self
+                .image(&shot)
+                .map_or_else(Vec::new, |image| self.node.find(&image));
+            if let Some(seen) = detection.first() {
+                for (corner, at) in seen.corners.iter().zip(corners(self.tag.side_m)) {
                     let p = truth.attitude.0 * at + truth.position;
                     if let Some(px) = self.sensors.render.lens.project(&p) {
                         let e = corner - px;
@@ -285,9 +299,9 @@ impl CameraBench {
                     }
                 }
             }
-            let pose = detection.and_then(|s| self.node.estimate_pose(&s));
+            let pose = self.node.estimate_pose(&detection);
             pixels.add(pose.as_ref(), &truth);
-            if let Some(modelled_image) = self.model.image(&shot.view, &shot.deck) {
+            if let Some(modelled_image) = self.model.image(&shot.view, &shot.deck, &self.tag) {
                 expected += modelled_image.chance * modelled_image.sd_px.powi(2);
                 chance += modelled_image.chance;
             }
@@ -308,9 +322,9 @@ impl CameraBench {
 
     /// Where the tag's centre is in an image, px, and the length of its side there.
     pub fn tag_px(&self, shot: &Shot) -> Option<([f64; 2], f64)> {
-        let truth = Truth::of(shot, &self.deck);
+        let truth = Truth::of(shot);
         let px = self.sensors.render.lens.project(&truth.position)?;
-        let side = self.deck.tag_side_m * self.sensors.render.lens.focal_px[0] / truth.position.norm();
+        let side = self.tag.side_m * self.sensors.render.lens.focal_px[0] / truth.position.norm();
         Some((px.into(), side))
     }
 }
@@ -321,10 +335,9 @@ struct Truth {
 }
 
 impl Truth {
-    fn of(shot: &Shot, deck: &DeckGeometry) -> Truth {
-        let centre = shot.deck.at::<Deck>(Vector3::from(deck.tag_centre_m)).position;
+    fn of(shot: &Shot) -> Truth {
         Truth {
-            position: shot.view.to_camera_frame(centre),
+            position: shot.view.to_camera_frame(shot.deck.position),
             attitude: shot.view.camera_from_world * shot.deck.attitude,
         }
     }

@@ -115,7 +115,7 @@ impl FalseDetectionBench {
         let streams = Streams::new(seed);
         // A tag of 1 mm is none.
         let bare = DeckGeometry {
-            tag_side_m: 0.001,
+            tag_side_m: Some(0.001),
             ..*deck
         };
         FalseDetectionBench {

@@ -438,12 +438,11 @@ impl DeckCalibration {
         }
         let c = &self.config;
         let feet = Vector3::z() * c.drone.feet_below_m;
-        let centre = Vector3::from(c.deck.tag_centre_m);
-        // The feet in the deck's frame, which the tag is aligned with.
+        // The feet in the deck's frame.
         let places: Vec<Vector3<f64>> = self
             .tags
             .iter()
-            .map(|(tag, at)| centre + tag.transpose() * (feet - at))
+            .map(|(tag, at)| tag.transpose() * (feet - at))
             .collect();
         let rotations: Vec<Vector3<f64>> = self
             .tags

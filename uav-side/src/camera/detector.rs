@@ -1,7 +1,8 @@
-//! The tag in an image: the AprilTag library of the family's authors (Wang and Olson 2016), family
+//! The deck's tags in an image: the AprilTag library of the family's authors (Wang and Olson 2016), family
 //! 36h11, and the conditions on a detection.
 
 use alight_shared::config;
+use alight_shared::tags::{DeckTag, MAX_TAGS, Tags};
 use apriltag::{Detector, DetectorBuilder, Family, Image};
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
@@ -14,9 +15,9 @@ use super::motion_blur::motion_blur_px2;
 const MAX_DETECTIONS: usize = 64;
 
 config! {
-    /// The tag, and the conditions on a detection.
+    /// The conditions on a detection.
     pub struct TagSettings {
-        /// Number of the deck's tag in the family 36h11.
+        /// Number of the deck's tag in the family 36h11, where it is one alone (`drone.deck.tag_side_m`).
         pub id: u16 = 0, in 0.0..=586.0;
         /// Most wrong bits of 36 that are corrected.
         pub bits_corrected: u8 = 1, in 0.0..=2.0;
@@ -42,7 +43,11 @@ config! {
         /// Motion blur adds this fraction of its square over the tag's width; the blur is measured at the tag's
         /// edges.
         pub motion_blur_sd: f64 = 0.25, in 0.0..=20.0;
-        /// Largest sum of squared reprojection errors, in variances of a corner.
+        /// How exactly each tag is where the deck's list has it, m, each axis: laid by tape on printed lines.
+        /// Of one tag alone nothing is asked.
+        pub place_sd_m: f64 = 0.002, in 0.0..=0.1;
+        /// Largest sum of squared reprojection errors of one tag, in variances of a corner; of several in proportion to
+        /// their degrees of freedom.
         pub max_misfit: f64 = 40.0, in 1.0..=1e6;
     }
 }
@@ -50,6 +55,8 @@ config! {
 /// A tag in the image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TagDetection {
+    /// Which it is.
+    pub tag: DeckTag,
     /// Its corners, px, in the order of [`super::square_pose::corners`], the tag's upper edge being its
     /// forward one.
     pub corners: [Vector2<f64>; 4],
@@ -68,9 +75,9 @@ pub struct TagDetection {
 pub struct TagCounts {
     /// Images that were searched.
     pub images: u64,
-    /// Images with an accepted detection.
+    /// Images with an accepted pose.
     pub detected: u64,
-    /// Tags of the family with another number.
+    /// Tags of the family with a number that the deck has not.
     pub other_tags: u64,
     /// Too little contrast.
     pub faint: u64,
@@ -85,6 +92,7 @@ pub struct TagCounts {
 /// The detector with its working memory.
 pub struct TagDetector {
     settings: TagSettings,
+    tags: Tags,
     library: Option<Detector>,
     buffer: Option<Image>,
     /// Images and detections by result.
@@ -92,8 +100,8 @@ pub struct TagDetector {
 }
 
 impl TagDetector {
-    /// A detector of the tag in `settings`.
-    pub fn new(settings: &TagSettings) -> TagDetector {
+    /// A detector of these tags.
+    pub fn new(settings: &TagSettings, tags: &Tags) -> TagDetector {
         let builder =
             DetectorBuilder::new().add_family_bits(Family::tag_36h11(), usize::from(settings.bits_corrected));
         // It fails only without memory, and then no image is searched.
@@ -104,14 +112,18 @@ impl TagDetector {
         }
         TagDetector {
             settings: settings.clone(),
+            tags: *tags,
             library,
             buffer: None,
             counts: TagCounts::default(),
         }
     }
-    /// The deck's tag in the image: of several, the one with the most contrast.
-    pub fn find(&mut self, image: &GreyImage) -> Option<TagDetection> {
+    /// The deck's tags in the image, each once: of several alike, the one with the most contrast.
+    pub fn find(&mut self, image: &GreyImage) -> Vec<TagDetection> {
         self.counts.images += 1;
+        self.search(image).unwrap_or_default()
+    }
+    fn search(&mut self, image: &GreyImage) -> Option<Vec<TagDetection>> {
         let (width, height) = (image.width(), image.height());
         let fits = |b: &Image| b.width() == width && b.height() == height;
         if !self.buffer.as_ref().is_some_and(fits) {
@@ -122,30 +134,34 @@ impl TagDetector {
             return None;
         }
         buffer.as_mut().copy_from_slice(image.pixels());
-        let mut best: Option<TagDetection> = None;
+        let mut best: Vec<TagDetection> = Vec::with_capacity(MAX_TAGS);
         for found in library.detect(buffer).iter().take(MAX_DETECTIONS) {
+            let Some(tag) = self.tags.iter().find(|tag| usize::from(tag.id) == found.id()) else {
+                self.counts.other_tags += 1;
+                continue;
+            };
+            let corners = in_order(found.corners());
             let detection = TagDetection {
-                corners: in_order(found.corners()),
+                tag: *tag,
+                corners,
                 wrong_bits: found.hamming(),
                 margin: f64::from(found.decision_margin()),
-                motion_blur_px2: 0.0,
-                light: TagLight::default(),
+                motion_blur_px2: motion_blur_px2(image, &corners),
+                light: TagLight::of(image, &corners).unwrap_or_default(),
             };
-            if found.id() != usize::from(self.settings.id) {
-                self.counts.other_tags += 1;
-            } else if !(detection.margin >= self.settings.min_margin) {
+            if !(detection.margin >= self.settings.min_margin) {
                 self.counts.faint += 1;
-            } else if !well_shaped(&detection.corners, self.settings.min_side_px) {
+            } else if !well_shaped(&corners, self.settings.min_side_px) {
                 self.counts.misshapen += 1;
-            } else if best.is_none_or(|b| detection.margin > b.margin) {
-                best = Some(detection);
+            } else {
+                match best.iter_mut().find(|b| b.tag.id == tag.id) {
+                    Some(b) if detection.margin > b.margin => *b = detection,
+                    Some(_) => {}
+                    None => best.push(detection),
+                }
             }
         }
-        best.map(|b| TagDetection {
-            motion_blur_px2: motion_blur_px2(image, &b.corners),
-            light: TagLight::of(image, &b.corners).unwrap_or_default(),
-            ..b
-        })
+        Some(best)
     }
 }
 
@@ -167,21 +183,24 @@ fn well_shaped(p: &[Vector2<f64>; 4], least: f64) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use super::super::layout::cells;
     use super::*;
     use proptest::prelude::*;
 
-    /// The first code of the family 36h11, rows from the top, most significant bit first, 1 white.
-    const CODE_0: u64 = 0xd_5d62_8584;
+    fn one(id: u16) -> Tags {
+        Tags::filled([DeckTag {
+            id,
+            ..DeckTag::default()
+        }])
+    }
 
     /// A tag straight ahead: its upper left corner at `at`, cells of `cell` px.
-    fn front(size: [usize; 2], at: [usize; 2], cell: usize) -> GreyImage {
+    fn front(size: [usize; 2], at: [usize; 2], cell: usize, id: u16) -> GreyImage {
         let mut pixels = vec![200_u8; size[0] * size[1]];
+        let cells = cells(id).unwrap();
         for v in 0..8 * cell {
             for u in 0..8 * cell {
-                let (column, row) = (u / cell, v / cell);
-                let inside = (1..7).contains(&column) && (1..7).contains(&row);
-                let bit = 35_usize.saturating_sub((row.wrapping_sub(1)) * 6 + column.wrapping_sub(1));
-                let white = inside && (CODE_0 >> bit) & 1 == 1;
+                let white = cells[v / cell + 1][u / cell + 1];
                 pixels[(at[1] + v) * size[0] + at[0] + u] = if white { 200 } else { 20 };
             }
         }
@@ -189,9 +208,22 @@ mod tests {
     }
 
     #[test]
+    fn drawn_tags_of_all_numbers_found() {
+        let image = |id| front([100, 100], [18, 18], 8, id);
+        for id in (0..587).step_by(7) {
+            let mut detector = TagDetector::new(&TagSettings::default(), &one(id));
+            let found = detector.find(&image(id));
+            assert_eq!(
+                found.iter().map(|f| (f.tag.id, f.wrong_bits)).collect::<Vec<_>>(),
+                [(id, 0)]
+            );
+        }
+    }
+
+    #[test]
     fn detector_reports_corners_of_an_upright_tag_in_order() {
-        let mut detector = TagDetector::new(&TagSettings::default());
-        let found = detector.find(&front([200, 160], [40, 30], 10)).expect("a tag");
+        let mut detector = TagDetector::new(&TagSettings::default(), &one(0));
+        let found = detector.find(&front([200, 160], [40, 30], 10, 0))[0];
         // Edges lie between pixels: 40 px are pixels 40 to 119, whose outer edges are 39.5 and 119.5.
         let expected = [[39.5, 109.5], [39.5, 29.5], [119.5, 29.5], [119.5, 109.5]];
         for (p, e) in found.corners.iter().zip(expected) {
@@ -203,11 +235,8 @@ mod tests {
 
     #[test]
     fn detector_ignores_tags_with_another_id() {
-        let mut detector = TagDetector::new(&TagSettings {
-            id: 7,
-            ..TagSettings::default()
-        });
-        assert_eq!(detector.find(&front([200, 160], [40, 30], 10)), None);
+        let mut detector = TagDetector::new(&TagSettings::default(), &one(7));
+        assert_eq!(detector.find(&front([200, 160], [40, 30], 10, 0)), []);
         assert_eq!(detector.counts.other_tags, 1);
     }
 
@@ -228,7 +257,7 @@ mod tests {
             sizes in prop::collection::vec((32_usize..150, 32_usize..150), 1..4),
             seed in any::<u32>(), levels in 1_u32..256,
         ) {
-            let mut detector = TagDetector::new(&TagSettings::default());
+            let mut detector = TagDetector::new(&TagSettings::default(), &one(0));
             let mut x = seed | 1;
             for (w, h) in sizes {
                 let pixels = (0..w * h).map(|_| {
@@ -237,7 +266,7 @@ mod tests {
                     x ^= x << 5;
                     (x % levels * (255 / levels)) as u8
                 }).collect();
-                prop_assert_eq!(detector.find(&GreyImage::new(w, h, pixels).unwrap()), None);
+                prop_assert_eq!(detector.find(&GreyImage::new(w, h, pixels).unwrap()), []);
             }
         }
     }

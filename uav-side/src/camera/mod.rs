@@ -1,11 +1,12 @@
-//! The belly camera: images in, detections of the deck's tag out.
+//! The belly camera: images in, the deck's pose by its tags out.
 //!
-//! Read in this order: [`image`], [`lens`] (the direction of a pixel), [`detector`] (the tag's corners),
-//! [`motion_blur`], [`square_pose`] (its pose and covariance), [`node`]; [`light`] and [`metering`] (exposure and
+//! Read in this order: [`image`], [`lens`] (the direction of a pixel), [`layout`] (which tags are seen from where),
+//! [`detector`] (their corners), [`motion_blur`], [`square_pose`] (the deck's pose and covariance), [`node`]; [`light`] and [`metering`] (exposure and
 //! gain); then [`uvdar`], the second camera.
 
 pub mod detector;
 pub mod image;
+pub mod layout;
 pub mod lens;
 pub mod light;
 pub mod metering;
@@ -33,7 +34,7 @@ config! {
         pub mount_rotation_deg: [f64; 3] = Default::default(), in -180.0..=180.0;
         /// Its lens, from its calibration.
         pub lens: Lens;
-        /// The tag and its detector.
+        /// The detector of the deck's tags.
         pub tag: TagSettings;
         /// The ultraviolet camera and the deck's markers.
         pub uvdar: UvdarSettings;

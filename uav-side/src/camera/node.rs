@@ -1,7 +1,8 @@
-//! The camera node: image -> corners -> pose of the tag with its covariance.
+//! The camera node: image -> corners of the deck's tags -> pose of the deck with its covariance.
 
 use alight_shared::msg::{Header, TagPose};
 use alight_shared::node::Node;
+use alight_shared::tags::Tags;
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::{Vector2, Vector3};
 
@@ -9,7 +10,7 @@ use super::detector::{TagCounts, TagDetection, TagDetector, TagSettings};
 use super::image::{Frame, GreyImage};
 use super::light::TagLight;
 use super::motion_blur::width_px;
-use super::square_pose::solve;
+use super::square_pose::{SeenTag, solve};
 use super::{CameraSettings, Lens};
 
 /// Whose camera it is.
@@ -66,7 +67,7 @@ pub struct CameraIn {
 /// What was detected in them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CameraOut {
-    /// Poses of the tag.
+    /// Poses of the deck by its tags.
     pub tags: Vec<TagPose>,
 }
 
@@ -75,27 +76,32 @@ pub struct CameraNode {
     lens: Lens,
     /// Rotation of the designed camera from the mounted one.
     mount: nalgebra::UnitQuaternion<f64>,
-    side_m: f64,
     tag: TagSettings,
+    /// How exactly the tags' places on the deck are known; one alone stands for the deck.
+    place_sd_m: f64,
     detector: TagDetector,
     exposures: Exposures,
     light: Option<TagLight>,
 }
 
 impl CameraNode {
-    /// A camera that detects a tag of `side_m`.
-    pub fn new(settings: &CameraSettings, side_m: f64, identity: CameraIdentity) -> CameraNode {
+    /// A camera that detects these tags.
+    pub fn new(settings: &CameraSettings, tags: &Tags, identity: CameraIdentity) -> CameraNode {
         CameraNode {
             lens: settings.lens,
             mount: settings.mount().0,
-            side_m,
             tag: settings.tag.clone(),
-            detector: TagDetector::new(&settings.tag),
+            place_sd_m: if tags.len() > 1 {
+                settings.tag.place_sd_m
+            } else {
+                0.0
+            },
+            detector: TagDetector::new(&settings.tag, tags),
             exposures: Exposures::of(identity),
             light: None,
         }
     }
-    /// The light on the tag in the newest image; None where it was not detected.
+    /// The light on the largest tag in the newest image; None where none was detected.
     pub fn light(&self) -> Option<TagLight> {
         self.light
     }
@@ -103,32 +109,49 @@ impl CameraNode {
     pub fn counts(&self) -> TagCounts {
         self.detector.counts
     }
-    /// The tag in one image.
+    /// The deck in one image.
     pub fn detect(&mut self, image: &GreyImage) -> Option<TagPose> {
         self.light = None;
         if !image.has_size(self.lens.width_px, self.lens.height_px) {
             self.detector.counts.wrong_size += 1;
             return None;
         }
-        let detection = self.detector.find(image)?;
-        self.light = Some(detection.light);
-        self.estimate_pose(&detection)
+        let detections = self.detector.find(image);
+        let width = |d: &TagDetection| width_px(&d.corners);
+        let largest = detections.iter().max_by(|a, b| width(a).total_cmp(&width(b)));
+        self.light = Some(largest?.light);
+        self.estimate_pose(&detections)
     }
-    /// The corners of the tag in one image.
-    pub fn find(&mut self, image: &GreyImage) -> Option<TagDetection> {
+    /// The corners of the deck's tags in one image.
+    pub fn find(&mut self, image: &GreyImage) -> Vec<TagDetection> {
         self.detector.find(image)
     }
-    /// The tag's pose from its corners, if one explains them.
-    pub fn estimate_pose(&mut self, detection: &TagDetection) -> Option<TagPose> {
-        let pose = self.pose(detection);
-        if pose.is_some() {
-            self.detector.counts.detected += 1;
-        } else {
+    /// The deck's pose from the corners of its tags, if one explains them; a tag that no common pose explains, one that
+    /// came loose or is another's, is left out.
+    pub fn estimate_pose(&mut self, detections: &[TagDetection]) -> Option<TagPose> {
+        let mut seen: Vec<SeenTag> = detections.iter().filter_map(|d| self.seen(d)).collect();
+        while !seen.is_empty() {
+            if let Some(pose) = self.pose(&seen) {
+                self.detector.counts.detected += 1;
+                return Some(pose);
+            }
             self.detector.counts.misfit += 1;
+            // Without which of them do the others fit best?
+            let without = |k: usize| {
+                let others: Vec<SeenTag> = (seen.iter().enumerate())
+                    .filter_map(|(i, s)| (i != k).then_some(*s))
+                    .collect();
+                solve(&others).map_or(f64::INFINITY, |s| s.misfit)
+            };
+            let odd = (0..seen.len())
+                .map(|k| (k, without(k)))
+                .min_by(|a, b| a.1.total_cmp(&b.1))?;
+            seen.remove(odd.0);
         }
-        pose
+        None
     }
-    fn pose(&self, detection: &TagDetection) -> Option<TagPose> {
+    /// A detection at unit distance, with its noise: what the tag's place on the deck is not known to is as much in the image.
+    fn seen(&self, detection: &TagDetection) -> Option<SeenTag> {
         let mut image = [Vector2::zeros(); 4];
         // Every corner counts the same: the largest pixel at unit distance stands for all.
         let mut pixel = 0.0_f64;
@@ -136,14 +159,23 @@ impl CameraNode {
             *n = self.lens.normalised(*px)?;
             pixel = pixel.max(self.lens.pixel_size(*n)?);
         }
-        let sd_px = corner_sd_px(&self.tag, detection);
-        let s = solve(self.side_m, &image, sd_px * pixel)?;
-        if !(s.misfit <= self.tag.max_misfit) {
+        let place_sd = self.place_sd_m * width_px(&image) / detection.tag.side_m;
+        let sd = (corner_sd_px(&self.tag, detection) * pixel).hypot(place_sd);
+        Some(SeenTag {
+            tag: detection.tag,
+            image,
+            sd,
+        })
+    }
+    fn pose(&self, seen: &[SeenTag]) -> Option<TagPose> {
+        let s = solve(seen)?;
+        // Eight coordinates of each tag less six of the pose; one tag leaves two degrees of freedom.
+        let freedom = 8.0 * seen.len() as f64 - 6.0;
+        if !(s.misfit <= 0.5 * freedom * self.tag.max_misfit) {
             return None;
         }
-        // A misfit beyond the corners' noise, by glare or motion, inflates the variance of all of them: eight
-        // coordinates less six of the pose leave two degrees of freedom.
-        let inflation = (0.5 * s.misfit).max(1.0);
+        // A misfit beyond the corners' noise, by glare or motion, inflates the variance of all of them.
+        let inflation = (s.misfit / freedom).max(1.0);
         let variance = s.variance * inflation;
         let position = self.mount * s.position;
         let attitude = self.mount * s.attitude;
@@ -200,7 +232,46 @@ impl Node for CameraNode {
 
 #[cfg(test)]
 mod tests {
+    use super::super::square_pose::corners_of;
     use super::*;
+    use alight_shared::geometry::DeckGeometry;
+    use alight_shared::tags::DeckTag;
+    use nalgebra::UnitQuaternion;
+
+    #[test]
+    fn loose_tag_left_out_of_the_pose() {
+        let tags = DeckGeometry::default().tags();
+        let settings = CameraSettings::default();
+        let identity = CameraIdentity {
+            vessel: 1,
+            drone: 1,
+            boot: 1,
+        };
+        let mut node = CameraNode::new(&settings, &tags, identity);
+        let (at, turn) = (
+            Vector3::new(0.1, -0.05, 2.5),
+            UnitQuaternion::from_euler_angles(0.05, 0.1, 1.5),
+        );
+        // Tag 2 lies 3 cm from its place.
+        let mut loose = tags;
+        loose[2].centre_m[0] += 0.03;
+        let seen: Vec<TagDetection> = (loose.iter().zip(tags.iter()).take(6))
+            .map(|(lies, known)| TagDetection {
+                tag: *known,
+                corners: corners_of(lies).map(|p| settings.lens.project(&(turn * p + at)).unwrap()),
+                wrong_bits: 0,
+                margin: 100.0,
+                motion_blur_px2: 0.0,
+                light: TagLight::default(),
+            })
+            .collect();
+        let pose = node.estimate_pose(&seen).unwrap();
+        assert!((Vector3::from(pose.position) - at).norm() < 1e-4, "{pose:?}");
+        assert_eq!((node.counts().detected, node.counts().misfit), (1, 1));
+        // Known better than by the best of them alone.
+        let alone = node.estimate_pose(&seen[..1]).unwrap();
+        assert!(pose.variance[5] < 0.5 * alone.variance[5]);
+    }
 
     #[test]
     fn corner_sd_grows_for_small_and_blurred_tags() {
@@ -208,6 +279,7 @@ mod tests {
         let sd = |side: f64, motion_blur_px2: f64| {
             let corners = [[0.0, side], [0.0, 0.0], [side, 0.0], [side, side]].map(Vector2::from);
             let detection = TagDetection {
+                tag: DeckTag::default(),
                 corners,
                 wrong_bits: 0,
                 margin: 100.0,

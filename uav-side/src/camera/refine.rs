@@ -12,6 +12,13 @@ pub(super) struct CameraPose {
 }
 
 impl CameraPose {
+    /// The same of the object's point `to`, in its own axes.
+    pub(super) fn about(&self, to: Vector3<f64>) -> CameraPose {
+        CameraPose {
+            position: self.position + self.attitude * to,
+            ..*self
+        }
+    }
     /// After a step of translation and of rotation about the camera's axes.
     fn moved(&self, step: &Vector6<f64>) -> CameraPose {
         let turn = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(3).into_owned());

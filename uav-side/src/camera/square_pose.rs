@@ -1,7 +1,7 @@
-//! Pose of a square from the image of its four corners.
+//! Pose of a deck from the images of the corners of its square tags, one or several, as one body.
 //!
-//! A start from the closed-form homography (Heckbert 1989, section 2.2.3), refined by
-//! Levenberg-Marquardt on the reprojection error. A small distant square has a second
+//! A start from the closed-form homography (Heckbert 1989, section 2.2.3) of the tag that is known best, refined by
+//! Levenberg-Marquardt on the reprojection error of all corners, each in units of its own noise. A small distant square has a second
 //! minimum, tilted the other way about the line of sight (Collins and Bartoli 2014, "Infinitesimal
 //! plane-based pose estimation", section 3); both are refined and the better one is reported, so
 //! that noise makes the solver take the wrong one as often as it would in reality.
@@ -11,6 +11,7 @@
 //! always more tilted than the truth, and therefore nearer: by 4 cm at 5 m, 11 cm at 7 m and 25 cm
 //! at 10 m, which averaging does not remove. The variance covers both.
 
+use alight_shared::tags::DeckTag;
 use nalgebra::{Matrix2x3, Matrix3, Matrix6, UnitQuaternion, Vector2, Vector3, Vector6};
 
 use super::refine::{CameraPose, Limits, NormalEquations, refine};
@@ -24,22 +25,33 @@ const LIMITS: Limits = Limits {
     step: 1e-10,
 };
 
+/// A tag as an image has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SeenTag {
+    /// The tag.
+    pub tag: DeckTag,
+    /// Its corners at unit distance, in the order of [`corners`].
+    pub image: [Vector2<f64>; 4],
+    /// Standard deviation of each of their coordinates, same unit.
+    pub sd: f64,
+}
+
 /// A solved pose.
 #[derive(Clone, Copy, Debug)]
-pub struct SquarePose {
-    /// Centre of the square in camera coordinates, m.
+pub struct DeckPose {
+    /// The deck's centre in camera coordinates, m.
     pub position: Vector3<f64>,
-    /// Rotation camera from square.
+    /// Rotation camera from deck.
     pub attitude: UnitQuaternion<f64>,
     /// Second moments of the error (position x, y, z in m², rotation about the camera's x, y, z
     /// in rad²) for the given corner noise, the other minimum counted by its likelihood.
     pub variance: Vector6<f64>,
-    /// Sum of squared reprojection errors, in units of the corner noise squared.
+    /// Sum of squared reprojection errors, each in units of its corner's noise squared.
     pub misfit: f64,
 }
 
-/// The corners of a square of the given side in its own plane, in the order that
-/// [`solve`] expects: aft port, fore port, fore starboard, aft starboard (x forward, y right).
+/// The corners of a square of the given side in its own plane: aft port, fore port, fore starboard, aft starboard
+/// (x forward, y right).
 pub fn corners(side: f64) -> [Vector3<f64>; 4] {
     let h = 0.5 * side;
     [
@@ -49,25 +61,49 @@ pub fn corners(side: f64) -> [Vector3<f64>; 4] {
         Vector3::new(-h, h, 0.0),
     ]
 }
+/// The same of a tag, from the deck's centre.
+pub fn corners_of(tag: &DeckTag) -> [Vector3<f64>; 4] {
+    corners(tag.side_m).map(|corner| corner + Vector3::from(tag.centre_m))
+}
 
-/// Solves for the pose of a square of the given side (m) from its corners' images at unit distance
-/// (order of [`corners`]), measured with the standard deviation `sd` (same unit, each coordinate).
-/// None when the corners are degenerate or the refinement fails.
-pub fn solve(side: f64, image: &[Vector2<f64>; 4], sd: f64) -> Option<SquarePose> {
-    let model = corners(side);
-    let refined = |start| refine(start, &LIMITS, |pose| normal_equations(pose, &model, image));
-    let first = refined(from_homography(side, image)?)?;
+/// A corner: its place on the deck, its image at unit distance, one over the variance of each coordinate.
+type Corner = (Vector3<f64>, Vector2<f64>, f64);
+
+/// Solves for the pose of the deck from its tags in an image. None without one, when the corners are degenerate or the
+/// refinement fails.
+pub fn solve(seen: &[SeenTag]) -> Option<DeckPose> {
+    let (best, size) = (seen.iter())
+        .map(|s| (s, (s.image[2] - s.image[0]).norm_squared() / (s.sd * s.sd)))
+        .max_by(|a, b| a.1.total_cmp(&b.1))?;
+    if !size.is_finite() {
+        return None;
+    }
+    let on_deck: Vec<Corner> = (seen.iter())
+        .flat_map(|s| {
+            corners_of(&s.tag)
+                .into_iter()
+                .zip(s.image)
+                .map(|(x, z)| (x, z, 1.0 / (s.sd * s.sd)))
+        })
+        .collect();
+    // Tilt is known about the middle of what is seen: there the two minima lie.
+    let middle = on_deck.iter().map(|c| c.0).sum::<Vector3<f64>>() / on_deck.len() as f64;
+    let body: Vec<Corner> = on_deck.iter().map(|(x, z, w)| (x - middle, *z, *w)).collect();
+    let refined = |start| refine(start, &LIMITS, |pose| normal_equations(pose, &body));
+    let start = from_homography(best.tag.side_m, &best.image)?;
+    let first = refined(start.about(middle - Vector3::from(best.tag.centre_m)))?;
     let second = refined(other_tilt(&first.0)?);
-    let var = sd * sd;
-    let ((best, cost), other) = match second {
+    let ((best, misfit), other) = match second {
         Some(s) if s.1 < first.1 => (s, Some(first)),
         other => (first, other),
     };
-    let mut second_moments = variance(&best, &model, var)?;
-    if let Some((other, other_cost)) = other {
+    let best = best.about(-middle);
+    let mut second_moments = variance(&best, &on_deck)?;
+    if let Some((other, other_misfit)) = other {
+        let other = other.about(-middle);
         // Weights of the two minima by their likelihoods under the corner noise.
-        let w = 1.0 / (1.0 + ((other_cost - cost) / (2.0 * var).max(1e-300)).min(700.0).exp());
-        if let (true, Some(theirs)) = (w > 1e-6, variance(&other, &model, var)) {
+        let w = 1.0 / (1.0 + (0.5 * (other_misfit - misfit)).min(700.0).exp());
+        if let (true, Some(theirs)) = (w > 1e-6, variance(&other, &on_deck)) {
             let dt = other.position - best.position;
             let dr = (other.attitude * best.attitude.inverse()).scaled_axis();
             let apart = Vector6::new(dt.x, dt.y, dt.z, dr.x, dr.y, dr.z);
@@ -75,11 +111,11 @@ pub fn solve(side: f64, image: &[Vector2<f64>; 4], sd: f64) -> Option<SquarePose
         }
     }
     let finite = second_moments.iter().all(|v| v.is_finite());
-    finite.then_some(SquarePose {
+    finite.then_some(DeckPose {
         position: best.position,
         attitude: best.attitude,
         variance: second_moments,
-        misfit: cost / var.max(1e-300),
+        misfit,
     })
 }
 
@@ -98,15 +134,11 @@ fn other_tilt(pose: &CameraPose) -> Option<CameraPose> {
 }
 
 /// Of the reprojection error. The perturbation is (translation, rotation about the camera's axes through the
-/// centre): `p = R x + t`, `dp = dt + dr x (R x)`.
-fn normal_equations(
-    pose: &CameraPose,
-    model: &[Vector3<f64>; 4],
-    image: &[Vector2<f64>; 4],
-) -> Option<NormalEquations> {
+/// body's origin): `p = R x + t`, `dp = dt + dr x (R x)`.
+fn normal_equations(pose: &CameraPose, corners: &[Corner]) -> Option<NormalEquations> {
     let r = pose.attitude.to_rotation_matrix();
     let (mut a, mut b, mut cost) = (Matrix6::zeros(), Vector6::zeros(), 0.0);
-    for (x, z) in model.iter().zip(image) {
+    for (x, z, weight) in corners {
         let lever_arm = r * x;
         let p = lever_arm + pose.position;
         if !(p.z > 1e-3) {
@@ -114,23 +146,23 @@ fn normal_equations(
         }
         let w = 1.0 / p.z;
         let e = z - p.xy() * w;
-        cost += e.norm_squared();
+        cost += weight * e.norm_squared();
         let d = Matrix2x3::new(w, 0.0, -p.x * w * w, 0.0, w, -p.y * w * w);
         for row in 0..2 {
             let g = Vector3::new(d[(row, 0)], d[(row, 1)], d[(row, 2)]);
             // g . (dr x l) = dr . (l x g) with the lever arm l.
             let t = lever_arm.cross(&g);
             let j = Vector6::new(g.x, g.y, g.z, t.x, t.y, t.z);
-            a.ger(1.0, &j, &j, 1.0);
-            b.axpy(e[row], &j, 1.0);
+            a.ger(*weight, &j, &j, 1.0);
+            b.axpy(weight * e[row], &j, 1.0);
         }
     }
     cost.is_finite().then_some((a, b, cost))
 }
-fn variance(pose: &CameraPose, model: &[Vector3<f64>; 4], var: f64) -> Option<Vector6<f64>> {
+fn variance(pose: &CameraPose, corners: &[Corner]) -> Option<Vector6<f64>> {
     // The measured image does not enter the Gauss-Newton matrix.
-    let (a, _, _) = normal_equations(pose, model, &[Vector2::zeros(); 4])?;
-    Some(a.cholesky()?.inverse().diagonal() * var)
+    let (a, _, _) = normal_equations(pose, corners)?;
+    Some(a.cholesky()?.inverse().diagonal())
 }
 
 fn rotation(m: Matrix3<f64>) -> UnitQuaternion<f64> {

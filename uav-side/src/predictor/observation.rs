@@ -183,7 +183,7 @@ fn turned(r: &Matrix3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
     r.component_mul(r) * v
 }
 
-/// A detection of the tag: position of the deck's centre, tilt and heading.
+/// A detection of the deck by its tags: position of its centre, tilt and heading.
 pub fn tag(m: &TagPose, drone: &Pose, mount: &MountRotation, c: &PredictorConfig) -> Observation {
     let camera = drone.attitude.to_rotation_matrix().into_inner() * body_from_camera();
     let [w, x, y, z] = m.attitude;
@@ -193,7 +193,7 @@ pub fn tag(m: &TagPose, drone: &Pose, mount: &MountRotation, c: &PredictorConfig
     let tilt = turn_tilt(roll, pitch, -yaw);
 
     let lever_arm = camera * Vector3::from(m.position) + drone.attitude * Vector3::from(c.drone.camera_m);
-    let centre = drone.position + corrected(&lever_arm, mount) - deck * Vector3::from(c.deck.tag_centre_m);
+    let centre = drone.position + corrected(&lever_arm, mount);
 
     let [px, py, pz, rx, ry, rz] = m.variance;
     let floor = c.tag_min_sd_m.powi(2);

@@ -71,7 +71,7 @@ fn tag_and_rangefinder_observations_locate_the_deck() {
     };
     let camera = drone.attitude.to_rotation_matrix().into_inner() * body_from_camera();
     let lens = drone.position + drone.attitude * Vector3::from(c.drone.camera_m);
-    let seen = camera.transpose() * (centre + deck * Vector3::from(c.deck.tag_centre_m) - lens);
+    let seen = camera.transpose() * (centre - lens);
     let q = UnitQuaternion::from_matrix(&(camera.transpose() * deck.to_rotation_matrix().into_inner()));
     let tag = TagPose {
         header: header(1, 1.0),

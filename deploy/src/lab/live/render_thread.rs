@@ -12,6 +12,7 @@ use alight_shared::transport::images::ImagePublisher;
 use alight_shared::transport::memory::{Instance, Memory};
 use alight_sim::harness::scenario::Scenario;
 use alight_sim::physics::streams::Streams;
+use alight_sim::sensors::camera::CameraMount;
 use alight_sim::sensors::render::{Renderer, Shot};
 use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 
@@ -117,7 +118,7 @@ impl RenderThread {
     ) -> Result<RenderThread, CliError> {
         let (shots, waiting) = sync_channel::<Shot>(QUEUE_LENGTH);
         let (result, joined) = sync_channel::<Result<(), CliError>>(1);
-        let (render, deck) = (scenario.sensors.render.clone(), scenario.deck);
+        let scenario = scenario.clone();
         std::thread::spawn(move || {
             let mut sink = match open() {
                 Ok(sink) => sink,
@@ -126,7 +127,10 @@ impl RenderThread {
                     return;
                 }
             };
-            let mut renderer = Renderer::new(&render, &deck, &Streams::new(seed));
+            let (streams, airframe) = (Streams::new(seed), &scenario.airframe);
+            let mount = CameraMount::new(&scenario.sensors.camera_mount, airframe, &streams);
+            let mut renderer =
+                Renderer::new(&scenario.sensors.render, &scenario.deck, &streams).below(airframe, &mount);
             if result.send(Ok(())).is_err() {
                 return;
             }

@@ -116,10 +116,8 @@ const DECKS_M: [f64; 4] = [0.8, 1.2, 1.7, 2.5];
 const MASSES_KG: [f64; 4] = [1.5, 3.5, 8.0, 25.0];
 /// Its attitude lags, s.
 const LAGS_S: [f64; 5] = [0.15, 0.2, 0.3, 0.4, 0.5];
-/// Part of the deck's side that the tag's black square takes; the white border and a rim take the rest.
-const TAG_SHARE: f64 = 0.7;
 
-/// Another deck, as everybody has measured it: square, the tag as large as fits, at most the paper's metre.
+/// Another deck, as everybody has measured it: square, with the tags that are suggested for it.
 fn with_deck(mut scene: StudyScene, side_m: f64) -> StudyScene {
     for deck in [
         &mut scene.world.deck,
@@ -127,7 +125,6 @@ fn with_deck(mut scene: StudyScene, side_m: f64) -> StudyScene {
         &mut scene.nodes.drone.deck,
     ] {
         (deck.length_m, deck.width_m) = (side_m, side_m);
-        deck.tag_side_m = (TAG_SHARE * side_m).min(1.0);
     }
     scene
 }
@@ -221,7 +218,7 @@ mod tests {
                 "{}",
                 scene.name
             );
-            assert!(world.deck.tag_side_m < world.deck.width_m, "{}", scene.name);
+            assert!(world.deck.largest_tag_m() < world.deck.width_m, "{}", scene.name);
         }
         let heavy = rows
             .iter()

@@ -3,6 +3,7 @@
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::time::Duration;
 
+use alight_shared::tags::Tags;
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::metrics::{Metric, MetricName, MetricValue};
 use alight_uav::camera::TagSettings;
@@ -18,17 +19,20 @@ use crate::tools::check::facts::CameraView;
 /// Time for which images are looked at, ns: the metering comes to rest in it.
 const LOOK_NS: i64 = 2_000_000_000;
 
-/// Looks at images of `size` (width, height), px, of a device or of files, and for `tag` in them, for 2 s.
+/// Looks at images of `size` (width, height), px, of a device or of files, and for `tags` in them, for 2 s.
 pub fn look(
     config: &CameraSource,
     size: [usize; 2],
-    tag: Option<&TagSettings>,
+    tags: Option<(&TagSettings, &Tags)>,
 ) -> Result<CameraView, String> {
     // A device that shows nothing keeps its thread, which ends with this program.
     let (views, seen) = sync_channel(1);
-    let (config, tag) = (config.clone(), tag.cloned());
+    let (config, tags) = (
+        config.clone(),
+        tags.map(|(settings, tags)| (settings.clone(), *tags)),
+    );
     std::thread::spawn(move || {
-        if let Err(CliError(why)) = show(&config, size, tag.as_ref(), &views) {
+        if let Err(CliError(why)) = show(&config, size, tags.as_ref().map(|(s, t)| (s, t)), &views) {
             let _late = views.send(Err(why));
         }
     });
@@ -48,16 +52,16 @@ pub fn look(
 fn show(
     config: &CameraSource,
     size: [usize; 2],
-    tag: Option<&TagSettings>,
+    tags: Option<(&TagSettings, &Tags)>,
     views: &SyncSender<Result<CameraView, String>>,
 ) -> Result<(), CliError> {
     let mut images = Images::open(config, size)?;
-    let mut detector = tag.map(TagDetector::new);
+    let mut detector = tags.map(|(settings, tags)| TagDetector::new(settings, tags));
     let mut view = CameraView::default();
     while let Some(frame) = images.next_frame(&ProcessClock::default())? {
         view.images += 1;
         if let Some(detector) = &mut detector {
-            let tag = detector.find(&frame.image).map(|found| found.light);
+            let tag = detector.find(&frame.image).first().map(|found| found.light);
             let light = tag.map_or_else(|| Light::Mean(mean_level(&frame.image)), Light::Tag);
             images.meter(view.images, view.images, &light);
             view.tag = tag.map(|t| [t.contrast(), t.saturation]).or(view.tag);
@@ -128,7 +132,7 @@ mod tests {
             source: path.display().to_string(),
             ..CameraSource::default()
         };
-        let view = look(&source, [640, 480], Some(&TagSettings::default())).unwrap();
+        let view = look(&source, [640, 480], Some((&TagSettings::default(), &deck.tags()))).unwrap();
         std::fs::remove_file(&path).unwrap();
         let [contrast, saturation] = view.tag.unwrap();
         // White is 0.95 of 210, black 0.06 of it.

@@ -2,6 +2,8 @@
 //! the figures here are of.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_uav::camera::layout;
+use alight_uav::settings::DroneSettings;
 
 use crate::tools::check::facts::SourceCheck;
 use crate::tools::check::finding::{Finding, Topic};
@@ -122,6 +124,38 @@ pub fn deck(deck: &DeckGeometry, drone: &DroneGeometry) -> Finding {
     }
 }
 
+/// Whether the deck's tags are sound, and seen from every height.
+pub fn tags(drone: &DroneSettings) -> Finding {
+    const TOPIC: Topic = Topic("tags");
+    let tags = drone.tags();
+    let faults = layout::faults(&tags, &drone.deck);
+    if !faults.is_empty() {
+        return TOPIC.broken(
+            faults.join("; "),
+            "correct drone.deck.tags; `alight tag` prints the list that is suggested for the deck's size",
+        );
+    }
+    let gaps = layout::gaps(&tags, &drone.camera, &drone.airframe);
+    if gaps.is_empty() {
+        return TOPIC.fine(format!(
+            "{} on the deck, one of them in sight from 10 m to contact",
+            tags.len()
+        ));
+    }
+    let gaps: Vec<String> = gaps
+        .iter()
+        .map(|[low, high]| format!("{low:.2} to {high:.2} m"))
+        .collect();
+    TOPIC.warning(
+        format!(
+            "with the feet {} above the deck no tag may be whole in the image (drone 0.2 m off the deck's centre or 8 deg \
+             against it)",
+            gaps.join(" and ")
+        ),
+        "add tags of a size and place that are seen there; `alight tag` prints the list that is suggested for the deck's size",
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -135,6 +169,21 @@ mod tests {
         assert!(class([0, 3, 25, 0]).is_err_and(|e| e.contains("inertial")));
         assert!(class([250, 0, 25, 0]).is_err_and(|e| e.contains("GNSS")));
         assert!(class([250, 25, 0, 0]).is_err_and(|e| e.contains("heading")));
+    }
+
+    #[test]
+    fn tags_with_a_gap_or_a_fault() {
+        use crate::tools::check::finding::Level;
+        let mut drone = DroneSettings::default();
+        assert_eq!(tags(&drone).level, Level::Fine);
+        drone.deck.tag_side_m = Some(1.0);
+        let one = tags(&drone);
+        assert_eq!(one.level, Level::Warning);
+        assert!(one.found.starts_with("with the feet 0.00 to 1."), "{}", one.found);
+        drone.deck.tag_side_m = Some(1.5);
+        let large = tags(&drone);
+        assert_eq!(large.level, Level::Broken);
+        assert!(large.found.contains("0.087 m beyond"), "{}", large.found);
     }
 
     #[test]

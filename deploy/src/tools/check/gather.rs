@@ -142,6 +142,7 @@ fn snapshot(instance: &Instance) -> Option<Snapshot> {
 fn cameras(d: &DroneComputer, running: Option<&Snapshot>) -> Vec<CameraCheck> {
     let settings = &d.drone.camera;
     let (tag, markers) = (&settings.lens, &settings.uvdar.lens);
+    let tags = d.drone.tags();
     let check = |key, lens, calibrated, config: &CameraSource, kind, size: [u32; 2], tag| {
         let there = if config.is_simulation() {
             Ok(())
@@ -176,7 +177,7 @@ fn cameras(d: &DroneComputer, running: Option<&Snapshot>) -> Vec<CameraCheck> {
             &d.camera,
             ProcessKind::Camera,
             size,
-            Some(&settings.tag),
+            Some((&settings.tag, &tags)),
         )
     };
     let ultraviolet = d.ultraviolet();

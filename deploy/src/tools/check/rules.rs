@@ -73,6 +73,7 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     all.extend(facts.frame.map(frame));
     if let Computer::Drone(d) = computer {
         all.push(equipment::deck(&d.drone.deck, &d.drone.airframe));
+        all.extend(d.camera.is_there().then(|| equipment::tags(&d.drone)));
     }
     all.extend(facts.cameras.iter().map(|c| camera(c, facts.running)));
     all.extend(facts.cameras.iter().filter_map(camera_view));

@@ -31,7 +31,10 @@ config! {
         /// Bound of the relative error of the friction between feet and deck.
         /// Chosen: wet and dry, paint and rubber of the same kind.
         pub friction_error: f64 = 0.25, in 0.0..=0.9;
-        /// Standard deviation of the deck's centre and the tag's against what was measured, each axis, m.
+        /// Standard deviation of each tag's place against where it was meant to lie beside the others, each axis, m.
+        /// Chosen: sheets laid on printed lines.
+        pub tag_place_sd_m: f64 = 0.002, in 0.0..=0.1;
+        /// Standard deviation of the deck's centre and the tags' against what was measured, each axis, m.
         /// Chosen: a tape measure over a boat's length.
         pub deck_sd_m: f64 = 0.015, in 0.0..=0.5;
         /// Bound of the relative error of the tag's side.
@@ -113,13 +116,32 @@ impl Scenario {
         world.draw_drone(c, &draws);
         world.draw_hull(c, &draws);
         let mut place = draws.noise("deck");
-        for centre in [&mut world.deck.centre_m, &mut world.deck.tag_centre_m] {
-            centre.iter_mut().for_each(|v| *v += c.deck_sd_m * place.normal());
-        }
-        // The tag lies on the deck.
-        world.deck.tag_centre_m[2] = self.deck.tag_centre_m[2];
-        draws.vary("tag-side", &mut world.deck.tag_side_m, c.tag_error);
+        let mut moved = || [0, 1, 2].map(|_| c.deck_sd_m * place.normal());
+        let add = |to: &mut [f64; 3], by: [f64; 3]| (0..3).for_each(|i| to[i] += by[i]);
+        add(&mut world.deck.centre_m, moved());
+        world.draw_tags(c, &draws, moved());
         world
+    }
+
+    /// The tags lie on the deck, all of them `moved`, each a little besides, of another size than the nodes have.
+    fn draw_tags(&mut self, c: &DrawConfig, draws: &Draws<'_>, moved: [f64; 3]) {
+        let (mut scale, mut place) = (1.0, draws.noise("tag-place"));
+        draws.vary("tag-side", &mut scale, c.tag_error);
+        let mut tags = self.deck.tags();
+        self.sensors.tag.known = tags;
+        let several = tags.len() > 1;
+        for tag in tags.iter_mut() {
+            tag.side_m *= scale;
+            for i in 0..2 {
+                let own = if several {
+                    c.tag_place_sd_m * place.normal()
+                } else {
+                    0.0
+                };
+                tag.centre_m[i] += moved[i] + own;
+            }
+        }
+        self.deck = self.deck.with_tags(&tags);
     }
 
     fn draw_sensors(&mut self, c: &DrawConfig, draws: &Draws<'_>) {

@@ -11,14 +11,15 @@ pub mod ultraviolet;
 
 use alight_shared::config;
 use alight_shared::frames::{Deck, TrueNed, Vector};
-use alight_shared::geometry::DeckGeometry;
+use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_uav::camera::{GreyImage, Lens};
 use nalgebra::{Rotation3, Vector3};
 
-use super::camera::View;
+use super::camera::{CameraMount, View};
 use super::clocks::ClockModel;
 use super::noise::{Noise, Schedule};
+use super::occlusion::Occlusion;
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 use paint::{DeckPaint, Sea};
@@ -120,8 +121,25 @@ pub struct Renderer {
     paint: DeckPaint,
     sea: Sea,
     sun: Vector<TrueNed>,
+    /// The drone, and the pixels that its legs cover.
+    drone: Option<(Occlusion, Vec<bool>)>,
     normals: Vec<f32>,
     noise: Noise,
+}
+
+/// Light in a shadow on a clear day, as a share: the sky's.
+const SHADE: f32 = 0.2;
+/// Light from a leg, as a share of that from a white surface: carbon.
+const LEG: f32 = 0.04;
+
+/// Direction to the sun of this seed.
+pub(super) fn sun(config: &RenderConfig, streams: &Streams) -> Vector<TrueNed> {
+    sun_of(config, &mut Noise::new(streams, "light"))
+}
+fn sun_of(config: &RenderConfig, light: &mut Noise) -> Vector<TrueNed> {
+    let (sin, cos) = config.sun_height_deg.to_radians().sin_cos();
+    let (east, north) = (core::f64::consts::TAU * light.uniform()).sin_cos();
+    Vector::new(cos * north, cos * east, -sin)
 }
 
 /// What is seen, in the camera's axes.
@@ -144,6 +162,12 @@ impl DeckInCamera {
             turn: (axes * deck.rates).0 - view.rates.0,
             axes: axes.0.to_rotation_matrix(),
         }
+    }
+    /// How far along the optical axis a ray meets the deck's plane, m.
+    fn depth(&self, u: f32, v: f32) -> Option<f64> {
+        let normal = self.axes * Vector3::z();
+        let depth = normal.dot(&self.at) / normal.dot(&Vector3::new(f64::from(u), f64::from(v), 1.0));
+        (depth > 0.0).then_some(depth)
     }
     /// Deck's centre and axes `s` seconds from the middle of the exposure.
     fn after(&self, s: f64) -> (Vector3<f64>, Rotation3<f64>) {
@@ -189,8 +213,7 @@ impl Renderer {
         let mut noise = Noise::new(streams, "drone.camera.pixels");
         let normals = (0..DRAWS).map(|_| noise.normal() as f32).collect();
         let mut light = Noise::new(streams, "light");
-        let (sin, cos) = config.sun_height_deg.to_radians().sin_cos();
-        let (east, north) = (core::f64::consts::TAU * light.uniform()).sin_cos();
+        let sun = sun_of(config, &mut light);
         Renderer {
             rays: Rays::new(&config.lens),
             patterns: (2..=5)
@@ -198,13 +221,34 @@ impl Renderer {
                 .collect(),
             paint: DeckPaint::new(deck),
             sea: Sea::new(&mut light),
-            sun: Vector::new(cos * north, cos * east, -sin),
+            sun,
+            drone: None,
             normals,
             noise,
             config: config.clone(),
         }
     }
 
+    /// The same below this drone, whose camera is mounted so.
+    pub fn below(mut self, drone: &DroneGeometry, mount: &CameraMount) -> Renderer {
+        let occlusion = Occlusion::new(drone, mount, self.sun);
+        let lens = &self.config.lens;
+        let [width, height] = [lens.width_px, lens.height_px].map(|s| s as usize);
+        let mut covered = vec![false; width * height];
+        for (at, radius) in &occlusion.legs {
+            let [x, y] = self.rays.pixel(lens, at.x, at.y);
+            let reach = radius * lens.focal_px[0];
+            let span = |v: f64, size: usize| {
+                let end = |v: f64| v.clamp(0.0, size as f64) as usize;
+                end((v - reach).ceil())..end((v + reach).floor() + 1.0)
+            };
+            for row in span(y, height) {
+                span(x, width).for_each(|column| covered[row * width + column] = true);
+            }
+        }
+        self.drone = Some((occlusion, covered));
+        self
+    }
     /// The sun's mirror image on the deck from now on, as a share of white.
     pub fn set_glare(&mut self, glare: f64) {
         self.config.glare = glare;
@@ -229,6 +273,13 @@ impl Renderer {
         self.sea
             .draw(&mut light, &self.rays, view, self.sun, t.secs() as f32, width);
         self.draw_deck(&mut light, view, deck, exposure_s, width);
+        if let Some((_, covered)) = &self.drone {
+            light
+                .iter_mut()
+                .zip(covered)
+                .filter(|(_, c)| **c)
+                .for_each(|(l, _)| *l = LEG);
+        }
         let pixels = self.expose(&light);
         GreyImage::new(width, height, pixels).ok()
     }
@@ -244,7 +295,7 @@ impl Renderer {
         let deck_in_camera = DeckInCamera::new(view, deck);
         let focal = self.config.lens.focal_px[0];
         let distance = deck_in_camera.at.norm().max(0.1);
-        let cell_px = focal * self.paint.cell_m() / distance;
+        let cell_px = self.paint.least_cell_px(focal / distance);
         let speed = deck_in_camera.drift.norm() / distance + deck_in_camera.turn.norm();
         let blur_px = speed * exposure_s * focal;
         // Enough rays for cells of few pixels, and for every half pixel of a smear.
@@ -288,6 +339,13 @@ impl Renderer {
                     }
                 }
                 if hits > 0.0 {
+                    let [u, v] = ray.at;
+                    if let Some((drone, _)) = &self.drone
+                        && let Some(depth) = deck_in_camera.depth(u, v)
+                        && drone.shades(view, Vector3::new(f64::from(u), f64::from(v), 1.0) * depth)
+                    {
+                        sum *= SHADE;
+                    }
                     let shine = glare.as_ref().map_or(0.0, |g| g.at(ray.at)) * hits * fraction;
                     *out = *out * (1.0 - hits * fraction) + sum * fraction + shine;
                 }

@@ -1,56 +1,99 @@
-//! What the camera looks at: the deck's paint with its tag, and the sea around it. Light as a share of
+//! What the camera looks at: the deck's paint with its tags, and the sea around it. Light as a share of
 //! that from a white surface.
 
 use alight_shared::frames::{TrueNed, Vector};
 use alight_shared::geometry::DeckGeometry;
+use alight_shared::tags::{DeckTag, MARGIN};
+use alight_uav::camera::layout::{CELLS, cells};
 use nalgebra::Vector3;
 
 use super::super::camera::View;
 use super::rays::Rays;
 use crate::sensors::noise::Noise;
 
-/// The first code of the family tag36h11 (Wang and Olson 2016): 6 x 6 cells, rows from the top, most
-/// significant bit first, 1 white.
-pub const TAG_CODE: u64 = 0xd_5d62_8584;
-/// Cells across the black square.
-const CELLS: f32 = 8.0;
+/// Least size of a cell in the image with which a tag may be decoded, px.
+const DECODED_CELL_PX: f64 = 1.5;
 const BLACK: f32 = 0.06;
 const WHITE: f32 = 0.95;
 /// Width of the deck's planks, m.
 const PLANK_M: f32 = 0.14;
 
+/// Cells of the index along each axis of the deck.
+const INDEX: usize = 64;
+
+/// A tag with its white margin.
+#[derive(Clone, Debug)]
+struct Painted {
+    centre: [f32; 2],
+    /// Side of a cell, m.
+    cell: f32,
+    white: [[bool; CELLS]; CELLS],
+}
+
+impl Painted {
+    /// Light from a point of the deck; None beside it.
+    fn at(&self, x: f32, y: f32) -> Option<f32> {
+        // Cells from the upper left corner of the margin; the tag's upper edge is forward.
+        let half = 0.5 * CELLS as f32;
+        let column = (y - self.centre[1]) / self.cell + half;
+        let row = half - (x - self.centre[0]) / self.cell;
+        let across = 0.0..CELLS as f32;
+        let white = across.contains(&column) && across.contains(&row);
+        white.then(|| {
+            if self.white[row as usize][column as usize] {
+                WHITE
+            } else {
+                BLACK
+            }
+        })
+    }
+}
+
 /// The deck's upper surface.
 #[derive(Clone, Debug)]
 pub(super) struct DeckPaint {
     half: [f32; 2],
-    centre: [f32; 2],
-    side: f32,
-    /// 10 x 10: the tag's cells within a white margin.
-    cells: [f32; 100],
+    tags: Vec<Painted>,
+    /// Which tags may be in each part of the deck, a bit for each.
+    index: Vec<u32>,
 }
 
 impl DeckPaint {
     pub(super) fn new(deck: &DeckGeometry) -> DeckPaint {
-        let mut cells = [WHITE; 100];
-        for row in 0..8_usize {
-            for column in 0..8_usize {
-                let edge = [row, column].iter().any(|k| *k == 0 || *k == 7);
-                let bit = 35 - (row.saturating_sub(1).min(5) * 6 + column.saturating_sub(1).min(5));
-                if edge || (TAG_CODE >> bit) & 1 == 0 {
-                    cells[(row + 1) * 10 + column + 1] = BLACK;
-                }
-            }
-        }
+        let paint = |tag: &DeckTag| {
+            Some(Painted {
+                centre: [tag.centre_m[0], tag.centre_m[1]].map(|v| v as f32),
+                cell: (tag.side_m * MARGIN / CELLS as f64) as f32,
+                white: cells(tag.id)?,
+            })
+        };
+        let half = [deck.length_m, deck.width_m].map(|v| (0.5 * v) as f32);
+        let tags: Vec<Painted> = deck.tags().iter().filter_map(paint).collect();
+        let index = (0..INDEX * INDEX).map(|k| {
+            let part = half.map(|h| h / INDEX as f32);
+            let middle = [k / INDEX, k % INDEX].map(|i| 2.0 * i as f32 + 1.0);
+            let near = |tag: &Painted| {
+                let reach = 0.5 * CELLS as f32 * tag.cell;
+                (0..2)
+                    .all(|i| (part[i] * middle[i] - half[i] - tag.centre[i]).abs() <= reach + 1.01 * part[i])
+            };
+            tags.iter()
+                .zip(0..)
+                .fold(0, |bits, (tag, k)| bits | (u32::from(near(tag)) << k))
+        });
         DeckPaint {
-            half: [deck.length_m, deck.width_m].map(|v| (0.5 * v) as f32),
-            centre: [deck.tag_centre_m[0], deck.tag_centre_m[1]].map(|v| v as f32),
-            side: deck.tag_side_m as f32,
-            cells,
+            half,
+            index: index.collect(),
+            tags,
         }
     }
-    /// Side of one of the tag's cells, m.
-    pub(super) fn cell_m(&self) -> f64 {
-        f64::from(self.side / CELLS)
+    /// Side of the smallest of the tags' cells that may be decoded with `px` per metre; of the largest where none may.
+    pub(super) fn least_cell_px(&self, px: f64) -> f64 {
+        let cells = || self.tags.iter().map(|tag| f64::from(tag.cell) * px);
+        let most = cells().fold(0.0, f64::max);
+        cells()
+            .filter(|cell| *cell >= DECODED_CELL_PX)
+            .fold(most, f64::min)
     }
     /// Light from the point `x` forward and `y` to starboard, m; None beside the deck.
     #[inline]
@@ -58,12 +101,19 @@ impl DeckPaint {
         if !(x.abs() <= self.half[0] && y.abs() <= self.half[1]) {
             return None;
         }
-        // Cells from the upper left corner of the white margin; the tag's upper edge is forward.
-        let column = ((y - self.centre[1]) / self.side + 0.5) * CELLS + 1.0;
-        let row = (0.5 - (x - self.centre[0]) / self.side) * CELLS + 1.0;
-        let across = 0.0..CELLS + 2.0;
-        if across.contains(&column) && across.contains(&row) {
-            return self.cells.get(row as usize * 10 + column as usize).copied();
+        let part =
+            |v: f32, half: f32| ((v / half + 1.0) * (0.5 * INDEX as f32)).min(INDEX as f32 - 1.0) as usize;
+        let k = part(x, self.half[0]) * INDEX + part(y, self.half[1]);
+        let mut bits = self.index.get(k).copied().unwrap_or(0);
+        while bits != 0 {
+            if let Some(light) = self
+                .tags
+                .get(bits.trailing_zeros() as usize)
+                .and_then(|tag| tag.at(x, y))
+            {
+                return Some(light);
+            }
+            bits &= bits - 1;
         }
         let plank = (y / PLANK_M).floor() as i32;
         Some(if plank % 2 == 0 { 0.42 } else { 0.50 })

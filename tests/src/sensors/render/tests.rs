@@ -55,6 +55,14 @@ fn deck(euler: [f64; 3]) -> RigidState<Deck> {
     }
 }
 
+/// The paper's.
+fn one_tag() -> DeckGeometry {
+    DeckGeometry {
+        tag_side_m: Some(1.0),
+        ..DeckGeometry::default()
+    }
+}
+
 struct Setup {
     renderer: Renderer,
     node: CameraNode,
@@ -68,8 +76,8 @@ fn setup(change: impl FnOnce(&mut RenderConfig)) -> Setup {
         ..CameraSettings::default()
     };
     Setup {
-        renderer: Renderer::new(&config, &DeckGeometry::default(), &Streams::new(1)),
-        node: CameraNode::new(&settings, 1.0, NAMES),
+        renderer: Renderer::new(&config, &one_tag(), &Streams::new(1)),
+        node: CameraNode::new(&settings, &one_tag().tags(), NAMES),
     }
 }
 
@@ -127,11 +135,11 @@ fn camera_node_compensates_a_turned_mount() {
     };
     let designed = view(3.0, 0.2, [0.0; 3], [0.0; 3]);
     let deck = deck([0.1, -0.05, 0.3]);
-    let mut renderer = Renderer::new(&config, &DeckGeometry::default(), &Streams::new(1));
+    let mut renderer = Renderer::new(&config, &one_tag(), &Streams::new(1));
     let image = renderer
         .image(&shot(&mount.view(&drone), &deck, 0.004))
         .expect("an image");
-    let pose = CameraNode::new(&settings, 1.0, NAMES)
+    let pose = CameraNode::new(&settings, &one_tag().tags(), NAMES)
         .detect(&image)
         .expect("seen");
     let shifted = View {
@@ -249,4 +257,43 @@ fn view_along(sun: &Vector3<f64>) -> View {
     let mut v = view(height, 0.0, [0.0; 3], [0.0; 3]);
     v.centre = Point::new(away.x, away.y, -height);
     v
+}
+
+#[test]
+fn deck_tags_in_images_from_contact_to_10_m() {
+    let (config, deck_geometry, drone) = (
+        RenderConfig::default(),
+        DeckGeometry::default(),
+        DroneGeometry::default(),
+    );
+    let mount = CameraMount {
+        position: Vector3::from(drone.camera_m),
+        attitude: body_from_camera(),
+    };
+    let mut renderer = Renderer::new(&config, &deck_geometry, &Streams::new(1)).below(&drone, &mount);
+    let mut node = CameraNode::new(&CameraSettings::default(), &deck_geometry.tags(), NAMES);
+    // Feet above the deck.
+    for (up, aside) in [
+        (0.0, 0.0),
+        (0.0, 0.2),
+        (0.3, 0.15),
+        (0.8, 0.2),
+        (2.0, -0.2),
+        (5.0, 0.1),
+        (10.0, 0.2),
+    ] {
+        let at = RigidState::<DroneBody> {
+            position: Point::new(aside, -0.5 * aside, -up - drone.feet_below_m),
+            attitude: Rotation::from_euler(0.03, -0.04, 0.5),
+            ..Default::default()
+        };
+        let (view, level) = (mount.view(&at), deck([0.0; 3]));
+        let image = renderer.image(&shot(&view, &level, 0.004)).expect("an image");
+        let pose = node.detect(&image).expect("seen");
+        let (moved, turned) = errors(&pose, &view, &level);
+        assert!(
+            moved < 0.002 + 0.004 * up && turned < 0.01,
+            "{moved} m, {turned} rad at {up} m"
+        );
+    }
 }

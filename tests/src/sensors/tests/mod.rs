@@ -20,12 +20,16 @@ struct Rig {
     drone: DroneSensors,
 }
 
+/// With the paper's tag alone on the deck.
 fn sensors(config: &SensorConfig, seed: u64) -> Rig {
-    let (geometry, deck, streams) = (
-        DroneGeometry::default(),
-        DeckGeometry::default(),
-        Streams::new(seed),
-    );
+    let deck = DeckGeometry {
+        tag_side_m: Some(1.0),
+        ..DeckGeometry::default()
+    };
+    sensors_over(&deck, config, seed)
+}
+fn sensors_over(deck: &DeckGeometry, config: &SensorConfig, seed: u64) -> Rig {
+    let (geometry, streams) = (DroneGeometry::default(), Streams::new(seed));
     let clocks = clocks::Clocks::new(&config.clocks, &streams);
     let id = |drone, clock| Identity {
         vessel: 1,
@@ -36,7 +40,7 @@ fn sensors(config: &SensorConfig, seed: u64) -> Rig {
     Rig {
         clocks,
         vessel: VesselSensors::new(config, None, id(0, clocks.vessel), &streams),
-        drone: DroneSensors::new(config, &geometry, &deck, id(1, clocks.drone), &streams),
+        drone: DroneSensors::new(config, &geometry, deck, id(1, clocks.drone), &streams),
     }
 }
 

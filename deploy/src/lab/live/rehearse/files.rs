@@ -149,12 +149,9 @@ impl Plan {
             "source",
             camera.display().to_string(),
         );
-        // The simulated deck carries tag 0 and no markers.
+        // The simulated deck carries no markers.
         if drone.uvdar.at_rate(1.0).is_there() {
             set(&mut drone_file, &["uvdar"], "source", "");
-        }
-        if drone.drone.camera.tag.id != 0 {
-            set(&mut drone_file, &["drone", "camera", "tag"], "id", 0);
         }
         let pipe = mknodat(
             rustix::fs::CWD,
@@ -350,7 +347,9 @@ fn boat_sensors(
 /// What vessel and drone must know alike.
 fn contradictions(vessel: &VesselComputer, drone: &DroneComputer) -> Vec<String> {
     let mut all = Vec::new();
-    if vessel.vessel.deck != drone.drone.deck {
+    // Tags are the drone's alone.
+    let tags = drone.drone.tags();
+    if vessel.vessel.deck.with_tags(&tags) != drone.drone.deck.with_tags(&tags) {
         all.push("[vessel.deck] and [drone.deck] differ".into());
     }
     if vessel.vessel_id != drone.bridge.vessel_id {
@@ -408,7 +407,7 @@ fn scenario(
         ..Scenario::default()
     };
     s.describe(
-        &vessel.vessel.deck,
+        &vessel.vessel.deck.with_tags(&drone.drone.tags()),
         &vessel.vessel.surroundings,
         &drone.drone.airframe,
     );

@@ -2,6 +2,7 @@
 //! the response table.
 
 use alight_shared::geometry::DeckGeometry;
+use alight_shared::tags::Tags;
 use serde::{Deserialize, Serialize};
 
 use super::HullError;
@@ -97,13 +98,14 @@ impl Places {
         }
         Ok(places)
     }
-    /// The deck as nodes and world have it; the tag is `base`'s.
+    /// The deck as nodes and world have it, with the tags that are suggested for it, or `base`'s one.
     pub fn deck(&self, base: &DeckGeometry) -> DeckGeometry {
         let deck = &self.deck;
         DeckGeometry {
             centre_m: [deck.forward_m, deck.right_m, -deck.above_water_m],
             length_m: deck.length_m,
             width_m: deck.width_m,
+            tags: Tags::new(),
             ..*base
         }
     }

@@ -1,0 +1,75 @@
+//! The tags on a deck: several of one family, each with its number, size and place, seen as one body.
+
+use crate::config;
+use crate::msg::Seq;
+
+/// Tags of a deck, at most.
+pub const MAX_TAGS: usize = 24;
+/// Side of a tag with its white margin, in sides of its black square: ten cells to eight.
+pub const MARGIN: f64 = 1.25;
+
+config! {
+    /// A tag of the AprilTag family 36h11, its upper edge forward.
+    #[derive(Copy)]
+    pub struct DeckTag {
+        /// Its number in the family.
+        pub id: u16 = 0, in 0.0..=586.0;
+        /// Side of its black square, m.
+        pub side_m: f64 = 1.0, in 0.02..=10.0;
+        /// Its centre from the deck's centre: forward, right, down, m.
+        pub centre_m: [f64; 3] = [0.0; 3], in -50.0..=50.0;
+    }
+}
+
+/// The tags of a deck.
+pub type Tags = Seq<DeckTag, MAX_TAGS>;
+
+/// Side of the small tags, m: 20 px, with which nearly all images are decoded, from 1.4 m through 320 px of focal length.
+const SMALL_M: f64 = 0.09;
+/// Radius of the ring of six about the seventh, m. At contact the image of the default camera (0.22 m above the deck, 480 px
+/// of height) holds a circle of 0.165 m: a tag whose centre is within 0.101 m of that circle's centre is whole. Seven discs of
+/// that radius cover a disc of twice the radius, 0.2 m of landing error, with the ring at the square root of 3 of it.
+const RING_M: f64 = 0.173;
+/// Largest of the two tags that are seen from afar and of the two between, m: decoded from 16 m and from 5 m.
+const LARGE_M: [f64; 2] = [0.8, 0.25];
+/// The least of the first, m: 20 px from the tracking height of 7 m. A shorter deck has room for one tag instead, at most
+/// the paper's metre and 0.7 of the deck, so that its margin is on the deck as well.
+const LEAST_M: f64 = 0.44;
+const ALONE: (f64, f64) = (1.0, 0.7);
+
+/// The tags that are suggested for a deck of this size: seven small ones about its centre for the last metre, two to the
+/// sides, and two large ones fore and aft; one alone where the deck is too short.
+pub fn suggested(length_m: f64, width_m: f64) -> Tags {
+    let ring = core::array::from_fn::<_, 6, _>(|k| (60.0 * k as f64 + 30.0).to_radians().sin_cos());
+    let inner = [ring[0].1, 1.0].map(|reach| RING_M * reach + 0.5 * MARGIN * SMALL_M);
+    let room = |half: f64, inner: f64| (half - inner) / MARGIN;
+    let large = (room(0.5 * length_m, inner[0]))
+        .min(width_m / MARGIN)
+        .min(LARGE_M[0]);
+    let middle = room(0.5 * width_m, inner[1]).min(LARGE_M[1]);
+    if large < LEAST_M {
+        let side_m = (ALONE.1 * length_m.min(width_m)).min(ALONE.0);
+        return Seq::filled([DeckTag {
+            side_m,
+            ..DeckTag::default()
+        }]);
+    }
+    // To the millimetre, as it is printed.
+    let mm = |v: f64| ((1e3 * v.abs() + 1e-6).round() / 1e3).copysign(v) + 0.0;
+    let (fore, aside) = (inner[0] + 0.5 * MARGIN * large, inner[1] + 0.5 * MARGIN * middle);
+    let far = [
+        (large, fore, 0.0),
+        (large, -fore, 0.0),
+        (middle, 0.0, aside),
+        (middle, 0.0, -aside),
+    ];
+    let small = ring.map(|(sin, cos)| (SMALL_M, RING_M * cos, RING_M * sin));
+    let all = far.into_iter().chain([(SMALL_M, 0.0, 0.0)]).chain(small);
+    // Beside a narrow deck's small tags there is no room for larger ones.
+    let useful = all.filter(|(side, ..)| *side >= SMALL_M);
+    Seq::filled(useful.zip(0..).map(|((side, x, y), id)| DeckTag {
+        id,
+        side_m: (1e3 * side + 1e-6).floor() / 1e3,
+        centre_m: [mm(x), mm(y), 0.0],
+    }))
+}

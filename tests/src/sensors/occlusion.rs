@@ -1,0 +1,105 @@
+//! What of the drone itself comes between its camera and the tags: its legs, and its shadow on the deck.
+
+use alight_shared::frames::{TrueNed, Vector};
+use alight_shared::geometry::DroneGeometry;
+use nalgebra::{Vector2, Vector3};
+
+use super::camera::{CameraMount, View};
+
+/// Radius of a leg, m.
+/// Chosen: a carbon tube of 16 mm with its clamps.
+const LEG_RADIUS_M: f64 = 0.01;
+/// Radius of what casts a shadow (plates, battery, arms' roots) in lengths of an arm. Spinning rotors let 9 of 10 parts of
+/// the light through.
+/// Chosen: as on a Tarot T650.
+const BODY: f64 = 0.4;
+/// Points along a leg: closer together than its radius.
+const POINTS: usize = 60;
+
+/// Legs and body in the camera's axes, in which they rest, and the sun.
+#[derive(Clone, Debug)]
+pub struct Occlusion {
+    /// Points along the legs in front of the camera: image at unit distance and radius there.
+    pub(super) legs: Vec<(Vector2<f64>, f64)>,
+    body: Vector3<f64>,
+    radius_m: f64,
+    /// Direction to the sun.
+    sun: Vector<TrueNed>,
+}
+
+impl Occlusion {
+    /// Of this drone with this mount of its camera in this light.
+    pub fn new(drone: &DroneGeometry, mount: &CameraMount, sun: Vector<TrueNed>) -> Occlusion {
+        let to_camera = |p: Vector3<f64>| mount.attitude.inverse().0 * (p - mount.position);
+        let [x, y] = drone.feet_span_m.map(|span| 0.5 * span);
+        let along = |k: usize| k as f64 / (POINTS - 1) as f64;
+        let legs = [[x, y], [x, -y], [-x, y], [-x, -y]]
+            .into_iter()
+            .flat_map(|[x, y]| {
+                let (root, foot) = (
+                    Vector3::new(BODY * x, BODY * y, 0.0),
+                    Vector3::new(x, y, drone.feet_below_m),
+                );
+                (0..POINTS).map(move |k| to_camera(root.lerp(&foot, along(k))))
+            });
+        let image = |p: Vector3<f64>| (p.z > 2.0 * LEG_RADIUS_M).then(|| (p.xy() / p.z, LEG_RADIUS_M / p.z));
+        Occlusion {
+            legs: legs.filter_map(image).collect(),
+            body: to_camera(Vector3::zeros()),
+            radius_m: BODY * drone.arm_m,
+            sun,
+        }
+    }
+    /// Whether the body takes the sun from a point in the camera's axes.
+    pub(super) fn shades(&self, view: &View, point: Vector3<f64>) -> bool {
+        let sun = (view.camera_from_world * self.sun).0;
+        let to_body = self.body - point;
+        let along = to_body.dot(&sun);
+        along > 0.0 && to_body.norm_squared() - along * along < self.radius_m * self.radius_m
+    }
+    /// Whether a leg crosses the convex quadrilateral at unit distance, its corners clockwise as [`super::tag`] has them.
+    pub(super) fn covers(&self, quad: &[Vector2<f64>; 4]) -> bool {
+        self.legs.iter().any(|(at, radius)| {
+            (0..4).all(|k| {
+                let side = quad[(k + 1) % 4] - quad[k];
+                side.perp(&(at - quad[k])) >= -radius * side.norm()
+            })
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::camera::body_from_camera;
+    use super::*;
+    use alight_shared::frames::DroneBody;
+
+    use crate::physics::body::RigidState;
+
+    #[test]
+    fn tag_behind_a_leg_or_in_the_shadow_hidden() {
+        let drone = DroneGeometry {
+            feet_span_m: [0.2, 0.2],
+            ..DroneGeometry::default()
+        };
+        let mount = CameraMount {
+            position: Vector3::from(drone.camera_m),
+            attitude: body_from_camera(),
+        };
+        // From ahead, 45 deg high.
+        let half = core::f64::consts::FRAC_1_SQRT_2;
+        let hidden = Occlusion::new(&drone, &mount, Vector::new(half, 0.0, -half));
+        // The right front foot is at 0.1 / 0.22 to the right and up in the image.
+        let quad = |x: f64, y: f64| {
+            [[-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [1.0, 1.0]]
+                .map(|[u, v]| Vector2::new(x + 0.05 * u, y + 0.05 * v))
+        };
+        assert!(hidden.covers(&quad(0.45, -0.45)));
+        assert!(!hidden.covers(&quad(0.0, 0.0)) && !hidden.covers(&quad(0.45, 0.2)));
+        // A metre above the deck its shadow lies a metre aft of it.
+        let view = mount.view(&RigidState::<DroneBody>::default());
+        let below = |ahead: f64| view.to_camera_frame(alight_shared::frames::Point::new(ahead, 0.0, 1.0));
+        assert!(hidden.shades(&view, below(-1.0)));
+        assert!(!hidden.shades(&view, below(0.0)) && !hidden.shades(&view, below(-1.4)));
+    }
+}
