@@ -5,7 +5,7 @@ use std::path::Path;
 
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::physics::sea::SeaConfig;
-use alight_sim::studies::statistics::{Summary, wilson};
+use alight_sim::studies::statistics::{FailureCount, Summary, wilson};
 use serde_json::{Value, json};
 
 use super::polar;
@@ -33,7 +33,8 @@ pub struct Grid {
     pub winds: Vec<f64>,
     /// Evenly spaced, the first from ahead.
     pub directions: u16,
-    trials: u32,
+    /// Landings tried in each cell.
+    pub trials: u32,
 }
 
 /// One wind in one sea, and what became of the drones.
@@ -86,7 +87,7 @@ impl Grid {
         let mut winds = given(
             &args.winds,
             if quick {
-                &[4.0, 8.0, 12.0]
+                &[4.0, 6.0, 8.0, 10.0, 12.0]
             } else {
                 &[2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0]
             },
@@ -103,8 +104,17 @@ impl Grid {
             states,
             winds,
             directions: args.directions.unwrap_or(if quick { 8 } else { 12 }),
-            trials: args.trials.unwrap_or(if quick { 4 } else { 10 }),
+            trials: args.trials.unwrap_or(if quick { 5 } else { 10 }),
         }
+    }
+    /// A sea state with its waves.
+    pub fn sea_name(state: u8) -> String {
+        let systems = SeaConfig::of_sea_state(state).unwrap_or_default().systems;
+        let waves = systems
+            .first()
+            .map(|w| (w.significant_height_m, w.peak_period_s))
+            .unwrap_or_default();
+        format!("sea state {state}: {:.1} m, {:.1} s", waves.0, waves.1)
     }
     /// Directions, clockwise from the bow, deg.
     pub fn bearings(&self) -> impl Iterator<Item = f64> + Clone + use<> {
@@ -159,6 +169,12 @@ fn scene(base: &Scene, (state, wind, from): (u8, f64, f64)) -> StudyScene {
     }
 }
 
+/// Why, without the judge's words before what the mission waits for.
+fn waits_for(failure: &FailureCount) -> String {
+    let why = failure.reason.rsplit("mission waiting: ").next();
+    why.unwrap_or_default().into()
+}
+
 /// What became of each condition.
 fn cells(grid: &Grid, outcomes: &[Outcome]) -> Vec<Cell> {
     let cell = |(state, wind_mps, from_deg)| {
@@ -172,11 +188,7 @@ fn cells(grid: &Grid, outcomes: &[Outcome]) -> Vec<Cell> {
             trials: summary.trials,
             landed: summary.successes,
             refused: set.iter().filter(|o| o.is_refused()).count(),
-            reason: summary
-                .failures
-                .first()
-                .map(|f| f.reason.clone())
-                .unwrap_or_default(),
+            reason: summary.failures.first().map(waits_for).unwrap_or_default(),
         }
     };
     grid.conditions().map(cell).collect()
@@ -214,13 +226,15 @@ fn base(args: &EnvelopeArgs) -> Result<Scene, CliError> {
 pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     let (grid, base) = (Grid::of(args), base(args)?);
     let scenes: Vec<StudyScene> = grid.conditions().map(|c| scene(&base, c)).collect();
+    let boat = args.scene.hull.as_deref().unwrap_or("the simulated vessel");
     let planner = PlannerVariant::from(base.nodes.bench_planner());
     note(
         args.json,
         format_args!(
-            "envelope: {} cells of {} landings; a run that is cut off goes on where it stopped",
-            scenes.len(),
-            grid.trials
+            "envelope: {} landings on {boat}, {} in each of {} cells; a run that is cut off goes on where it stopped",
+            scenes.len() * grid.trials as usize,
+            grid.trials,
+            scenes.len()
         ),
     );
     let flights = GridRun {
@@ -235,13 +249,12 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     let outcomes = run::fly_grid(&flights, &scenes, core::slice::from_ref(&planner))?;
     let cells = cells(&grid, &outcomes);
     let hash = run::configuration_hash(&base.nodes);
-    let boat = args.scene.hull.as_deref().unwrap_or("the simulated vessel");
     let title = format!("Landing envelope of {boat}");
     let limits = limits(&grid, &cells);
     note(
         args.json,
         format_args!(
-            "{title}: greatest relative wind within the limit, m/s\n{}",
+            "{title}: relative wind up to which a drone lands, m/s (-: not in the lightest)\n{}",
             limits.text()
         ),
     );
@@ -279,7 +292,7 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
 
 /// The limit by direction (a row each) and sea state.
 fn limits(grid: &Grid, cells: &[Cell]) -> Table {
-    let heads = grid.states.iter().map(|s| format!("sea state {s}"));
+    let heads = grid.states.iter().map(|s| Grid::sea_name(*s));
     let mut table = Table::new(0.., core::iter::once("wind from, deg".into()).chain(heads));
     for from in grid.bearings() {
         let of_state = |s: &u8| TableCell::number(grid.limit(cells, *s, from), 0);
@@ -353,7 +366,7 @@ fn document(
     }
     let mut blocks = vec![
         Block::Text(format!(
-            "Each cell: {} landings tried in the simulated world, configuration {hash}. The wind is relative to the vessel, \
+            "Landings tried in each cell, in the simulated world: {}; configuration {hash}. The wind is relative to the vessel, \
              10 m above the water, with gusts; the waves are a fully developed sea of the state's mean height and come from \
              where the wind does. Refused: the drone did not touch the deck. Unsafe: everything else that is no landing. \
              The line is the limit: up to it every cell was landed in at least half of all cases by the lower end of \
@@ -364,7 +377,7 @@ fn document(
             caption: "Landed, refused, unsafe by relative wind and sea state".into(),
             svg: svg.into(),
         }),
-        Block::Heading("The limit, m/s".into()),
+        Block::Heading("The limit, m/s (-: not even in the lightest wind)".into()),
         Block::Table(limits),
         Block::Heading("All cells".into()),
         Block::Table(table),
@@ -408,7 +421,7 @@ mod tests {
     #[test]
     fn envelope_grid_of_wind_direction_and_sea() {
         let grid = Grid::of(&args("--quick --winds 8,4,8 --directions 4 --sea-states 3"));
-        assert_eq!((grid.winds.as_slice(), grid.trials), (&[4.0, 8.0][..], 4));
+        assert_eq!((grid.winds.as_slice(), grid.trials), (&[4.0, 8.0][..], 5));
         assert_eq!(grid.conditions().count(), 8);
         assert_eq!(grid.bearings().collect::<Vec<_>>(), [0.0, 90.0, 180.0, 270.0]);
     }
@@ -454,7 +467,7 @@ mod tests {
             svg.starts_with("<svg") && svg.contains("4/4") && svg.contains("2/4"),
             "{svg}"
         );
-        assert!(svg.contains("sea state 3") && !svg.contains("<one>"));
+        assert!(svg.contains("sea state 3: 0.9 m, 4.7 s") && !svg.contains("<one>"));
         let page = document(&grid, &cells, limits(&grid, &cells), ("E", "h"), &svg, &[]).html();
         assert!(page.contains("<svg") && page.contains("51-100 %") && !page.contains("src="));
     }
