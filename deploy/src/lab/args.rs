@@ -232,6 +232,9 @@ pub struct SceneArgs {
     /// The outage lasts this long, s [default: for good]
     #[arg(long, alias = "radio-back", value_name = "S", requires = "outage_at")]
     pub outage_duration: Option<f64>,
+    /// Descend at a random moment, however likely it succeeds: compares predicted probability with what happens
+    #[arg(long)]
+    pub begin_anyway: bool,
     /// Scenario file (TOML; `alight config scenario` prints the defaults); flags override it
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,

@@ -178,6 +178,9 @@ config! {
         /// The pilot's process stands still at a state of the mission; in lock-step only.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub pilot_outage: Option<StateOutage> = None;
+        /// A descent begins at a random moment within 20 s after the drone is steady above the deck, and goes on, however
+        /// likely it succeeds: so predicted probability is compared with what happens.
+        pub begin_anyway: bool = false;
         /// From the planner's step to the plan's arrival at the pilot, s.
         /// Source: One period of the planner at 50 Hz: the plan is used one period after its
         /// inputs.
