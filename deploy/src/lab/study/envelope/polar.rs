@@ -8,7 +8,7 @@ use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::envelope::{Cell, Grid};
+use super::grid::{Cell, Grid};
 
 const LANDED: RGBColor = RGBColor(122, 184, 122);
 const REFUSED: RGBColor = RGBColor(244, 204, 120);
