@@ -460,7 +460,7 @@ pub struct EnvelopeArgs {
     /// A coarse grid of few landings: some ten minutes on two cores
     #[arg(long)]
     pub quick: bool,
-    /// Relative winds, m/s, separated by commas [default: 2,4,6,8,10,12,14; with --quick 4,8,12]
+    /// Relative winds, m/s, separated by commas [default: 2,4,6,8,10,12,14; with --quick 4,6,8,10,12]
     #[arg(long, value_name = "M/S,..", value_delimiter = ',', value_parser = wind_speed)]
     pub winds: Vec<f64>,
     /// Directions all round that it comes from [default: 12; with --quick 8]
@@ -469,7 +469,7 @@ pub struct EnvelopeArgs {
     /// Sea states (WMO code table 3700), separated by commas [default: 1,2,3,4; with --quick 2,3,4]
     #[arg(long, value_name = "1..5,..", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..=5))]
     pub sea_states: Vec<u8>,
-    /// Landings per cell [default: 10; with --quick 4]
+    /// Landings per cell [default: 10; with --quick 5]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub trials: Option<u32>,
     /// First seed

@@ -31,7 +31,7 @@ pub enum LabCommand {
     Trials(TrialsArgs),
     /// Measure one thing over many seeds.
     Study(StudyArgs),
-    /// Fly relative winds, directions and sea states on one boat, and draw in which a drone lands on her.
+    /// Draw in which relative wind and sea a drone lands on a boat.
     Envelope(EnvelopeArgs),
     /// Print the simulated vessel's response (RAO) in surge, heave and pitch by wave length.
     #[command(alias = "response")]

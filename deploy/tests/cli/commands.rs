@@ -152,6 +152,27 @@ fn study_shards_merge_to_the_same_rows_and_an_interrupted_study_resumes() {
 }
 
 #[test]
+fn envelope_resumes_with_more_landings() {
+    let out = scratch("envelope");
+    let envelope = |trials: u32| {
+        let words = "envelope --winds 4 --directions 1 --sea-states 2 --json --trials";
+        let o = alight(format!("{words} {trials} --out {}", out.display()));
+        assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+        (json(&o), std::fs::read_to_string(out.join("rows.csv")).unwrap())
+    };
+    let (_, first) = envelope(1);
+    let (value, both) = envelope(2);
+    assert!(both.starts_with(&first) && both.lines().count() == 3, "{both}");
+    assert_eq!(value["cells"][0]["trials"], 2);
+    for (name, text) in [("envelope.svg", "<svg"), ("envelope.html", "sea state 2")] {
+        assert!(
+            std::fs::read_to_string(out.join(name)).unwrap().contains(text),
+            "{name}"
+        );
+    }
+}
+
+#[test]
 fn study_pairs_two_planners_and_prints_replays_of_the_worst_seeds() {
     let out = scratch("paired");
     let study = |more: &str| {

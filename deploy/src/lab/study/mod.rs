@@ -12,7 +12,6 @@ mod fleet;
 mod grid;
 pub mod link;
 mod moving;
-mod polar;
 mod prediction;
 mod reference;
 mod report;

@@ -8,7 +8,7 @@ use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::envelope::{Cell, Grid};
+use super::grid::{Cell, Grid};
 
 const LANDED: RGBColor = RGBColor(122, 184, 122);
 const REFUSED: RGBColor = RGBColor(244, 204, 120);
@@ -17,11 +17,13 @@ const LINE: RGBColor = RGBColor(30, 30, 30);
 /// Side of a panel, height of title and legend, px.
 const PANEL: u32 = 400;
 const HEAD: u32 = 40;
-const FOOT: u32 = 34;
+const FOOT: u32 = 66;
 /// Part of the radius for the boat in the middle.
 const HUB: f64 = 0.17;
 /// Panels in a row.
 const COLUMNS: usize = 3;
+/// Longest side of an arc, rad: it leaves a circle of 160 px by 0.2 px.
+const MAX_STEP: f64 = 0.1;
 
 type Plane<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 type Drawn = Result<(), Box<dyn Error>>;
@@ -31,7 +33,7 @@ fn at(radius: f64, angle: f64) -> (f64, f64) {
     (radius * angle.sin(), radius * angle.cos())
 }
 fn arc(radius: f64, [from, to]: [f64; 2]) -> impl DoubleEndedIterator<Item = (f64, f64)> {
-    let steps = (((to - from) / 0.05).ceil() as u32).max(1);
+    let steps = (((to - from) / MAX_STEP).ceil() as u32).max(1);
     (0..=steps).map(move |k| at(radius, from + (to - from) * f64::from(k) / f64::from(steps)))
 }
 /// A part of a ring between two radii and two angles.
@@ -56,7 +58,7 @@ pub fn draw(grid: &Grid, cells: &[Cell], title: &str) -> Result<String, Box<dyn 
         root.fill(&WHITE)?;
         let middle = size.0 as i32 / 2;
         root.draw(&Text::new(title.to_owned(), (middle, HEAD as i32 / 2), text(20)))?;
-        legend(&root, size.1 as i32 - FOOT as i32 / 2)?;
+        legend(&root, (size.1 - FOOT) as i32, grid.trials)?;
         let (_, body) = root.split_vertically(HEAD);
         let (body, _) = body.split_vertically(PANEL * rows as u32);
         for (panel, state) in body.split_evenly((rows, columns)).iter().zip(&grid.states) {
@@ -68,21 +70,23 @@ pub fn draw(grid: &Grid, cells: &[Cell], title: &str) -> Result<String, Box<dyn 
     Ok(svg)
 }
 
-fn legend(root: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, y: i32) -> Drawn {
-    let style = ("sans-serif", 13)
-        .into_font()
-        .color(&LINE)
-        .pos(Pos::new(HPos::Left, VPos::Center));
-    for (k, (colour, name)) in [(LANDED, "landed"), (REFUSED, "refused"), (UNSAFE, "unsafe")]
-        .into_iter()
-        .enumerate()
-    {
-        let x = 12 + 84 * k as i32;
+fn legend(root: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, top: i32, trials: u32) -> Drawn {
+    let style = text(13).pos(Pos::new(HPos::Left, VPos::Center));
+    let (mut x, y) = (12, top + 12);
+    for (colour, name) in [(LANDED, "landed"), (REFUSED, "refused"), (UNSAFE, "unsafe")] {
         root.draw(&Rectangle::new([(x, y - 6), (x + 12, y + 6)], colour.filled()))?;
         root.draw(&Text::new(name, (x + 18, y), style.clone()))?;
+        x += 84;
     }
-    root.draw(&PathElement::new([(266, y), (286, y)], LINE.stroke_width(3)))?;
-    root.draw(&Text::new("limit", (292, y), style))?;
+    root.draw(&PathElement::new([(x, y), (x + 20, y)], LINE.stroke_width(3)))?;
+    root.draw(&Text::new("limit", (x + 26, y), style.clone()))?;
+    let lines = [
+        format!("{trials} landings a cell; waves come from where the wind does"),
+        "rings: relative wind, 10 m above the water, m/s".into(),
+    ];
+    for (line, y) in lines.into_iter().zip([y + 20, y + 38]) {
+        root.draw(&Text::new(line, (12, y), style.clone()))?;
+    }
     Ok(())
 }
 
@@ -141,16 +145,17 @@ fn polar(plane: &mut Plane<'_, '_>, grid: &Grid, cells: &[Cell], state: u8) -> D
         (-0.045, 0.05),
     ];
     plane.draw_series([Polygon::new(hull.to_vec(), RGBColor(120, 120, 120))])?;
-    let scale = grid.winds.iter().map(|w| (format!("{w}"), at(radius(*w), half)));
+    let scale = grid
+        .winds
+        .iter()
+        .map(|w| (format!("{w}"), at(radius(*w) + 0.03, half)));
     let bearings = grid
         .bearings()
         .map(|b| (format!("{b:.0}°"), at(1.1, b.to_radians())));
-    let sea = core::iter::once((format!("sea state {state}; wind from, m/s"), (0.0, -1.21)));
-    plane.draw_series(
-        scale
-            .chain(bearings)
-            .chain(sea)
-            .map(|(label, place)| Text::new(label, place, text(13))),
-    )?;
+    let labels = scale
+        .chain(bearings)
+        .map(|(label, place)| Text::new(label, place, text(13)));
+    plane.draw_series(labels)?;
+    plane.draw_series([Text::new(Grid::sea_name(state), (0.0, 1.2), text(15))])?;
     Ok(())
 }

@@ -1,14 +1,16 @@
 //! `alight envelope`: in which relative wind, from which direction, in which sea a drone lands on one boat, as the polar of
 //! her papers (what navies call ship-helicopter operating limits).
 
+mod grid;
+mod polar;
+
 use std::path::Path;
 
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::physics::sea::SeaConfig;
-use alight_sim::studies::statistics::{Summary, wilson};
-use serde_json::{Value, json};
+use alight_sim::studies::statistics::{FailureCount, Summary, wilson};
+use serde_json::json;
 
-use super::polar;
 use super::report::replay_command;
 use super::run::{self, GridRun};
 use super::variant::{PlannerVariant, StudyScene};
@@ -18,119 +20,10 @@ use crate::lab::report::document::{Block, Chart, Document, write_files};
 use crate::lab::scene::Scene;
 use crate::table::{Cell as TableCell, Table};
 use crate::terminal::{self, note};
+use grid::{Cell, Grid};
 
-/// A cell is within the limit when at this rate or more is landed, by the lower end of its interval: more likely than not.
-const LIMIT_RATE: f64 = 0.5;
 /// Unsafe landings that the page flies again by a command.
 const MAX_UNSAFE: usize = 12;
-
-/// What is flown: relative winds (10 m above the water, m/s) from directions all round, in sea states, so often a cell.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Grid {
-    /// Sea states, WMO code table 3700.
-    pub states: Vec<u8>,
-    /// Ascending, m/s.
-    pub winds: Vec<f64>,
-    /// Evenly spaced, the first from ahead.
-    pub directions: u16,
-    trials: u32,
-}
-
-/// One wind in one sea, and what became of the drones.
-#[derive(Clone, Debug)]
-pub struct Cell {
-    /// Sea state.
-    pub state: u8,
-    /// Relative wind, m/s.
-    pub wind_mps: f64,
-    /// Where it and the waves come from, clockwise from the bow, deg.
-    pub from_deg: f64,
-    /// Landings tried.
-    pub trials: usize,
-    /// At rest on the deck.
-    pub landed: usize,
-    /// Ended without a contact.
-    pub refused: usize,
-    /// The most frequent reason of those that did not land.
-    reason: String,
-}
-
-impl Cell {
-    /// What neither landed nor was refused.
-    pub fn unsafe_count(&self) -> usize {
-        self.trials - self.landed - self.refused
-    }
-    fn is_within(&self) -> bool {
-        self.unsafe_count() == 0 && wilson(self.landed, self.trials).0 >= LIMIT_RATE
-    }
-    fn json(&self) -> Value {
-        json!({
-            "sea_state": self.state, "wind_mps": self.wind_mps, "from_deg": self.from_deg, "trials": self.trials,
-            "landed": self.landed, "landed_interval": wilson(self.landed, self.trials),
-            "refused": self.refused, "refused_interval": wilson(self.refused, self.trials),
-            "unsafe": self.unsafe_count(), "unsafe_interval": wilson(self.unsafe_count(), self.trials),
-        })
-    }
-}
-
-impl Grid {
-    fn of(args: &EnvelopeArgs) -> Grid {
-        let given = |own: &[f64], otherwise: &[f64]| {
-            if own.is_empty() {
-                otherwise.to_vec()
-            } else {
-                own.to_vec()
-            }
-        };
-        let quick = args.quick;
-        let mut winds = given(
-            &args.winds,
-            if quick {
-                &[4.0, 8.0, 12.0]
-            } else {
-                &[2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0]
-            },
-        );
-        winds.sort_by(f64::total_cmp);
-        winds.dedup();
-        let mut states = args.sea_states.clone();
-        if states.is_empty() {
-            states = if quick { vec![2, 3, 4] } else { vec![1, 2, 3, 4] };
-        }
-        states.sort_unstable();
-        states.dedup();
-        Grid {
-            states,
-            winds,
-            directions: args.directions.unwrap_or(if quick { 8 } else { 12 }),
-            trials: args.trials.unwrap_or(if quick { 4 } else { 10 }),
-        }
-    }
-    /// Directions, clockwise from the bow, deg.
-    pub fn bearings(&self) -> impl Iterator<Item = f64> + Clone + use<> {
-        let n = self.directions;
-        (0..n).map(move |k| 360.0 * f64::from(k) / f64::from(n))
-    }
-    fn conditions(&self) -> impl Iterator<Item = (u8, f64, f64)> {
-        let bearings = self.bearings();
-        let of_state = move |state: &u8| {
-            let (state, bearings) = (*state, bearings.clone());
-            let of_wind = move |wind: &f64| {
-                let wind = *wind;
-                bearings.clone().map(move |from| (state, wind, from))
-            };
-            self.winds.iter().flat_map(of_wind)
-        };
-        self.states.iter().flat_map(of_state)
-    }
-    /// The fastest wind up to which every wind from there is within the limit, m/s; None: not even the lightest.
-    pub fn limit(&self, cells: &[Cell], state: u8, from_deg: f64) -> Option<f64> {
-        let here = cells
-            .iter()
-            .filter(|c| (c.state, c.from_deg) == (state, from_deg));
-        here.take_while(|c| c.is_within()).last().map(|c| c.wind_mps)
-    }
-}
 
 fn name(state: u8, wind: f64, from: f64) -> String {
     format!("sea state {state}, {wind} m/s from {from:.0} deg")
@@ -159,6 +52,12 @@ fn scene(base: &Scene, (state, wind, from): (u8, f64, f64)) -> StudyScene {
     }
 }
 
+/// Why, without the judge's words before what the mission waits for.
+fn waits_for(failure: &FailureCount) -> String {
+    let why = failure.reason.rsplit("mission waiting: ").next();
+    why.unwrap_or_default().into()
+}
+
 /// What became of each condition.
 fn cells(grid: &Grid, outcomes: &[Outcome]) -> Vec<Cell> {
     let cell = |(state, wind_mps, from_deg)| {
@@ -172,11 +71,7 @@ fn cells(grid: &Grid, outcomes: &[Outcome]) -> Vec<Cell> {
             trials: summary.trials,
             landed: summary.successes,
             refused: set.iter().filter(|o| o.is_refused()).count(),
-            reason: summary
-                .failures
-                .first()
-                .map(|f| f.reason.clone())
-                .unwrap_or_default(),
+            reason: summary.failures.first().map(waits_for).unwrap_or_default(),
         }
     };
     grid.conditions().map(cell).collect()
@@ -205,6 +100,8 @@ fn base(args: &EnvelopeArgs) -> Result<Scene, CliError> {
             &nodes.vessel.surroundings,
             &nodes.drone.airframe,
         );
+        world.sensors.vessel_gnss.antenna_m = nodes.vessel.gnss.antenna_m;
+        world.sensors.vessel_imu.lever_arm_m = nodes.vessel.imu.lever_arm_m;
         world.drone.contact.friction = nodes.drone.mission.friction;
     }
     Ok(base)
@@ -214,13 +111,15 @@ fn base(args: &EnvelopeArgs) -> Result<Scene, CliError> {
 pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     let (grid, base) = (Grid::of(args), base(args)?);
     let scenes: Vec<StudyScene> = grid.conditions().map(|c| scene(&base, c)).collect();
+    let boat = args.scene.hull.as_deref().unwrap_or("the simulated vessel");
     let planner = PlannerVariant::from(base.nodes.bench_planner());
     note(
         args.json,
         format_args!(
-            "envelope: {} cells of {} landings; a run that is cut off goes on where it stopped",
-            scenes.len(),
-            grid.trials
+            "envelope: {} landings on {boat}, {} in each of {} cells; a run that is cut off goes on where it stopped",
+            scenes.len() * grid.trials as usize,
+            grid.trials,
+            scenes.len()
         ),
     );
     let flights = GridRun {
@@ -235,13 +134,12 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     let outcomes = run::fly_grid(&flights, &scenes, core::slice::from_ref(&planner))?;
     let cells = cells(&grid, &outcomes);
     let hash = run::configuration_hash(&base.nodes);
-    let boat = args.scene.hull.as_deref().unwrap_or("the simulated vessel");
     let title = format!("Landing envelope of {boat}");
     let limits = limits(&grid, &cells);
     note(
         args.json,
         format_args!(
-            "{title}: greatest relative wind within the limit, m/s\n{}",
+            "{title}: relative wind up to which a drone lands, m/s (-: not in the lightest)\n{}",
             limits.text()
         ),
     );
@@ -279,7 +177,7 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
 
 /// The limit by direction (a row each) and sea state.
 fn limits(grid: &Grid, cells: &[Cell]) -> Table {
-    let heads = grid.states.iter().map(|s| format!("sea state {s}"));
+    let heads = grid.states.iter().map(|s| Grid::sea_name(*s));
     let mut table = Table::new(0.., core::iter::once("wind from, deg".into()).chain(heads));
     for from in grid.bearings() {
         let of_state = |s: &u8| TableCell::number(grid.limit(cells, *s, from), 0);
@@ -353,7 +251,7 @@ fn document(
     }
     let mut blocks = vec![
         Block::Text(format!(
-            "Each cell: {} landings tried in the simulated world, configuration {hash}. The wind is relative to the vessel, \
+            "Landings tried in each cell, in the simulated world: {}; configuration {hash}. The wind is relative to the vessel, \
              10 m above the water, with gusts; the waves are a fully developed sea of the state's mean height and come from \
              where the wind does. Refused: the drone did not touch the deck. Unsafe: everything else that is no landing. \
              The line is the limit: up to it every cell was landed in at least half of all cases by the lower end of \
@@ -364,7 +262,7 @@ fn document(
             caption: "Landed, refused, unsafe by relative wind and sea state".into(),
             svg: svg.into(),
         }),
-        Block::Heading("The limit, m/s".into()),
+        Block::Heading("The limit, m/s (-: not even in the lightest wind)".into()),
         Block::Table(limits),
         Block::Heading("All cells".into()),
         Block::Table(table),
@@ -408,7 +306,7 @@ mod tests {
     #[test]
     fn envelope_grid_of_wind_direction_and_sea() {
         let grid = Grid::of(&args("--quick --winds 8,4,8 --directions 4 --sea-states 3"));
-        assert_eq!((grid.winds.as_slice(), grid.trials), (&[4.0, 8.0][..], 4));
+        assert_eq!((grid.winds.as_slice(), grid.trials), (&[4.0, 8.0][..], 5));
         assert_eq!(grid.conditions().count(), 8);
         assert_eq!(grid.bearings().collect::<Vec<_>>(), [0.0, 90.0, 180.0, 270.0]);
     }
@@ -454,7 +352,7 @@ mod tests {
             svg.starts_with("<svg") && svg.contains("4/4") && svg.contains("2/4"),
             "{svg}"
         );
-        assert!(svg.contains("sea state 3") && !svg.contains("<one>"));
+        assert!(svg.contains("sea state 3: 0.9 m, 4.7 s") && !svg.contains("<one>"));
         let page = document(&grid, &cells, limits(&grid, &cells), ("E", "h"), &svg, &[]).html();
         assert!(page.contains("<svg") && page.contains("51-100 %") && !page.contains("src="));
     }
