@@ -253,7 +253,7 @@ impl fmt::Display for Reason {
             ReasonCode::ForecastStale => write!(f, "deck forecast {v:.2} s old (limit {l:.2})"),
             ReasonCode::NoVision => write!(f, "deck not seen yet"),
             ReasonCode::VisionLost => write!(f, "deck not seen for {v:.2} s (limit {l:.2})"),
-            ReasonCode::TooFar => write!(f, "{v:.2} m from above the deck (limit {l:.2})"),
+            ReasonCode::TooFar => write!(f, "{v:.2} m beside the deck (limit {l:.2} m)"),
             ReasonCode::TooFast => write!(f, "{v:.2} m/s relative to the deck (limit {l:.2})"),
             ReasonCode::Uncertain => write!(f, "deck known to {v:.2} m only (limit {l:.2})"),
             ReasonCode::SpeedUncertain => {

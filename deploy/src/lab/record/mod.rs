@@ -7,6 +7,7 @@ use std::path::Path;
 use alight_bridge::{BridgeIn, BridgeOut};
 use alight_shared::frames::{DroneBody, VesselBody};
 use alight_shared::time::{DroneClock, Time, TrueTime, VesselClock};
+use alight_shared::transport::wake::end_requested;
 use alight_sim::baselines::Baseline;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::physics::{BOOT, DRONE_ID, VESSEL_ID};
@@ -84,7 +85,10 @@ pub fn fly(
     let recorder = path
         .map(|path| FlightRecorder::create(path, subject))
         .transpose()?;
-    let mut shown = Shown { recorder, watcher };
+    let mut shown = Shown {
+        recorder: recorder.zip(path),
+        watcher,
+    };
     let Subject {
         scenario,
         nodes,
@@ -95,7 +99,7 @@ pub fn fly(
     } = *subject;
     let flown = fly_with(scenario, nodes, seed, sea, watch, &mut shown).doing("setting up the trial")?;
     let Shown { recorder, watcher } = shown;
-    if let (Some(recorder), Some(path)) = (recorder, path) {
+    if let Some((recorder, path)) = recorder {
         recorder.finish(path, &flown.outcome)?;
     }
     if let Some(watcher) = watcher {
@@ -106,8 +110,26 @@ pub fn fly(
 
 /// The file and who looks on.
 struct Shown<'a> {
-    recorder: Option<FlightRecorder>,
+    recorder: Option<(FlightRecorder, &'a Path)>,
     watcher: Option<&'a mut Watcher>,
+}
+
+impl Shown<'_> {
+    /// Ends the process when it was asked to (Ctrl-C), with a recording that can be read up to now.
+    fn end_when_asked(&mut self, t: Time<TrueTime>) {
+        if self.recorder.is_none() || !end_requested() {
+            return;
+        }
+        let Some((FlightRecorder { recorder, .. }, path)) = self.recorder.take() else {
+            return;
+        };
+        let ended = recorder.finish(path, &[("outcome", "interrupted".into())]);
+        match ended {
+            Ok(()) => eprintln!("interrupted: {} has the first {:.1} s", path.display(), t.secs()),
+            Err(e) => eprintln!("alight: {e}"),
+        }
+        std::process::exit(1);
+    }
 }
 
 impl FlightRecorder {
@@ -191,12 +213,13 @@ impl Tap for Shown<'_> {
         vessel: &RigidState<VesselBody>,
         drone: Option<&RigidState<DroneBody>>,
     ) {
-        if let Some(recorder) = &mut self.recorder {
+        if let Some((recorder, _)) = &mut self.recorder {
             recorder.truth(t, vessel, drone);
         }
+        self.end_when_asked(t);
     }
     fn vessel(&mut self, t: Time<TrueTime>, now: Time<VesselClock>, i: &ComputerIn, o: &ComputerOut) {
-        if let Some(recorder) = &mut self.recorder {
+        if let Some((recorder, _)) = &mut self.recorder {
             recorder.vessel(t, now, i, o);
         }
         if let Some(watcher) = &mut self.watcher {
@@ -204,7 +227,7 @@ impl Tap for Shown<'_> {
         }
     }
     fn bridge(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &BridgeIn, o: &BridgeOut) {
-        if let Some(recorder) = &mut self.recorder {
+        if let Some((recorder, _)) = &mut self.recorder {
             recorder.bridge(t, now, i, o);
         }
         if let Some(watcher) = &mut self.watcher {
@@ -212,7 +235,7 @@ impl Tap for Shown<'_> {
         }
     }
     fn predictor(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PredictorIn, o: &PredictorOut) {
-        if let Some(recorder) = &mut self.recorder {
+        if let Some((recorder, _)) = &mut self.recorder {
             recorder.predictor(t, now, i, o);
         }
         if let Some(watcher) = &mut self.watcher {
@@ -220,7 +243,7 @@ impl Tap for Shown<'_> {
         }
     }
     fn mission(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &MissionIn, o: &MissionOut) {
-        if let Some(recorder) = &mut self.recorder {
+        if let Some((recorder, _)) = &mut self.recorder {
             recorder.mission(t, now, i, o);
         }
         if let Some(watcher) = &mut self.watcher {
@@ -228,7 +251,7 @@ impl Tap for Shown<'_> {
         }
     }
     fn planner(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PlannerIn, o: &PlannerOut) {
-        if let Some(recorder) = &mut self.recorder {
+        if let Some((recorder, _)) = &mut self.recorder {
             recorder.planner(t, now, i, o);
         }
         if let Some(watcher) = &mut self.watcher {
@@ -236,7 +259,7 @@ impl Tap for Shown<'_> {
         }
     }
     fn pilot(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PilotIn, o: &PilotOut) {
-        if let Some(recorder) = &mut self.recorder {
+        if let Some((recorder, _)) = &mut self.recorder {
             recorder.pilot(t, now, i, o);
         }
         if let Some(watcher) = &mut self.watcher {

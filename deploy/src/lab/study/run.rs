@@ -13,7 +13,7 @@ use alight_uav::planner::PlannerKind;
 use super::variant::{PlannerVariant, StudyScene};
 use crate::config::{DroneFile, VesselComputer};
 use crate::exit::CliError;
-use crate::lab::args::StudyArgs;
+use crate::lab::args::{Study, StudyArgs};
 use crate::lab::record::{self, LOCK_STEP_BOOTS, Subject};
 use crate::lab::trials::{fly_seed, in_parallel, seeds};
 use crate::terminal::note;
@@ -108,14 +108,17 @@ pub fn read_hash(dir: &Path) -> Option<String> {
 }
 
 /// Writes what is needed to fly a trial of the study again; refuses a directory that holds rows of
-/// another configuration or another scene.
-fn prepare(out: &Path, rows: &[StudyScene], flown: &[PlannerVariant]) -> Result<(), CliError> {
+/// another study, configuration or scene.
+fn prepare(study: Study, out: &Path, rows: &[StudyScene], flown: &[PlannerVariant]) -> Result<(), CliError> {
     let doing = || format!("preparing the directory {}", out.display());
     let because = |e: &dyn std::fmt::Display| CliError::because(doing(), e);
     let Some(base) = rows.first().map(|r| &r.nodes) else {
         return Ok(());
     };
-    let mut files = vec![(out.join(HASH_FILE), configuration_hash(base) + "\n")];
+    let mut files = vec![
+        (out.join("study"), format!("{study:?}\n")),
+        (out.join(HASH_FILE), configuration_hash(base) + "\n"),
+    ];
     for row in rows {
         let text = toml::to_string(&row.world).map_err(|e| because(&e))?;
         files.push((scenario_file(out, &row.name), text));
@@ -144,7 +147,7 @@ fn prepare(out: &Path, rows: &[StudyScene], flown: &[PlannerVariant]) -> Result<
     for (path, text) in files {
         if used && std::fs::read_to_string(&path).is_ok_and(|old| old != text) {
             return Err(CliError(format!(
-                "{} was written by a study with another configuration or scene: its rows would be \
+                "{} was written by another study, or one with another configuration or scene: its rows would be \
                  mixed with these; give another directory",
                 path.display()
             )));
@@ -181,7 +184,7 @@ pub fn fly_grid(
     let mut done = Vec::new();
     let mut writer = None;
     if let Some(out) = &args.out {
-        prepare(out, scenes, planners)?;
+        prepare(args.name, out, scenes, planners)?;
         let path = rows_file(out);
         let fresh = !path.exists();
         if !fresh {
@@ -208,6 +211,14 @@ pub fn fly_grid(
         args.shard.is_none_or(|s| (number - 1) % s.count == s.index - 1)
             && !known.contains(&wanted_key(trial))
     });
+    if !done.is_empty() {
+        let taken = wanted.intersection(&known).count();
+        let text = format!(
+            "{taken} of {} trials were flown before and are taken from rows.csv",
+            wanted.len()
+        );
+        note(args.json, text);
+    }
     let flown = in_parallel(args.jobs, "trials", &work, |(scene, planner, seed)| {
         let outcome = Outcome {
             planner: planner.name.clone(),
