@@ -83,7 +83,7 @@ impl Cli {
             .filter(|c| c.is_hide_set() && c.get_about().is_some_and(is_process));
         let hidden: Vec<&str> = hidden.map(Clap::get_name).collect();
         let template = format!(
-            "{{about}}\n\n{{usage-heading}} {{usage}}\n\n{groups}Processes that these start: {}.\n\n\
+            "{{about}}\n\n{{usage-heading}} {{usage}}\n\n{groups}Processes that these start:\n  {}\n\n\
              Options:\n{{options}}{{after-help}}",
             hidden.join(", ")
         );

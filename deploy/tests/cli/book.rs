@@ -55,8 +55,9 @@ fn relative_links_resolve() {
             assert!(target.exists(), "{}: {link} leads nowhere", page.display());
         }
     }
-    // The program and its configurations name pages by `docs/NAME.md`.
-    for source in files(&root().join("deploy"), &[".rs", ".toml"]) {
+    // So do the pages that the program and its configurations name.
+    let named = ["src", "vessel", "drone"].map(|d| root().join("deploy").join(d));
+    for source in named.iter().flat_map(|d| files(d, &[".rs", ".toml"])) {
         for rest in read(&source).split("docs/").skip(1) {
             let end = rest.find(|c: char| !(c.is_alphanumeric() || ".-_/".contains(c)));
             let name = rest[..end.unwrap_or(rest.len())].trim_end_matches('.');
