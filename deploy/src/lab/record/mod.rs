@@ -75,13 +75,14 @@ pub struct FlightRecorder {
     truth: TruthViews,
 }
 
-/// Flies the subject's trial, records it to `path`, and shows it to who looks on.
+/// Flies the subject's trial, records it to `path`, and shows it to who looks on. What the recording failed by stands
+/// beside what was flown.
 pub fn fly(
     path: Option<&Path>,
     subject: &Subject<'_>,
     watch: Watch<'_>,
     watcher: Option<&mut Watcher>,
-) -> Result<FlownTrial, CliError> {
+) -> Result<(FlownTrial, Result<(), CliError>), CliError> {
     let recorder = path
         .map(|path| FlightRecorder::create(path, subject))
         .transpose()?;
@@ -99,13 +100,11 @@ pub fn fly(
     } = *subject;
     let flown = fly_with(scenario, nodes, seed, sea, watch, &mut shown).doing("setting up the trial")?;
     let Shown { recorder, watcher } = shown;
-    if let Some((recorder, path)) = recorder {
-        recorder.finish(path, &flown.outcome)?;
-    }
+    let recorded = recorder.map_or(Ok(()), |(recorder, path)| recorder.finish(path, &flown.outcome));
     if let Some(watcher) = watcher {
         watcher.linger();
     }
-    Ok(flown)
+    Ok((flown, recorded))
 }
 
 /// The file and who looks on.

@@ -278,7 +278,7 @@ fn record_failed(
             on_event: &mut |_| {},
             trace_step_s: None,
         };
-        record::fly(Some(&path), &subject, watch, None)?;
+        record::fly(Some(&path), &subject, watch, None)?.1?;
         note(args.json, format_args!("recorded: {}", path.display()));
     }
     Ok(())
