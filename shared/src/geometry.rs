@@ -24,6 +24,10 @@ config! {
         pub tag_side_m: f64 = 1.0, in 0.02..=10.0;
         /// Tag's centre in the deck frame, m.
         pub tag_centre_m: [f64; 3] = [0.0, 0.0, 0.0], in -50.0..=50.0;
+        /// Force with which the deck holds a drone that stands on it (net, magnets, suction, latch), down along the deck's
+        /// normal, N, a quarter of it on each foot from its contact on; friction holds the more along the deck. 0: a plain
+        /// deck.
+        pub hold_n: f64 = 0.0, in 0.0..=1e4;
     }
 }
 

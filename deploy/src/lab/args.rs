@@ -232,6 +232,9 @@ pub struct SceneArgs {
     /// The outage lasts this long, s [default: for good]
     #[arg(long, alias = "radio-back", value_name = "S", requires = "outage_at")]
     pub outage_duration: Option<f64>,
+    /// Descend at a random moment, however likely it succeeds: compares predicted probability with what happens
+    #[arg(long)]
+    pub begin_anyway: bool,
     /// Scenario file (TOML; `alight config scenario` prints the defaults); flags override it
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
@@ -431,6 +434,51 @@ pub struct StudyArgs {
     #[arg(long, value_name = "I/N")]
     pub shard: Option<Shard>,
     /// Print the result as one JSON object, the last line
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// A wind of an envelope, m/s: with the vessel's own way within what a scenario takes.
+fn wind_speed(text: &str) -> Result<f64, String> {
+    let speed = text.parse().ok().filter(|v| (0.5..=20.0).contains(v));
+    speed.ok_or_else(|| format!("`{text}` is no wind to fly in: give 0.5 to 20 m/s"))
+}
+
+/// An envelope.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "Start with:\n  alight envelope --quick --hull mono-5m --drone-config drone.toml --out envelope\n\n\
+The boat is --hull with --vessel-config (deck, keep-out volumes) and --vessel, --speed; the drone is --drone-config."
+)]
+pub struct EnvelopeArgs {
+    /// The boat and the drone.
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// A coarse grid of few landings: some ten minutes on two cores
+    #[arg(long)]
+    pub quick: bool,
+    /// Relative winds, m/s, separated by commas [default: 2,4,6,8,10,12,14; with --quick 4,8,12]
+    #[arg(long, value_name = "M/S,..", value_delimiter = ',', value_parser = wind_speed)]
+    pub winds: Vec<f64>,
+    /// Directions all round that it comes from [default: 12; with --quick 8]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=36))]
+    pub directions: Option<u16>,
+    /// Sea states (WMO code table 3700), separated by commas [default: 1,2,3,4; with --quick 2,3,4]
+    #[arg(long, value_name = "1..5,..", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..=5))]
+    pub sea_states: Vec<u8>,
+    /// Landings per cell [default: 10; with --quick 4]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub trials: Option<u32>,
+    /// First seed
+    #[arg(long, default_value_t = 1)]
+    pub seed0: u64,
+    /// Threads [default: all cores]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub jobs: Option<u16>,
+    /// Write envelope.svg, envelope.html, envelope.json and rows.csv there; a run that was cut off goes on where it stopped
+    #[arg(long, value_name = "DIR", default_value = "envelope")]
+    pub out: PathBuf,
+    /// Print the envelope as one JSON object, the last line
     #[arg(long)]
     pub json: bool,
 }

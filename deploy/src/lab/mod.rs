@@ -15,7 +15,7 @@ pub mod trials;
 use clap::Subcommand;
 
 use crate::exit::{CliError, Exit};
-use args::{RaoArgs, StudyArgs, TrialArgs, TrialsArgs};
+use args::{EnvelopeArgs, RaoArgs, StudyArgs, TrialArgs, TrialsArgs};
 use live::args::{FaultsArgs, LandArgs, LandsArgs, WorldArgs};
 use live::attach::AttachArgs;
 use live::emulator::LinkArgs;
@@ -31,6 +31,8 @@ pub enum LabCommand {
     Trials(TrialsArgs),
     /// Measure one thing over many seeds.
     Study(StudyArgs),
+    /// Fly relative winds, directions and sea states on one boat, and draw in which a drone lands on her.
+    Envelope(EnvelopeArgs),
     /// Print the simulated vessel's response (RAO) in surge, heave and pitch by wave length.
     #[command(alias = "response")]
     Rao(RaoArgs),
@@ -62,6 +64,7 @@ impl LabCommand {
             LabCommand::Trial(a) => trial::run(a),
             LabCommand::Trials(a) => trials::run(a),
             LabCommand::Study(a) => study::run(a),
+            LabCommand::Envelope(a) => study::envelope::run(a),
             LabCommand::Rao(a) => study::rao(a),
             LabCommand::Land(a) => match a.trials {
                 Some(trials) => live::pairs::run(a, trials),

@@ -144,6 +144,7 @@ impl Scene {
             Some(WindArg::Mean(wind)) => scenario.drone.wind.mean_mps = wind,
             Some(WindArg::Auto) => scenario.raise_wind(),
         }
+        scenario.begin_anyway |= flags.is_set("begin-anyway", args.begin_anyway);
         let duration_s = flags.take("outage-duration", args.outage_duration);
         if let Some(outage) = flags.take("outage-at", args.outage_at) {
             scenario.radio_outage = outage.0.map(|state| StateOutage {

@@ -539,7 +539,7 @@ fn forecast(f: &DeckForecast) -> schema::Forecast {
         predicted_slopes: f
             .predicted_slopes
             .iter()
-            .map(|s| f64::from(*s) * SLOPE_STEP)
+            .map(|[n, e]| f64::from(*n).hypot(f64::from(*e)) * SLOPE_STEP)
             .collect(),
     }
 }

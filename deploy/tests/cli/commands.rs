@@ -33,6 +33,11 @@ fn bad_input_exits_with_code_2_and_names_the_input() {
         ("trial --plot landing.png".into(), ".svg"),
         ("land --plot landing.png".into(), ".svg"),
         ("land --ground-station nowhere".into(), "nowhere"),
+        ("envelope --winds 4,x".into(), "`x`"),
+        ("envelope --winds 40".into(), "`40`"),
+        ("envelope --sea-states 6".into(), "6"),
+        ("envelope --sea moderate".into(), "--sea-states"),
+        ("envelope --hull no-such-hull".into(), "no-such-hull"),
         ("trials --trials 0".into(), "0"),
         ("trials --jobs 0".into(), "0"),
         (

@@ -1,13 +1,76 @@
 //! What tests of processes share: the program, its certificates, ports, signals.
 
+use std::cell::RefCell;
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::{Condvar, Mutex, PoisonError};
 
 use alight_shared::transport::radio::{Publication, TlsConfig, Urgency};
 
+/// Threads of tests that use this computer, and whether one has it alone.
+static USERS: (Mutex<(usize, bool)>, Condvar) = (Mutex::new((0, false)), Condvar::new());
+
+thread_local! {
+    /// This thread's use of the computer, until it ends.
+    static USE: RefCell<Option<Use>> = const { RefCell::new(None) };
+}
+
+/// A use of this computer: beside other tests or alone.
+struct Use {
+    alone: bool,
+}
+
+impl Use {
+    /// Waits for it. One that waits to be alone keeps nobody from going on, whose threads may need another use.
+    fn begin(alone: bool) -> Use {
+        let (users, changed) = &USERS;
+        let free = |(beside, taken): &mut (usize, bool)| *taken || alone && *beside > 0;
+        let users = users.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut users = changed
+            .wait_while(users, free)
+            .unwrap_or_else(PoisonError::into_inner);
+        if alone {
+            users.1 = true;
+        } else {
+            users.0 += 1;
+        }
+        Use { alone }
+    }
+}
+
+impl Drop for Use {
+    fn drop(&mut self) {
+        let (users, changed) = &USERS;
+        let mut users = users.lock().unwrap_or_else(PoisonError::into_inner);
+        if self.alone {
+            users.1 = false;
+        } else {
+            users.0 -= 1;
+        }
+        changed.notify_all();
+    }
+}
+
+/// This test has the computer alone from now on: on two processors a flight of two computers' processes, with a rendered
+/// camera, stands still for half a second beside another one's start, which ends in the autopilot's hold.
+pub fn alone() {
+    USE.with_borrow_mut(|u| {
+        *u = None;
+        *u = Some(Use::begin(true));
+    });
+}
+
+/// This test uses the computer beside others.
+fn beside() {
+    USE.with_borrow_mut(|u| {
+        u.get_or_insert_with(|| Use::begin(false));
+    });
+}
+
 /// The program under test with these words.
 pub fn alight(words: impl AsRef<str>) -> Command {
+    beside();
     let mut command = Command::new(env!("CARGO_BIN_EXE_alight"));
     command.args(words.as_ref().split_whitespace());
     command
@@ -38,6 +101,7 @@ pub fn instance(test: &str) -> String {
 
 /// A file or directory for temporary things that no other test uses.
 pub fn scratch(name: &str) -> PathBuf {
+    beside();
     std::env::temp_dir().join(format!("alight-{name}-{}", std::process::id()))
 }
 
@@ -64,6 +128,7 @@ pub fn free_udp() -> String {
 
 /// A port of the loopback interface that is free.
 pub fn free_port() -> u16 {
+    beside();
     let socket = UdpSocket::bind("127.0.0.1:0").expect("a socket");
     socket.local_addr().expect("an address").port()
 }

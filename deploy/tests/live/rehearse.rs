@@ -7,7 +7,7 @@ use std::process::{Output, Stdio};
 use alight_uav::autopilot::modes::Firmware;
 use serde_json::Value;
 
-use crate::common::{alight, errors, printed, run, scratch, signal};
+use crate::common::{alight, alone, errors, printed, run, scratch, signal};
 use crate::firmware::{Flight, StandIn};
 
 /// What a rehearsal of this process number leaves behind among temporary files and in shared memory.
@@ -39,6 +39,7 @@ fn landed(out: &Output) -> Value {
 
 #[test]
 fn rehearsal_of_the_shipped_files_lands() {
+    alone();
     let child = alight("rehearse --seed 103 --restart vessel --json")
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
@@ -73,6 +74,7 @@ fn rehearsal_of_the_shipped_files_lands() {
 
 #[test]
 fn rehearsal_with_a_firmware_outside_lands() {
+    alone();
     let name = format!("rehearsed-{}", std::process::id());
     let firmware = StandIn::start(&name, &Flight::new(Firmware::ArduCopter, ""));
     let out = run(format!(

@@ -184,9 +184,10 @@ pub struct DeckForecast {
     pub slopes: Seq<u8, SLOPE_WINDOWS>,
     /// What stands around the deck, as the vessel reported it last.
     pub surroundings: Surroundings,
-    /// The apparent slope that is predicted for a drone on the deck, every [`PREDICTED_SLOPE_STEP_S`] from now on, in
-    /// steps of [`super::SLOPE_STEP`]; empty while the vessel has not identified its motion.
-    pub predicted_slopes: Seq<u8, PREDICTED_SLOPES>,
+    /// The apparent slope that is predicted for a drone on the deck, towards north and east, every
+    /// [`PREDICTED_SLOPE_STEP_S`] from now on, in steps of [`super::SLOPE_STEP`]: the direction in which the deck has to hold
+    /// it. Empty while the vessel has not identified its motion.
+    pub predicted_slopes: Seq<[i8; 2], PREDICTED_SLOPES>,
 }
 
 impl DeckForecast {

@@ -5,10 +5,7 @@ use core::fmt;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::{
-    DECK_CLOSED, DeckForecast, DroneState, FRACTION, Header, LandedState, MAX_ANGLE_RAD, MAX_POSITION_M,
-    within,
-};
+use super::{DECK_CLOSED, DeckForecast, DroneState, FRACTION, Header, LandedState, MAX_POSITION_M, within};
 use crate::autopilot_parameters::{REQUESTS, numbered};
 use crate::geodesy::Datum;
 use crate::time::{Clock, DroneClock, Time, VesselClock};
@@ -112,8 +109,6 @@ pub enum ReasonCode {
     TooFar,
     /// Relative horizontal speed is too large, m/s.
     TooFast,
-    /// The deck's predicted position is too uncertain, m.
-    Uncertain,
     /// The deck's predicted speed or acceleration exceeds what the drone can follow.
     Infeasible,
     /// The deck's predicted tilt exceeds the limit, rad.
@@ -138,16 +133,20 @@ pub enum ReasonCode {
     TooLow,
     /// A state lasted longer than its limit, s.
     TooLong,
-    /// The wind's push to be expected on the deck is too strong, m/s².
-    TooWindy,
     /// The vessel's deck is another drone's: its number.
     DeckReserved,
     /// The newest deck grant is too old, s.
     DeckGrantStale,
-    /// Slope, motion and wind are predicted to use more than the friction before the drone would be at rest, part of it.
-    SlidePredicted,
-    /// Waves and wind are predicted to move a landed drone so far in a minute, m.
-    DriftPredicted,
+    /// A landing is not likely enough, by its probability: the speed onto the deck costs most of it.
+    LikelyHard,
+    /// The same by the speed along the deck.
+    LikelyFast,
+    /// The same by the angle between drone and deck.
+    LikelyTilted,
+    /// The same by the place.
+    LikelyBeside,
+    /// The same by slope and wind, in which a landed drone slides off.
+    LikelySlides,
     /// The feet are above the deck although a touchdown was detected, m.
     FalseTouchdown,
     /// The mission began anew in flight near the deck, m above it.
@@ -169,8 +168,6 @@ pub enum ReasonCode {
     BatteryHere,
     /// Stopped by an operator where a climb would meet the deck harder than the landing does: it is completed.
     CompletesLanding,
-    /// The deck's vertical speed may change too much before the drone has reacted, m/s.
-    SpeedUncertain,
     /// The autopilot has not reported where its NED begins.
     NoOrigin,
     /// The drone's origin or its position estimate has jumped, and no forecast has come since; by so much the origin, m.
@@ -187,7 +184,7 @@ pub enum ReasonCode {
     VesselTurns,
     /// The landing would outlast the stated steadiness of the vessel's course: its time, and what is left of it, s.
     CourseEnds,
-    /// The vessel's turn may change the deck's velocity too much before the forecast follows, m/s.
+    /// A landing is not likely enough, by its probability: the vessel's turn costs most of it.
     TurnTooFast,
 }
 
@@ -235,6 +232,10 @@ impl fmt::Display for Reason {
                 l * 100.0
             )
         };
+        let likely = |f: &mut fmt::Formatter<'_>, costs: &str| {
+            let (p, needed) = ((v * 100.0).floor(), (l * 100.0).ceil());
+            write!(f, "a landing is {p:.0} % likely (needs {needed:.0}): {costs}")
+        };
         match self.code {
             ReasonCode::None => Ok(()),
             ReasonCode::Commanded => write!(f, "landing commanded"),
@@ -255,13 +256,6 @@ impl fmt::Display for Reason {
             ReasonCode::VisionLost => write!(f, "deck not seen for {v:.2} s (limit {l:.2})"),
             ReasonCode::TooFar => write!(f, "{v:.2} m beside the deck (limit {l:.2} m)"),
             ReasonCode::TooFast => write!(f, "{v:.2} m/s relative to the deck (limit {l:.2})"),
-            ReasonCode::Uncertain => write!(f, "deck known to {v:.2} m only (limit {l:.2})"),
-            ReasonCode::SpeedUncertain => {
-                write!(
-                    f,
-                    "deck's speed may change by {v:.2} m/s before the drone reacts (limit {l:.2})"
-                )
-            }
             ReasonCode::Infeasible => write!(f, "deck moves too hard to follow: {v:.2} (limit {l:.2})"),
             ReasonCode::TooSteep => {
                 write!(
@@ -300,17 +294,12 @@ impl fmt::Display for Reason {
             }
             ReasonCode::DeckReserved => write!(f, "the deck is drone {v:.0}'s"),
             ReasonCode::DeckGrantStale => write!(f, "newest deck grant {v:.1} s old (limit {l:.1})"),
-            ReasonCode::SlidePredicted => write!(
-                f,
-                "a landed drone would slide: slope and wind use {:.0} % of its friction",
-                v * 100.0
-            ),
-            ReasonCode::DriftPredicted => {
-                write!(
-                    f,
-                    "a landed drone would drift {v:.1} m in a minute, by waves and wind (limit {l:.1})"
-                )
-            }
+            ReasonCode::LikelyHard => likely(f, "the contact may be hard"),
+            ReasonCode::LikelyFast => likely(f, "it may slip along the deck"),
+            ReasonCode::LikelyTilted => likely(f, "the deck may tilt too far"),
+            ReasonCode::LikelyBeside => likely(f, "it may miss the deck's middle"),
+            ReasonCode::LikelySlides => likely(f, "slope and wind may move it off"),
+            ReasonCode::TurnTooFast => likely(f, "the vessel turns"),
             ReasonCode::FalseTouchdown => {
                 write!(f, "no touchdown: feet {v:.2} m above the deck (limit {l:.2})")
             }
@@ -354,11 +343,6 @@ impl fmt::Display for Reason {
                 f,
                 "a landing takes {v:.0} s, and the vessel keeps her course for {l:.0} s more"
             ),
-            ReasonCode::TurnTooFast => write!(
-                f,
-                "the vessel's turn may change the deck's velocity by {v:.2} m/s unforeseen (limit {l:.2})"
-            ),
-            ReasonCode::TooWindy => write!(f, "wind pushes with up to {v:.1} m/s² (limit {l:.1})"),
         }
     }
 }
@@ -428,6 +412,8 @@ pub struct MissionState {
     pub lowest_clearance_m: Option<f64>,
     /// Remaining battery that the way to the deck and one attempt take, or that is kept in any case, 0 to 1.
     pub battery_reserve: f64,
+    /// How likely a landing from here succeeds, 0 to 1; None while that is not known.
+    pub likelihood: Option<f64>,
     /// Where it lands, once the battery is below the reserve.
     pub low_battery: Option<BatteryPlace>,
     /// Boot and sequence of the newest abort that it has received.
@@ -473,8 +459,8 @@ pub struct MissionCheckpoint {
     pub datum: Datum,
     /// The deck's mean level, drone's NED z, m.
     pub mean_deck_z: Option<f64>,
-    /// The deck's steepest tilt recently, rad.
-    pub recent_tilt_rad: f64,
+    /// The deck's steepest apparent slope recently.
+    pub recent_slope: f64,
 }
 
 /// What an operator wants.
@@ -649,11 +635,12 @@ message!(MissionState, DroneClock, |m| {
     within(m.waiting_offset.iter().flatten(), MAX_POSITION_M) => "waiting_offset",
     m.lowest_clearance_m.is_none_or(|c| (0.0..=1e3).contains(&c)) => "lowest_clearance_m",
     (0.0..=1e3).contains(&m.battery_reserve) => "battery_reserve",
+    m.likelihood.is_none_or(|p| FRACTION.contains(&p)) => "likelihood",
     (0.0..=1e3).contains(&m.height_m) && (0.0..=10.0).contains(&m.descent_mps) => "height_m or descent_mps",
 });
 message!(MissionCheckpoint, DroneClock, |m| {
     m.state.header.version == m.header.version && super::Message::check(&m.state).is_ok() => "state",
     m.datum.is_on_earth() => "datum",
     m.mean_deck_z.is_none_or(|z| within([&z], MAX_POSITION_M)) => "mean_deck_z",
-    within([&m.recent_tilt_rad], MAX_ANGLE_RAD) => "recent_tilt_rad",
+    within([&m.recent_slope], 100.0) => "recent_slope",
 });

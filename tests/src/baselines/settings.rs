@@ -51,10 +51,7 @@ impl Baseline {
             Baseline::MpcNe(_) => MissionConfig {
                 descent_timeout_s: WAITING_S,
                 flare_timeout_s: WAITING_S,
-                flare_distance_m: 1.0,
-                flare_speed_mps: 2.0,
-                flare_tilt_rad: 1.0,
-                break_distance_m: 1.5,
+                min_probability: 0.0,
                 ..without_slope_warnings(base)
             },
             Baseline::PrecisionLand(_) => without_slope_warnings(base),
@@ -63,9 +60,7 @@ impl Baseline {
             // on down to where it has to be met or is not there.
             Baseline::GnssRadio(_) => MissionConfig {
                 vision_required: false,
-                horizontal_sd_m: 5.0,
-                vertical_sd_m: 5.0,
-                unforeseen_mps: 5.0,
+                min_probability: 0.0,
                 flare_clearance_m: UNKNOWN_HEIGHT_M,
                 decision_clearance_m: UNKNOWN_HEIGHT_M + 0.7,
                 missed_m: UNKNOWN_HEIGHT_M,

@@ -193,12 +193,23 @@ pub struct Outcome {
     /// Age of the newest sighting in the forecast at first contact, s.
     #[serde(default)]
     pub vision_age_s: Option<f64>,
+    /// How likely the mission thought the last descent to succeed when it began; not known: null.
+    #[serde(default)]
+    pub likelihood: Option<f64>,
     /// Simulated time, warm-up included, s.
     pub sim_time_s: f64,
     /// Time it took to compute, s.
     pub wall_time_s: f64,
     /// Hash of every true state and set-point of the trial: equal digests, equal bits.
     pub digest: String,
+}
+
+impl Outcome {
+    /// It ended without a contact: no descent was begun, or none was completed in time.
+    pub fn is_refused(&self) -> bool {
+        let gave_up = matches!(self.outcome, Ending::Timeout | Ending::GaveUp);
+        gave_up && self.position_error_m.is_none() && self.unsafe_contacts == 0
+    }
 }
 
 struct FirstContact {
@@ -434,6 +445,7 @@ impl Judge {
             stop_time_s: first.and_then(|c| self.stopped.map(|s| s - c.t_s)),
             radio_age_s: None,
             vision_age_s: None,
+            likelihood: None,
             sim_time_s,
             wall_time_s: 0.0,
             digest: String::new(),

@@ -223,7 +223,14 @@ impl Physics {
         }
         let (drone, deck) = (&self.scenario.airframe, &self.scenario.deck);
         let start = DroneStart { position, yaw };
-        plant.drone = Some(SimulatedDrone::new(&config, drone, deck, &plant.streams, start));
+        plant.drone = Some(SimulatedDrone::new(
+            &config,
+            drone,
+            deck,
+            self.keep_out,
+            &plant.streams,
+            start,
+        ));
         (plant.in_water, plant.motors_on) = (false, true);
     }
     /// A drone stands on a pad where the scenario places it, motors off.

@@ -8,6 +8,7 @@ use alight_shared::config::{Check, ConfigError, Keys};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::State;
+use alight_shared::surroundings::SurroundingsConfig;
 use alight_shared::time::{Clock, Span, Time};
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::planner::{Planner, PlannerKind};
@@ -177,6 +178,9 @@ config! {
         /// The pilot's process stands still at a state of the mission; in lock-step only.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub pilot_outage: Option<StateOutage> = None;
+        /// A descent begins at a random moment within 20 s after the drone is steady above the deck, and goes on, however
+        /// likely it succeeds: so predicted probability is compared with what happens.
+        pub begin_anyway: bool = false;
         /// From the planner's step to the plan's arrival at the pilot, s.
         /// Source: One period of the planner at 50 Hz: the plan is used one period after its
         /// inputs.
@@ -221,6 +225,13 @@ impl Scenario {
         self.sensors.vessel_imu.lever_arm_m = imu;
         nodes.vessel.imu.lever_arm_m = imu;
         Ok(())
+    }
+    /// Makes the world what its configurations describe: the deck, what stands around it, and the drone.
+    pub fn describe(&mut self, deck: &DeckGeometry, around: &SurroundingsConfig, drone: &DroneGeometry) {
+        (self.deck, self.airframe) = (*deck, *drone);
+        self.keep_out_m = around.keep_out_m.clone();
+        // As far as the simulated autopilot goes.
+        self.drone.autopilot.attitude_lag_s = drone.attitude_lag_s.clamp(0.08, 1.0);
     }
     /// Lets the wind blow that raises such a sea, along its waves.
     pub fn raise_wind(&mut self) {

@@ -86,6 +86,7 @@ pub fn land(
     let mut state = State::Idle;
     let mut next_point = 0.0;
     let mut ages: Option<[f64; 2]> = None;
+    let mut likelihood = None;
     // Bounded by the judge's time limit; the loop's own bound is that limit in ticks.
     for _ in 0..(TIME_LIMIT_S / TICK.secs()) as u64 + 2 {
         world.tick(tap);
@@ -99,6 +100,7 @@ pub fn land(
                 trace.phases.push((t_s, name, reason.to_string()));
             }
             if state == State::Descent {
+                likelihood = mission.likelihood;
                 world.ask_change();
             }
             if let Some(outage) = scenario.radio_outage.filter(|o| o.state == state) {
@@ -133,6 +135,7 @@ pub fn land(
     let mut outcome = judge.outcome(seed, sea, nodes.bench_planner().name(), sim_time_s);
     [outcome.radio_age_s, outcome.vision_age_s] =
         [0, 1].map(|i| ages.and_then(|a| a.get(i).copied()).filter(|a| a.is_finite()));
+    outcome.likelihood = likelihood;
     outcome.digest = format!("{:016x}", world.physics().digest());
     for _ in 0..(scenario.stay_s / TICK.secs()) as u64 {
         world.tick(tap);

@@ -38,6 +38,7 @@ use super::tap::{NoTap, Tap};
 use crate::autopilots::simulated::{INNER_PER_OUTER, mode_number};
 use crate::radio::{ChannelCounts, Session};
 use crate::sensors::delay::DelayLine;
+use crate::sensors::noise::Noise;
 
 /// Plans under way at a time.
 const MAX_PLANS: usize = 64;
@@ -407,6 +408,9 @@ pub struct DroneComputer {
     last_set_point: Option<SetPoint>,
 }
 
+/// A descent that begins anyway does so within this time of being steady, s.
+const BEGINS_WITHIN_S: f64 = 20.0;
+
 /// The mission's configuration in this scenario.
 fn mission_config(scenario: &Scenario, nodes: &NodeConfigs) -> MissionConfig {
     let mission = nodes.settings().mission();
@@ -432,6 +436,8 @@ impl DroneComputer {
             ..nodes.bridge.clone()
         };
         let mission = mission_config(scenario, nodes);
+        let moment = || Span::from_secs(BEGINS_WITHIN_S * Noise::new(&streams, "begin_anyway").uniform());
+        let anyway = scenario.begin_anyway.then(moment);
         let identity = CameraIdentity {
             vessel: VESSEL_ID,
             drone: id,
@@ -447,7 +453,9 @@ impl DroneComputer {
             linked: None,
             handed_over: false,
             predictor: Some(Predictor::new(&drone.predictor(), boot)),
-            mission: Some(Mission::new(&mission, &drone.airframe, &drone.deck, id, boot)),
+            mission: Some(
+                Mission::new(&mission, &drone.airframe, &drone.deck, id, boot).begins_anyway(anyway),
+            ),
             keeper: Keeper::default(),
             is_dead: false,
             planner: Some(nodes.planner(boot)),

@@ -345,10 +345,9 @@ pub(super) fn frame_error(
     Some(own - a.lerp(&b, at.fract()))
 }
 
-/// Never near enough and never certain enough to descend: it follows.
+/// No landing is certain: it follows.
 pub(super) fn follow_only(nodes: &mut NodeConfigs) {
-    nodes.drone.mission.descent_distance_m = 0.01;
-    nodes.drone.mission.vertical_sd_m = 0.01;
+    nodes.drone.mission.min_probability = 1.0;
 }
 
 pub(super) fn ticks(s: f64) -> usize {

@@ -135,7 +135,14 @@ impl Rig {
         let (odometry, config, c) = (OdometryConfig::default(), config.clone(), quiet(firmware));
         let position = Vector3::new(0.0, 0.0, -height_m);
         let start = DroneStart { position, yaw };
-        let drone = SimulatedDrone::new(&c, &geometry, &DeckGeometry::default(), &streams, start);
+        let drone = SimulatedDrone::new(
+            &c,
+            &geometry,
+            &DeckGeometry::default(),
+            Seq::new(),
+            &streams,
+            start,
+        );
         let (state, hover) = (drone.plant_state(Time::from_secs(t_s)), drone.hover_thrust());
         let make = move |boot| AutopilotLink::new(&config, &odometry, &geometry, true, 1, boot);
         let autopilot =

@@ -55,75 +55,34 @@ config! {
         pub steady_height_m: f64 = 2.0, in 0.01..=20.0;
         /// Stably above the deck for this long, s.
         pub steady_s: f64 = 0.5, in 0.0..=120.0;
-        /// Descent begins within this horizontal distance, m.
-        pub descent_distance_m: f64 = 1.0, in 0.01..=20.0;
-        /// The flare begins within this horizontal distance, m.
-        /// Source: Half the deck's width less half the feet's span is 0.65 m; the rest is for what
-        /// the blind end adds.
-        pub flare_distance_m: f64 = 0.35, in 0.01..=20.0;
-        /// Descent is broken off beyond this horizontal distance at no clearance, m ...
-        pub break_distance_m: f64 = 1.0, in 0.01..=20.0;
-        /// ... and this much more per metre of clearance.
-        pub break_cone: f64 = 0.3, in 0.0..=5.0;
         /// A committed flare is broken off when the feet's centre is this far outside the part of the
         /// deck on which all feet stand, m.
         /// Source: Half of the feet's span: half of the feet are off the deck.
         pub lost_outside_m: f64 = 0.2, in 0.01..=5.0;
-        /// Descent begins below this relative horizontal speed, m/s.
-        pub descent_speed_mps: f64 = 1.0, in 0.01..=10.0;
-        /// The flare begins below this relative horizontal speed, m/s.
-        pub flare_speed_mps: f64 = 0.6, in 0.01..=10.0;
-        /// Largest horizontal standard deviation of the predicted deck for a descent, m.
-        pub horizontal_sd_m: f64 = 0.6, in 0.01..=10.0;
-        /// Largest vertical standard deviation of the predicted deck for a descent, m.
-        pub vertical_sd_m: f64 = 0.4, in 0.01..=10.0;
-        /// Largest standard deviation of the change of the deck's vertical speed within the drone's reaction of
-        /// 0.3 s for a descent, m/s.
-        /// Source: A contact at 0.35 m/s and four of it stay below 1 m/s, the limit of a successful landing.
-        pub unforeseen_mps: f64 = 0.16, in 0.01..=10.0;
-        /// The standard deviations of place are read this far ahead, s.
-        pub sd_lead_s: f64 = 1.0, in 0.0..=4.0;
-        /// A descent that has begun is broken off beyond this multiple of the limits on standard
-        /// deviation, deck motion and tilt.
-        pub break_factor: f64 = 1.5, in 1.0..=10.0;
+        /// No descent and no flare begins that succeeds with less than this probability: speed and angle of the contact,
+        /// four feet on the deck, and staying there.
+        pub min_probability: f64 = 0.95, in 0.0..=1.0;
+        /// What a minute of waiting above the deck costs, as a probability: the more, the sooner a descent begins that is
+        /// likely enough, and the less it waits for the calm between two groups of waves.
+        /// Chosen: a battery that lasts ten minutes above the deck.
+        pub waiting_cost_per_min: f64 = 0.1, in 0.0..=10.0;
         /// The predicted deck is feasible up to this horizontal speed, m/s.
         /// Source: The fastest vessel the paper landed on moved at 7 m/s; the drone flies 8.
         pub deck_speed_mps: f64 = 7.5, in 0.01..=50.0;
         /// The predicted deck is feasible up to this vertical speed, m/s.
         /// Source: The planner's limit of 4 m/s less the speed of descent.
         pub deck_heave_mps: f64 = 3.5, in 0.01..=20.0;
-        /// The predicted deck is feasible up to this acceleration, m/s².
-        /// Source: Heave reaches 3.8 m/s² in the steepest sea of the paper's Table II.
-        pub deck_acceleration_mps2: f64 = 6.0, in 0.01..=50.0;
         /// The predicted deck is feasible up to this tilt, rad.
         pub deck_tilt_rad: f64 = 0.45, in 0.01..=1.5;
-        /// The deck's motion is judged over this horizon, s.
-        pub feasibility_horizon_s: f64 = 2.0, in 0.0..=4.0;
-        /// The flare begins only when the deck's tilt stays below this over the flare, rad.
-        /// Source: Friction of 0.4 holds to 21 deg, but the planner chooses the instant: at 0.8 m,
-        /// 5 s 0.30 cost 1.4 s and gained nothing (100 seeds).
-        pub flare_tilt_rad: f64 = 0.40, in 0.01..=1.5;
-        /// No landing begins or goes on above the commit clearance while the vessel's mean heading turns faster than this,
-        /// rad/s.
-        /// Chosen: 11 deg/s: a vessel in a tight turn is led sideways by its rudder as no forecast
-        /// knows.
-        pub deck_turn_radps: f64 = 0.2, in 0.01..=10.0;
         /// Coefficient of friction between feet and deck, wet: with it slope and wind are judged in which a landed drone
         /// stays.
         pub friction: f64 = 0.4, in 0.01..=2.0;
         /// Descent needs a detection no older than this, s.
         pub descent_vision_s: f64 = 1.0, in 0.0..=120.0;
-        /// A flare that is not committed ends after this long without detection and radio, s.
-        /// Source: The last 0.7 m at 0.5 m/s with the tag out of view, and a second to spare.
-        pub flare_blind_s: f64 = 2.5, in 0.0..=120.0;
-        /// The same while the radio still reports where the vessel is, s.
-        pub flare_radio_blind_s: f64 = 5.0, in 0.0..=120.0;
         /// Radio no older than this counts as fresh, s.
         /// Source: A radio that is a second late lands as well as one in time (10 of 10, 0.06 m),
         /// and one by retransmission is often that late.
         pub radio_fresh_s: f64 = 1.5, in 0.0..=120.0;
-        /// A soft condition must be violated for this long before a landing is broken off, s.
-        pub violation_s: f64 = 0.3, in 0.0..=120.0;
         /// Conditions of the flare unmet for this long at the decision clearance: back to Tracking, s.
         pub decision_timeout_s: f64 = 8.0, in 0.0..=120.0;
         /// Maximum duration of the descent, s.
@@ -223,6 +182,10 @@ config! {
 const MATCH_MARGIN_M: f64 = 0.5;
 
 impl MissionConfig {
+    /// What a second of waiting costs, as a probability.
+    pub fn waiting_cost_per_s(&self) -> f64 {
+        self.waiting_cost_per_min / 60.0
+    }
     /// No plan leads lower over the deck, m; None: onto it.
     pub fn lowest_plan_m(&self) -> Option<f64> {
         match self.mode {

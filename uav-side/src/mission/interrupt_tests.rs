@@ -106,10 +106,7 @@ fn abort_climbs_unless_that_meets_the_deck_harder_than_the_landing() {
         }
         // Where the landed drone would slide overboard, only a harmful contact is worse than to climb.
         let slides = |contact_mps| Situation {
-            staying: Staying {
-                used: 1.2,
-                drift_m: 0.0,
-            },
+            staying: Staying { probability: 0.8 },
             ..low(contact_mps)
         };
         goes(&commanded(COMMITTED, command, &slides(0.8)), climbs, Operator);
@@ -344,7 +341,7 @@ fn low_battery_above_the_deck_lands_there_within_wider_limits() {
     let rough = |battery: f64| {
         with(|s| {
             s.battery = Some(battery);
-            s.staying.used = 1.5;
+            s.odds.as_mut().unwrap().slides = 0.2;
             s.deck.as_mut().unwrap().tilt_rad = 0.5;
         })
     };

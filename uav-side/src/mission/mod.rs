@@ -8,12 +8,14 @@ mod battery;
 mod checkpoint;
 pub mod config;
 mod limits;
+mod odds;
 mod phase;
 mod situation;
 mod states;
 mod staying;
 mod tilt;
 mod transition;
+mod waiting;
 mod wind;
 
 #[cfg(test)]
@@ -30,7 +32,7 @@ pub use config::MissionConfig;
 
 use alight_shared::admission::{CommandAdmission, Latest};
 use alight_shared::geodesy::Datum;
-use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header,
     MissionCheckpoint, MissionState, Motors, Phase, Plan, Reason, ReasonCode, SetPoint, Solve, State,
@@ -45,13 +47,15 @@ use crate::deck_height::{MeanDeckHeight, forecast_mean};
 use crate::odometry::origin::DroneFrame;
 use battery::BatteryMonitor;
 use checkpoint::{Beginning, Begun};
+use odds::Outlook;
 use phase::{MissionPhase, Progress, gave_up, hold_height, moving_place, stands_aside};
 use situation::{ControlState, Deck, OwnState, Reservation, Situation, rotors_carry, stated_course};
 pub use states::MAX_VESSEL_DISTANCE_M;
-use states::blind_limit;
-use staying::Staying;
+use states::{RADIO_BLIND_S, blind_limit};
+use staying::{Stand, Staying};
 use tilt::TiltMonitor;
 use transition::{Decision, decide};
+use waiting::Waiting;
 use wind::WindMonitor;
 
 /// Inputs.
@@ -91,7 +95,7 @@ const PERIOD: Span = Span::from_millis(20);
 /// Time constant of the deck's mean level, s: two periods of a long swell.
 const LEVEL_TIME_S: f64 = 10.0;
 /// Time constant with which a steep deck is forgotten, s: several periods of any deck.
-const TILT_TIME_S: f64 = 20.0;
+const SLOPE_TIME_S: f64 = 20.0;
 /// The level follows a forecast by no more than this at a time, m: 0.2 m/s with [`LEVEL_TIME_S`], many
 /// times what two GNSS receivers drift apart. The minimum altitude depends on it, and a wrong
 /// forecast (20 m below the water, from an estimator that had lost the tilt) must not lower it; a frame
@@ -123,13 +127,16 @@ pub struct Mission {
     moved: Option<(Time<DroneClock>, f64)>,
     mean_deck_z: MeanDeckHeight,
     wind: WindMonitor,
+    waiting: Waiting,
     tilt: TiltMonitor,
     battery: BatteryMonitor,
-    /// The deck's steepest recent tilt, rad, and when it was updated.
+    /// The deck's steepest recent apparent slope, and when it was updated.
     steepest: Option<(Time<DroneClock>, f64)>,
     /// Flies over the deck at its speed: the wind now is the wind on the deck.
     follows: bool,
 
+    /// A descent begins so long after the drone is steady, and when that is.
+    anyway: Option<(Span, Option<Time<DroneClock>>)>,
     /// Does not know yet whether a mission before it flew.
     beginning: Option<Beginning>,
     /// Began without a checkpoint or lost the drone to the autopilot's hold, and does not know yet that the drone is safe.
@@ -170,6 +177,15 @@ impl Mission {
     /// Of its process.
     pub fn boot(&self) -> u32 {
         self.boot
+    }
+    /// In a simulation alone: a descent begins so long after the drone is steady above the deck for the first time, however
+    /// likely it succeeds.
+    #[must_use]
+    pub fn begins_anyway(self, after: Option<Span>) -> Self {
+        Mission {
+            anyway: after.map(|after| (after, None)),
+            ..self
+        }
     }
     /// A predecessor may have flown: it waits for that one's checkpoint first.
     #[must_use]
@@ -231,17 +247,46 @@ impl Mission {
         }
     }
 
-    /// The steepest recent tilt of the predicted deck, rad, which decays slowly: the forecast of a deck that rocks faster
-    /// than the waves is too small between two extremes, but not at them.
-    fn recent_tilt(&mut self, now: Time<DroneClock>, deck: Option<&Deck>) -> f64 {
-        let left = self.steepest.map_or(0.0, |(at, tilt)| {
-            tilt * (-(now - at).secs().max(0.0) / TILT_TIME_S).exp()
+    /// The steepest apparent slope of the predicted deck recently, which decays slowly: the forecast of a deck that rocks
+    /// faster than the waves is too small between two extremes, but not at them.
+    fn recent_slope(&mut self, now: Time<DroneClock>, deck: Option<&Deck>) -> f64 {
+        let left = self.steepest.map_or(0.0, |(at, slope)| {
+            slope * (-(now - at).secs().max(0.0) / SLOPE_TIME_S).exp()
         });
-        let Some(tilt) = deck.map(|d| d.tilt_rad).filter(|t| t.is_finite()) else {
+        let Some(slope) = deck.map(|d| d.slope).filter(|t| t.is_finite()) else {
             return left;
         };
-        self.steepest = Some((now, left.max(tilt)));
-        left.max(tilt)
+        self.steepest = Some((now, left.max(slope)));
+        left.max(slope)
+    }
+
+    /// How likely a landing from here succeeds, and above which probability waiting on is not worth it.
+    fn judge(&mut self, now: Time<DroneClock>, s: &mut Situation) {
+        let recent_slope = self.recent_slope(now, s.fresh_deck());
+        let (plate, drone) = (&self.deck_geometry, &self.drone_geometry);
+        let edge = |side_m: f64, span_m: f64| 0.5 * (side_m - span_m);
+        let stand = Stand {
+            friction: self.config.friction * (1.0 + plate.hold_n / (drone.mass_kg * GRAVITY)),
+            edge_m: edge(plate.length_m, drone.feet_span_m[0]).min(edge(plate.width_m, drone.feet_span_m[1])),
+        };
+        s.staying = Staying::of(self.forecast.get(), recent_slope, &self.wind, &stand);
+        let (Some(forecast), Some(deck)) = (self.forecast.get(), s.fresh_deck()) else {
+            return;
+        };
+        let outlook = Outlook {
+            forecast,
+            deck,
+            wind: &self.wind,
+            staying: &s.staying,
+            drone,
+            plate,
+            chooses: deck.clearance_m > self.config.flare_clearance_m,
+        };
+        s.odds = outlook.odds(now);
+        if let Some(odds) = s.odds.filter(|_| self.phase.state().phase() == Phase::Follow) {
+            self.waiting.update(now, odds.whole());
+        }
+        s.worth_waiting = self.waiting.threshold(self.config.waiting_cost_per_s());
     }
 
     /// The speed made good on the way to the deck.
@@ -292,8 +337,10 @@ impl Mission {
             deck,
             mean_deck_z,
             tilt_excess_rad: drone.map_or(0.0, |d| self.tilt.excess(d)),
-            wind_mps2: self.wind.now(),
             staying: Staying::default(),
+            odds: None,
+            anyway: self.anyway.map(|(after, at)| at.unwrap_or(now + after)),
+            worth_waiting: 0.0,
             water_z: mean_deck_z.map_or(0.0, |z| z - self.deck_geometry.centre_m[2]),
             forecast_age_s: self.forecast.age_s(now),
             forecast_limit_s: topics::FORECAST.stale_after.secs(),
@@ -370,8 +417,8 @@ impl Mission {
         }
         // A committed flare continues without vision for as long as the longest such end allows.
         if let MissionPhase::Flare { committed, .. } = self.phase
-            && (deck.vision_age_s <= blind_limit(deck, c)
-                || (committed && deck.vision_age_s <= c.flare_radio_blind_s + c.flare_timeout_s))
+            && (deck.vision_age_s <= blind_limit(deck)
+                || (committed && deck.vision_age_s <= RADIO_BLIND_S + c.flare_timeout_s))
         {
             return c.flare_mps;
         }
@@ -397,7 +444,7 @@ impl Mission {
                 (self.previous, self.since, self.entered) = (m.state.state, now, why);
             }
             self.commands = CommandAdmission::after(m.command, m.abort);
-            self.steepest = Some((m.header.at, m.recent_tilt_rad));
+            self.steepest = Some((m.header.at, m.recent_slope));
             if let Some(z) = m.mean_deck_z.filter(|_| same_frame) {
                 self.mean_deck_z.begin(m.header.at, z);
             }
@@ -450,7 +497,7 @@ impl Mission {
             origin_resets: self.autopilot.get().map_or(0, |a| a.origin_resets),
             datum: self.drone.get().map_or(Datum::default(), |d| d.datum),
             mean_deck_z: self.mean_deck_z.value(),
-            recent_tilt_rad: self.steepest.map_or(0.0, |(_, tilt)| tilt),
+            recent_slope: self.steepest.map_or(0.0, |(_, slope)| slope),
         }
     }
 
@@ -520,6 +567,7 @@ impl Mission {
             mode: c.mode,
             lowest_clearance_m: c.lowest_plan_m(),
             battery_reserve: s.battery_reserve,
+            likelihood: s.odds.map(|o| o.whole()),
             low_battery: self.progress.low_battery,
             abort: self.commands.abort().map(|h| [h.boot, h.sequence]),
         }
@@ -554,8 +602,12 @@ impl Node for Mission {
         }
         self.follows = self.follows(&s);
         self.watch_way(now, &s);
-        let tilt = self.recent_tilt(now, s.fresh_deck());
-        s.staying = Staying::of(self.forecast.get(), tilt, &self.wind, self.config.friction);
+        self.judge(now, &mut s);
+        if let Some((after, at)) = &mut self.anyway
+            && self.phase == MissionPhase::TrackingStable
+        {
+            at.get_or_insert(now + *after);
+        }
         let decision = match order {
             None => self.safe_start(&s),
             Some(_) => None,

@@ -3,14 +3,15 @@
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, Course, DECK_CLOSED, DeckForecast, DeckGrant, DroneState, LandedState,
-    LandingMode, Reason, ReasonCode, WAITING_DISTANCE_M, WaitingPlace,
+    AutopilotMode, AutopilotState, Course, DECK_CLOSED, DeckForecast, DeckGrant, DeckStage, DroneState,
+    LandedState, LandingMode, Reason, ReasonCode, WAITING_DISTANCE_M, WaitingPlace,
 };
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneClock, Time};
 use alight_shared::topics;
 use nalgebra::{Vector2, Vector3};
 
 use super::config::MissionConfig;
+use super::odds::Odds;
 use super::staying::Staying;
 use crate::escape::contact_speed;
 use crate::surroundings::ring_m;
@@ -157,9 +158,8 @@ impl OwnState {
     }
 }
 
-/// What the deck does unforeseen for so long the drone does not follow: a tenth of a second from measurement to thrust,
-/// and two tenths until its sink has changed.
-const REACTION: Span = Span::from_millis(300);
+/// The deck's motion is judged over this time, s.
+const FEASIBLE_S: f64 = 2.0;
 
 /// So long the forecast lags behind a turn, s: the low-pass of the vessel's mean heading rate, and the radio. A vessel at
 /// speed `U` that turns at `r` accelerates by `U r` across her course, unforeseen for this long.
@@ -190,20 +190,16 @@ pub struct Deck {
     pub radio_age_s: f64,
     /// Age of the newest vision measurement, s.
     pub vision_age_s: f64,
-    /// Horizontal standard deviation ahead, m.
-    pub horizontal_sd_m: f64,
-    /// Vertical standard deviation ahead, m.
-    pub vertical_sd_m: f64,
-    /// By how much the deck's vertical speed may change unforeseen within the drone's reaction (1 sigma), m/s.
-    pub unforeseen_mps: f64,
+    /// Speed at which drone and deck come together along its normal, m/s.
+    pub sinking_mps: f64,
     /// Greatest predicted horizontal speed over the horizon, m/s.
     pub speed_mps: f64,
     /// Greatest predicted vertical speed over the horizon, m/s.
     pub heave_mps: f64,
-    /// Greatest predicted acceleration over the horizon, m/s².
-    pub acceleration_mps2: f64,
     /// Greatest predicted tilt over the horizon, rad.
     pub tilt_rad: f64,
+    /// Greatest predicted apparent slope over the horizon.
+    pub slope: f64,
     /// Rate of the vessel's mean heading, rad/s, without a sign: the waves' yaw is no turn.
     pub turn_radps: f64,
     /// By how much the vessel's turn may change the deck's horizontal velocity before the forecast follows, m/s.
@@ -236,27 +232,21 @@ impl Deck {
         let clearance_m = r.dot(&here.normal()) - drone.feet_below_m;
         let step = forecast.step.secs();
         let since = (start - forecast.header.at).secs();
-        let (mut speed, mut heave, mut acceleration, mut tilt) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
+        let (mut speed, mut heave, mut tilt, mut slope) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
         let mut sum = 0.0;
         let mut course = Vector2::zeros();
         for (i, s) in forecast.stages.iter().enumerate() {
             sum += s.position[2];
             course += Vector2::new(s.velocity[0], s.velocity[1]);
             let lead = i as f64 * step - since;
-            if lead < -step || lead > config.feasibility_horizon_s {
+            if lead < -step || lead > FEASIBLE_S {
                 continue;
             }
             speed = speed.max(s.velocity[0].hypot(s.velocity[1]));
             heave = heave.max(s.velocity[2].abs());
-            acceleration = acceleration.max(Vector3::from(s.acceleration).norm());
             tilt = tilt.max(angle_from_vertical(s.euler[0], s.euler[1]));
+            slope = slope.max(apparent_slope(s));
         }
-        let ahead = forecast
-            .at(start + Span::from_secs(config.sd_lead_s))
-            .or(forecast.stages.last().copied())?;
-        let reacted = forecast
-            .at(start + REACTION)
-            .or(forecast.stages.last().copied())?;
         let turn_radps = forecast.mean_heading_rate.abs();
         let mean_mps = course.norm() / forecast.stages.len().max(1) as f64;
         let to_deck = -r.xy() / r.xy().norm().max(1e-3);
@@ -276,13 +266,11 @@ impl Deck {
             } else {
                 forecast.vision_age_s.min(forecast.radio_age_s)
             },
-            horizontal_sd_m: ahead.position_sd[0].hypot(ahead.position_sd[1]),
-            vertical_sd_m: ahead.position_sd[2],
-            unforeseen_mps: reacted.acceleration_sd[2] * REACTION.secs(),
+            sinking_mps: -v.dot(&here.normal()),
             speed_mps: speed,
             heave_mps: heave,
-            acceleration_mps2: acceleration,
             tilt_rad: tilt,
+            slope,
             turn_radps,
             turn_mps: mean_mps * turn_radps * TURN_LAG_S,
             mean_z: sum / forecast.stages.len().max(1) as f64,
@@ -298,6 +286,15 @@ impl Deck {
         let across = self.feet.y.abs() - 0.5 * (deck.width_m - drone.feet_span_m[1]);
         along.max(across)
     }
+}
+
+/// Apparent slope of the deck: `|f_xy| / |f_z|` with the specific force `f` in its axes. A deck that the water carries along
+/// its slope has none.
+fn apparent_slope(s: &DeckStage) -> f64 {
+    /// Less normal force than this holds nothing, m/s².
+    const MIN_NORMAL_MPS2: f64 = 0.5;
+    let f = s.rotation().transpose() * (Vector3::from(s.acceleration) - Vector3::z() * GRAVITY);
+    f.xy().norm() / (-f.z).max(MIN_NORMAL_MPS2)
 }
 
 /// Angle between a body's down axis and the vertical for roll and pitch, rad.
@@ -334,8 +331,12 @@ pub struct Situation {
     pub staying: Staying,
     /// How far the drone tilts beyond what was commanded lately, rad.
     pub tilt_excess_rad: f64,
-    /// Acceleration by the wind now, m/s².
-    pub wind_mps2: f64,
+    /// How likely a landing from here succeeds; None while that is not known.
+    pub odds: Option<Odds>,
+    /// In a simulation alone: a descent begins at this time, however likely it succeeds.
+    pub anyway: Option<Time<DroneClock>>,
+    /// Above this probability waiting for a better moment is not worth its cost.
+    pub worth_waiting: f64,
     /// The water's level in the drone's NED, from the deck's mean level, m; 0 until that is known.
     pub water_z: f64,
     /// Age of the forecast, s.

@@ -1,10 +1,9 @@
 //! The state table: one function per state, what it waits for and where it goes.
 
-use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::ReasonCode::{
     Commanded, CourseEnds, Deviated, Infeasible, Matched, Matching, Missed, NoPlace, NoPlan, NoVessel,
-    NoVision, NotCommanded, NotFlying, NotSteady, Operator, Reached, SpeedUncertain, TiltExcess, TooFar,
-    TooFast, TooNear, TooSteep, TooWindy, TurnTooFast, Uncertain, VesselTooFar, VesselTurns, VisionLost,
+    NoVision, NotCommanded, NotFlying, NotSteady, Operator, Reached, TiltExcess, TooFar, TooFast, TooNear,
+    TooSteep, VesselTooFar, VesselTurns, VisionLost,
 };
 use alight_shared::msg::{Course, PLACES, Reason};
 use nalgebra::Vector3;
@@ -187,9 +186,18 @@ fn vision_lost(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Transiti
     Some(next.enter(why))
 }
 
+/// What was steady, or feasible, stays so within limits this much wider.
+const WIDER: f64 = 1.5;
+
 /// Factor on the limits of a landing: an empty battery leaves no other place.
-fn widening(progress: &Progress, c: &MissionConfig) -> f64 {
-    if progress.is_urgent() { c.break_factor } else { 1.0 }
+fn widening(progress: &Progress) -> f64 {
+    if progress.is_urgent() { WIDER } else { 1.0 }
+}
+
+/// Why the landing is not as likely to succeed as is `needed`; an empty battery leaves no other place.
+fn unlikely(progress: &Progress, s: &Situation, needed: f64) -> Option<Reason> {
+    let odds = s.odds.filter(|_| !progress.is_urgent() && s.anyway.is_none())?;
+    odds.below(needed)
 }
 
 /// Tracking: until stably above the deck.
@@ -200,7 +208,7 @@ fn tracking(steady: Option<DroneTime>, progress: &Progress, s: &Situation, c: &M
     if let Some(lost) = vision_lost(deck, s, c).or_else(|| deck_lost(s, c)) {
         return lost;
     }
-    if let Some(why) = unsteady(deck, s, c, widening(progress, c)) {
+    if let Some(why) = unsteady(deck, s, c, widening(progress)) {
         return MissionPhase::TRACKING.stay(why);
     }
     let (steady, lasted) = lasting(true, steady, s.now);
@@ -219,8 +227,8 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
     if let Some(lost) = vision_lost(deck, s, c).or_else(|| deck_lost(s, c)) {
         return lost;
     }
-    let wide = widening(progress, c);
-    if let Some(why) = unsteady(deck, s, c, c.break_factor * wide) {
+    let wide = widening(progress);
+    if let Some(why) = unsteady(deck, s, c, WIDER * wide) {
         return MissionPhase::TRACKING.enter(why);
     }
     if s.flight != ControlState::Ours {
@@ -233,8 +241,6 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
         .or_else(|| {
             first_beyond([
                 (VisionLost, deck.vision_age_s, c.descent_vision_s),
-                (TooFar, deck.distance_m, c.descent_distance_m * wide),
-                (TooFast, deck.relative_speed_mps, c.descent_speed_mps * wide),
                 (NoPlan, s.plan_age_s, s.plan_limit_s),
             ])
         })
@@ -244,26 +250,19 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
         if progress.is_urgent() {
             return None;
         }
-        let turns = turns_too_fast(deck, c, 1.0).or_else(|| course_rejection(deck, s, c));
-        s.rejection.or(turns).or_else(|| s.staying.rejection())
+        (s.rejection)
+            .or_else(|| course_rejection(deck, s, c))
+            .or_else(|| unlikely(progress, s, s.worth_waiting.max(c.min_probability)))
     });
-    if let Some(why) = rejection {
+    let early = s.anyway.filter(|at| s.now < *at);
+    if let Some(why) = rejection.or(early.map(|_| NotSteady.into())) {
         return stable.stay(why);
     }
     if progress.attempts >= c.max_attempts {
         return Transition::BreakOff(Reason::default());
     }
     progress.attempts += 1;
-    MissionPhase::DESCENT.enter(Reason::new(Reached, deck.distance_m, c.descent_distance_m))
-}
-
-/// Too fast a turn: led sideways by the rudder as no forecast knows, or the deck's velocity is unforeseen by more than
-/// what a flare may have.
-fn turns_too_fast(deck: &Deck, c: &MissionConfig, slack: f64) -> Option<Reason> {
-    first_beyond([
-        (Infeasible, deck.turn_radps, c.deck_turn_radps * slack),
-        (TurnTooFast, deck.turn_mps, c.flare_speed_mps * slack),
-    ])
+    MissionPhase::DESCENT.enter(Reached)
 }
 
 /// The longest time from here to the touchdown, s: down at the speeds of descent and flare, with the longest wait at the
@@ -288,28 +287,21 @@ fn withdrawn(progress: &Progress, s: &Situation) -> Option<Reason> {
     (s.reservation.lost()).or_else(|| turns.then(|| VesselTurns.into()))
 }
 
-/// What makes the predicted deck infeasible for a landing: uncertainty, motion or tilt.
+/// A vessel that turns faster than this is led sideways by its rudder as no forecast knows, rad/s: 11 deg/s.
+const MAX_TURN_RADPS: f64 = 0.2;
+
+/// What no likelihood overrules: the deck moves or tilts more than drone and planner follow.
 fn deck_infeasible(deck: &Deck, c: &MissionConfig, slack: f64) -> Option<Reason> {
     first_beyond([
-        (Uncertain, deck.horizontal_sd_m, c.horizontal_sd_m * slack),
-        (Uncertain, deck.vertical_sd_m, c.vertical_sd_m * slack),
-        (SpeedUncertain, deck.unforeseen_mps, c.unforeseen_mps * slack),
         (Infeasible, deck.speed_mps, c.deck_speed_mps * slack),
         (Infeasible, deck.heave_mps, c.deck_heave_mps * slack),
-        (
-            Infeasible,
-            deck.acceleration_mps2,
-            c.deck_acceleration_mps2 * slack,
-        ),
+        (Infeasible, deck.turn_radps, MAX_TURN_RADPS * slack),
         (TooSteep, deck.tilt_rad, c.deck_tilt_rad * slack),
     ])
 }
 
-/// The wind in a flare uses less than this of the friction: the deck's slope needs the rest.
-const FLARE_WIND: f64 = 0.7;
-
 /// What forbids the flare at the decision clearance.
-fn not_ready_to_flare(deck: &Deck, s: &Situation, c: &MissionConfig, slack: f64) -> Option<Reason> {
+fn not_ready_to_flare(deck: &Deck, progress: &Progress, s: &Situation, c: &MissionConfig) -> Option<Reason> {
     first_beyond([
         (
             VisionLost,
@@ -317,22 +309,32 @@ fn not_ready_to_flare(deck: &Deck, s: &Situation, c: &MissionConfig, slack: f64)
             c.vision_fresh_s,
         ),
         (VisionLost, deck.vision_age_s, c.descent_vision_s),
-        (TooFar, deck.distance_m, c.flare_distance_m * slack),
-        (TooFast, deck.relative_speed_mps, c.flare_speed_mps * slack),
-        (TooSteep, deck.tilt_rad, c.flare_tilt_rad * slack),
-        (TooWindy, s.wind_mps2, FLARE_WIND * c.friction * GRAVITY * slack),
     ])
-    .or_else(|| turns_too_fast(deck, c, slack))
+    .or_else(|| unlikely(progress, s, c.min_probability))
 }
 
-/// What violates the conditions of a landing that has begun; `blind_s`: longest time without vision; `slack` widens
-/// the deck's limits.
-fn violation(deck: &Deck, s: &Situation, c: &MissionConfig, blind_s: f64, slack: f64) -> Option<Reason> {
-    let cone = c.break_distance_m + c.break_cone * deck.clearance_m.max(0.0);
+/// A descent leaves the cone above the deck that is so wide at no clearance, m, and this much wider per metre.
+const CONE_M: f64 = 1.0;
+const CONE_SLOPE: f64 = 0.3;
+/// Going up and coming down again takes so long, s, and ends in a harmful contact so seldom: a landing goes on that is less
+/// likely than it had to be by what both cost.
+const REPEAT_S: f64 = 30.0;
+const REPEAT_RISK: f64 = 0.02;
+
+/// What violates the conditions of a landing that has begun; `blind_s`: longest time without vision.
+fn violation(
+    deck: &Deck,
+    progress: &Progress,
+    s: &Situation,
+    c: &MissionConfig,
+    blind_s: f64,
+) -> Option<Reason> {
+    let cone = CONE_M + CONE_SLOPE * deck.clearance_m.max(0.0);
+    let needed = c.min_probability - REPEAT_S * c.waiting_cost_per_s() - REPEAT_RISK;
     exceeds(VisionLost, deck.vision_age_s, blind_s)
         .or_else(|| exceeds(Deviated, deck.distance_m, cone))
-        .or_else(|| deck_infeasible(deck, c, c.break_factor * slack))
-        .or_else(|| turns_too_fast(deck, c, slack))
+        .or_else(|| deck_infeasible(deck, c, WIDER * widening(progress)))
+        .or_else(|| unlikely(progress, s, needed))
         .or_else(|| exceeds(NoPlan, s.plan_age_s, s.plan_limit_s))
 }
 
@@ -354,18 +356,17 @@ fn descent(
     s: &Situation,
     c: &MissionConfig,
 ) -> Transition {
-    let wide = widening(progress, c);
     let Some(deck) = s.fresh_deck() else {
         return Transition::BreakOff(s.no_deck());
     };
     if let Some(why) = attitude_lost(deck, s) {
         return Transition::BreakOff(why);
     }
-    let violation = violation(deck, s, c, c.descent_vision_s, wide);
+    let violation = violation(deck, progress, s, c, c.descent_vision_s);
     let (violated, lasted) = lasting(violation.is_some(), violated, s.now);
     let close = deck.clearance_m < c.commit_clearance_m;
     // Below the commit clearance going on is safer than breaking off, while the deck is below.
-    if let Some(why) = violation.filter(|_| lasted > c.violation_s && !close) {
+    if let Some(why) = violation.filter(|_| lasted > VIOLATION_S && !close) {
         return Transition::BreakOff(why);
     }
     if close && let Some(why) = exceeds(Deviated, s.outside_m, c.lost_outside_m) {
@@ -377,7 +378,7 @@ fn descent(
     if let Some(lowest_m) = c.lowest_plan_m() {
         return matching(lowest_m, violated, paused, deck, violation, s, c);
     }
-    let rejection = not_ready_to_flare(deck, s, c, wide);
+    let rejection = not_ready_to_flare(deck, progress, s, c);
     if deck.clearance_m < c.flare_clearance_m && (rejection.is_none() || close) {
         let flare = MissionPhase::Flare {
             committed: close,
@@ -445,21 +446,30 @@ fn flare(
     if let Some(why) = hard.or_else(|| withdrawn(progress, s).filter(|_| !committed)) {
         return Transition::BreakOff(why);
     }
-    let violation = violation(deck, s, c, blind_limit(deck, c), widening(progress, c));
+    let violation = violation(deck, progress, s, c, blind_limit(deck));
     let (violated, lasted) = lasting(violation.is_some(), violated, s.now);
-    if let Some(why) = violation.filter(|_| lasted > c.violation_s && !committed) {
+    if let Some(why) = violation.filter(|_| lasted > VIOLATION_S && !committed) {
         return Transition::BreakOff(why);
     }
     let sinking = Reason::new(TooFar, deck.clearance_m, 0.0);
     MissionPhase::Flare { committed, violated }.stay(violation.unwrap_or(sinking))
 }
 
+/// A condition has to be violated for so long before a landing is broken off, s: several messages.
+const VIOLATION_S: f64 = 0.3;
+/// A flare may last so long without vision, s: its last metre with the tags out of view; and while the radio still tells
+/// where the vessel is.
+const BLIND_S: f64 = 2.5;
+pub(super) const RADIO_BLIND_S: f64 = 5.0;
+/// The radio tells where the vessel is, s.
+const RADIO_FRESH_S: f64 = 1.5;
+
 /// How long a flare may last without vision: longer while the radio reports where the vessel is, s.
-pub(super) fn blind_limit(deck: &Deck, c: &MissionConfig) -> f64 {
-    if deck.radio_age_s <= c.radio_fresh_s {
-        c.flare_radio_blind_s
+pub(super) fn blind_limit(deck: &Deck) -> f64 {
+    if deck.radio_age_s <= RADIO_FRESH_S {
+        RADIO_BLIND_S
     } else {
-        c.flare_blind_s
+        BLIND_S
     }
 }
 

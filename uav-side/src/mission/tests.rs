@@ -1,10 +1,10 @@
 //! Every row of the state table.
 
 use alight_shared::msg::ReasonCode::{
-    AutopilotParameter, Commanded, CourseEnds, DeckGrantStale, DeckReserved, Deviated, DriftPredicted,
-    ForecastStale, Infeasible, Missed, NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotSteady,
-    OriginMoved, Reached, SlidePredicted, SpeedUncertain, TiltExcess, TooFar, TooFast, TooSteep, TooWindy,
-    Touchdown, TurnTooFast, Uncertain, VesselTooFar, VesselTurns, VisionLost,
+    AutopilotParameter, Commanded, CourseEnds, DeckGrantStale, DeckReserved, Deviated, ForecastStale,
+    Infeasible, LikelyBeside, LikelyFast, LikelyHard, LikelySlides, LikelyTilted, Missed, NoPlan, NoVessel,
+    NoVision, NotCommanded, NotFlying, NotSteady, OriginMoved, Reached, TiltExcess, TooFar, TooFast,
+    TooSteep, Touchdown, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
 };
 use alight_shared::msg::{AutopilotMode, BatteryPlace, Course, DECK_CLOSED};
 use nalgebra::{Vector2, Vector3};
@@ -55,22 +55,22 @@ pub(super) fn fair() -> Situation {
             relative_speed_mps: 0.1,
             radio_age_s: 0.1,
             vision_age_s: 0.05,
-            horizontal_sd_m: 0.1,
-            vertical_sd_m: 0.05,
-            unforeseen_mps: 0.05,
+            sinking_mps: 0.3,
             speed_mps: 0.5,
             heave_mps: 0.5,
             turn_radps: 0.0,
             turn_mps: 0.0,
-            acceleration_mps2: 1.0,
             tilt_rad: 0.1,
+            slope: 0.05,
             mean_z: -1.3,
             climb_contact_mps: None,
         }),
         mean_deck_z: Some(-1.3),
         tilt_excess_rad: 0.0,
-        wind_mps2: 0.0,
         staying: Staying::default(),
+        odds: Some(SURE),
+        anyway: None,
+        worth_waiting: 0.9,
         water_z: 0.0,
         forecast_age_s: 0.01,
         forecast_limit_s: 0.3,
@@ -83,6 +83,18 @@ pub(super) fn fair() -> Situation {
         motors_stopped: false,
         rotors_carry: true,
     }
+}
+const SURE: Odds = Odds {
+    hard: 1.0,
+    fast: 1.0,
+    tilted: 1.0,
+    beside: 1.0,
+    slides: 1.0,
+    turns: false,
+};
+/// Fair but for the odds of a landing.
+pub(super) fn with_odds(change: impl FnOnce(&mut Odds)) -> Situation {
+    with(|s| change(s.odds.as_mut().unwrap()))
 }
 pub(super) fn with(change: impl FnOnce(&mut Situation)) -> Situation {
     let mut s = fair();
@@ -267,24 +279,26 @@ fn tracking_stable_reports_each_reason_not_to_descend() {
     let stable = MissionPhase::TrackingStable;
     for (s, why) in [
         (with_deck(|d| d.vision_age_s = 1.5), VisionLost),
-        (with_deck(|d| d.distance_m = 1.2), TooFar),
-        (with_deck(|d| d.relative_speed_mps = 1.1), TooFast),
-        (with_deck(|d| d.horizontal_sd_m = 0.7), Uncertain),
-        (with_deck(|d| d.vertical_sd_m = 0.5), Uncertain),
-        (with_deck(|d| d.vertical_sd_m = f64::NAN), Uncertain),
-        (with_deck(|d| d.unforeseen_mps = 0.2), SpeedUncertain),
-        (with_deck(|d| d.unforeseen_mps = f64::NAN), SpeedUncertain),
+        (with_odds(|p| p.hard = 0.94), LikelyHard),
+        (with_odds(|p| p.fast = 0.9), LikelyFast),
+        (with_odds(|p| (p.fast, p.turns) = (0.9, true)), TurnTooFast),
+        (with_odds(|p| p.tilted = 0.5), LikelyTilted),
+        (with_odds(|p| p.beside = 0.5), LikelyBeside),
+        (with_odds(|p| p.slides = 0.8), LikelySlides),
+        // Each likely enough by itself.
+        (
+            with_odds(|p| (p.hard, p.fast, p.slides) = (0.98, 0.98, 0.97)),
+            LikelySlides,
+        ),
+        (with_odds(|p| p.beside = f64::NAN), LikelyBeside),
+        (with(|s| s.worth_waiting = 0.9995), LikelyHard),
         (with_deck(|d| d.speed_mps = 8.0), Infeasible),
         (with_deck(|d| d.heave_mps = 4.0), Infeasible),
-        (with_deck(|d| d.acceleration_mps2 = 7.0), Infeasible),
         (with_deck(|d| d.tilt_rad = 0.5), TooSteep),
         (with_deck(|d| d.turn_radps = 0.3), Infeasible),
-        (with_deck(|d| d.turn_mps = 0.7), TurnTooFast),
         (with(|s| s.course = Course::Turning), VesselTurns),
         (with(|s| s.course = Course::Steady(15.0)), CourseEnds),
         (with(|s| s.plan_age_s = f64::INFINITY), NoPlan),
-        (with(|s| s.staying.used = 1.1), SlidePredicted),
-        (with(|s| s.staying.drift_m = 0.3), DriftPredicted),
         (
             with(|s| s.rejection = Some(AutopilotParameter.into())),
             AutopilotParameter,
@@ -320,8 +334,7 @@ fn descent_returns_to_tracking_when_a_condition_stays_violated() {
     for (s, why) in [
         (with_deck(|d| d.vision_age_s = 1.2), VisionLost),
         (with_deck(|d| d.distance_m = 4.0), Deviated),
-        (with_deck(|d| d.horizontal_sd_m = 1.0), Uncertain),
-        (with_deck(|d| d.acceleration_mps2 = 10.0), Infeasible),
+        (with_odds(|p| p.tilted = 0.85), LikelyTilted),
         (with_deck(|d| d.tilt_rad = 0.8), TooSteep),
         (with(|s| s.plan_age_s = 0.6), NoPlan),
     ] {
@@ -333,16 +346,27 @@ fn descent_returns_to_tracking_when_a_condition_stays_violated() {
 #[test]
 fn descent_pauses_at_the_decision_clearance_until_the_flare_is_possible() {
     for (s, why) in [
-        (with_deck(|d| (d.clearance_m, d.distance_m) = (1.2, 0.8)), TooFar),
-        (with_deck(|d| (d.clearance_m, d.tilt_rad) = (1.2, 0.42)), TooSteep),
+        (
+            with(|s| {
+                (
+                    s.odds.as_mut().unwrap().beside,
+                    s.deck.as_mut().unwrap().clearance_m,
+                ) = (0.9, 1.2)
+            }),
+            LikelyBeside,
+        ),
         (
             with_deck(|d| (d.clearance_m, d.radio_age_s, d.vision_age_s) = (1.2, 9.0, 0.8)),
             VisionLost,
         ),
         (
-            // A gust that leaves less than a third of the friction of 0.4 to the slope.
-            with(|s| (s.wind_mps2, s.deck.as_mut().unwrap().clearance_m) = (2.8, 1.2)),
-            TooWindy,
+            with(|s| {
+                (
+                    s.odds.as_mut().unwrap().slides,
+                    s.deck.as_mut().unwrap().clearance_m,
+                ) = (0.9, 1.2)
+            }),
+            LikelySlides,
         ),
     ] {
         let d = run(DESCENT, &s, 2.0);
@@ -391,7 +415,6 @@ fn descent_ignores_soft_violations_below_the_commit_clearance() {
             d.distance_m = 1.6;
             d.vision_age_s = 6.0;
             d.radio_age_s = 6.0;
-            d.horizontal_sd_m = 2.0;
         })
     };
     waits(&run(COMMITTED, &soft(0.5), 2.0), State::Flare, VisionLost);
@@ -487,10 +510,9 @@ fn turn_in_a_landing_breaks_it_off_only_above_the_commit_clearance() {
         s
     };
     let turns = |clearance_m: f64| {
-        with_deck(|d| {
-            d.turn_mps = 0.7;
-            d.clearance_m = clearance_m;
-        })
+        let mut s = with_odds(|p| (p.fast, p.turns) = (0.8, true));
+        s.deck.as_mut().unwrap().clearance_m = clearance_m;
+        s
     };
     goes(&step(descent, &stated(3.0)), State::Tracking, VesselTurns);
     goes(&step(flare(false), &stated(0.9)), State::Tracking, VesselTurns);

@@ -82,9 +82,10 @@ fn can_stop(phase: MissionPhase, s: &Situation) -> bool {
 /// A drone that would not stay on the deck climbs at the price of a harder contact, but no harmful one. Once completed it
 /// stays so: each new forecast could change the decision, over a height that shrinks.
 fn completes(phase: MissionPhase, progress: &Progress, s: &Situation, c: &MissionConfig) -> bool {
-    let limit = match s.staying.rejection() {
-        None => c.flare_mps,
-        Some(_) => HARMLESS_MPS,
+    let limit = if s.staying.probability >= c.min_probability {
+        c.flare_mps
+    } else {
+        HARMLESS_MPS
     };
     let harder = s
         .fresh_deck()

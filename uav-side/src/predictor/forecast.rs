@@ -5,7 +5,7 @@ use alight_shared::msg::Seq;
 use alight_shared::msg::{DeckStage, FORECAST_STAGES, PREDICTED_SLOPES, SLOPE_STEP};
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::vessel_model::turn_tilt;
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 
 use super::axis::{Axis, AxisNoise, DRIFT, HEAD, Head, MAX_STATES, MEAN, RATE, Step, VISION, compass};
 use super::lever_arm_heave::lever_arm_heave;
@@ -105,30 +105,31 @@ impl Horizon {
         out
     }
 
-    /// The deck's apparent slope, stage by stage from now on: `|f_xy| / |f_z|` with the specific force
-    /// `f = R^T (a - g)` in the deck's axes, in steps of [`SLOPE_STEP`].
+    /// The deck's apparent slope, stage by stage from now on: `f_xy / |f_z|` with the specific force
+    /// `f = R^T (a - g)` in the deck's axes, turned to north and east, in steps of [`SLOPE_STEP`].
     pub fn slopes(
         &self,
         axes: &[Axis; AXES],
         noise: &[AxisNoise; AXES],
         (waves, now): (&Waves, Time<DroneClock>),
-    ) -> Seq<u8, PREDICTED_SLOPES> {
+    ) -> Seq<[i8; 2], PREDICTED_SLOPES> {
         let mut mean: [[f64; MAX_STATES]; AXES] = core::array::from_fn(|i| axes[i].x);
         let heads: [Head; AXES] = core::array::from_fn(|i| Head::new(&noise[i], self.stage_s));
         let mut modes = waves.modes(now, self.stage_s);
         let mut forces = [Vector3::zeros(); PREDICTED_SLOPES + 2 * SLOPE_STEPS];
         for force in &mut forces {
             let s = self.stage(&mean, |_| [0.0; 3], 0.0, waves.lever_arm(), &modes.motion());
-            *force = s.rotation().transpose() * (Vector3::from(s.acceleration) - Vector3::z() * GRAVITY);
+            let f = s.rotation().transpose() * (Vector3::from(s.acceleration) - Vector3::z() * GRAVITY);
+            *force = Rotation3::from_axis_angle(&Vector3::z_axis(), s.euler[2]) * f;
             self.advance(&mut mean, &heads);
             modes.advance();
         }
         let mut out = Seq::new();
         for window in forces.windows(2 * SLOPE_STEPS + 1) {
             let f = window.iter().sum::<Vector3<f64>>() / window.len() as f64;
-            let slope = f.xy().norm() / (-f.z).max(MIN_NORMAL_MPS2);
+            let slope = f.xy() / (-f.z).max(MIN_NORMAL_MPS2) / SLOPE_STEP;
             // A cast of a number too large gives the largest.
-            if out.push((slope / SLOPE_STEP).round() as u8).is_err() {
+            if out.push([slope.x.round() as i8, slope.y.round() as i8]).is_err() {
                 break;
             }
         }

@@ -64,7 +64,8 @@ fn predictor_predicts_the_apparent_slope_ten_seconds_ahead() {
             assert_eq!(s.forecast.predicted_slopes.len(), PREDICTED_SLOPES);
             for (k, slope) in s.forecast.predicted_slopes.iter().enumerate().take(40) {
                 let apparent_slope = v.apparent_slope(s.now + PREDICTED_SLOPE_STEP_S * k as f64 + 0.5);
-                squares += (f64::from(*slope) * SLOPE_STEP - apparent_slope).powi(2);
+                let predicted = f64::from(slope[0]).hypot(f64::from(slope[1])) * SLOPE_STEP;
+                squares += (predicted - apparent_slope).powi(2);
                 n += 1.0;
                 *steepest = steepest.max(apparent_slope);
             }

@@ -9,15 +9,14 @@ use crate::lab::scene::Scene;
 
 /// The longest time to follow: the longest mission that the configuration allows, s.
 pub const MAX_FOLLOW_S: f64 = 36_000.0;
-/// No forecast knows the deck this well: the mission follows and does not descend, m.
-const UNREACHABLE_SD_M: f64 = 0.01;
 /// A battery for the longest time ten times over, s.
 const ENDURANCE_S: f64 = 10.0 * MAX_FOLLOW_S;
 
 /// Changes what the mission permits: everything but the descent.
 pub fn disable_landing(scene: &mut Scene) {
     let mission = &mut scene.nodes.drone.mission;
-    mission.horizontal_sd_m = UNREACHABLE_SD_M;
+    // No landing is certain: it follows.
+    mission.min_probability = 1.0;
     mission.mission_timeout_s = MAX_FOLLOW_S;
     scene.scenario.drone.autopilot.endurance_s = ENDURANCE_S;
 }

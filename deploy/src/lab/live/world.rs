@@ -54,6 +54,8 @@ pub struct Landed {
     pub first_contact_s: Option<f64>,
     /// Time on the deck with motors on, s.
     pub motors_on_deck_s: f64,
+    /// The most that a tick of the simulated world was late, s.
+    pub latest_tick_s: f64,
 }
 
 /// Runs until the trial is over or it is told to end. Its figures: the most that a tick was late
@@ -236,6 +238,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
             outcome,
             first_contact_s: judge.first_contact_s(),
             motors_on_deck_s,
+            latest_tick_s: latest_s,
         }))
     };
     let report = serde_json::to_string(&report).doing("writing the outcome")?;

@@ -156,6 +156,7 @@ fn with_mass(mut scene: StudyScene, mass_kg: f64) -> StudyScene {
     scene.nodes.drone.airframe = *airframe;
     let physical = &mut scene.world.drone.airframe;
     physical.drag_n_per_mps2 *= length * length;
+    physical.parked_drag_n_per_mps2 *= length * length;
     physical.rotor_radius_m *= length;
     physical.rotor_above_m *= length;
     scene

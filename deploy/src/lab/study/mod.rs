@@ -5,12 +5,14 @@ mod aborts;
 mod airborne;
 mod camera;
 mod changes;
+pub mod envelope;
 mod equipment;
 mod estimator;
 mod fleet;
 mod grid;
 pub mod link;
 mod moving;
+mod polar;
 mod prediction;
 mod reference;
 mod report;
@@ -103,7 +105,7 @@ fn grid_study(args: &StudyArgs) -> Result<Value, CliError> {
         Study::Ablation if args.planners.is_empty() => ablation::planners(&base.nodes).map_err(CliError)?,
         _ => planners(args, &base),
     };
-    let outcomes = run::fly_grid(args, &scenes, &planners)?;
+    let outcomes = run::fly_grid(&args.grid(), &scenes, &planners)?;
     let hash = run::configuration_hash(&base.nodes);
     let is_link = args.name == Study::Link;
     let charts = if is_link {

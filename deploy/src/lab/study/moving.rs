@@ -135,12 +135,10 @@ pub fn pool(args: &SceneArgs, planners: &[PlannerVariant], outcomes: &[Outcome])
         for planner in planners {
             let is_one = |o: &&Outcome| o.planner == planner.name && o.sea.starts_with(&prefix);
             let set: Vec<Outcome> = outcomes.iter().filter(is_one).cloned().collect();
-            let no_contact =
-                |o: &&Outcome| !o.success && o.position_error_m.is_none() && o.unsafe_contacts == 0;
             pooled.push(Pooled {
                 course: course.clone(),
                 planner: planner.name.clone(),
-                refused: set.iter().filter(no_contact).count(),
+                refused: set.iter().filter(|o| o.is_refused()).count(),
                 summary: Summary::of(&set),
             });
         }

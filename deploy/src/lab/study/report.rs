@@ -1,6 +1,6 @@
 //! What a grid study reports: on the terminal, as JSON, as Markdown and as a page.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use alight_sim::harness::outcome::{MAX_CONTACT_MPS, MAX_TILT_ERROR_RAD, Outcome};
 use alight_sim::studies::paired::{self, COMPARED, Comparison};
@@ -121,7 +121,9 @@ impl ReportRow {
         };
         Some(ReportRow {
             published: grid::published(&scenario, &planner),
-            command: replay_command(args, planners, &scenario, &planner),
+            command: (args.out.as_ref())
+                .zip(planners.iter().find(|p| p.name == planner))
+                .and_then(|(out, planner)| replay_command(out, planner, &scenario)),
             intervals: SHOWN.iter().map(interval).collect(),
             summary_values: summary_json(&summary),
             worst_seeds: seeds.iter().take(others).copied().collect(),
@@ -148,21 +150,15 @@ fn worst_limit_fraction(o: &Outcome) -> f64 {
 }
 
 /// The command that flies a trial of the study again, from the files that the study keeps.
-fn replay_command(
-    args: &StudyArgs,
-    planners: &[PlannerVariant],
-    scenario: &str,
-    planner: &str,
-) -> Option<String> {
-    let (out, variant) = (args.out.as_ref()?, planners.iter().find(|p| p.name == planner)?);
+pub fn replay_command(out: &Path, planner: &PlannerVariant, scenario: &str) -> Option<String> {
     let flag = |name: &str, path: PathBuf| path.exists().then(|| format!(" --{name} '{}'", path.display()));
     let scene = flag("scenario", run::scenario_file(out, scenario))?;
-    let [vessel, drone] = run::config_files(out, scenario, planner);
+    let [vessel, drone] = run::config_files(out, scenario, &planner.name);
     Some(format!(
         "alight trial{scene}{}{} --planner {}",
         flag("vessel-config", vessel).unwrap_or_default(),
         flag("drone-config", drone).unwrap_or_default(),
-        variant.kind.name()
+        planner.kind.name()
     ))
 }
 

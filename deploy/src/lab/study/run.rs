@@ -13,10 +13,46 @@ use alight_uav::planner::PlannerKind;
 use super::variant::{PlannerVariant, StudyScene};
 use crate::config::{DroneFile, VesselComputer};
 use crate::exit::CliError;
-use crate::lab::args::{Study, StudyArgs};
+use crate::lab::args::{Shard, StudyArgs};
 use crate::lab::record::{self, LOCK_STEP_BOOTS, Subject};
 use crate::lab::trials::{fly_seed, in_parallel, seeds};
 use crate::terminal::note;
+
+/// How a grid is flown.
+pub struct GridRun<'a> {
+    /// Name of the study.
+    pub study: String,
+    /// Trials of each scene by each planner.
+    pub trials: u32,
+    /// Their first seed.
+    pub seed0: u64,
+    /// Threads; None: all cores.
+    pub jobs: Option<u16>,
+    /// Where rows and scenes are kept.
+    pub out: Option<&'a Path>,
+    /// Only this part.
+    pub shard: Option<Shard>,
+    /// The first failed trials are flown again and recorded.
+    pub records_failed: bool,
+    /// The result stands alone on standard output.
+    pub json: bool,
+}
+
+impl StudyArgs {
+    /// The grid as its flags have it.
+    pub fn grid(&self) -> GridRun<'_> {
+        GridRun {
+            study: format!("{:?}", self.name),
+            trials: self.trials,
+            seed0: self.seed0,
+            jobs: self.jobs,
+            out: self.out.as_deref(),
+            shard: self.shard,
+            records_failed: true,
+            json: self.json,
+        }
+    }
+}
 
 /// Hash of the nodes' configuration, the planner's kind left out: the same for all rows of a table.
 pub fn configuration_hash(nodes: &NodeConfigs) -> String {
@@ -109,14 +145,14 @@ pub fn read_hash(dir: &Path) -> Option<String> {
 
 /// Writes what is needed to fly a trial of the study again; refuses a directory that holds rows of
 /// another study, configuration or scene.
-fn prepare(study: Study, out: &Path, rows: &[StudyScene], flown: &[PlannerVariant]) -> Result<(), CliError> {
+fn prepare(study: &str, out: &Path, rows: &[StudyScene], flown: &[PlannerVariant]) -> Result<(), CliError> {
     let doing = || format!("preparing the directory {}", out.display());
     let because = |e: &dyn std::fmt::Display| CliError::because(doing(), e);
     let Some(base) = rows.first().map(|r| &r.nodes) else {
         return Ok(());
     };
     let mut files = vec![
-        (out.join("study"), format!("{study:?}\n")),
+        (out.join("study"), format!("{study}\n")),
         (out.join(HASH_FILE), configuration_hash(base) + "\n"),
     ];
     for row in rows {
@@ -176,15 +212,15 @@ fn file_name(scenario: &str) -> String {
 
 /// Flies what is not flown yet; all rows in the order of scenario, planner and seed.
 pub fn fly_grid(
-    args: &StudyArgs,
+    args: &GridRun<'_>,
     scenes: &[StudyScene],
     planners: &[PlannerVariant],
 ) -> Result<Vec<Outcome>, CliError> {
     let seeds = seeds(args.seed0, args.trials)?;
     let mut done = Vec::new();
     let mut writer = None;
-    if let Some(out) = &args.out {
-        prepare(args.name, out, scenes, planners)?;
+    if let Some(out) = args.out {
+        prepare(&args.study, out, scenes, planners)?;
         let path = rows_file(out);
         let fresh = !path.exists();
         if !fresh {
@@ -236,7 +272,7 @@ pub fn fly_grid(
     done.retain(|o| wanted.contains(&key(o)));
     let place = |o: &Outcome| scenes_and_planners().position(|(s, p)| s.name == o.sea && p.name == o.planner);
     done.sort_by_key(|o| (place(o), o.seed));
-    if let Some(out) = &args.out {
+    if let Some(out) = args.out.filter(|_| args.records_failed) {
         record_failed(args, out, (scenes, planners), &done)?;
     }
     Ok(done)
@@ -247,7 +283,7 @@ const MAX_RECORDED_FAILURES: usize = 5;
 
 /// Flies the first failed trials again, with a recording of each.
 fn record_failed(
-    args: &StudyArgs,
+    args: &GridRun<'_>,
     out: &Path,
     (scenes, planners): (&[StudyScene], &[PlannerVariant]),
     done: &[Outcome],

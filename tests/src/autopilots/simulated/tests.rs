@@ -2,7 +2,7 @@
 
 use alight_shared::frames::{Deck, Point};
 use alight_shared::geometry::{DeckGeometry, GRAVITY};
-use alight_shared::msg::LandedState;
+use alight_shared::msg::{LandedState, Seq};
 use alight_uav::autopilot::message::{AttitudeTarget, PositionTarget, command, id};
 use proptest::prelude::*;
 
@@ -38,7 +38,14 @@ impl Flown {
     fn new(c: &DroneConfig, seed: u64, position: Vector3<f64>) -> Flown {
         let (geometry, streams) = (DroneGeometry::default(), Streams::new(seed));
         let start = DroneStart { position, yaw: 0.0 };
-        let drone = SimulatedDrone::new(c, &geometry, &DeckGeometry::default(), &streams, start);
+        let drone = SimulatedDrone::new(
+            c,
+            &geometry,
+            &DeckGeometry::default(),
+            Seq::new(),
+            &streams,
+            start,
+        );
         let (state, hover) = (drone.plant_state(Time::EPOCH), drone.hover_thrust());
         let a = SimulatedAutopilot::new(&c.autopilot, &c.navigation, &geometry, &streams, &state, hover);
         Flown {

@@ -158,7 +158,9 @@ impl Scenario {
 
     fn draw_drone(&mut self, c: &DrawConfig, draws: &Draws<'_>) {
         draws.vary_each("inertia", &mut self.airframe.inertia_kgm2, c.inertia_error);
-        draws.vary("drag", &mut self.drone.airframe.drag_n_per_mps2, c.drag_error);
+        let airframe = &mut self.drone.airframe;
+        draws.vary("drag", &mut airframe.drag_n_per_mps2, c.drag_error);
+        draws.vary("drag", &mut airframe.parked_drag_n_per_mps2, c.drag_error);
         draws.vary("friction", &mut self.drone.contact.friction, c.friction_error);
         let autopilot = &mut self.drone.autopilot;
         autopilot.attitude_lag_s *= draws.between("attitude-lag", c.attitude_lag_factor);

@@ -58,6 +58,7 @@ pub(crate) struct Airframe {
     idle: f64,
     lag: f64,
     drag: f64,
+    parked_drag: f64,
     radius: f64,
     deck_half: [f64; 2],
     /// Rotor speeds as fractions of the greatest.
@@ -90,6 +91,7 @@ impl Airframe {
             idle: config.idle_thrust,
             lag: config.rotor_lag_s,
             drag: config.drag_n_per_mps2,
+            parked_drag: config.parked_drag_n_per_mps2,
             radius: config.rotor_radius_m,
             deck_half: [0.5 * deck.length_m, 0.5 * deck.width_m],
             speeds: [0.0; MAX_ROTORS],
@@ -128,6 +130,13 @@ impl Airframe {
         }
     }
 
+    /// Coefficient of drag, N/(m/s)²: that of the body alone with the rotors stopped, and what turning rotors add, in
+    /// full from idle speed on.
+    fn drag(&self) -> f64 {
+        let turning = (self.thrust() / self.idle.max(1e-4)).min(1.0).sqrt();
+        self.parked_drag + (self.drag - self.parked_drag) * turning
+    }
+
     /// Force in NED without gravity (N) and moment about the centre of mass in the body frame
     /// (N m). `deck` is the deck's surface: centre and rotation NED from deck.
     pub(crate) fn loads(
@@ -151,7 +160,7 @@ impl Airframe {
             );
         }
         let air = m.velocity - wind;
-        let force = m.attitude * Vector3::new(0.0, 0.0, -lift) - air * (self.drag * air.norm());
+        let force = m.attitude * Vector3::new(0.0, 0.0, -lift) - air * (self.drag() * air.norm());
         (force, moment)
     }
 
@@ -264,6 +273,22 @@ mod tests {
         off_deck.position.y = 1.5;
         assert!((lift(&off_deck) / free - 1.0).abs() < 1e-12);
         assert!(lift(&at(5.0)) / free - 1.0 < 1e-3);
+    }
+
+    #[test]
+    fn drag_with_and_without_rotors() {
+        let (mut a, c) = (airframe(6), AirframeConfig::default());
+        let wind = Vector3::new(10.0, 0.0, 0.0);
+        let drag = |a: &Airframe| a.loads(&at(10.0), &wind, None).0.x / 100.0;
+        assert!((drag(&a) - c.parked_drag_n_per_mps2).abs() < 1e-12);
+        a.spin(Some(&[0.0; MAX_ROTORS]), 10.0);
+        assert!(
+            (drag(&a) - c.drag_n_per_mps2).abs() < 1e-9,
+            "at idle: {}",
+            drag(&a)
+        );
+        a.spin_up();
+        assert_eq!(a.drag().to_bits(), c.drag_n_per_mps2.to_bits());
     }
 
     #[test]

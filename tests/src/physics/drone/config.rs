@@ -46,6 +46,10 @@ config! {
         /// Quadratic drag on the velocity relative to the air, N/(m/s)².
         /// Source: Ctu-mrs t650.
         pub drag_n_per_mps2: f64 = 0.0995, in 0.0..=10.0;
+        /// The same of the drone on its feet with the rotors stopped: the body alone, without what rotors turn into drag.
+        /// Source: sum over its parts (Hoerner 1965, sections 3 and 8), air of 1.225 kg/m³: body 0.24 x 0.15 m (1.05), four
+        /// legs and four arms askew of 16 and 25 mm (1.2, cross-flow), motors and blades at rest: 0.082 m².
+        pub parked_drag_n_per_mps2: f64 = 0.05, in 0.0..=10.0;
         /// Radius of a rotor disc, m; 0 switches the ground effect off.
         /// Source: 15 inch propeller of the Tarot T650.
         pub rotor_radius_m: f64 = 0.19, in 0.0..=2.0;
@@ -72,7 +76,7 @@ config! {
 config! {
     /// Mean wind and gusts.
     pub struct WindConfig {
-        /// Mean wind speed 6 m above the water, m/s.
+        /// Mean wind speed U10, 10 m above the water, m/s; lower it is less, by the profile over waves.
         /// Source: The paper's simulations have no wind.
         pub mean_mps: f64 = 0.0, in 0.0..=30.0;
         /// Direction it blows to, deg from north towards east; drawn per seed when missing.

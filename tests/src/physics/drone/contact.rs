@@ -1,7 +1,7 @@
 //! Contact of the drone with the deck, solved by rapier3d.
 //!
 //! Free flight is integrated in double precision; rapier is asked only near the deck, and its
-//! answer is taken only in a sub-step in which a contact carried an impulse. It works in a frame
+//! answer is taken only in a sub-step in which a contact carried an impulse or the deck holds a foot. It works in a frame
 //! that has its origin at the deck's centre and moves along with it for the length of one
 //! sub-step, so single precision resolves micrometres and the deck only turns.
 
@@ -96,6 +96,8 @@ pub(crate) struct Contact {
     reach: f64,
     mass: f64,
     inertia: Vector3<f64>,
+    /// What the deck holds each foot with, N.
+    hold_per_foot: f64,
 }
 
 /// A part counts as touching for this many sub-steps after its last impulse (10 ms): a resting
@@ -176,6 +178,7 @@ impl Contact {
         );
 
         let half = Vector3::new(deck.length_m, deck.width_m, config.deck_thickness_m) * 0.5;
+        let hold_per_foot = deck.hold_n / FEET.len() as f64;
         let (deck, surface) = world.insert(
             RigidBodyBuilder::kinematic_velocity_based(),
             finish(ColliderBuilder::cuboid(
@@ -198,7 +201,19 @@ impl Contact {
             reach,
             mass: airframe.mass,
             inertia: airframe.inertia,
+            hold_per_foot,
         }
+    }
+
+    /// What the deck holds the feet with that touch it: force and moment about the centre of mass, NED. It acts along the
+    /// deck's normal as long as a foot is on it; what it adds to the normal force adds to friction (Coulomb), and what
+    /// pulls a foot off with more ends it.
+    fn hold(&self, before: &Motion, deck: &DeckSpan) -> (Vector3<f64>, Vector3<f64>) {
+        let pull = deck.turn * Vector3::new(0.0, 0.0, self.hold_per_foot);
+        let held = (self.parts.iter()).filter(|t| t.idle <= HOLD_STEPS && matches!(t.part, Part::Foot(_)));
+        held.fold(Default::default(), |(force, moment), t| {
+            (force + pull, moment + (before.attitude * t.offset).cross(&pull))
+        })
     }
 
     /// Distance from the deck's box to the sphere about `position` that holds every part, m;
@@ -222,7 +237,7 @@ impl Contact {
 
     /// Solves the contacts of one sub-step of `dt`. `before` is the motion at its start, `dv` and
     /// `dw` (NED, body) what forces other than contact change in it. Returns the motion at its end
-    /// if a contact carried an impulse. New impacts go to `impacts`.
+    /// if a contact carried an impulse or the deck holds a foot. New impacts go to `impacts`.
     pub(crate) fn step(
         &mut self,
         before: &Motion,
@@ -234,8 +249,9 @@ impl Contact {
     ) -> Option<Motion> {
         // As a force, so that rapier spreads it over its own sub-steps and the friction that it
         // remembers balances it.
-        let force = dv * (self.mass / dt);
-        let moment = before.attitude * dw.component_mul(&self.inertia) / dt;
+        let (hold, hold_moment) = self.hold(before, deck);
+        let force = dv * (self.mass / dt) + hold;
+        let moment = before.attitude * dw.component_mul(&self.inertia) / dt + hold_moment;
         if let Some(b) = self.world.bodies.get_mut(self.deck) {
             // Rapier's velocity is that of the middle of the box.
             let middle = deck.turn * Vector3::new(0.0, 0.0, self.half.z);
@@ -255,7 +271,7 @@ impl Contact {
         self.world.integration_parameters.dt = dt as f32;
         self.world.step();
 
-        let mut touched = false;
+        let mut touched = hold != Vector3::zeros();
         for t in &mut self.parts {
             let pair = self.world.narrow_phase.contact_pair(t.collider, self.surface);
             let pushed = pair.and_then(|p| {

@@ -7,6 +7,7 @@ mod config;
 mod contact;
 mod frame;
 pub(crate) mod noise;
+mod over_deck;
 mod wind;
 
 #[cfg(test)]
@@ -14,6 +15,8 @@ mod tests;
 
 use alight_shared::frames::{Deck, DroneBody, Point, Rotation, Vector};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
+use alight_shared::msg::Seq;
+use alight_shared::surroundings::{KeepOut, MAX_KEEP_OUT};
 use alight_shared::time::{Span, Time, TrueTime};
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -21,7 +24,7 @@ use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 use airframe::{Airframe, Motion};
 use contact::{Contact, DeckSpan};
-use wind::Wind;
+use wind::{OverDeck, Wind};
 
 pub use config::{
     AirframeConfig, AutopilotConfig, ContactConfig, DroneConfig, LossAction, NavigationConfig, WindConfig,
@@ -67,6 +70,11 @@ pub struct SimulatedDrone {
     airframe: Airframe,
     contact: Contact,
     wind: Wind,
+    /// What stands around the deck, and makes wakes.
+    bodies: Seq<KeepOut, MAX_KEEP_OUT>,
+    deck_half: [f64; 2],
+    /// Reach of its parts below and above the centre of mass, m.
+    reach: [f64; 2],
     motion: Motion,
     acceleration: Vector3<f64>,
     angular_acceleration: Vector3<f64>,
@@ -113,11 +121,13 @@ pub fn wind_to_deg(streams: &Streams) -> f64 {
 }
 
 impl SimulatedDrone {
-    /// A drone that hovers at `start`. True mass and thrust and wind come from named streams (`drone.airframe`, `wind`).
+    /// A drone that hovers at `start` beside what stands around the deck. True mass and thrust and wind come from named
+    /// streams (`drone.airframe`, `wind`, `wind/wake`).
     pub fn new(
         config: &DroneConfig,
         drone: &DroneGeometry,
         deck: &DeckGeometry,
+        bodies: Seq<KeepOut, MAX_KEEP_OUT>,
         streams: &Streams,
         start: DroneStart,
     ) -> Self {
@@ -131,7 +141,10 @@ impl SimulatedDrone {
         };
         SimulatedDrone {
             contact: Contact::new(&config.contact, &airframe, drone, deck),
-            wind: Wind::new(&config.wind, streams.stream("wind")),
+            wind: Wind::new(&config.wind, streams),
+            bodies,
+            deck_half: [0.5 * deck.length_m, 0.5 * deck.width_m],
+            reach: [drone.feet_below_m, config.airframe.rotor_above_m.max(0.0)],
             airframe,
             motion,
             acceleration: Vector3::zeros(),
@@ -196,7 +209,16 @@ impl SimulatedDrone {
         let count = (dt_s / SUB_STEP_S - 1e-9).ceil().max(1.0) as u32;
         let dt = dt_s / f64::from(count);
         let height = water_z - self.motion.position.z;
-        self.wind.step(dt_s, height, &self.motion.velocity);
+        let turn = deck_start.attitude.0;
+        let over = OverDeck {
+            turn,
+            velocity: deck_start.velocity.0,
+            place: turn.inverse_transform_vector(&(self.motion.position - deck_start.position.0)),
+            reach: self.reach,
+            half: self.deck_half,
+            bodies: &self.bodies,
+        };
+        self.wind.step(dt_s, height, &self.motion.velocity, &over);
         let path = DeckPath::new(deck_start, deck_end, dt_s);
         let mut specific = Vector3::zeros();
         for k in 0..count {

@@ -18,11 +18,19 @@ fn ideal() -> DroneConfig {
     c
 }
 fn drone(config: &DroneConfig, seed: u64, position: Vector3<f64>) -> SimulatedDrone {
-    let (d, deck) = (DroneGeometry::default(), DeckGeometry::default());
+    drone_over(config, &DeckGeometry::default(), seed, position)
+}
+fn drone_over(
+    config: &DroneConfig,
+    deck: &DeckGeometry,
+    seed: u64,
+    position: Vector3<f64>,
+) -> SimulatedDrone {
     SimulatedDrone::new(
         config,
-        &d,
-        &deck,
+        &DroneGeometry::default(),
+        deck,
+        Seq::new(),
         &Streams::new(seed),
         DroneStart { position, yaw: 0.0 },
     )
@@ -124,6 +132,75 @@ fn contact_friction_holds_at_10_deg_and_slides_at_30() {
     }
 }
 
+/// Puts a drone on a deck of this tilt, deg, that holds with so many N and lets it come to rest.
+fn on_holding_deck(config: &DroneConfig, hold_n: f64, tilt: f64) -> (SimulatedDrone, RigidState<Deck>) {
+    let (deck, tilt) = (
+        DeckGeometry {
+            hold_n,
+            ..DeckGeometry::default()
+        },
+        tilt.to_radians(),
+    );
+    let at = deck_at(Vector3::zeros(), tilt, 0.0);
+    let mut w = drone_over(config, &deck, 1, Vector3::zeros());
+    let above = at.attitude.0 * Vector3::new(0.0, 0.0, -FEET - 0.001);
+    drop_from(&mut w, still(above, tilt, 0.0));
+    rest(&mut w, &at, 0.5);
+    (w, at)
+}
+
+#[test]
+fn hold_adds_to_friction_along_the_deck() {
+    // On 30 deg at 0.4: 34.3 sin 30 = 17.2 N need 0.4 (34.3 cos 30 + hold), hold = 13.2 N.
+    for (hold_n, slides) in [(9.0, true), (18.0, false)] {
+        let (mut w, deck) = on_holding_deck(&ideal(), hold_n, 30.0);
+        let from = w.motion.position;
+        rest(&mut w, &deck, 0.5);
+        let moved = (w.motion.position - from).norm();
+        assert_eq!(moved > 0.01, slides, "{hold_n} N: {moved} m");
+    }
+}
+
+#[test]
+fn hold_ends_with_a_greater_pull() {
+    for (pull_n, leaves) in [(15.0, false), (25.0, true)] {
+        let (mut w, deck) = on_holding_deck(&ideal(), 20.0, 0.0);
+        let fraction = (w.airframe.mass * GRAVITY + pull_n) / (4.0 * w.airframe.rotor_max);
+        for k in 0..60 {
+            let t = Time::from_secs(f64::from(k) * DT);
+            w.step(t, Span::from_secs(DT), &[deck, deck], 100.0, 1, |_| {
+                Some([fraction; MAX_ROTORS])
+            });
+        }
+        let up = -FEET - w.motion.position.z;
+        assert_eq!(up > 0.05, leaves, "{pull_n} N of 20: {up} m");
+    }
+}
+
+#[test]
+fn parked_drone_slides_by_drag_and_friction() {
+    // At 0.1 friction holds 3.4 N: 0.05 N/(m/s)² times the square of 8.1 m/s at the least.
+    for (mean_mps, slides) in [(9.0, false), (13.0, true)] {
+        let mut c = ideal();
+        c.contact.friction = 0.1;
+        (c.wind.mean_mps, c.wind.to_deg, c.wind.gusts) = (mean_mps, Some(90.0), false);
+        let deck = deck_at(Vector3::new(0.0, 0.0, -1.3), 0.0, 0.0);
+        let mut w = drone(&c, 1, Vector3::zeros());
+        drop_from(&mut w, still(Vector3::new(0.0, 0.0, -1.3 - FEET), 0.0, 0.0));
+        for k in 0..100 {
+            tick(&mut w, f64::from(k) * DT, &deck, &deck, 0.0);
+        }
+        // By Smith's profile 0.83 of the wind is left at 1.6 m.
+        assert!((w.wind().norm() / mean_mps - 0.83).abs() < 0.02, "{}", w.wind());
+        assert_eq!(
+            w.motion.position.y > 0.05,
+            slides,
+            "{mean_mps}: {}",
+            w.motion.position
+        );
+    }
+}
+
 #[test]
 fn contact_sliding_deceleration_is_that_of_coulomb() {
     // 1.5 m/s sideways, level deck: a = mu g until it stops after v²/(2 mu g) = 0.287 m.
@@ -143,7 +220,12 @@ fn contact_sliding_deceleration_is_that_of_coulomb() {
 #[test]
 fn drone_tips_over_when_dropped_at_45_deg() {
     let deck = deck_at(Vector3::zeros(), 0.0, 0.0);
-    let mut w = drone(&ideal(), 1, Vector3::zeros());
+    // Wide enough that it comes to rest on it.
+    let wide = DeckGeometry {
+        width_m: 20.0,
+        ..DeckGeometry::default()
+    };
+    let mut w = drone_over(&ideal(), &wide, 1, Vector3::zeros());
     let mut m = still(Vector3::new(0.0, 0.0, -0.6), 45.0_f64.to_radians(), 0.0);
     m.velocity.y = 1.0;
     drop_from(&mut w, m);
@@ -210,7 +292,7 @@ fn free_fall_has_no_jump_at_the_hand_over_to_rapier() {
     // Falls past the deck's edge: rapier is asked near it, but nothing touches.
     let deck = deck_at(Vector3::new(123.0, 45.0, -1.3), 0.05, 0.1);
     let mut c = ideal();
-    c.airframe.drag_n_per_mps2 = 0.0;
+    (c.airframe.drag_n_per_mps2, c.airframe.parked_drag_n_per_mps2) = (0.0, 0.0);
     let mut w = drone(&c, 1, Vector3::zeros());
     let start = Vector3::new(123.0, 45.0 + 0.85 + 0.45, -4.0);
     drop_from(&mut w, still(start, 0.0, 0.0));

@@ -1,24 +1,85 @@
-//! Wind over the water: a mean and Dryden gusts.
+//! Wind over the water: a mean that falls towards it, Dryden gusts, and what the vessel makes of both over her deck.
 
-use nalgebra::Vector3;
+use alight_shared::geometry::GRAVITY;
+use alight_shared::surroundings::KeepOut;
+use nalgebra::{UnitQuaternion, Vector3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::config::WindConfig;
 use super::noise::normal;
+use super::over_deck::{VISCOSITY, Wake, boundary_layer, fetch};
+use crate::physics::streams::Streams;
 
 const FOOT_M: f64 = 0.3048;
+/// Height of the speed that a scenario states, and of the one that the gusts go by (20 ft), m.
+const STATED_M: f64 = 10.0;
+const DRYDEN_M: f64 = 20.0 * FOOT_M;
+/// Lowest height of the profile, m: below the crests there is none.
+const LOWEST_M: f64 = 0.1;
+/// Von Karman's constant, and Charnock's parameter over the open sea (Smith 1988).
+const KARMAN: f64 = 0.4;
+const CHARNOCK: f64 = 0.011;
+/// Air that is slower over the deck counts as still, m/s.
+const STILL_MPS: f64 = 1e-3;
 
-/// Mean wind and Dryden gusts (MIL-F-8785C, section 3.7.3.4, low-altitude model).
+/// Mean speed over the water in neutral air, `U(z) = (u*/kappa) ln(z/z0)` with `z0 = alpha u*²/g + 0.11 nu/u*` (Charnock 1955;
+/// Smith 1988, J. Geophys. Res. 93: alpha 0.011), by U10.
+#[derive(Clone, Copy, Debug)]
+struct Profile {
+    /// `u*/kappa`, m/s.
+    scale: f64,
+    /// z0, m.
+    roughness: f64,
+}
+
+impl Profile {
+    fn new(u10: f64) -> Profile {
+        let roughness = |u: f64| CHARNOCK * u * u / GRAVITY + 0.11 * VISCOSITY / u;
+        // Converges by a factor of ten and more a step.
+        let friction = (0..20).fold(0.035 * u10.max(1e-6), |u, _| {
+            KARMAN * u10.max(1e-6) / (STATED_M / roughness(u)).ln().max(1.0)
+        });
+        Profile {
+            scale: if u10 > 0.0 { friction / KARMAN } else { 0.0 },
+            roughness: roughness(friction),
+        }
+    }
+    fn at(&self, height: f64) -> f64 {
+        self.scale * (height.max(LOWEST_M) / self.roughness).ln().max(0.0)
+    }
+}
+
+/// A drone over a vessel, for what she makes of the wind.
+pub(crate) struct OverDeck<'a> {
+    /// Rotation NED from deck, and the velocity of the deck's centre, NED.
+    pub(crate) turn: UnitQuaternion<f64>,
+    pub(crate) velocity: Vector3<f64>,
+    /// The drone's centre of mass in the deck's axes, m.
+    pub(crate) place: Vector3<f64>,
+    /// Its parts reach so far below and above that, m.
+    pub(crate) reach: [f64; 2],
+    /// Half of the deck's length and width, m.
+    pub(crate) half: [f64; 2],
+    /// What stands around the deck; each volume is a solid body in the wind.
+    pub(crate) bodies: &'a [KeepOut],
+}
+
+/// Mean wind, Dryden gusts (MIL-F-8785C, section 3.7.3.4, low-altitude model), and eddies of what stands upwind.
 #[derive(Clone, Debug)]
 pub(crate) struct Wind {
-    mean: Vector3<f64>,
+    /// Where the mean wind blows to, unit vector NED, and its profile.
+    ahead: Vector3<f64>,
+    profile: Profile,
     gusts: bool,
     along: f64,
     /// Two states for each of the lateral and vertical second-order forms.
     lateral: [f64; 2],
     vertical: [f64; 2],
     rng: ChaCha8Rng,
+    /// Eddies of a wake along the deck's axes, of unit variance, with a stream of their own.
+    eddies: Vector3<f64>,
+    wake_rng: ChaCha8Rng,
     now: Vector3<f64>,
 }
 
@@ -28,18 +89,22 @@ pub(crate) fn drawn_direction(rng: &mut ChaCha8Rng) -> f64 {
 }
 
 impl Wind {
-    pub(crate) fn new(config: &WindConfig, mut rng: ChaCha8Rng) -> Self {
+    pub(crate) fn new(config: &WindConfig, streams: &Streams) -> Self {
+        let (mut rng, mut wake_rng) = (streams.stream("wind"), streams.stream("wind/wake"));
         let drawn = drawn_direction(&mut rng);
         let to = config.to_deg.map_or(drawn, f64::to_radians);
-        let mean = Vector3::new(to.cos(), to.sin(), 0.0) * config.mean_mps;
+        let ahead = Vector3::new(to.cos(), to.sin(), 0.0);
         Wind {
-            mean,
+            ahead,
+            profile: Profile::new(config.mean_mps),
             gusts: config.gusts && config.mean_mps > 0.0,
             along: normal(&mut rng),
             lateral: [normal(&mut rng), 0.0],
             vertical: [normal(&mut rng), 0.0],
             rng,
-            now: mean,
+            eddies: Vector3::from_fn(|_, _| normal(&mut wake_rng)),
+            wake_rng,
+            now: ahead * config.mean_mps,
         }
     }
 
@@ -49,24 +114,31 @@ impl Wind {
     }
 
     /// Goes on by `dt` for a drone at `height` (m above the water) with ground velocity `velocity`.
+    pub(crate) fn step(&mut self, dt: f64, height: f64, velocity: &Vector3<f64>, over: &OverDeck<'_>) {
+        let mean = self.ahead * self.profile.at(height);
+        let (gust, sd) = if self.gusts {
+            self.gust(dt, height, (velocity - mean).norm())
+        } else {
+            (Vector3::zeros(), [0.0; 3])
+        };
+        self.now = self.over_deck(dt, mean + gust, sd, over);
+    }
+
+    /// The gust after `dt` at a `height` for a drone of that `airspeed`, and the standard deviations along, across, down.
     ///
     /// With `W20` the mean wind at 20 ft and h in ft: `sigma_w = 0.1 W20`,
     /// `sigma_u = sigma_v = sigma_w / (0.177 + 0.000823 h)^0.4`, `L_w = h`,
     /// `L_u = L_v = h / (0.177 + 0.000823 h)^1.2`. The longitudinal form is first-order with
     /// `T = L/V`, the others are `(1 + sqrt(3) T s) / (1 + T s)²`. The gusts are taken as frozen
     /// and carried by the mean wind: V is the drone's speed relative to it, 1 m/s at the least.
-    pub(crate) fn step(&mut self, dt: f64, height: f64, velocity: &Vector3<f64>) {
-        if !self.gusts {
-            return;
-        }
-        let mean = self.mean.norm();
+    fn gust(&mut self, dt: f64, height: f64, airspeed: f64) -> (Vector3<f64>, [f64; 3]) {
         let h = (height / FOOT_M).clamp(10.0, 1000.0);
         let k = 0.177 + 0.000_823 * h;
-        let sigma_w = 0.1 * mean;
+        let sigma_w = 0.1 * self.profile.at(DRYDEN_M);
         let sigma_u = sigma_w / k.powf(0.4);
         let length_w = h * FOOT_M;
         let length_u = length_w / k.powf(1.2);
-        let airspeed = (velocity - self.mean).norm().max(1.0);
+        let airspeed = airspeed.max(1.0);
         let second_order = |x: &mut [f64; 2], keep: f64, n: f64| {
             let before = x[0];
             x[0] = keep * x[0] + (1.0 - keep * keep).sqrt() * n;
@@ -80,31 +152,76 @@ impl Wind {
         self.along = keep_u * self.along + (1.0 - keep_u * keep_u).sqrt() * normal(&mut self.rng);
         let lateral = second_order(&mut self.lateral, keep_u, normal(&mut self.rng));
         let vertical = second_order(&mut self.vertical, keep_w, normal(&mut self.rng));
-        let ahead = self.mean / mean.max(1e-9);
-        let across = Vector3::new(-ahead.y, ahead.x, 0.0);
-        self.now = self.mean
-            + ahead * (sigma_u * self.along)
+        let across = Vector3::new(-self.ahead.y, self.ahead.x, 0.0);
+        let gust = self.ahead * (sigma_u * self.along)
             + across * (sigma_u * lateral)
             + Vector3::z() * (sigma_w * vertical);
+        (gust, [sigma_u, sigma_u, sigma_w])
+    }
+
+    /// What the vessel leaves of the `wind` (NED) with gusts of the standard deviation `sd`: its part along the deck is
+    /// slower in the boundary layer and in a wake (of several the deepest), whose eddies make up what the gusts lack of the
+    /// wake's turbulence and pass at the wind's speed.
+    fn over_deck(&mut self, dt: f64, wind: Vector3<f64>, sd: [f64; 3], over: &OverDeck<'_>) -> Vector3<f64> {
+        let mut relative = over.turn.inverse_transform_vector(&(wind - over.velocity));
+        let speed = relative.xy().norm();
+        if speed < STILL_MPS {
+            return wind;
+        }
+        let towards = relative.xy() / speed;
+        let above = -over.place.z;
+        let span = [above - over.reach[0], above + over.reach[1]];
+        let layer = fetch(over.half, &over.place, &towards).map_or(1.0, |x| boundary_layer(speed, x, span));
+        let ambient = sd.map(|sd| sd / speed);
+        let wakes = (over.bodies.iter()).filter_map(|b| Wake::of(b, &over.place, &towards, ambient));
+        let wake = wakes.min_by(|a, b| a.speed.total_cmp(&b.speed));
+        let left = layer * wake.map_or(1.0, |w| w.speed);
+        if left == 1.0 {
+            return wind;
+        }
+        relative.x *= left;
+        relative.y *= left;
+        if let Some(wake) = wake {
+            let keep = (-dt * speed / wake.length).exp();
+            for i in 0..3 {
+                let n = normal(&mut self.wake_rng);
+                self.eddies[i] = keep * self.eddies[i] + (1.0 - keep * keep).sqrt() * n;
+                let more = wake.intensity[i].powi(2) - ambient[i].powi(2);
+                relative[i] += speed * more.max(0.0).sqrt() * self.eddies[i];
+            }
+        }
+        over.velocity + over.turn * relative
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::physics::streams::Streams;
 
-    fn spread(mean_mps: f64, height: f64) -> (Vector3<f64>, Vector3<f64>) {
+    /// The deck is so far aft and below, at rest; with a wheelhouse of a cube of 2 m ahead of it or without.
+    fn over(bodies: &[KeepOut], place: [f64; 3]) -> OverDeck<'_> {
+        OverDeck {
+            turn: UnitQuaternion::identity(),
+            velocity: Vector3::zeros(),
+            place: Vector3::from(place),
+            reach: [0.3, 0.05],
+            half: [1.25, 0.85],
+            bodies,
+        }
+    }
+    const FAR: [f64; 3] = [0.0, 0.0, -50.0];
+
+    fn spread(mean_mps: f64, height: f64, over: &OverDeck<'_>) -> (Vector3<f64>, Vector3<f64>) {
         let config = WindConfig {
             mean_mps,
-            to_deg: Some(0.0),
+            to_deg: Some(180.0),
             with_waves: false,
             gusts: true,
         };
-        let mut wind = Wind::new(&config, Streams::new(7).stream("wind"));
+        let mut wind = Wind::new(&config, &Streams::new(7));
         let (mut sum, mut square, n) = (Vector3::zeros(), Vector3::zeros(), 400_000);
         for _ in 0..n {
-            wind.step(0.05, height, &Vector3::zeros());
+            wind.step(0.05, height, &Vector3::zeros(), over);
             sum += wind.velocity();
             square += wind.velocity().component_mul(&wind.velocity());
         }
@@ -117,17 +234,52 @@ mod tests {
 
     #[test]
     fn dryden_gusts_have_the_specified_standard_deviation() {
-        let (mean, sd) = spread(10.0, 6.096);
-        // At h = 20 ft: sigma_w = 1, sigma_u = 1 / (0.177 + 0.01646)^0.4 = 1.929 m/s.
-        assert!((mean.x - 10.0).abs() < 0.15 && mean.y.abs() < 0.15, "{mean}");
-        assert!((sd.x / 1.929 - 1.0).abs() < 0.1, "{sd}");
-        assert!((sd.y / 1.929 - 1.0).abs() < 0.1, "{sd}");
-        assert!((sd.z / 1.0 - 1.0).abs() < 0.1, "{sd}");
+        let (mean, sd) = spread(10.0, 6.096, &over(&[], FAR));
+        // At h = 20 ft: sigma_w = 0.1 W20, sigma_u = sigma_w / (0.177 + 0.01646)^0.4 = 0.1929 W20; W20 = 9.556 m/s.
+        let w20 = 9.556;
+        assert!((mean.x + w20).abs() < 0.15 && mean.y.abs() < 0.15, "{mean}");
+        assert!((sd.x / (0.1929 * w20) - 1.0).abs() < 0.1, "{sd}");
+        assert!((sd.y / (0.1929 * w20) - 1.0).abs() < 0.1, "{sd}");
+        assert!((sd.z / (0.1 * w20) - 1.0).abs() < 0.1, "{sd}");
     }
 
     #[test]
     fn wind_without_a_mean_is_still_air() {
-        let (mean, sd) = spread(0.0, 10.0);
+        let (mean, sd) = spread(0.0, 10.0, &over(&[], FAR));
         assert_eq!((mean, sd), (Vector3::zeros(), Vector3::zeros()));
+    }
+
+    #[test]
+    fn wind_profile_over_waves() {
+        // Smith 1988, table 1: the drag coefficient (u*/U10)² of neutral air, in thousandths.
+        for (u10, thousandths) in [(4.0, 0.98), (10.0, 1.30), (20.0, 1.85)] {
+            let p = Profile::new(u10);
+            assert!((p.at(10.0) / u10 - 1.0).abs() < 1e-9, "{u10}");
+            let drag = (p.scale * KARMAN / u10).powi(2) * 1000.0;
+            assert!((drag / thousandths - 1.0).abs() < 0.05, "{u10} m/s: {drag}");
+        }
+        let p = Profile::new(10.0);
+        assert!((0.82..0.85).contains(&(p.at(1.6) / 10.0)), "{}", p.at(1.6));
+        assert_eq!(Profile::new(0.0).at(2.0), 0.0);
+    }
+
+    #[test]
+    fn wind_behind_a_wheelhouse() {
+        let cube = [KeepOut {
+            low: [2.0, -1.0, -2.0],
+            high: [4.0, 1.0, 0.0],
+        }];
+        let lee = [0.0, 0.0, -0.5];
+        let (free, _) = spread(8.0, 1.8, &over(&[], lee));
+        let (mean, sd) = spread(8.0, 1.8, &over(&cube, lee));
+        assert!(mean.x.abs() < 0.5 * free.x.abs(), "{mean} of {free}");
+        assert!(sd.z > 0.12 * free.x.abs(), "{sd}");
+        // Of her own way in still air, too.
+        let config = WindConfig::default();
+        let mut wind = Wind::new(&config, &Streams::new(7));
+        let mut under_way = over(&cube, lee);
+        under_way.velocity.x = 6.0;
+        wind.step(0.01, 1.8, &under_way.velocity, &under_way);
+        assert!(wind.velocity().x > 1.5, "drawn along: {}", wind.velocity());
     }
 }

@@ -211,10 +211,10 @@ impl SeaConfig {
             }
         }
     }
-    /// Wind that raises a fully developed sea of this significant height, m/s, 6 m above the water:
-    /// `sqrt(Hs g² / 2.06)` at 19.4 m (Fossen 2011, eq. 8.77) times `(6/19.4)^(1/7)`.
+    /// Wind that raises a fully developed sea of this significant height, m/s, 10 m above the water:
+    /// `sqrt(Hs g² / 2.06)` at 19.4 m (Fossen 2011, eq. 8.77) times `(10/19.4)^(1/7)`.
     pub fn wind_of_height(significant_height_m: f64) -> f64 {
-        (significant_height_m * GRAVITY * GRAVITY / 2.06).sqrt() * (6.0_f64 / 19.4).powf(1.0 / 7.0)
+        (significant_height_m * GRAVITY * GRAVITY / 2.06).sqrt() * (10.0_f64 / 19.4).powf(1.0 / 7.0)
     }
     /// The levels with a name: calm, slight, moderate, rough, very-rough.
     pub fn named(name: &str) -> Option<Self> {
@@ -329,7 +329,7 @@ mod tests {
             assert!(sea.check(&Keys::ROOT).is_ok());
             let (height, n) = (sea.systems[0].significant_height_m, usize::from(state));
             assert!((limits[n - 1]..limits[n]).contains(&height), "{state}: {height}");
-            let wind = SeaConfig::wind_of_height(height) / (6.0_f64 / 19.4).powf(1.0 / 7.0);
+            let wind = SeaConfig::wind_of_height(height) / (10.0_f64 / 19.4).powf(1.0 / 7.0);
             assert!((wind - wind_kn[n - 1] * 0.5144).abs() < 0.8, "{state}: {wind}");
         }
         assert!(SeaConfig::of_sea_state(0).is_none() && SeaConfig::of_sea_state(6).is_none());

@@ -405,11 +405,13 @@ fn scenario(
 ) -> Result<Scenario, CliError> {
     let mut s = Scenario {
         sea: args.sea.config.clone(),
-        deck: vessel.vessel.deck,
-        keep_out_m: vessel.vessel.surroundings.keep_out_m.clone(),
-        airframe: drone.drone.airframe,
         ..Scenario::default()
     };
+    s.describe(
+        &vessel.vessel.deck,
+        &vessel.vessel.surroundings,
+        &drone.drone.airframe,
+    );
     s.place.among = vec![AT_SEA];
     s.start.warm_up_s = args.warm_up_s();
     // It is there for `alight check`, before any service is.
@@ -417,7 +419,6 @@ fn scenario(
     if args.autopilot == Some(Autopilot::Ardupilot) {
         s.drone.autopilot.firmware = Firmware::ArduCopter;
     }
-    s.drone.autopilot.attitude_lag_s = drone.drone.airframe.attitude_lag_s.clamp(0.08, 1.0);
     // Both computers are this one: their clock is the steady clock, which the vehicles' stamps continue.
     s.sensors.clocks.epoch_s = epoch_ns as f64 * 1e-9;
     (s.sensors.clocks.offset_s, s.sensors.clocks.drift_ppm) = (0.0, 0.0);

@@ -18,6 +18,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use alight_shared::msg::{Phase, State};
+use alight_shared::topics;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory};
 use alight_shared::transport::metrics::{MetricName, MetricValue};
@@ -582,6 +583,13 @@ impl<'a> Rehearsal<'a> {
             _ => format!("{}: {}", o.outcome.name(), o.reason),
         };
         list.add(list::LADDER, "landed", o.success, figure);
+        let late_s = landed.latest_tick_s;
+        if !o.success && late_s > topics::DRONE_STATE.stale_after.secs() {
+            list.say(format_args!(
+                "the simulated world was up to {late_s:.2} s late: this computer was too busy; rehearse again without \
+                 other work on it"
+            ));
+        }
         let disarmed = o.stop_time_s.is_some() && self.armed != Some(true);
         let figure = match o.stop_time_s {
             Some(s) => format!("{s:.2} s after the first contact"),

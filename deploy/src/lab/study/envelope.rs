@@ -1,0 +1,462 @@
+//! `alight envelope`: in which relative wind, from which direction, in which sea a drone lands on one boat, as the polar of
+//! her papers (what navies call ship-helicopter operating limits).
+
+use std::path::Path;
+
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::physics::sea::SeaConfig;
+use alight_sim::studies::statistics::{Summary, wilson};
+use serde_json::{Value, json};
+
+use super::polar;
+use super::report::replay_command;
+use super::run::{self, GridRun};
+use super::variant::{PlannerVariant, StudyScene};
+use crate::exit::{CliError, Exit};
+use crate::lab::args::EnvelopeArgs;
+use crate::lab::report::document::{Block, Chart, Document, write_files};
+use crate::lab::scene::Scene;
+use crate::table::{Cell as TableCell, Table};
+use crate::terminal::{self, note};
+
+/// A cell is within the limit when at this rate or more is landed, by the lower end of its interval: more likely than not.
+const LIMIT_RATE: f64 = 0.5;
+/// Unsafe landings that the page flies again by a command.
+const MAX_UNSAFE: usize = 12;
+
+/// What is flown: relative winds (10 m above the water, m/s) from directions all round, in sea states, so often a cell.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Grid {
+    /// Sea states, WMO code table 3700.
+    pub states: Vec<u8>,
+    /// Ascending, m/s.
+    pub winds: Vec<f64>,
+    /// Evenly spaced, the first from ahead.
+    pub directions: u16,
+    trials: u32,
+}
+
+/// One wind in one sea, and what became of the drones.
+#[derive(Clone, Debug)]
+pub struct Cell {
+    /// Sea state.
+    pub state: u8,
+    /// Relative wind, m/s.
+    pub wind_mps: f64,
+    /// Where it and the waves come from, clockwise from the bow, deg.
+    pub from_deg: f64,
+    /// Landings tried.
+    pub trials: usize,
+    /// At rest on the deck.
+    pub landed: usize,
+    /// Ended without a contact.
+    pub refused: usize,
+    /// The most frequent reason of those that did not land.
+    reason: String,
+}
+
+impl Cell {
+    /// What neither landed nor was refused.
+    pub fn unsafe_count(&self) -> usize {
+        self.trials - self.landed - self.refused
+    }
+    fn is_within(&self) -> bool {
+        self.unsafe_count() == 0 && wilson(self.landed, self.trials).0 >= LIMIT_RATE
+    }
+    fn json(&self) -> Value {
+        json!({
+            "sea_state": self.state, "wind_mps": self.wind_mps, "from_deg": self.from_deg, "trials": self.trials,
+            "landed": self.landed, "landed_interval": wilson(self.landed, self.trials),
+            "refused": self.refused, "refused_interval": wilson(self.refused, self.trials),
+            "unsafe": self.unsafe_count(), "unsafe_interval": wilson(self.unsafe_count(), self.trials),
+        })
+    }
+}
+
+impl Grid {
+    fn of(args: &EnvelopeArgs) -> Grid {
+        let given = |own: &[f64], otherwise: &[f64]| {
+            if own.is_empty() {
+                otherwise.to_vec()
+            } else {
+                own.to_vec()
+            }
+        };
+        let quick = args.quick;
+        let mut winds = given(
+            &args.winds,
+            if quick {
+                &[4.0, 8.0, 12.0]
+            } else {
+                &[2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0]
+            },
+        );
+        winds.sort_by(f64::total_cmp);
+        winds.dedup();
+        let mut states = args.sea_states.clone();
+        if states.is_empty() {
+            states = if quick { vec![2, 3, 4] } else { vec![1, 2, 3, 4] };
+        }
+        states.sort_unstable();
+        states.dedup();
+        Grid {
+            states,
+            winds,
+            directions: args.directions.unwrap_or(if quick { 8 } else { 12 }),
+            trials: args.trials.unwrap_or(if quick { 4 } else { 10 }),
+        }
+    }
+    /// Directions, clockwise from the bow, deg.
+    pub fn bearings(&self) -> impl Iterator<Item = f64> + Clone + use<> {
+        let n = self.directions;
+        (0..n).map(move |k| 360.0 * f64::from(k) / f64::from(n))
+    }
+    fn conditions(&self) -> impl Iterator<Item = (u8, f64, f64)> {
+        let bearings = self.bearings();
+        let of_state = move |state: &u8| {
+            let (state, bearings) = (*state, bearings.clone());
+            let of_wind = move |wind: &f64| {
+                let wind = *wind;
+                bearings.clone().map(move |from| (state, wind, from))
+            };
+            self.winds.iter().flat_map(of_wind)
+        };
+        self.states.iter().flat_map(of_state)
+    }
+    /// The fastest wind up to which every wind from there is within the limit, m/s; None: not even the lightest.
+    pub fn limit(&self, cells: &[Cell], state: u8, from_deg: f64) -> Option<f64> {
+        let here = cells
+            .iter()
+            .filter(|c| (c.state, c.from_deg) == (state, from_deg));
+        here.take_while(|c| c.is_within()).last().map(|c| c.wind_mps)
+    }
+}
+
+fn name(state: u8, wind: f64, from: f64) -> String {
+    format!("sea state {state}, {wind} m/s from {from:.0} deg")
+}
+
+/// The scene of one condition: the bow to the north, wind and waves from where they come relative to her.
+fn scene(base: &Scene, (state, wind, from): (u8, f64, f64)) -> StudyScene {
+    let mut world = base.scenario.clone();
+    world.sea = SeaConfig::of_sea_state(state).unwrap_or_default();
+    world.sea.mean_direction_deg = Some((from + 180.0).rem_euclid(360.0));
+    world.vessel.heading_deg = Some(0.0);
+    let way = if world.vessel.course.is_under_way() {
+        world.vessel.speed_mps
+    } else {
+        0.0
+    };
+    let (east, north) = from.to_radians().sin_cos();
+    let (north, east) = (way - wind * north, -wind * east);
+    world.drone.wind.mean_mps = north.hypot(east);
+    world.drone.wind.to_deg = Some(east.atan2(north).to_degrees());
+    world.drone.wind.with_waves = false;
+    StudyScene {
+        name: name(state, wind, from),
+        world,
+        nodes: base.nodes.clone(),
+    }
+}
+
+/// What became of each condition.
+fn cells(grid: &Grid, outcomes: &[Outcome]) -> Vec<Cell> {
+    let cell = |(state, wind_mps, from_deg)| {
+        let name = name(state, wind_mps, from_deg);
+        let set: Vec<Outcome> = outcomes.iter().filter(|o| o.sea == name).cloned().collect();
+        let summary = Summary::of(&set);
+        Cell {
+            state,
+            wind_mps,
+            from_deg,
+            trials: summary.trials,
+            landed: summary.successes,
+            refused: set.iter().filter(|o| o.is_refused()).count(),
+            reason: summary
+                .failures
+                .first()
+                .map(|f| f.reason.clone())
+                .unwrap_or_default(),
+        }
+    };
+    grid.conditions().map(cell).collect()
+}
+
+/// The base of all scenes: the boat and the drone as their configurations describe them.
+fn base(args: &EnvelopeArgs) -> Result<Scene, CliError> {
+    let s = &args.scene;
+    let own = [
+        ("sea", s.sea.is_some()),
+        ("sea-state", s.sea_state.is_some()),
+        ("wind", s.wind.is_some()),
+        ("deck-motion", s.deck_motion.is_some()),
+    ];
+    if let Some((flag, _)) = own.iter().find(|(_, given)| *given) {
+        return Err(CliError(format!(
+            "--{flag}: the envelope flies seas and winds of its own; choose them with --sea-states, --winds and \
+             --directions"
+        )));
+    }
+    let mut base = Scene::of(s)?;
+    if s.scenario.is_none() {
+        let (world, nodes) = (&mut base.scenario, &base.nodes);
+        world.describe(
+            &nodes.drone.deck,
+            &nodes.vessel.surroundings,
+            &nodes.drone.airframe,
+        );
+        world.drone.contact.friction = nodes.drone.mission.friction;
+    }
+    Ok(base)
+}
+
+/// Flies what is missing of the envelope and draws it.
+pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
+    let (grid, base) = (Grid::of(args), base(args)?);
+    let scenes: Vec<StudyScene> = grid.conditions().map(|c| scene(&base, c)).collect();
+    let planner = PlannerVariant::from(base.nodes.bench_planner());
+    note(
+        args.json,
+        format_args!(
+            "envelope: {} cells of {} landings; a run that is cut off goes on where it stopped",
+            scenes.len(),
+            grid.trials
+        ),
+    );
+    let flights = GridRun {
+        study: "Envelope".into(),
+        trials: grid.trials,
+        seed0: args.seed0,
+        jobs: args.jobs,
+        out: Some(&args.out),
+        shard: None,
+        records_failed: false,
+        json: args.json,
+    };
+    let outcomes = run::fly_grid(&flights, &scenes, core::slice::from_ref(&planner))?;
+    let cells = cells(&grid, &outcomes);
+    let hash = run::configuration_hash(&base.nodes);
+    let boat = args.scene.hull.as_deref().unwrap_or("the simulated vessel");
+    let title = format!("Landing envelope of {boat}");
+    let limits = limits(&grid, &cells);
+    note(
+        args.json,
+        format_args!(
+            "{title}: greatest relative wind within the limit, m/s\n{}",
+            limits.text()
+        ),
+    );
+    let value = json!({
+        "hull": boat, "configuration": hash, "grid": { "sea_states": grid.states, "winds_mps": grid.winds,
+        "directions": grid.directions, "trials": grid.trials, "seed0": args.seed0 },
+        "cells": cells.iter().map(Cell::json).collect::<Vec<_>>(),
+    });
+    let svg = polar::draw(&grid, &cells, &title).map_err(|e| CliError::because("drawing the envelope", e))?;
+    let page = document(
+        &grid,
+        &cells,
+        limits,
+        (&title, &hash),
+        &svg,
+        &unsafe_landings(&args.out, &planner, &outcomes),
+    );
+    write_files(
+        &args.out,
+        &[
+            ("envelope.svg", svg),
+            ("envelope.html", page.html()),
+            ("envelope.json", value.to_string()),
+        ],
+    )?;
+    note(
+        args.json,
+        format_args!("written: {}", args.out.join("envelope.html").display()),
+    );
+    if args.json {
+        terminal::line(value);
+    }
+    Ok(Exit::Success)
+}
+
+/// The limit by direction (a row each) and sea state.
+fn limits(grid: &Grid, cells: &[Cell]) -> Table {
+    let heads = grid.states.iter().map(|s| format!("sea state {s}"));
+    let mut table = Table::new(0.., core::iter::once("wind from, deg".into()).chain(heads));
+    for from in grid.bearings() {
+        let of_state = |s: &u8| TableCell::number(grid.limit(cells, *s, from), 0);
+        let row = core::iter::once(TableCell::number(from, 0));
+        table.row(row.chain(grid.states.iter().map(of_state)));
+    }
+    table
+}
+
+/// The first unsafe landings, with the command that flies each again.
+fn unsafe_landings(out: &Path, planner: &PlannerVariant, outcomes: &[Outcome]) -> Vec<String> {
+    let is_unsafe = |o: &&Outcome| !o.success && !o.is_refused();
+    let line = |o: &Outcome| {
+        let again = replay_command(out, planner, &o.sea).unwrap_or_default();
+        format!(
+            "{}: {} ({})\n    {again} --seed {}",
+            o.sea,
+            o.outcome.name(),
+            o.reason,
+            o.seed
+        )
+    };
+    outcomes
+        .iter()
+        .filter(is_unsafe)
+        .take(MAX_UNSAFE)
+        .map(line)
+        .collect()
+}
+
+fn document(
+    grid: &Grid,
+    cells: &[Cell],
+    limits: Table,
+    (title, hash): (&str, &str),
+    svg: &str,
+    unsafe_landings: &[String],
+) -> Document {
+    let heads = [
+        "sea state",
+        "wind m/s",
+        "from deg",
+        "landed",
+        "95 %",
+        "refused",
+        "95 %",
+        "unsafe",
+        "95 %",
+        "mostly",
+    ];
+    let mut table = Table::new(1..9, heads);
+    for c in cells {
+        let interval = |n: usize| {
+            let (lo, hi) = wilson(n, c.trials);
+            TableCell::from(format_args!("{:.0}-{:.0} %", 100.0 * lo, 100.0 * hi))
+        };
+        let bad = c.unsafe_count();
+        let count = TableCell::from(bad);
+        table.row([
+            c.state.into(),
+            c.wind_mps.into(),
+            TableCell::number(c.from_deg, 0),
+            format_args!("{}/{}", c.landed, c.trials).into(),
+            interval(c.landed),
+            c.refused.into(),
+            interval(c.refused),
+            if bad == 0 { count } else { count.judged(false) },
+            interval(bad),
+            (&c.reason).into(),
+        ]);
+    }
+    let mut blocks = vec![
+        Block::Text(format!(
+            "Each cell: {} landings tried in the simulated world, configuration {hash}. The wind is relative to the vessel, \
+             10 m above the water, with gusts; the waves are a fully developed sea of the state's mean height and come from \
+             where the wind does. Refused: the drone did not touch the deck. Unsafe: everything else that is no landing. \
+             The line is the limit: up to it every cell was landed in at least half of all cases by the lower end of \
+             Wilson's 95 % interval, and none was unsafe.",
+            grid.trials
+        )),
+        Block::Chart(Chart {
+            caption: "Landed, refused, unsafe by relative wind and sea state".into(),
+            svg: svg.into(),
+        }),
+        Block::Heading("The limit, m/s".into()),
+        Block::Table(limits),
+        Block::Heading("All cells".into()),
+        Block::Table(table),
+    ];
+    if !unsafe_landings.is_empty() {
+        blocks.push(Block::Heading("Unsafe landings".into()));
+        blocks.push(Block::Lines(unsafe_landings.to_vec()));
+    }
+    Document {
+        title: title.into(),
+        blocks,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Flags {
+        #[command(flatten)]
+        args: EnvelopeArgs,
+    }
+    fn args(words: &str) -> EnvelopeArgs {
+        let words = core::iter::once("envelope").chain(words.split_whitespace());
+        Flags::try_parse_from(words).unwrap().args
+    }
+    fn cell(wind_mps: f64, landed: usize, refused: usize) -> Cell {
+        Cell {
+            state: 3,
+            wind_mps,
+            from_deg: 90.0,
+            trials: 4,
+            landed,
+            refused,
+            reason: String::new(),
+        }
+    }
+
+    #[test]
+    fn envelope_grid_of_wind_direction_and_sea() {
+        let grid = Grid::of(&args("--quick --winds 8,4,8 --directions 4 --sea-states 3"));
+        assert_eq!((grid.winds.as_slice(), grid.trials), (&[4.0, 8.0][..], 4));
+        assert_eq!(grid.conditions().count(), 8);
+        assert_eq!(grid.bearings().collect::<Vec<_>>(), [0.0, 90.0, 180.0, 270.0]);
+    }
+
+    #[test]
+    fn envelope_scene_has_the_relative_wind() {
+        let base = base(&args("--vessel straight --speed 3")).unwrap();
+        let s = scene(&base, (3, 8.0, 90.0)).world;
+        let to = s.drone.wind.to_deg.unwrap().to_radians();
+        // From starboard onto a vessel at 3 m/s northwards.
+        let relative = [
+            s.drone.wind.mean_mps * to.cos() - 3.0,
+            s.drone.wind.mean_mps * to.sin(),
+        ];
+        assert!(
+            relative[0].abs() < 1e-9 && (relative[1] + 8.0).abs() < 1e-9,
+            "{relative:?}"
+        );
+        assert_eq!(s.sea.mean_direction_deg, Some(270.0));
+    }
+
+    #[test]
+    fn envelope_limit_ends_at_the_first_cell_beyond() {
+        let grid = Grid::of(&args("--winds 4,8,12"));
+        let limit = |cells: &[Cell]| grid.limit(cells, 3, 90.0);
+        assert_eq!(
+            limit(&[cell(4.0, 4, 0), cell(8.0, 4, 0), cell(12.0, 3, 1)]),
+            Some(8.0)
+        );
+        assert_eq!(
+            limit(&[cell(4.0, 4, 0), cell(8.0, 3, 0), cell(12.0, 4, 0)]),
+            Some(4.0)
+        );
+        assert_eq!(limit(&[cell(4.0, 0, 4), cell(8.0, 4, 0)]), None);
+    }
+
+    #[test]
+    fn envelope_picture_shows_every_cell() {
+        let grid = Grid::of(&args("--winds 4,8 --directions 4 --sea-states 3"));
+        let cells = [cell(4.0, 4, 0), cell(8.0, 2, 1)];
+        let svg = polar::draw(&grid, &cells, "Envelope of <one>").unwrap();
+        assert!(
+            svg.starts_with("<svg") && svg.contains("4/4") && svg.contains("2/4"),
+            "{svg}"
+        );
+        assert!(svg.contains("sea state 3") && !svg.contains("<one>"));
+        let page = document(&grid, &cells, limits(&grid, &cells), ("E", "h"), &svg, &[]).html();
+        assert!(page.contains("<svg") && page.contains("51-100 %") && !page.contains("src="));
+    }
+}

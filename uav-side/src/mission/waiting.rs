@@ -1,0 +1,88 @@
+//! How likely a landing has to be for waiting on not to be worth its cost: the optimal stopping of independent draws with
+//! recall of none.
+//!
+//! Waiting a second costs `c`, a battery's and a crew's patience as a probability. Of the likelihoods `P` of the last
+//! minute, the next one is a draw: to go on waiting is worth it while `E[(P - p)+] > c`, so a landing begins at the `p*` with
+//! `E[(P - p*)+] = c` (DeGroot 1970, Optimal statistical decisions, section 13.4).
+
+use alight_shared::time::{DroneClock, Span, Time};
+
+/// Likelihoods that are known, one a second: a minute of them.
+const MOST: usize = 60;
+/// Time between two that count as draws, s.
+const DRAW_S: f64 = 1.0;
+
+/// The likelihoods of the last minute.
+#[derive(Clone, Debug, Default)]
+pub struct Waiting {
+    draws: Vec<f64>,
+    next: usize,
+    due: Option<Time<DroneClock>>,
+}
+
+impl Waiting {
+    /// A landing that begins at `now` would succeed with the probability `p`.
+    pub fn update(&mut self, now: Time<DroneClock>, p: f64) {
+        if self.due.is_some_and(|due| now < due) {
+            return;
+        }
+        self.due = Some(now + Span::from_secs(DRAW_S));
+        if self.draws.len() < MOST {
+            self.draws.push(p);
+        } else if let Some(old) = self.draws.get_mut(self.next) {
+            *old = p;
+            self.next = (self.next + 1) % MOST;
+        }
+    }
+    /// The probability above which waiting on is not worth `cost_per_s`; 0 of no draw.
+    pub fn threshold(&self, cost_per_s: f64) -> f64 {
+        let mut best = self.draws.clone();
+        best.sort_by(|a, b| b.total_cmp(a));
+        let spent = cost_per_s * DRAW_S * best.len() as f64;
+        // Of the k best draws: sum (P_i - p) = n c. It grows with k until the next draw lies below it.
+        let (mut sum, mut threshold) = (0.0, 0.0_f64);
+        for (k, p) in best.iter().enumerate() {
+            sum += p;
+            threshold = threshold.max((sum - spent) / (k as f64 + 1.0));
+        }
+        threshold
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(draws: impl IntoIterator<Item = f64>) -> Waiting {
+        let mut w = Waiting::default();
+        for (k, p) in draws.into_iter().enumerate() {
+            w.update(Time::from_secs(k as f64), p);
+        }
+        w
+    }
+    /// What waiting on from `p` is expected to bring.
+    fn gain(w: &Waiting, p: f64) -> f64 {
+        w.draws.iter().map(|d| (d - p).max(0.0)).sum::<f64>() / w.draws.len() as f64
+    }
+
+    #[test]
+    fn threshold_at_which_waiting_gains_its_cost() {
+        let waves = of((0..60).map(|k| 0.9 + 0.08 * (0.7 * f64::from(k)).sin()));
+        for cost in [1e-4, 1e-3, 0.01, 0.03] {
+            let p = waves.threshold(cost);
+            assert!((gain(&waves, p) - cost).abs() < 1e-9, "{cost}: {p}");
+        }
+        // In a calm there is nothing to wait for.
+        let calm = of([0.99; 30]);
+        assert!(calm.threshold(1e-3) < 0.99);
+        assert!(of([]).threshold(1e-3) < 1e-9);
+    }
+
+    #[test]
+    fn draws_of_the_last_minute_one_a_second() {
+        let mut w = of([0.2; 200]);
+        assert_eq!(w.draws.len(), MOST);
+        (0..100).for_each(|k| w.update(Time::from_secs(200.0 + 0.01 * f64::from(k)), 0.9));
+        assert_eq!(w.draws.iter().filter(|d| **d > 0.5).count(), 1);
+    }
+}
