@@ -1,7 +1,8 @@
 //! The command line.
 
 use alight_shared::transport::process::ProcessKind;
-use clap::{Parser, Subcommand};
+use clap::builder::StyledStr;
+use clap::{Command as Clap, CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::drone::{autopilot, bridge, camera, mission, pilot, planner, predictor};
 use crate::exit::{CliError, Exit};
@@ -15,7 +16,13 @@ use crate::{drone, vessel};
 
 /// Lands a multirotor on the deck of a small boat that moves and rocks in waves.
 #[derive(Parser, Debug)]
-#[command(version, about, arg_required_else_help = true, max_term_width = 100)]
+#[command(
+    version,
+    about,
+    arg_required_else_help = true,
+    max_term_width = 100,
+    subcommand_value_name = "COMMAND"
+)]
 #[command(
     after_help = "Start with:\n  alight land                      one landing of all processes, in real time\n  \
 alight trial                     the same computed as fast as it goes\n  \
@@ -27,6 +34,65 @@ pub struct Cli {
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
+}
+
+/// The commands that a person gives, by what they are for, in the order in which they are met.
+const GROUPS: [(&str, &[&str]); 3] = [
+    (
+        "Simulate",
+        &[
+            "land", "trial", "trials", "study", "envelope", "rao", "rehearse", "faults", "link", "latency",
+        ],
+    ),
+    (
+        "Install",
+        &[
+            "config",
+            "keys",
+            "check",
+            "calibrate",
+            "estimate",
+            "tag",
+            "vessel",
+            "drone",
+        ],
+    ),
+    ("Operate", &["status", "view", "command", "flights", "replay"]),
+];
+
+impl Cli {
+    /// Reads the command line; on an error, or where help is asked for, prints that and ends the process.
+    pub fn read() -> Cli {
+        let matches = Cli::grouped().get_matches();
+        Cli::from_arg_matches(&matches).unwrap_or_else(|e| e.exit())
+    }
+    /// The command line with its commands in groups, which clap has for options alone.
+    fn grouped() -> Clap {
+        let cli = Cli::command();
+        let line = |name: &&str| {
+            let about = cli.find_subcommand(name)?.get_about()?;
+            Some(format!("  {name:<10} {about}\n"))
+        };
+        let group = |(title, names): (&str, &[&str])| {
+            let lines: String = names.iter().filter_map(line).collect();
+            format!("{title}:\n{lines}\n")
+        };
+        let groups: String = GROUPS.into_iter().map(group).collect();
+        let hidden = cli
+            .get_subcommands()
+            .filter(|c| c.is_hide_set() && c.get_about().is_some_and(is_process));
+        let hidden: Vec<&str> = hidden.map(Clap::get_name).collect();
+        let template = format!(
+            "{{about}}\n\n{{usage-heading}} {{usage}}\n\n{groups}Processes that these start:\n  {}\n\n\
+             Options:\n{{options}}{{after-help}}",
+            hidden.join(", ")
+        );
+        cli.help_template(template)
+    }
+}
+
+fn is_process(about: &StyledStr) -> bool {
+    about.to_string().starts_with("Process of ")
 }
 
 /// What to do.
@@ -57,22 +123,31 @@ pub enum Command {
     #[command(name = "command")]
     Operate(command::CommandArgs),
     /// Process of the drone: the radio.
+    #[command(hide = true)]
     Bridge(ProcessArgs),
     /// Process of the drone: prediction of the deck.
+    #[command(hide = true)]
     Predictor(ProcessArgs),
     /// Process of the drone: the mission, a state machine.
+    #[command(hide = true)]
     Mission(ProcessArgs),
     /// Process of the drone: the planner.
+    #[command(hide = true)]
     Planner(ProcessArgs),
     /// Process of the drone: the pilot, set-points.
+    #[command(hide = true)]
     Pilot(ProcessArgs),
     /// Process of the vessel: its real sensors (NMEA 0183, UBX, MAVLink), which it starts.
+    #[command(hide = true)]
     Sensors(SensorsArgs),
     /// Process of the drone: the link to a real autopilot (PX4, ArduCopter) by MAVLink.
+    #[command(hide = true)]
     Autopilot(AutopilotArgs),
     /// Process of the drone: the belly camera's images, and the tag in them.
+    #[command(hide = true)]
     Camera(CameraArgs),
     /// Process of the drone: the ultraviolet camera's images, and the markers in them.
+    #[command(hide = true)]
     Uvdar(CameraArgs),
     /// Make a private authority and certificates of vessel and drone; show when they expire.
     Keys(keys::KeysArgs),
@@ -149,6 +224,22 @@ impl ConfigCommand {
             ConfigCommand::Scenario => lab::scene::print_defaults(),
             #[cfg(feature = "lab")]
             ConfigCommand::World => lab::live::config::print_world(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn help_in_groups() {
+        let cli = Cli::command();
+        cli.clone().debug_assert();
+        let grouped = |name: &str| GROUPS.iter().filter(|(_, names)| names.contains(&name)).count();
+        for command in cli.get_subcommands() {
+            let shown = usize::from(!command.is_hide_set());
+            assert_eq!(grouped(command.get_name()), shown, "{}", command.get_name());
         }
     }
 }

@@ -25,13 +25,11 @@ mod view;
 
 use std::process::ExitCode;
 
-use clap::Parser;
-
 use exit::Exit;
 
 fn main() -> ExitCode {
     let lines = process::journal::init();
-    let result = cli::Cli::parse().command.run();
+    let result = cli::Cli::read().command.run();
     // What was reported before comes before the error.
     drop(lines);
     match result {

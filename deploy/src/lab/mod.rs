@@ -25,7 +25,7 @@ use live::rehearse::args::RehearseArgs;
 /// Commands of the laboratory.
 #[derive(Subcommand, Debug)]
 pub enum LabCommand {
-    /// Fly one landing in the simulated world and say how it went.
+    /// Fly one landing in the simulated world and print the outcome.
     Trial(TrialArgs),
     /// Fly many landings and print the success rate with its interval.
     Trials(TrialsArgs),
@@ -46,8 +46,9 @@ pub enum LabCommand {
     /// A process of vessel or drone with what a bench puts between it and its messages.
     #[command(hide = true)]
     Attach(AttachArgs),
-    /// Kill and freeze every process in every phase of a live landing, and say what came of it.
+    /// Kill and freeze every process in every phase of a live landing, and report outcomes.
     Faults(FaultsArgs),
+    #[command(hide = true)]
     /// Process of the simulation: both vehicles, in real time.
     World(WorldArgs),
     /// Emulate a bad link between two network namespaces of this computer (needs root).

@@ -70,7 +70,8 @@ pub fn outcome(o: &Outcome) -> String {
         ("computed in, s", Some(o.wall_time_s), 2, ""),
     ];
     let mut table = Table::new(1..2, ["metric", "value", "meaning"]);
-    for (name, value, digits, meaning) in rows {
+    // What a refused landing has no figure of is left out.
+    for (name, value, digits, meaning) in rows.into_iter().filter(|row| row.1.is_some()) {
         table.row(cells![name, Cell::number(value, digits), meaning]);
     }
     let plural = |n: u32, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });

@@ -11,6 +11,7 @@ use alight_sim::physics::sea::SeaConfig;
 use alight_uav::autopilot::modes::Firmware;
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
+use serde::de::DeserializeOwned;
 
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Exit};
@@ -69,8 +70,8 @@ impl Scene {
         }
         let vessel_file = flags.path("vessel-config", args.vessel_config.as_deref());
         let drone_file = flags.path("drone-config", args.drone_config.as_deref());
-        let vessel: VesselComputer = vessel_file.map(config::load).transpose()?.unwrap_or_default();
-        let drone: DroneComputer = drone_file.map(config::load).transpose()?.unwrap_or_default();
+        let vessel: VesselComputer = computer(vessel_file)?;
+        let drone: DroneComputer = computer(drone_file)?;
         let mut nodes = NodeConfigs {
             vessel: vessel.vessel,
             deck: vessel.deck,
@@ -82,6 +83,18 @@ impl Scene {
         if args.scenario.is_none() {
             // The deck carries what the drone's file says.
             scenario.deck = scenario.deck.with_tags(&nodes.drone.tags());
+        }
+        let (flies, believed) = (&scenario.airframe, &nodes.drone.airframe);
+        if drone_file.is_some() && flies != believed {
+            // On standard error: the result stands alone on standard output.
+            terminal::note(
+                true,
+                format_args!(
+                    "the drone flies with the [airframe] of --scenario ({} kg), and --drone-config is what it \
+                     believes ({} kg): set both alike, unless the difference is meant",
+                    flies.mass_kg, believed.mass_kg
+                ),
+            );
         }
         if let Some(given) = &args.sea {
             sea = given.text.clone();
@@ -116,6 +129,12 @@ impl Scene {
             scenario.vessel.course = course.into();
         }
         if let Some(speed) = flags.take("speed", args.speed) {
+            if !scenario.vessel.course.is_under_way() {
+                return Err(CliError(format!(
+                    "--speed {speed}: the vessel is not under way and has no speed; name her course with --vessel \
+                     straight, square, zigzag, turn or speed-change"
+                )));
+            }
             scenario.vessel.speed_mps = speed;
         }
         let draws = args.draws.map(|on| if on { "on" } else { "off" });
@@ -164,15 +183,18 @@ impl Scene {
                 && let Some(facts) = motion.facts(trial_s).map_err(|e| CliError(e.to_string()))?
             {
                 let file = motion.file.display();
-                // On standard error: the result stands alone on standard output.
-                facts
-                    .remarks
-                    .iter()
-                    .for_each(|r| terminal::note(true, format_args!("{file}: {r}")));
-                if facts.heave && args.sea.is_none() && args.sea_state.is_none() && args.scenario.is_none() {
+                let note = |remark: &str| terminal::note(true, format_args!("{file}: {remark}"));
+                facts.remarks.iter().for_each(|r| note(r));
+                let is_sea_given = args.sea.is_some() || args.sea_state.is_some() || args.scenario.is_some();
+                if facts.heave && !is_sea_given {
                     motion.water_follows = true;
                     scenario.sea = SeaConfig::paper(0.0, 5.0);
                     sea = "with the deck".into();
+                } else if facts.heave {
+                    note(
+                        "the deck heaves, and the water of the given sea does not follow it: the deck may sink into \
+                         the water; without --sea, --sea-state and --scenario the water follows",
+                    );
                 }
             }
         }
@@ -185,6 +207,24 @@ impl Scene {
             flags: flags.0.join(" "),
         })
     }
+}
+
+/// The configuration of a computer, its defaults without a file. A hull's file is none, and the error says where it
+/// belongs.
+fn computer<T: DeserializeOwned + Check + Default>(file: Option<&Path>) -> Result<T, CliError> {
+    let Some(path) = file else {
+        return Ok(T::default());
+    };
+    config::load(path).map_err(|e| {
+        let table = path.with_extension("csv");
+        if !table.exists() {
+            return e.into();
+        }
+        CliError(format!(
+            "{e}\na hull's file is given with --hull {}",
+            table.display()
+        ))
+    })
 }
 
 /// Seconds since the call, by the computer's clock: only ever shown, never used.

@@ -29,7 +29,7 @@ pub fn run(args: &TrialArgs) -> Result<Exit, CliError> {
         on_event: &mut show,
         trace_step_s: args.plot.as_ref().map(|_| 0.05),
     };
-    let flight = flown(args, &scene, watch)?;
+    let (flight, recorded) = flown(args, &scene, watch)?;
     let mut outcome = flight.outcome;
     outcome.wall_time_s = elapsed();
     if let (Some(path), Some(trace)) = (&args.plot, &flight.trace) {
@@ -42,18 +42,23 @@ pub fn run(args: &TrialArgs) -> Result<Exit, CliError> {
         if let Some(path) = &args.plot {
             terminal::line(format_args!("plot: {}", path.display()));
         }
-        if let Some(path) = &args.record {
+        if let Some(path) = args.record.as_ref().filter(|_| recorded.is_ok()) {
             terminal::line(format_args!("recording: {}", path.display()));
         }
     }
+    recorded?;
     Ok(Exit::of(outcome.success))
 }
 
-fn flown(args: &TrialArgs, scene: &Scene, watch: Watch<'_>) -> Result<FlownTrial, CliError> {
+fn flown(
+    args: &TrialArgs,
+    scene: &Scene,
+    watch: Watch<'_>,
+) -> Result<(FlownTrial, Result<(), CliError>), CliError> {
     let mut watcher = watcher(args, scene)?;
     if args.record.is_none() && watcher.is_none() {
-        return fly(&scene.scenario, &scene.nodes, args.seed, &scene.sea, watch)
-            .doing("setting up the trial");
+        let flown = fly(&scene.scenario, &scene.nodes, args.seed, &scene.sea, watch);
+        return Ok((flown.doing("setting up the trial")?, Ok(())));
     }
     let subject = record::Subject {
         scenario: &scene.scenario,

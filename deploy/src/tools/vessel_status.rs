@@ -229,7 +229,7 @@ fn certificate(c: &CertificateStatus) -> Finding {
     match c {
         CertificateStatus::None => TOPIC.warning(
             "none: any peer in reach is accepted",
-            "make some with alight keys (docs/radio.md, Certificates), unless the radio is inside WireGuard",
+            "make some with alight keys (docs/radio.md), unless the radio is inside WireGuard",
         ),
         CertificateStatus::Unreadable(e) => TOPIC.broken(e.clone(), "alight check says what to do"),
         CertificateStatus::Held { name, days_left } if *days_left < 0 => TOPIC.broken(

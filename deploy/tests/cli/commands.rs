@@ -8,6 +8,7 @@ fn bad_input_exits_with_code_2_and_names_the_input() {
     let not_finite = file("not-finite.toml", "solve_delay_s = nan\n");
     let bad_row = file("bad-row.csv", "t_s,roll_deg,pitch_deg\n0.0,1,1\n0.1,x,1\n");
     let no_file = "/nonexistent/scene.toml";
+    let hull = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/hulls/mono-5m.toml");
     assert_rejected(&[
         ("trial --no-such-flag".into(), "--no-such-flag"),
         ("trial --sea stormy".into(), "stormy"),
@@ -17,12 +18,14 @@ fn bad_input_exits_with_code_2_and_names_the_input() {
         ("trial --wind nan".into(), "NaN"),
         ("trial --wind 300".into(), "300"),
         ("trial --speed -2 --vessel straight".into(), "-2"),
+        ("trial --speed 5".into(), "--vessel"),
         ("trial --planner magic".into(), "magic"),
         (format!("trial --scenario {no_file}"), no_file),
         (format!("trial --scenario {bad_key}"), "height"),
         (format!("trial --scenario {bad_range}"), "solve_delay_s"),
         (format!("trial --scenario {not_finite}"), "solve_delay_s"),
         (format!("trial --drone-config {bad_key}"), "sea"),
+        (format!("trial --drone-config {hull}"), "--hull"),
         (format!("trial --deck-motion {no_file}"), no_file),
         (format!("trial --deck-motion {bad_row}"), "line 3"),
         ("trial --motion-scale 2".into(), "--deck-motion"),
@@ -207,4 +210,7 @@ fn study_pairs_two_planners_and_prints_replays_of_the_worst_seeds() {
     let o = study(&format!("--drone-config {}", other.display()));
     assert_eq!(o.status.code(), Some(2));
     assert!(stderr(&o).contains("another configuration"), "{}", stderr(&o));
+    // Nor do those of another study.
+    let o = alight(format!("study wind --trials 1 --out {}", out.display()));
+    assert_eq!(o.status.code(), Some(2), "{}", stderr(&o));
 }

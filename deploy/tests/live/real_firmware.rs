@@ -27,7 +27,7 @@ const TAKE_OFF_M: f64 = 8.0;
 const FLIES_M: f64 = 2.0;
 /// The firmware's estimator needs so long from its start, s.
 const WARM_UP_S: &str = "80";
-/// Parameters of the makers' simulators, as docs/autopilots.md has them; the last ones stand for what a
+/// Parameters of the makers' simulators, as docs/firmware.md has them; the last ones stand for what a
 /// calibrated vehicle has.
 const COPTER: &str = "FRAME_CLASS 1\nFRAME_TYPE 1\nMOT_THST_EXPO 0\nMOT_SPIN_ARM 0.02\nMOT_SPIN_MIN 0.02\n\
                       MOT_SPIN_MAX 1\nGUID_OPTIONS 8\nGUID_TIMEOUT 0.3\nFS_THR_ENABLE 0\nBATT_MONITOR 4\nCOMPASS_OFS_X 5\n\

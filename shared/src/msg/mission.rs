@@ -254,7 +254,7 @@ impl fmt::Display for Reason {
             ReasonCode::ForecastStale => write!(f, "deck forecast {v:.2} s old (limit {l:.2})"),
             ReasonCode::NoVision => write!(f, "deck not seen yet"),
             ReasonCode::VisionLost => write!(f, "deck not seen for {v:.2} s (limit {l:.2})"),
-            ReasonCode::TooFar => write!(f, "{v:.2} m from above the deck (limit {l:.2})"),
+            ReasonCode::TooFar => write!(f, "{v:.2} m beside the deck (limit {l:.2} m)"),
             ReasonCode::TooFast => write!(f, "{v:.2} m/s relative to the deck (limit {l:.2})"),
             ReasonCode::Infeasible => write!(f, "deck moves too hard to follow: {v:.2} (limit {l:.2})"),
             ReasonCode::TooSteep => {

@@ -52,7 +52,7 @@ pub struct LandArgs {
     #[arg(long, default_value = "land")]
     pub instance: String,
     /// The firmware of --autopilot itself flies: it is started beside, and flown from the pad by a person (see
-    /// docs/autopilots.md, A firmware flies the simulated drone)
+    /// docs/firmware.md)
     #[arg(long, requires = "autopilot")]
     pub external: bool,
     /// Where that firmware's MAVLink is [default: udpin://0.0.0.0:14540 for PX4,

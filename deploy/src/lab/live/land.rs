@@ -126,17 +126,16 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
         begun => begun?,
     };
     let ended = landing.run(&memory);
-    let ended = ended.and_then(|ending| {
-        if let Some(ending) = &ending {
-            record(args, &scene, &plan, ending)?;
-        }
-        Ok(ending)
-    });
+    let recorded = match &ended {
+        Ok(Some(ending)) => record(args, &scene, &plan, ending),
+        Ok(None) | Err(_) => Ok(()),
+    };
     drop(services);
     drop(memory);
     drop(owned);
     match ended? {
-        Some(ending) => ending.show(args),
+        // A recording that failed takes nothing of what was flown.
+        Some(ending) => ending.show(args).and_then(|exit| recorded.map(|()| exit)),
         None => {
             eprintln!("stopped");
             Ok(Exit::Failed)

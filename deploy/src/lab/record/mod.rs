@@ -7,6 +7,7 @@ use std::path::Path;
 use alight_bridge::{BridgeIn, BridgeOut};
 use alight_shared::frames::{DroneBody, VesselBody};
 use alight_shared::time::{DroneClock, Time, TrueTime, VesselClock};
+use alight_shared::transport::wake::end_requested;
 use alight_sim::baselines::Baseline;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::physics::{BOOT, DRONE_ID, VESSEL_ID};
@@ -74,17 +75,21 @@ pub struct FlightRecorder {
     truth: TruthViews,
 }
 
-/// Flies the subject's trial, records it to `path`, and shows it to who looks on.
+/// Flies the subject's trial, records it to `path`, and shows it to who looks on. What the recording failed by stands
+/// beside what was flown.
 pub fn fly(
     path: Option<&Path>,
     subject: &Subject<'_>,
     watch: Watch<'_>,
     watcher: Option<&mut Watcher>,
-) -> Result<FlownTrial, CliError> {
+) -> Result<(FlownTrial, Result<(), CliError>), CliError> {
     let recorder = path
         .map(|path| FlightRecorder::create(path, subject))
         .transpose()?;
-    let mut shown = Shown { recorder, watcher };
+    let mut shown = Shown {
+        recorder: recorder.zip(path),
+        watcher,
+    };
     let Subject {
         scenario,
         nodes,
@@ -95,19 +100,35 @@ pub fn fly(
     } = *subject;
     let flown = fly_with(scenario, nodes, seed, sea, watch, &mut shown).doing("setting up the trial")?;
     let Shown { recorder, watcher } = shown;
-    if let (Some(recorder), Some(path)) = (recorder, path) {
-        recorder.finish(path, &flown.outcome)?;
-    }
+    let recorded = recorder.map_or(Ok(()), |(recorder, path)| recorder.finish(path, &flown.outcome));
     if let Some(watcher) = watcher {
         watcher.linger();
     }
-    Ok(flown)
+    Ok((flown, recorded))
 }
 
 /// The file and who looks on.
 struct Shown<'a> {
-    recorder: Option<FlightRecorder>,
+    recorder: Option<(FlightRecorder, &'a Path)>,
     watcher: Option<&'a mut Watcher>,
+}
+
+impl Shown<'_> {
+    /// Ends the process when it was asked to (Ctrl-C), with a recording that can be read up to now.
+    fn end_when_asked(&mut self, t: Time<TrueTime>) {
+        if self.recorder.is_none() || !end_requested() {
+            return;
+        }
+        let Some((FlightRecorder { recorder, .. }, path)) = self.recorder.take() else {
+            return;
+        };
+        let ended = recorder.finish(path, &[("outcome", "interrupted".into())]);
+        match ended {
+            Ok(()) => eprintln!("interrupted: {} has the first {:.1} s", path.display(), t.secs()),
+            Err(e) => eprintln!("alight: {e}"),
+        }
+        std::process::exit(1);
+    }
 }
 
 impl FlightRecorder {
@@ -191,12 +212,13 @@ impl Tap for Shown<'_> {
         vessel: &RigidState<VesselBody>,
         drone: Option<&RigidState<DroneBody>>,
     ) {
-        if let Some(recorder) = &mut self.recorder {
+        if let Some((recorder, _)) = &mut self.recorder {
             recorder.truth(t, vessel, drone);
         }
+        self.end_when_asked(t);
     }
     fn vessel(&mut self, t: Time<TrueTime>, now: Time<VesselClock>, i: &ComputerIn, o: &ComputerOut) {
-        if let Some(recorder) = &mut self.recorder {
+        if let Some((recorder, _)) = &mut self.recorder {
             recorder.vessel(t, now, i, o);
         }
         if let Some(watcher) = &mut self.watcher {
@@ -204,7 +226,7 @@ impl Tap for Shown<'_> {
         }
     }
     fn bridge(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &BridgeIn, o: &BridgeOut) {
-        if let Some(recorder) = &mut self.recorder {
+        if let Some((recorder, _)) = &mut self.recorder {
             recorder.bridge(t, now, i, o);
         }
         if let Some(watcher) = &mut self.watcher {
@@ -212,7 +234,7 @@ impl Tap for Shown<'_> {
         }
     }
     fn predictor(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PredictorIn, o: &PredictorOut) {
-        if let Some(recorder) = &mut self.recorder {
+        if let Some((recorder, _)) = &mut self.recorder {
             recorder.predictor(t, now, i, o);
         }
         if let Some(watcher) = &mut self.watcher {
@@ -220,7 +242,7 @@ impl Tap for Shown<'_> {
         }
     }
     fn mission(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &MissionIn, o: &MissionOut) {
-        if let Some(recorder) = &mut self.recorder {
+        if let Some((recorder, _)) = &mut self.recorder {
             recorder.mission(t, now, i, o);
         }
         if let Some(watcher) = &mut self.watcher {
@@ -228,7 +250,7 @@ impl Tap for Shown<'_> {
         }
     }
     fn planner(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PlannerIn, o: &PlannerOut) {
-        if let Some(recorder) = &mut self.recorder {
+        if let Some((recorder, _)) = &mut self.recorder {
             recorder.planner(t, now, i, o);
         }
         if let Some(watcher) = &mut self.watcher {
@@ -236,7 +258,7 @@ impl Tap for Shown<'_> {
         }
     }
     fn pilot(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PilotIn, o: &PilotOut) {
-        if let Some(recorder) = &mut self.recorder {
+        if let Some((recorder, _)) = &mut self.recorder {
             recorder.pilot(t, now, i, o);
         }
         if let Some(watcher) = &mut self.watcher {

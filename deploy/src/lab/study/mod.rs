@@ -27,7 +27,7 @@ use alight_uav::planner::PlannerKind;
 use clap::ValueEnum;
 use serde_json::Value;
 
-use super::args::{RaoArgs, Study, StudyArgs};
+use super::args::{RaoArgs, SceneArgs, Study, StudyArgs};
 use super::live::compare;
 use super::report::chart;
 use super::report::document::write_files;
@@ -93,7 +93,12 @@ fn planners(args: &StudyArgs, base: &Scene) -> Vec<PlannerVariant> {
 }
 
 fn grid_study(args: &StudyArgs) -> Result<Value, CliError> {
-    let base = Scene::of(&args.scene)?;
+    // The courses of `study moving` are its rows'.
+    let speed = args.scene.speed.filter(|_| args.name != Study::Moving);
+    let base = Scene::of(&SceneArgs {
+        speed,
+        ..args.scene.clone()
+    })?;
     let scenes = grid::rows(args.name, &args.scene, &base)?;
     let planners = match args.name {
         Study::Ablation if args.planners.is_empty() => ablation::planners(&base.nodes).map_err(CliError)?,

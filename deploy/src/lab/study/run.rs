@@ -20,6 +20,8 @@ use crate::terminal::note;
 
 /// How a grid is flown.
 pub struct GridRun<'a> {
+    /// Name of the study.
+    pub study: String,
     /// Trials of each scene by each planner.
     pub trials: u32,
     /// Their first seed.
@@ -40,6 +42,7 @@ impl StudyArgs {
     /// The grid as its flags have it.
     pub fn grid(&self) -> GridRun<'_> {
         GridRun {
+            study: format!("{:?}", self.name),
             trials: self.trials,
             seed0: self.seed0,
             jobs: self.jobs,
@@ -141,14 +144,17 @@ pub fn read_hash(dir: &Path) -> Option<String> {
 }
 
 /// Writes what is needed to fly a trial of the study again; refuses a directory that holds rows of
-/// another configuration or another scene.
-fn prepare(out: &Path, rows: &[StudyScene], flown: &[PlannerVariant]) -> Result<(), CliError> {
+/// another study, configuration or scene.
+fn prepare(study: &str, out: &Path, rows: &[StudyScene], flown: &[PlannerVariant]) -> Result<(), CliError> {
     let doing = || format!("preparing the directory {}", out.display());
     let because = |e: &dyn std::fmt::Display| CliError::because(doing(), e);
     let Some(base) = rows.first().map(|r| &r.nodes) else {
         return Ok(());
     };
-    let mut files = vec![(out.join(HASH_FILE), configuration_hash(base) + "\n")];
+    let mut files = vec![
+        (out.join("study"), format!("{study}\n")),
+        (out.join(HASH_FILE), configuration_hash(base) + "\n"),
+    ];
     for row in rows {
         let text = toml::to_string(&row.world).map_err(|e| because(&e))?;
         files.push((scenario_file(out, &row.name), text));
@@ -177,7 +183,7 @@ fn prepare(out: &Path, rows: &[StudyScene], flown: &[PlannerVariant]) -> Result<
     for (path, text) in files {
         if used && std::fs::read_to_string(&path).is_ok_and(|old| old != text) {
             return Err(CliError(format!(
-                "{} was written by a study with another configuration or scene: its rows would be \
+                "{} was written by another study, or one with another configuration or scene: its rows would be \
                  mixed with these; give another directory",
                 path.display()
             )));
@@ -214,7 +220,7 @@ pub fn fly_grid(
     let mut done = Vec::new();
     let mut writer = None;
     if let Some(out) = args.out {
-        prepare(out, scenes, planners)?;
+        prepare(&args.study, out, scenes, planners)?;
         let path = rows_file(out);
         let fresh = !path.exists();
         if !fresh {
@@ -241,6 +247,14 @@ pub fn fly_grid(
         args.shard.is_none_or(|s| (number - 1) % s.count == s.index - 1)
             && !known.contains(&wanted_key(trial))
     });
+    if !done.is_empty() {
+        let taken = wanted.intersection(&known).count();
+        let text = format!(
+            "{taken} of {} trials were flown before and are taken from rows.csv",
+            wanted.len()
+        );
+        note(args.json, text);
+    }
     let flown = in_parallel(args.jobs, "trials", &work, |(scene, planner, seed)| {
         let outcome = Outcome {
             planner: planner.name.clone(),
@@ -300,7 +314,7 @@ fn record_failed(
             on_event: &mut |_| {},
             trace_step_s: None,
         };
-        record::fly(Some(&path), &subject, watch, None)?;
+        record::fly(Some(&path), &subject, watch, None)?.1?;
         note(args.json, format_args!("recorded: {}", path.display()));
     }
     Ok(())

@@ -359,7 +359,7 @@ fn camera(found: &CameraCheck, running: bool) -> Finding {
         Ok(()) if !found.calibrated => Topic(key).warning(
             format!("{source} is there, its lens is the simulated camera's"),
             format!(
-                "calibrate it and write focal_px, centre_px and distortion into [{}] (docs/calibrate.md, A camera)",
+                "calibrate it and write focal_px, centre_px and distortion into [{}] (docs/camera.md)",
                 found.lens
             ),
         ),

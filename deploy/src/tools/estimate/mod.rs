@@ -25,7 +25,7 @@ const MAX_BYTES: u64 = 512 << 20;
 #[derive(Args, Debug)]
 pub struct EstimateArgs {
     /// The recording: NMEA 0183 text, CSV (first line: t_s and any of roll_deg, pitch_deg, heading_deg,
-    /// heave_m, surge_m, sway_m, gyro_x_radps, ..., see docs/calibrate.md), PX4 ULog, or Alight's MCAP
+    /// heave_m, surge_m, sway_m, gyro_x_radps, ..., see docs/sensors.md), PX4 ULog, or Alight's MCAP
     #[arg(value_name = "LOG")]
     pub log: PathBuf,
     /// The vessel's configuration, as for `alight vessel` [default: that of the recording if it holds

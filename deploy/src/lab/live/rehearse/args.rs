@@ -34,7 +34,7 @@ pub struct RehearseArgs {
     #[arg(long, value_enum)]
     pub autopilot: Option<Autopilot>,
     /// A maker's firmware flies, started beside by a person: where its MAVLink is, such as udpin://0.0.0.0:14540
-    /// (deploy/docs/autopilots.md)
+    /// (deploy/docs/firmware.md)
     #[arg(long, value_name = "URL")]
     pub autopilot_at: Option<String>,
     /// Its plant's motors, sensors and port (TOML, keys of [firmware])

@@ -123,6 +123,7 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
         ),
     );
     let flights = GridRun {
+        study: "Envelope".into(),
         trials: grid.trials,
         seed0: args.seed0,
         jobs: args.jobs,

@@ -1,0 +1,92 @@
+//! The documents as a book: every page is in its table of contents, every link leads somewhere, every message that a
+//! person may meet is in the troubleshooting page.
+
+use std::path::{Path, PathBuf};
+
+use alight_shared::msg::ReasonCode;
+use serde::Deserialize;
+use serde::de::IntoDeserializer;
+use serde::de::value::Error;
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+fn read(path: &Path) -> String {
+    std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+/// The files below `directory` that end so, without what is built.
+fn files(directory: &Path, endings: &[&str]) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(directory).unwrap().flatten() {
+        let (path, name) = (entry.path(), entry.file_name().into_string().unwrap());
+        if path.is_dir() && name != "target" && !name.starts_with('.') {
+            found.extend(files(&path, endings));
+        } else if endings.iter().any(|e| name.ends_with(e)) {
+            found.push(path);
+        }
+    }
+    found
+}
+
+/// Targets of the links `[text](target)`.
+fn links(text: &str) -> impl Iterator<Item = &str> {
+    text.split("](").skip(1).filter_map(|rest| rest.split(')').next())
+}
+
+#[test]
+fn book_lists_every_page() {
+    let docs = root().join("deploy/docs");
+    let summary = read(&docs.join("SUMMARY.md"));
+    let listed: Vec<PathBuf> = links(&summary).map(|l| docs.join(l)).collect();
+    for page in files(&docs, &[".md"]) {
+        let is_listed = listed.contains(&page) || page.ends_with("SUMMARY.md");
+        assert!(is_listed, "{} is not in SUMMARY.md", page.display());
+    }
+}
+
+#[test]
+fn relative_links_resolve() {
+    for page in files(&root(), &[".md"]) {
+        for link in links(&read(&page)).filter(|l| !l.contains("://")) {
+            let path = link.split(['#', ' ']).next().unwrap_or_default();
+            let target = page.parent().unwrap().join(path);
+            assert!(target.exists(), "{}: {link} leads nowhere", page.display());
+        }
+    }
+    // So do the pages that the program and its configurations name.
+    let named = ["src", "vessel", "drone"].map(|d| root().join("deploy").join(d));
+    for source in named.iter().flat_map(|d| files(d, &[".rs", ".toml"])) {
+        for rest in read(&source).split("docs/").skip(1) {
+            let end = rest.find(|c: char| !(c.is_alphanumeric() || ".-_/".contains(c)));
+            let name = rest[..end.unwrap_or(rest.len())].trim_end_matches('.');
+            let is_page = name.ends_with(".md") && name != ".md";
+            let target = root().join("deploy/docs").join(name);
+            assert!(!is_page || target.exists(), "{}: docs/{name}", source.display());
+        }
+    }
+}
+
+#[test]
+fn troubleshooting_has_every_reason_and_topic() {
+    let page = read(&root().join("deploy/docs/troubleshooting.md"));
+    let code = |k: u32| ReasonCode::deserialize(IntoDeserializer::<Error>::into_deserializer(k)).ok();
+    let codes: Vec<ReasonCode> = (0..1000).map_while(code).collect();
+    assert!(codes.len() > 40, "{}", codes.len());
+    for code in codes {
+        assert!(
+            page.contains(&format!("`{code:?}`")),
+            "{code:?}: run deploy/scripts/troubleshooting"
+        );
+    }
+    for source in files(&root().join("deploy/src/tools/check"), &[".rs"]) {
+        for topic in read(&source).split("Topic(\"").skip(1) {
+            let topic = topic.split('"').next().unwrap();
+            assert!(
+                page.contains(&format!("| {topic} |")),
+                "{topic}: run deploy/scripts/troubleshooting"
+            );
+        }
+    }
+}
