@@ -21,7 +21,7 @@ config! {
         pub length_m: f64 = 2.5, in 0.5..=100.0;
         /// Width across the vessel, m.
         pub width_m: f64 = 1.7, in 0.5..=100.0;
-        /// Its fiducial tags, each with id, side_m and centre_m; empty: those that `alight tag` suggests for a deck of this
+        /// Its fiducial tags, each with id, side_m and centre_m; empty: those that `alight tag --suggest` lists for a deck of this
         /// size.
         pub tags: Tags = Tags::new();
         /// In their place one tag alone: side of its black square, m.

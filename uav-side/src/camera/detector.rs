@@ -46,8 +46,7 @@ config! {
         /// How exactly each tag is where the deck's list has it, m, each axis: laid by tape on printed lines.
         /// Of one tag alone nothing is asked.
         pub place_sd_m: f64 = 0.002, in 0.0..=0.1;
-        /// Largest sum of squared reprojection errors of one tag, in variances of a corner; of several in proportion to
-        /// their degrees of freedom.
+        /// Largest sum of squared reprojection errors of one tag, in variances of a corner; of several as improbable a one.
         pub max_misfit: f64 = 40.0, in 1.0..=1e6;
     }
 }

@@ -171,7 +171,10 @@ impl CameraNode {
         let s = solve(seen)?;
         // Eight coordinates of each tag less six of the pose; one tag leaves two degrees of freedom.
         let freedom = 8.0 * seen.len() as f64 - 6.0;
-        if !(s.misfit <= 0.5 * freedom * self.tag.max_misfit) {
+        // The same tail of the chi-square distribution with more degrees of freedom (Laurent and Massart 2000, lemma 1).
+        let more = freedom - 2.0;
+        let most = self.tag.max_misfit + more + (2.0 * more * self.tag.max_misfit).sqrt();
+        if !(s.misfit <= most) {
             return None;
         }
         // A misfit beyond the corners' noise, by glare or motion, inflates the variance of all of them.

@@ -132,7 +132,7 @@ pub fn tags(drone: &DroneSettings) -> Finding {
     if !faults.is_empty() {
         return TOPIC.broken(
             faults.join("; "),
-            "correct drone.deck.tags; `alight tag` prints the list that is suggested for the deck's size",
+            "correct drone.deck.tags; `alight tag --suggest` prints the list that is suggested for the deck's size",
         );
     }
     let gaps = layout::gaps(&tags, &drone.camera, &drone.airframe);
@@ -152,7 +152,7 @@ pub fn tags(drone: &DroneSettings) -> Finding {
              against it)",
             gaps.join(" and ")
         ),
-        "add tags of a size and place that are seen there; `alight tag` prints the list that is suggested for the deck's size",
+        "add tags of a size and place that are seen there; `alight tag --suggest` prints the list that is suggested for the deck's size",
     )
 }
 
@@ -180,10 +180,10 @@ mod tests {
         let one = tags(&drone);
         assert_eq!(one.level, Level::Warning);
         assert!(one.found.starts_with("with the feet 0.00 to 1."), "{}", one.found);
-        drone.deck.tag_side_m = Some(1.5);
+        drone.deck.tag_side_m = Some(1.6);
         let large = tags(&drone);
         assert_eq!(large.level, Level::Broken);
-        assert!(large.found.contains("0.087 m beyond"), "{}", large.found);
+        assert!(large.found.contains("0.150 m beyond"), "{}", large.found);
     }
 
     #[test]
