@@ -26,6 +26,8 @@ pub const ON_DECK_M: f64 = 0.02;
 pub const FAST_CONTACT_MPS: f64 = 2.0;
 /// Motors stopped with the lowest foot higher than this are a stop in the air, m.
 pub const FALSE_STOP_M: f64 = 0.10;
+/// The first words of a reason: nothing else had gone wrong when the time was over.
+const NOT_AT_REST: &str = "not at rest on the deck";
 
 /// How a trial ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -208,10 +210,10 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// It ended without a contact: no descent was begun, or none was completed in time.
+    /// No landing was completed in time, and no contact broke a limit: it waited, broke off, or came down too late.
     pub fn is_refused(&self) -> bool {
-        let gave_up = matches!(self.outcome, Ending::Timeout | Ending::GaveUp);
-        gave_up && self.position_error_m.is_none() && self.unsafe_contacts == 0
+        let out_of_time = self.outcome == Ending::GaveUp || self.reason.starts_with(NOT_AT_REST);
+        out_of_time && self.unsafe_contacts == 0
     }
 }
 
@@ -315,7 +317,7 @@ impl Judge {
             self.fail(
                 Ending::Timeout,
                 format!(
-                    "not at rest on the deck after {TIME_LIMIT_S} s, mission waiting: {}",
+                    "{NOT_AT_REST} after {TIME_LIMIT_S} s, mission waiting: {}",
                     o.waiting
                 ),
             );
@@ -566,6 +568,47 @@ mod tests {
         );
         let o = judge.outcome(1, "", "", 0.0);
         assert_eq!((o.outcome, o.water_contacts), (Ending::Water, 1));
+    }
+
+    #[test]
+    fn refused_is_late_and_without_a_bad_contact() {
+        let landing = |first_s: f64, motors_on: bool, normal_mps: f64| {
+            let mut judge = Judge::default();
+            for k in 0..2000 {
+                let t_s = 0.1 * f64::from(k);
+                let touches = (t_s - first_s).abs() < 0.05;
+                let touch = ContactEvent {
+                    foot: true,
+                    on_deck: true,
+                    normal_mps,
+                    tangential_mps: 0.0,
+                };
+                let contacts = if touches {
+                    core::slice::from_ref(&touch)
+                } else {
+                    &[]
+                };
+                let flies = t_s < first_s + 0.2;
+                let motors_on = flies || motors_on;
+                let over = judge.observe(
+                    &Observation {
+                        contacts,
+                        motors_on,
+                        ..at(t_s)
+                    },
+                    HALF,
+                );
+                if over {
+                    break;
+                }
+            }
+            judge.outcome(1, "calm", "alight", TIME_LIMIT_S).is_refused()
+        };
+        assert!(landing(1e9, true, 0.3), "never came down");
+        assert!(landing(178.0, false, 0.3), "came down too late");
+        assert!(!landing(178.0, false, 1.3), "too hard");
+        assert!(!landing(100.0, true, 0.3), "motors on");
+        assert!(!landing(100.0, false, 0.3), "landed");
     }
 
     #[test]

@@ -122,7 +122,7 @@ pub struct Pooled {
     course: String,
     planner: String,
     summary: Summary,
-    /// Ended without a contact: no descent begun or none completed in time.
+    /// No landing in time, and no contact beyond its limits.
     refused: usize,
 }
 

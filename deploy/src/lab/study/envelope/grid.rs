@@ -38,7 +38,7 @@ pub struct Cell {
     pub trials: usize,
     /// At rest on the deck.
     pub landed: usize,
-    /// Ended without a contact.
+    /// No landing in time, and no contact beyond its limits.
     pub refused: usize,
     /// The most frequent reason of those that did not land.
     pub reason: String,

@@ -252,11 +252,11 @@ fn document(
     }
     let mut blocks = vec![
         Block::Text(format!(
-            "Landings tried in each cell, in the simulated world: {}; configuration {hash}. The wind is relative to the vessel, \
-             10 m above the water, with gusts; the waves are a fully developed sea of the state's mean height and come from \
-             where the wind does. Refused: the drone did not touch the deck. Unsafe: everything else that is no landing. \
-             The line is the limit: up to it every cell was landed in at least half of all cases by the lower end of \
-             Wilson's 95 % interval, and none was unsafe.",
+            "Landings tried in each cell, in the simulated world: {}; configuration {hash}. The wind is relative to the \
+             vessel, 10 m above the water, with gusts; the waves are a fully developed sea of the state's mean height and \
+             come from where the wind does. Refused: no landing in time, and no contact beyond its limits. Unsafe: \
+             everything else that is no landing. The line is the limit: up to it every cell was landed in at least half of \
+             all cases by the lower end of Wilson's 95 % interval, and none was unsafe.",
             grid.trials
         )),
         Block::Chart(Chart {
