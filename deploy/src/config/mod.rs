@@ -143,6 +143,7 @@ mod tests {
             config.camera.source = "/dev/video0".into();
             config.camera.exposure_s = exposure_s;
             config.drone.camera.lens.focal_px = [focal; 2];
+            config.drone.deck.tag_side_m = Some(1.0);
             config.check(&Keys::ROOT).map_err(|e| e.to_string())
         };
         assert_eq!(check(0.017, 320.0), Ok(()));

@@ -219,13 +219,15 @@ fn recording_contains_every_displayed_topic() {
 fn deck_calibration_accepts_only_a_recording_that_ends_on_the_deck() {
     let refused = format!("calibrate deck {}", recorded().0.display());
     assert_rejected(&[(refused, "leave the drone on the deck")]);
-    let stays = "stay_s = 40.0\n[start]\nwarm_up_s = 40.0\nhover_s = 1.0\ndistance_m = [8.0, 10.0]\n";
+    // Nothing is seen of a tag of 1 m from where the drone stands.
+    let stays = "stay_s = 40.0\n[deck]\ntag_side_m = 1.0\n[start]\nwarm_up_s = 40.0\nhover_s = 1.0\ndistance_m = [8.0, 10.0]\n";
+    let drone = file("one-tag.toml", "[drone.deck]\ntag_side_m = 1.0\n");
     let (scene, recording) = (
         file("stays.toml", stays),
         scratch("stays.mcap").display().to_string(),
     );
     let flown = alight(format!(
-        "trial --sea slight --scenario {scene} --seed 5 --record {recording}"
+        "trial --sea slight --scenario {scene} --drone-config {drone} --seed 5 --record {recording}"
     ));
     assert!(flown.status.success(), "{}", stderr(&flown));
     let deck = alight(format!("calibrate deck {recording} --json"));

@@ -9,7 +9,11 @@ use toml::{Table, Value};
 use crate::program::{alight, stdout};
 
 /// Keys that the shipped files set otherwise than the program's defaults, and why.
-const OTHERWISE: [(&str, &str); 8] = [
+const OTHERWISE: [(&str, &str); 9] = [
+    (
+        "drone.deck.tags",
+        "those that suit the default deck, listed for who lays them",
+    ),
     (
         "drone.mission.reservation_required",
         "a vessel may have several drones",

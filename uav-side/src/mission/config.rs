@@ -59,7 +59,7 @@ config! {
         /// deck on which all feet stand, m.
         /// Source: Half of the feet's span: half of the feet are off the deck.
         pub lost_outside_m: f64 = 0.2, in 0.01..=5.0;
-        /// No descent and no flare begins that succeeds with less than this probability: speed and angle of the contact,
+        /// No descent begins that succeeds with less than this probability: speed and angle of the contact,
         /// four feet on the deck, and staying there.
         pub min_probability: f64 = 0.95, in 0.0..=1.0;
         /// What a minute of waiting above the deck costs, as a probability: the more, the sooner a descent begins that is

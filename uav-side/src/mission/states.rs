@@ -305,7 +305,7 @@ fn deck_infeasible(deck: &Deck, c: &MissionConfig, slack: f64) -> Option<Reason>
 }
 
 /// What forbids the flare at the decision clearance.
-fn not_ready_to_flare(deck: &Deck, progress: &Progress, s: &Situation, c: &MissionConfig) -> Option<Reason> {
+fn not_ready_to_flare(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
     first_beyond([
         (
             VisionLost,
@@ -314,7 +314,6 @@ fn not_ready_to_flare(deck: &Deck, progress: &Progress, s: &Situation, c: &Missi
         ),
         (VisionLost, deck.vision_age_s, c.descent_vision_s),
     ])
-    .or_else(|| unlikely(progress, s, c.min_probability))
 }
 
 /// A descent leaves the cone above the deck that is so wide at no clearance, m, and this much wider per metre.
@@ -382,7 +381,7 @@ fn descent(
     if let Some(lowest_m) = c.lowest_plan_m() {
         return matching(lowest_m, violated, paused, deck, violation, s, c);
     }
-    let rejection = not_ready_to_flare(deck, progress, s, c);
+    let rejection = not_ready_to_flare(deck, c);
     if deck.clearance_m < c.flare_clearance_m && (rejection.is_none() || close) {
         let flare = MissionPhase::Flare {
             committed: close,

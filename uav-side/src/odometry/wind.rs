@@ -61,9 +61,6 @@ impl WindObserver {
             self.velocity = None;
             return;
         }
-        if self.velocity.is_none() {
-            self.drag = drag;
-        }
         self.drag += (drag - self.drag) * (1.0 - (-dt / DRAG_S).exp());
         self.velocity = Some(v + (thrust.xy() + drag + self.unmeasured + wrong * (2.0 * w)) * dt);
         let within = |d: f64| d.clamp(-limit_mps2, limit_mps2);
