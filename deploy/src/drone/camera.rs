@@ -53,9 +53,9 @@ struct Shared {
 /// What processes images, and where it publishes its detections.
 enum Detector {
     /// For the tag.
-    Tag(CameraNode, Option<Publisher<TagPose>>),
+    Tag(Box<CameraNode>, Option<Publisher<TagPose>>),
     /// For the blinking markers.
-    Markers(UvdarNode, Option<Publisher<UvdarFix>>),
+    Markers(Box<UvdarNode>, Option<Publisher<UvdarFix>>),
 }
 
 /// A sighting as people read it.
@@ -86,11 +86,12 @@ impl Detector {
         let settings = &computer.drone.camera;
         Ok(if kind == ProcessKind::Uvdar {
             let fixes = memory.map(Memory::publisher).transpose()?;
-            Detector::Markers(UvdarNode::new(&settings.uvdar, names), fixes)
+            let node = UvdarNode::new(&settings.uvdar, names);
+            Detector::Markers(Box::new(node), fixes)
         } else {
             let tags = memory.map(Memory::publisher).transpose()?;
             let node = CameraNode::new(settings, &computer.drone.tags(), names);
-            Detector::Tag(node, tags)
+            Detector::Tag(Box::new(node), tags)
         })
     }
     /// Processes images and publishes what was detected.

@@ -345,15 +345,11 @@ fn descent_returns_to_tracking_when_a_condition_stays_violated() {
 
 #[test]
 fn descent_pauses_at_the_decision_clearance_until_the_flare_is_possible() {
-    for (s, why) in [(
-        with_deck(|d| (d.clearance_m, d.radio_age_s, d.vision_age_s) = (1.2, 9.0, 0.8)),
-        VisionLost,
-    )] {
-        let d = run(DESCENT, &s, 2.0);
-        waits(&d, State::Descent, why);
-        assert!(matches!(d.phase, MissionPhase::Descent { paused: Some(_), .. }));
-        goes(&run(DESCENT, &s, 9.0), State::Tracking, why);
-    }
+    let s = with_deck(|d| (d.clearance_m, d.radio_age_s, d.vision_age_s) = (1.2, 9.0, 0.8));
+    let d = run(DESCENT, &s, 2.0);
+    waits(&d, State::Descent, VisionLost);
+    assert!(matches!(d.phase, MissionPhase::Descent { paused: Some(_), .. }));
+    goes(&run(DESCENT, &s, 9.0), State::Tracking, VisionLost);
 }
 
 #[test]
