@@ -1,8 +1,8 @@
 //! The mission: permits what the planner may fly, and gives the reason why it does not permit more.
 //!
 //! Read `transition` (the state machine as a pure function), `states` (its table), `phase` (the states and what they
-//! remember), `situation` (every quantity it judges), `staying` (will the landed drone stay?), then `checkpoint` (what
-//! outlives the process). This file keeps the inputs and writes the output.
+//! remember), `situation` (every quantity it judges), `outlook` (how likely a landing succeeds, with `staying`: does the landed
+//! drone stay?), `waiting` (is a better moment worth its cost?), then `checkpoint` (what outlives the process). This file keeps the inputs and writes the output.
 
 mod battery;
 mod checkpoint;

@@ -38,7 +38,7 @@ const MAX_MPS: f64 = 1.0;
 const MAX_TILT_RAD: f64 = 10.0 * core::f64::consts::PI / 180.0;
 /// What the deck does unforeseen for so long the drone does not follow, s: a tenth from measurement to thrust, and two
 /// tenths until its sink has changed.
-pub const REACTION_S: f64 = 0.3;
+const REACTION_S: f64 = 0.3;
 /// Usual speed onto the deck, m/s, and how it is spread by drone and pilot alone.
 const CONTACT_MPS: f64 = 0.33;
 const CONTACT_SD_MPS: f64 = 0.12;
