@@ -2,8 +2,8 @@
 pub mod autopilot;
 pub mod calibrate;
 pub mod camera;
+mod contingency;
 mod deck_height;
-mod escape;
 #[cfg(test)]
 mod fixtures;
 pub mod mission;

@@ -10,18 +10,15 @@ use alight_shared::msg::DeckStage;
 use alight_shared::surroundings::{KeepOut, Surroundings};
 use nalgebra::{Vector2, Vector3};
 
-use crate::escape::WITH_DECK_M;
-
+/// A drone no further than this from above the deck's centre is over the vessel or beside it, m: the deck and what
+/// stands on the vessel can reach it.
+pub(crate) const WITH_DECK_M: f64 = 10.0;
 /// What forecast and tracking err by near the deck, m: the planner's reset distance halved.
 const MARGIN_M: f64 = 0.5;
 /// A drone goes round the vessel on points so far ahead, rad.
 const AHEAD_RAD: f64 = core::f64::consts::FRAC_PI_6;
 /// A drone has come through the sector when it is so far from its edges, rad; in a narrow one a quarter of it.
 const EDGE_RAD: f64 = 0.17;
-/// Above the deck by so much the escape direction is taken, m: clear of the deck and of who stands on it.
-const ESCAPE_ABOVE_M: f64 = 3.0;
-/// Speed along it over that of the deck, m/s: a drone under way tilts no more than 10 deg to reach it within a second.
-const ESCAPE_MPS: f64 = 2.0;
 
 /// Widening of volumes for this drone, m.
 pub(crate) fn margin_m(drone: &DroneGeometry) -> f64 {
@@ -58,31 +55,8 @@ pub(crate) fn way_round(
     Some(Vector2::new(next.cos(), next.sin()) * radius)
 }
 
-/// Horizontal velocity over that of the deck in which a drone at `position`, `clearance` above the deck, leaves, m/s;
-/// zero while it is low, without an escape direction, or where a volume stands in its way.
-pub(crate) fn escape_velocity(
-    around: &Surroundings,
-    deck: &DeckStage,
-    drone: &DroneGeometry,
-    position: &Vector3<f64>,
-    clearance: f64,
-) -> Vector2<f64> {
-    let Some([forward, right]) = around.escape_direction().filter(|_| clearance > ESCAPE_ABOVE_M) else {
-        return Vector2::zeros();
-    };
-    let q = in_deck(deck, position);
-    let margin = margin_m(drone);
-    let length = 2.0 * ring_m(around, drone);
-    let mut volumes = around.keep_out.iter();
-    if volumes.any(|v| v.blocks(&q, [forward, right], length, margin)) {
-        return Vector2::zeros();
-    }
-    let (sin, cos) = deck.euler[2].sin_cos();
-    Vector2::new(cos * forward - sin * right, sin * forward + cos * right) * ESCAPE_MPS
-}
-
 /// A place of the drone's NED in the deck's frame, m.
-fn in_deck(deck: &DeckStage, p: &Vector3<f64>) -> Vector3<f64> {
+pub(crate) fn in_deck(deck: &DeckStage, p: &Vector3<f64>) -> Vector3<f64> {
     deck.rotation().transpose() * (p - Vector3::from(deck.position))
 }
 
@@ -216,32 +190,6 @@ mod tests {
             let widened = |v: f64| v >= 1.0 - 1e-5;
             prop_assert!(beyond.iter().any(|v| widened(*v)), "{passage:?} {beyond:?}");
         }
-    }
-
-    #[test]
-    fn escape_waits_for_clearance_and_for_a_free_way() {
-        let mut around = Surroundings {
-            escape: Some(core::f32::consts::PI),
-            ..Surroundings::default()
-        };
-        let (deck, drone) = (DeckStage::default(), DroneGeometry::default());
-        let velocity = |around: &Surroundings, clearance: f64| {
-            escape_velocity(
-                around,
-                &deck,
-                &drone,
-                &Vector3::new(0.0, 0.0, -clearance - 0.3),
-                clearance,
-            )
-        };
-        assert_eq!(velocity(&around, 2.9), Vector2::zeros());
-        assert!((velocity(&around, 3.1) - Vector2::new(-ESCAPE_MPS, 0.0)).norm() < 1e-6);
-        let _ = around.keep_out.push(KeepOut {
-            low: [-6.0, 0.0, -5.0],
-            high: [-5.0, 3.0, 0.0],
-        });
-        assert_eq!(velocity(&around, 3.1), Vector2::zeros());
-        assert!(velocity(&around, 6.0).norm() > 0.0, "above it");
     }
 
     #[test]

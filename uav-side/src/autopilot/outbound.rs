@@ -16,6 +16,7 @@ use super::message::{
 };
 use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, STILL_ARMED, thrust};
+use crate::contingency::GOES_ON_WITHOUT_MISSION_S;
 use crate::pilot::steer;
 
 /// The pilot's set-point is repeated this often while no newer one comes, s: 50 Hz.
@@ -35,9 +36,6 @@ const COMMAND_PAUSE: Span = Span::from_millis(1000);
 /// Commands to arm, at most.
 const ARM_TRIES: u32 = 3;
 
-/// The pilot goes on for so long with a mission's last word: `pilot.safety.hold_without_mission_s` after `topics::MISSION`.
-const PILOT_GOES_ON: Span = Span::from_millis(3500);
-
 /// Where the link holds on its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Held {
@@ -51,9 +49,10 @@ impl AutopilotLink {
     fn fresh_mission(&self, now: DroneTime) -> Option<&MissionState> {
         self.mission.fresh(now, topics::MISSION.stale_after)
     }
-    /// The mission by its last word, for as long as the pilot goes on with it.
+    /// The mission's last state, for as long as the pilot goes on with it.
     fn last_mission(&self, now: DroneTime) -> Option<&MissionState> {
-        self.mission.fresh(now, PILOT_GOES_ON)
+        let goes_on = Span::from_secs(GOES_ON_WITHOUT_MISSION_S);
+        self.mission.fresh(now, topics::MISSION.stale_after + goes_on)
     }
     /// The mission is in the flare or has landed.
     fn flares(&self, now: DroneTime) -> bool {

@@ -7,7 +7,8 @@ use nalgebra::Vector3;
 use super::config::MissionConfig;
 use super::limits::exceeds;
 use super::situation::{Deck, Situation};
-use crate::escape::{BELOW_M, WITH_DECK_M};
+use crate::contingency::BELOW_M;
+use crate::surroundings::WITH_DECK_M;
 
 pub(super) type DroneTime = Time<DroneClock>;
 

@@ -13,7 +13,7 @@ use nalgebra::{Vector2, Vector3};
 use super::config::MissionConfig;
 use super::odds::Odds;
 use super::staying::Staying;
-use crate::escape::contact_speed;
+use crate::contingency::contact_speed;
 use crate::surroundings::ring_m;
 
 /// Whether the drone flies and who controls it.

@@ -30,8 +30,6 @@ config! {
         pub delay: DelayConfig;
         /// The touchdown detector.
         pub touchdown: TouchdownConfig;
-        /// What to do without a fresh plan.
-        pub safety: SafetyConfig;
     }
 }
 
@@ -219,21 +217,5 @@ config! {
             0.0,
             this.press_of_hover,
         )?;
-    }
-}
-
-config! {
-    /// What the pilot does on its own.
-    ///
-    /// Defaults: Ours; the commit clearance and sink are the mission's.
-    pub struct SafetyConfig {
-        /// Without a fresh plan and closer to the deck than this, the hold climbs, m.
-        pub near_deck_m: f64 = 3.0, in 0.0..=50.0;
-        /// Below this clearance in the flare the landing goes on without mission or plan when a climb would end harder, m.
-        pub commit_clearance_m: f64 = 0.8, in 0.0..=5.0;
-        /// Sinking relative to the deck at this speed, m/s.
-        pub sink_mps: f64 = 0.5, in 0.05..=2.0;
-        /// Without a message from the mission the pilot holds this long, then leaves it to the autopilot, s.
-        pub hold_without_mission_s: f64 = 3.0, in 0.0..=60.0;
     }
 }

@@ -21,7 +21,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::Pilot;
 use super::config::DelayConfig;
 use super::estimate::FlightEstimator;
-use super::tracking::Body;
+use crate::contingency::Body;
 
 /// Commands kept: those of 0.6 s at 100 Hz.
 const KEPT: usize = 60;

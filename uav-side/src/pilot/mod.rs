@@ -2,13 +2,15 @@
 //! the feet are on the deck.
 //!
 //! [`attitude`] is the flatness inverse, [`tracking`] the loop, [`estimate`], [`lag`] and [`delay`] what it
-//! learns in flight, [`touchdown`] the evidence of contact. This file decides which of them makes the set-point.
+//! learns in flight, [`touchdown`] the evidence of contact, [`set_points`] what each action sends. What the drone does
+//! without a plan or a mission is decided in [`crate::contingency`].
 
 pub mod attitude;
 pub mod config;
 mod delay;
 mod estimate;
 mod lag;
+mod set_points;
 pub mod touchdown;
 mod tracking;
 
@@ -24,25 +26,26 @@ pub(crate) use tracking::steer;
 use alight_shared::admission::Latest;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, DeckForecast, DeckStage, DroneState, Header, LandedState, LandingMode,
-    Message, MissionState, Motors, Phase, Plan, PlanStage, RangeSample, SetPoint, SetPointKind, State,
+    AutopilotMode, AutopilotState, DeckForecast, DroneState, LandingMode, Message, MissionState, Phase, Plan,
+    PlanStage, RangeSample, SetPoint, SetPointKind, State,
 };
 use alight_shared::node::Node;
-use alight_shared::surroundings::Surroundings;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
-use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::escape::{BELOW_M, Climb, contact_speed};
+use crate::contingency::{
+    Action, Body, COMMIT_CLEARANCE_M, Climb, DeckBelow, GOES_ON_WITHOUT_MISSION_S, Hold, Known, SINK_MPS,
+    contact_speed,
+};
 use crate::odometry::origin::DroneFrame;
-use crate::surroundings::{escape_velocity, ring_m};
-use attitude::{attitude_of_thrust, rates_of, upright};
 use delay::Delay;
 use estimate::FlightEstimator;
 use lag::AttitudeLagEstimator;
-use touchdown::{Evidence, TouchdownDetector, press_fraction};
-use tracking::{AttitudeCommand, Authority, Body, Tracker};
+use set_points::OLD_PLAN_S;
+use touchdown::{Evidence, TouchdownDetector};
+use tracking::Tracker;
 
 /// Inputs.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -79,23 +82,6 @@ impl PilotOut {
     }
 }
 
-/// Where the pilot holds on its own.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct HoldPlace {
-    horizontal: Vector2<f64>,
-    climb: Climb,
-    yaw: f64,
-}
-
-/// The drone and the deck below it, now.
-#[derive(Clone, Copy, Debug)]
-struct DeckBelow {
-    stage: DeckStage,
-    around: Surroundings,
-    clearance: f64,
-    normal_speed: f64,
-}
-
 /// The pilot node.
 #[derive(Clone, Debug)]
 pub struct Pilot {
@@ -118,7 +104,7 @@ pub struct Pilot {
     delay: Delay,
     tracker: Tracker,
     detector: TouchdownDetector,
-    hold: Option<HoldPlace>,
+    hold: Option<Hold>,
     /// The landing goes on without the mission or a plan.
     completes: bool,
     stopped_at: Option<Time<DroneClock>>,
@@ -132,10 +118,6 @@ pub struct Pilot {
 const MAX_STEP_S: f64 = 0.05;
 /// Period of the planner, s.
 const PLAN_PERIOD_S: f64 = 0.02;
-/// A plan older than this, five of its periods, brakes by an old forecast of the deck, s.
-const OLD_PLAN_S: f64 = 0.1;
-/// A landing without a plan has braked so long before its contact as one with a plan, s.
-const SOFT_S: f64 = 0.2;
 
 impl Pilot {
     /// A pilot of the drone described by `geometry`.
@@ -210,32 +192,7 @@ impl Pilot {
 
     /// The deck under the drone, when forecast and odometry reach `now`.
     fn below(&self, now: Time<DroneClock>, body: &Body) -> Option<DeckBelow> {
-        let f = self.forecast.get()?;
-        let stage = f.at(now.max(f.header.at))?;
-        let up = stage.normal();
-        let r = body.position - Vector3::from(stage.position);
-        Some(DeckBelow {
-            stage,
-            around: f.surroundings,
-            clearance: up.dot(&r) - self.geometry.feet_below_m,
-            normal_speed: up.dot(&(body.velocity - Vector3::from(stage.velocity))),
-        })
-    }
-
-    fn set_point(&mut self, now: Time<DroneClock>) -> SetPoint {
-        self.sequence = self.sequence.wrapping_add(1);
-        let vessel = self.mission.get().map_or(0, |m| m.header.vessel);
-        SetPoint {
-            header: Header::new(vessel, self.drone_id, self.boot, self.sequence, now),
-            ..SetPoint::default()
-        }
-    }
-
-    /// No set-point: the autopilot's own failsafe acts.
-    fn no_set_point(&mut self, now: Time<DroneClock>) -> SetPoint {
-        self.hold = None;
-        self.tracker.reset();
-        self.set_point(now)
+        DeckBelow::of(now, self.forecast.get()?, body, &self.geometry)
     }
 
     /// The motors stop from now on.
@@ -245,242 +202,56 @@ impl Pilot {
         self.landed_since_stop = false;
     }
 
-    /// Motors off, until the mission is idle again.
-    fn stop(&mut self, now: Time<DroneClock>) -> SetPoint {
-        let attitude = self.drone.get().map_or([1.0, 0.0, 0.0, 0.0], |d| d.attitude);
-        SetPoint {
-            kind: SetPointKind::Attitude,
-            motors: Motors::Stop,
-            attitude,
-            thrust: 0.0,
-            ..self.set_point(now)
-        }
-    }
-
-    /// Position, velocity and acceleration for the autopilot's own loop. The acceleration leads by
-    /// the attitude's lag: it is what the attitude has to be by then.
-    fn trajectory(&mut self, now: Time<DroneClock>, plan: &Plan, stage: &PlanStage) -> SetPoint {
-        self.hold = None;
-        self.tracker.reset();
-        let ahead = plan
-            .sample(self.acts_at(now) + Span::from_secs(self.lag.lag(&self.config.lag)))
-            .map_or(stage.acceleration, |s| s.acceleration);
-        let q = UnitQuaternion::from_euler_angles(stage.euler[0], stage.euler[1], stage.euler[2]);
-        SetPoint {
-            kind: SetPointKind::Trajectory,
-            position: stage.position,
-            velocity: stage.velocity,
-            acceleration: ahead,
-            yaw: stage.euler[2],
-            yaw_rate: stage.euler_rates[2],
-            attitude: [q.w, q.i, q.j, q.k],
-            rates: rates_of(&stage.euler, &stage.euler_rates).into(),
-            thrust: self.estimate.hover().clamp(0.0, 1.0),
-            ..self.set_point(now)
-        }
-    }
-
-    /// Attitude and thrust of the pilot's own loop.
-    fn attitude(
-        &mut self,
-        now: Time<DroneClock>,
-        stage: Option<&PlanStage>,
-        a: AttitudeCommand,
-        body: &Body,
-    ) -> SetPoint {
-        self.hold = None;
-        let presses = stage.is_none();
-        let stage = stage.copied().unwrap_or_default();
-        let (_, _, yaw) = a.attitude.euler_angles();
-        // Making up for the lag lengthens the turn, and must not tip the drone over.
-        let attitude = self.lag.command(&a.attitude, &body.attitude, &self.config.lag);
-        let attitude = upright(&attitude, self.config.tracking.tilt_limit_rad);
-        let least = if presses {
-            0.0
-        } else {
-            let turn = (attitude * Vector3::z()).angle(&(body.attitude * Vector3::z()));
-            self.least_thrust(turn)
+    /// Whether the motors, once stopped, stay so. They are released only after the autopilot was disarmed and the mission is
+    /// idle again, or when the mission that took notice of the stop climbs all the same: the touchdown was false.
+    fn stays_stopped(&mut self, mission: Option<&MissionState>) -> bool {
+        let Some(at) = self.stopped_at else {
+            return false;
         };
-        SetPoint {
-            kind: SetPointKind::Attitude,
-            position: stage.position,
-            velocity: stage.velocity,
-            acceleration: stage.acceleration,
-            yaw,
-            attitude: [attitude.w, attitude.i, attitude.j, attitude.k],
-            rates: a.rates.map(|v| v.clamp(-4.0, 4.0)).into(),
-            thrust: a.thrust.max(least),
-            ..self.set_point(now)
+        let since = mission.filter(|m| m.header.at > at);
+        self.landed_since_stop |= since.is_some_and(|m| m.state == State::Landed);
+        let anew = since.is_some_and(|m| m.state == State::Idle);
+        let climbs = since.is_some_and(|m| matches!(m.state, State::GaveUp | State::Hold));
+        if !(anew && self.disarmed_since_stop || climbs && self.landed_since_stop) {
+            return true;
+        }
+        self.stopped_at = None;
+        self.disarmed_since_stop = false;
+        self.detector.clear();
+        false
+    }
+
+    /// The flight ends: the motors stop.
+    fn touch_down(&mut self, now: Time<DroneClock>, touchdown: Touchdown) -> PilotOut {
+        self.stop_from(now);
+        let set_point = self.stop(now);
+        PilotOut {
+            set_point: Some(set_point),
+            touchdown: Some(Touchdown {
+                header: set_point.header,
+                ..touchdown
+            }),
         }
     }
 
-    /// Collective thrust at which no rotor has to stop for the torque that turns the drone by `angle` (rad): the attitude
-    /// loop asks for the rate `angle / T`, the rate loop below for its change within `T_r`, so for the torque
-    /// `tau = J angle / (T T_r)`; four rotors at the arm `l` in an X give it by `tau / (4 l / sqrt 2)` each. Mixers take
-    /// torque before they raise the collective (PX4 without air mode), or raise it no higher than hover (ArduCopter);
-    /// nor does this.
-    fn least_thrust(&self, angle: f64) -> f64 {
-        let (g, c) = (&self.geometry, &self.config.lag);
-        let [roll, pitch, _] = g.inertia_kgm2;
-        let torque = roll.max(pitch) * angle / (c.design_s * c.rate_loop_s);
-        let rotor_n = torque / (4.0 * g.arm_m / core::f64::consts::SQRT_2);
-        (4.0 * rotor_n / g.max_thrust_n).min(self.estimate.hover())
-    }
-
-    /// Whether the drone, without mission or plan, has to climb with the deck: near enough to be reached by it or what
-    /// stands on the vessel, and not yet as high as the mission has asked for.
-    fn is_near(&self, b: &DeckBelow, body: &Body) -> bool {
-        let safety = &self.config.safety;
-        let aside = (body.position - Vector3::from(b.stage.position)).xy().norm();
-        let height = self.mission.get().map_or(0.0, |m| m.height_m) - BELOW_M;
-        let clear = (height - self.geometry.feet_below_m).max(safety.near_deck_m);
-        aside < ring_m(&b.around, &self.geometry) && b.clearance < clear
-    }
-
-    /// Whether a drone low above the deck, without mission and plan, lands softer than it climbs away: the deck would meet it
-    /// harder on its way up.
-    fn lands_softer(&self, now: Time<DroneClock>, body: &Body, b: &DeckBelow) -> bool {
-        let sink_mps = self.config.safety.sink_mps;
-        let climb = Climb::new(body.position.z, body.velocity.z, &self.geometry);
-        let landing = climb.braked(-b.normal_speed, b.clearance, sink_mps);
-        let touched = self.detector.contact() != Contact::Clear;
-        let climbing = |f| {
-            contact_speed(now, f, &body.position, &body.velocity, &self.geometry).is_some_and(|v| v > landing)
-        };
-        touched || self.forecast.get().is_some_and(climbing)
-    }
-
-    /// Stands where the drone is; away from a deck that is `near`: with it, up from it, and along the vessel's escape
-    /// direction.
-    fn hold(&mut self, now: Time<DroneClock>, body: &Body, dt: f64, near: Option<&DeckBelow>) -> SetPoint {
-        let (_, _, yaw) = body.attitude.euler_angles();
-        let sinks = near.map_or(0.0, |_| body.velocity.z);
-        let mut hold = self.hold.unwrap_or_else(|| HoldPlace {
-            horizontal: body.position.xy(),
-            climb: Climb::new(body.position.z, sinks, &self.geometry),
-            yaw,
+    /// What the next odometry answers.
+    fn remember(&mut self, now: Time<DroneClock>, dt: f64, set_point: &SetPoint) {
+        let followed = self
+            .autopilot
+            .get()
+            .is_some_and(|a| a.mode == AutopilotMode::Offboard);
+        let own = (followed && set_point.kind == SetPointKind::Attitude).then(|| {
+            let [w, i, j, k] = set_point.attitude;
+            (
+                UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k)),
+                set_point.thrust,
+            )
         });
-        let before = hold.climb.velocity;
-        let velocity = match near {
-            Some(b) => {
-                hold.climb.advance(dt, b.stage.velocity[2]);
-                let out = escape_velocity(&b.around, &b.stage, &self.geometry, &body.position, b.clearance);
-                Vector2::new(b.stage.velocity[0], b.stage.velocity[1]) + out
-            }
-            None => {
-                hold.climb.rest(dt);
-                Vector2::zeros()
-            }
-        };
-        hold.horizontal += velocity * dt;
-        let stage = PlanStage {
-            position: [hold.horizontal.x, hold.horizontal.y, hold.climb.z],
-            velocity: [velocity.x, velocity.y, hold.climb.velocity],
-            acceleration: [0.0, 0.0, (hold.climb.velocity - before) / dt.max(1e-3)],
-            euler: [0.0, 0.0, hold.yaw],
-            euler_rates: [0.0; 3],
-        };
-        let set_point = match self.config.output {
-            Output::Trajectory => {
-                self.tracker.reset();
-                SetPoint {
-                    kind: SetPointKind::Trajectory,
-                    position: stage.position,
-                    velocity: stage.velocity,
-                    acceleration: stage.acceleration,
-                    yaw: hold.yaw,
-                    ..self.set_point(now)
-                }
-            }
-            Output::Attitude => {
-                let authority = Authority {
-                    brakes: near.is_some(),
-                    ..Authority::descent(&self.config.tracking)
-                };
-                let body = self.acted_on(now, body);
-                self.tracked(now, &stage, &stage, &body, authority, dt)
-            }
-        };
-        self.hold = Some(hold);
-        set_point
-    }
-
-    /// A set-point that keeps a drone on the ground there: level, with less thrust than flight needs.
-    fn stand(&mut self, now: Time<DroneClock>, body: &Body) -> SetPoint {
-        self.tracker.reset();
-        let (_, _, yaw) = body.attitude.euler_angles();
-        let level = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
-        SetPoint {
-            kind: SetPointKind::Attitude,
-            position: body.position.into(),
-            yaw,
-            attitude: [level.w, level.i, level.j, level.k],
-            thrust: self.config.tracking.min_thrust_of_hover * self.estimate.hover(),
-            ..self.set_point(now)
-        }
-    }
-
-    /// Attitude and thrust that follow `led`, what the plan's `stage` is by the time they act.
-    fn tracked(
-        &mut self,
-        now: Time<DroneClock>,
-        stage: &PlanStage,
-        led: &PlanStage,
-        body: &Body,
-        authority: Authority,
-        dt: f64,
-    ) -> SetPoint {
-        let (c, lag) = (&self.config.tracking, self.config.lag.design_s);
-        let a = self
-            .tracker
-            .track(led, body, &self.estimate, authority, lag, dt, c);
-        self.attitude(now, Some(stage), a, body)
-    }
-
-    /// Onto the deck without a plan: braked at a constant rate to the speed of a soft contact, level, and in the end aligned
-    /// with the deck.
-    fn sinking(&self, body: &Body, below: &DeckBelow) -> PlanStage {
-        let least = self.config.safety.sink_mps;
-        let (up, sinks) = (below.stage.normal(), -below.normal_speed);
-        let climb = Climb::new(body.position.z, body.velocity.z, &self.geometry);
-        let braking = climb.braking(sinks, below.clearance - SOFT_S * least, least);
-        let (_, _, yaw) = body.attitude.euler_angles();
-        let mut stage = PlanStage {
-            position: body.position.into(),
-            velocity: (Vector3::from(below.stage.velocity) - up * least.max(sinks)).into(),
-            acceleration: (Vector3::from(below.stage.acceleration) + up * braking).into(),
-            euler: [0.0, 0.0, yaw],
-            euler_rates: [0.0; 3],
-        };
-        self.align(&mut stage, below);
-        stage
-    }
-
-    /// Tilts the attitude of `stage` towards the deck's, from the clearance down at which the feedback fades out.
-    fn align(&self, stage: &mut PlanStage, below: &DeckBelow) {
-        let near = 1.0 - (below.clearance / self.config.tracking.fade_clearance_m).clamp(0.0, 1.0);
-        let [roll, pitch, yaw] = stage.euler;
-        let deck = attitude_of_thrust(&below.stage.normal(), yaw).euler_angles();
-        stage.euler = [
-            roll + near * (deck.0 - roll),
-            pitch + near * (deck.1 - pitch),
-            yaw,
-        ];
-    }
-
-    /// The `stage` of a plan that is not renewed, braked and aligned by the newest forecast; None when it sinks no faster than
-    /// a soft contact.
-    fn renewed(&self, stage: &PlanStage, body: &Body, below: &DeckBelow) -> Option<PlanStage> {
-        let relative = Vector3::from(stage.velocity) - Vector3::from(below.stage.velocity);
-        if -relative.dot(&below.stage.normal()) <= self.config.safety.sink_mps {
-            return None;
-        }
-        let (own, mut stage) = (self.sinking(body, below), *stage);
-        stage.position[2] = own.position[2];
-        stage.velocity[2] = own.velocity[2];
-        stage.acceleration[2] = own.acceleration[2];
-        self.align(&mut stage, below);
-        Some(stage)
+        self.delay.sent(now, own);
+        let answered = self.delay.answered(now, &self.config.delay);
+        self.lag.answers(answered.map(|(attitude, _)| attitude));
+        self.estimate
+            .commanded(answered.map(|(_, u)| u), dt, self.config.tracking.thrust_lag_s);
     }
 
     /// Learns hover thrust, lag and disturbance from new odometry in free flight.
@@ -499,11 +270,7 @@ impl Pilot {
         let rates = Vector3::from(d.rates);
         self.lag.learn(&d.attitude(), &rates, dt, &self.config.lag);
         let c = &self.config.tracking;
-        let reported = self
-            .autopilot
-            .fresh(now, topics::AUTOPILOT.stale_after)
-            .filter(|a| a.armed && a.thrust > 0.0)
-            .map(|a| a.thrust);
+        let reported = self.armed(now).filter(|a| a.thrust > 0.0).map(|a| a.thrust);
         if let Some(u) = self.estimate.acting().or(reported) {
             self.estimate.learn_hover(&force, u, dt, c);
         }
@@ -520,11 +287,8 @@ impl Pilot {
         below: Option<&DeckBelow>,
     ) -> Evidence {
         let limit = Span::from_secs(self.config.touchdown.autopilot_age_s);
-        let commands = self
-            .autopilot
-            .fresh(now, topics::AUTOPILOT.stale_after)
-            .is_some_and(|a| a.armed && a.mode == AutopilotMode::Offboard);
-        let committed = below.is_some_and(|b| b.clearance <= self.config.safety.commit_clearance_m);
+        let commands = self.armed(now).is_some_and(|a| a.mode == AutopilotMode::Offboard);
+        let committed = below.is_some_and(|b| b.clearance <= COMMIT_CLEARANCE_M);
         let permitted = commands
             && mission.is_some_and(|m| m.lowest_clearance_m.is_none())
             && mission.is_some_and(|m| {
@@ -557,7 +321,7 @@ impl Pilot {
 
     /// What the mission wanted last, for a moment after its last message: then the autopilot's failsafe acts.
     fn last_mission(&self, now: Time<DroneClock>) -> Option<MissionState> {
-        let limit = topics::MISSION.stale_after.secs() + self.config.safety.hold_without_mission_s;
+        let limit = topics::MISSION.stale_after.secs() + GOES_ON_WITHOUT_MISSION_S;
         let last = self.mission.get().filter(|m| m.state.phase() != Phase::None);
         last.filter(|_| self.mission.age_s(now) <= limit).copied()
     }
@@ -571,116 +335,72 @@ impl Pilot {
         body: &Body,
         below: Option<&DeckBelow>,
     ) -> SetPoint {
-        self.completes = false;
-        let armed = self
-            .autopilot
+        let autopilot = self.armed(now).copied();
+        let silent = mission.is_none();
+        let mission = mission.or_else(|| self.last_mission(now));
+        let plan = mission.and_then(|m| self.wanted_plan(now, &m));
+        let known = Known {
+            autopilot: autopilot.as_ref(),
+            mission: mission.as_ref(),
+            silent,
+            planned: plan.is_some(),
+            below,
+            holds: self.hold.is_some(),
+            attitudes: self.config.output == Output::Attitude,
+            touches: matches!(self.detector.contact(), Contact::Suspected { .. }),
+        };
+        if known.waits() && !known.commands() {
+            // Offboard modes want a stream of set-points before they can be entered; until
+            // then the place to hold moves with whoever flies.
+            self.hold = None;
+            self.tracker.reset();
+        }
+        let action = known.action(|| below.is_some_and(|b| self.lands_softer(now, body, b)));
+        let goes_on = matches!(action, Action::Follow | Action::Complete | Action::Press);
+        self.completes = silent && goes_on;
+        let led = self.acted_on(now, body);
+        match (action, &plan, &mission, below) {
+            (Action::Stand, ..) => self.stand(now, body),
+            (Action::Hold, ..) => self.hold(now, body, dt, None),
+            (Action::Leave, ..) => {
+                let height_m = self.mission.get().map_or(0.0, |m| m.height_m);
+                let near = below.filter(|b| b.is_near(body, height_m, &self.geometry));
+                self.hold(now, &led, dt, near)
+            }
+            (Action::Press, ..) => {
+                let yaw = plan.map_or(body.yaw(), |(_, s)| s.euler[2]);
+                self.press(now, body, dt, below, yaw)
+            }
+            (Action::Follow, Some(plan), Some(m), _) => self.follow(now, plan, m, &led, dt, below),
+            (Action::Complete, _, _, Some(b)) => self.complete(now, &led, dt, b),
+            (Action::Nothing | Action::Follow | Action::Complete, ..) => self.no_set_point(now),
+        }
+    }
+
+    /// The plan, and its stage when a command of `now` acts, while the mission wants it.
+    fn wanted_plan(&self, now: Time<DroneClock>, mission: &MissionState) -> Option<(Plan, PlanStage)> {
+        self.plan
+            .fresh(now, topics::PLAN.stale_after)
+            .filter(|p| mission.state != State::Landed && !self.is_withdrawn(now, p, mission))
+            .and_then(|p| p.sample(self.acts_at(now)).map(|stage| (*p, stage)))
+    }
+
+    /// The autopilot's state, while it is fresh and armed.
+    fn armed(&self, now: Time<DroneClock>) -> Option<&AutopilotState> {
+        self.autopilot
             .fresh(now, topics::AUTOPILOT.stale_after)
             .filter(|a| a.armed)
-            .copied();
-        let Some(autopilot) = armed else {
-            return self.no_set_point(now);
-        };
-        // A pilot before this one stopped the motors, and this one has to find the touchdown again.
-        let landed = mission.is_some_and(|m| m.state == State::Landed);
-        let close = below.is_some_and(|b| b.clearance < self.config.safety.commit_clearance_m);
-        let near = below.filter(|b| self.is_near(b, body));
-        let silent = mission.is_none();
-        let Some(mission) = mission.or_else(|| self.last_mission(now)) else {
-            return self.no_set_point(now);
-        };
-        let commands = autopilot.mode == AutopilotMode::Offboard;
-        let output = match mission.state.phase() {
-            Phase::None if landed => {
-                if !close || !commands {
-                    return self.no_set_point(now);
-                }
-                Output::Attitude
-            }
-            Phase::None => {
-                // Offboard modes want a stream of set-points before they can be entered; until
-                // then the place to hold moves with whoever flies.
-                if !commands {
-                    self.hold = None;
-                    self.tracker.reset();
-                }
-                if autopilot.landed == LandedState::OnGround && self.config.output == Output::Attitude {
-                    return self.stand(now, body);
-                }
-                return self.hold(now, body, dt, None);
-            }
-            Phase::Navigation | Phase::Follow | Phase::Landing => self.config.output,
-        };
-        let plan = self
-            .plan
-            .fresh(now, topics::PLAN.stale_after)
-            .filter(|p| !landed && !self.is_withdrawn(now, p, &mission))
-            .and_then(|p| p.sample(self.acts_at(now)).map(|stage| (*p, stage)));
-        let flare = mission.state == State::Flare;
-        let lands = mission.state.phase() == Phase::Landing && mission.lowest_clearance_m.is_none();
-        // A mission that fell silent in the descent would have gone on to the flare.
-        let committed = close && (flare || landed || silent && lands);
-        if silent {
-            let softer = || below.is_some_and(|b| self.lands_softer(now, body, b));
-            self.completes = committed && (plan.is_some() || softer());
-            if !self.completes {
-                return self.hold(now, body, dt, near);
-            }
-        }
+    }
 
-        if let (Contact::Suspected { since, .. }, Output::Attitude) = (self.detector.contact(), output) {
-            let fraction = press_fraction(since, now, &self.config.touchdown);
-            let up = below.map(|b| b.stage.normal());
-            let yaw = plan.map_or(body.attitude.euler_angles().2, |(_, s)| s.euler[2]);
-            let thrust = fraction * self.estimate.hover();
-            let a = self
-                .tracker
-                .press(up, yaw, thrust, body, dt, &self.config.tracking);
-            return self.attitude(now, None, a, body);
-        }
-        let body = &self.acted_on(now, body);
-        match (plan, output, below) {
-            (Some((plan, stage)), Output::Trajectory, _) => self.trajectory(now, &plan, &stage),
-            (Some((plan, stage)), Output::Attitude, _) => {
-                let c = &self.config.tracking;
-                let then = self.acts_at(now);
-                let ahead = self.below(then, body);
-                let mut authority = Authority {
-                    planned: plan.disturbance.into(),
-                    ..match ahead.as_ref().or(below) {
-                        Some(b) if flare => Authority::flare(b.clearance, c),
-                        Some(_) | None => Authority::descent(c),
-                    }
-                };
-                // The thrust that acts after its lag is the one that the plan has by then.
-                let mut led = stage;
-                if let Some(then) = plan.sample(then + Span::from_secs(c.thrust_lag_s)) {
-                    led.acceleration[2] = then.acceleration[2];
-                }
-                let old = lands && self.plan.age_s(now) > OLD_PLAN_S;
-                let ahead = ahead.filter(|_| old);
-                if let Some(braked) = ahead.and_then(|b| self.renewed(&led, body, &b)) {
-                    (led, authority.brakes) = (braked, true);
-                }
-                self.tracked(now, &stage, &led, body, authority, dt)
-            }
-            (None, _, Some(b))
-                if committed && self.hold.is_none() || lands && self.lands_softer(now, body, b) =>
-            {
-                let b = self.below(self.acts_at(now), body).unwrap_or(*b);
-                let stage = self.sinking(body, &b);
-                let c = &self.config.tracking;
-                let authority = Authority {
-                    brakes: true,
-                    ..if b.clearance < c.fade_clearance_m {
-                        Authority::flare(b.clearance, c)
-                    } else {
-                        Authority::descent(c)
-                    }
-                };
-                self.tracked(now, &stage, &stage, body, authority, dt)
-            }
-            (None, _, _) => self.hold(now, body, dt, near),
-        }
+    /// Whether to complete the landing without a plan ends softer than to climb away.
+    fn lands_softer(&self, now: Time<DroneClock>, body: &Body, b: &DeckBelow) -> bool {
+        let climb = Climb::new(body.position.z, body.velocity.z, &self.geometry);
+        let landing = climb.braked(-b.normal_speed, b.clearance, SINK_MPS);
+        let touched = self.detector.contact() != Contact::Clear;
+        let climbing = |f| {
+            contact_speed(now, f, &body.position, &body.velocity, &self.geometry).is_some_and(|v| v > landing)
+        };
+        touched || self.forecast.get().is_some_and(climbing)
     }
 }
 
@@ -697,46 +417,24 @@ impl Node for Pilot {
         self.last_step = Some(now);
         let new = self.receive(now, input);
         let mission = self.mission.fresh(now, topics::MISSION.stale_after).copied();
-
-        if let Some(at) = self.stopped_at {
-            // Released only after the autopilot was disarmed and the mission is idle again, or when the mission
-            // that took notice of the stop climbs all the same: the touchdown was false.
-            let since = mission.filter(|m| m.header.at > at);
-            self.landed_since_stop |= since.is_some_and(|m| m.state == State::Landed);
-            let anew = since.is_some_and(|m| m.state == State::Idle);
-            let climbs = since.is_some_and(|m| matches!(m.state, State::GaveUp | State::Hold));
-            if !(anew && self.disarmed_since_stop || climbs && self.landed_since_stop) {
-                return PilotOut::of(self.stop(now));
-            }
-            self.stopped_at = None;
-            self.disarmed_since_stop = false;
-            self.detector.clear();
+        if self.stays_stopped(mission.as_ref()) {
+            return PilotOut::of(self.stop(now));
         }
         let Some(drone) = self.drone.fresh(now, topics::DRONE_STATE.stale_after).copied() else {
             self.detector.clear();
             self.estimate.commanded(None, dt, 0.0);
             return PilotOut::of(self.no_set_point(now));
         };
-        let age = (now - drone.header.at).secs().max(0.0);
-        let body = Body {
-            position: drone.position() + drone.velocity() * age,
-            velocity: drone.velocity(),
-            attitude: drone.attitude(),
-        };
+        let age_s = (now - drone.header.at).secs().max(0.0);
+        let body = Body::of(&drone, age_s);
         let below = self.below(now, &body);
         let landing = mission.or_else(|| self.last_mission(now).filter(|_| self.completes));
         let evidence = self.evidence(now, landing.as_ref(), new.as_ref(), below.as_ref());
-        if let Some(mut touchdown) = self.detector.step(now, dt, &evidence, &self.config.touchdown) {
-            self.stop_from(now);
-            let set_point = self.stop(now);
-            touchdown.header = set_point.header;
-            return PilotOut {
-                set_point: Some(set_point),
-                touchdown: Some(touchdown),
-            };
+        if let Some(touchdown) = self.detector.step(now, dt, &evidence, &self.config.touchdown) {
+            return self.touch_down(now, touchdown);
         }
         if new.is_some() {
-            self.delay.received(age, dt, &self.config.delay);
+            self.delay.received(age_s, dt, &self.config.delay);
         }
         self.learn(now, new.as_ref(), dt, below.as_ref());
         if mission.is_some_and(|m| m.mode == LandingMode::Shadow) {
@@ -744,28 +442,9 @@ impl Node for Pilot {
             self.tracker.reset();
         }
         let set_point = self.fly(now, dt, mission, &body, below.as_ref());
-        let followed = self
-            .autopilot
-            .get()
-            .is_some_and(|a| a.mode == AutopilotMode::Offboard);
-        let own = (followed && set_point.kind == SetPointKind::Attitude).then(|| {
-            let [w, i, j, k] = set_point.attitude;
-            (
-                UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k)),
-                set_point.thrust,
-            )
-        });
-        self.delay.sent(now, own);
-        let answered = self.delay.answered(now, &self.config.delay);
-        self.lag.answers(answered.map(|(attitude, _)| attitude));
-        self.estimate
-            .commanded(answered.map(|(_, u)| u), dt, self.config.tracking.thrust_lag_s);
+        self.remember(now, dt, &set_point);
         // Nothing that the message's own check would reject may leave the pilot.
-        let set_point = if set_point.check().is_ok() {
-            set_point
-        } else {
-            self.no_set_point(now)
-        };
-        PilotOut::of(set_point)
+        let passes = set_point.check().is_ok();
+        PilotOut::of(if passes { set_point } else { self.no_set_point(now) })
     }
 }

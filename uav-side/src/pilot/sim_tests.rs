@@ -1,5 +1,6 @@
 //! The pilot in a small world of its own: a drone with lags over a heaving, tilting deck.
 
+use alight_shared::msg::{DeckStage, Header, Motors};
 use nalgebra::UnitQuaternion;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

@@ -1,11 +1,13 @@
 //! The pieces against their equations, safe action, and random input.
 
 use alight_shared::config::parse;
+use alight_shared::msg::{DeckStage, LandedState, Motors};
 use nalgebra::UnitQuaternion;
 use proptest::prelude::*;
 
 use super::attitude::{attitude_of_thrust, lead, slewed, thrust_of_attitude, tilt_limited, upright};
 use super::config::TrackingConfig;
+use super::tracking::Authority;
 use super::*;
 use crate::fixtures::{airborne, drone, forecast, header, level, mission, plan};
 

@@ -12,6 +12,7 @@ use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use super::attitude::{attitude_of_thrust, lead, rates_of, slewed, thrust_of_attitude, tilt_limited};
 use super::config::{LagConfig, TrackingConfig};
 use super::estimate::FlightEstimator;
+use crate::contingency::Body;
 
 /// Attitude and thrust to command.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,17 +23,6 @@ pub(crate) struct AttitudeCommand {
     pub(crate) rates: Vector3<f64>,
     /// Collective thrust, 0 to 1.
     pub(crate) thrust: f64,
-}
-
-/// The drone at `now`.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Body {
-    /// Drone's NED, m.
-    pub(crate) position: Vector3<f64>,
-    /// m/s.
-    pub(crate) velocity: Vector3<f64>,
-    /// Rotation NED from body.
-    pub(crate) attitude: UnitQuaternion<f64>,
 }
 
 /// How much the feedback may do.
@@ -201,11 +191,7 @@ pub(crate) fn steer(stage: &PlanStage, drone: &DroneState, hover: f64) -> SetPoi
     /// The command turns no further than the rate limit allows in this time, s: once, and not with each step.
     const TURN_S: f64 = 0.2;
     let c = TrackingConfig::default();
-    let body = Body {
-        position: drone.position(),
-        velocity: drone.velocity(),
-        attitude: drone.attitude(),
-    };
+    let body = Body::of(drone, 0.0);
     let (estimate, lag) = (FlightEstimator::new(hover), LagConfig::default().design_s);
     let a = Tracker::default().track(stage, &body, &estimate, Authority::descent(&c), lag, TURN_S, &c);
     SetPoint {

@@ -14,9 +14,9 @@ use super::model::{State, angular_velocity, clearance, tilt_of, up_of};
 use super::mpc_faa::{Problem, Side};
 use super::qp::NO_CEILING;
 use super::view::View;
+use crate::contingency::{BELOW_M, Climb, escape_velocity};
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
-use crate::escape::{BELOW_M, Climb};
-use crate::surroundings::{Passage, escape_velocity, margin_m, way_round};
+use crate::surroundings::{Passage, margin_m, way_round};
 
 /// An aborted descent is braked by this, m/s².
 const ABORTED_DESCENT_MPS2: f64 = 6.0;

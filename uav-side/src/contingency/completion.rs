@@ -1,0 +1,73 @@
+//! The way down without a plan, or with one that is not renewed.
+
+use alight_shared::geometry::DroneGeometry;
+use alight_shared::msg::PlanStage;
+use nalgebra::Vector3;
+
+use super::below::{Body, DeckBelow};
+use super::climb::Climb;
+use crate::pilot::attitude::attitude_of_thrust;
+
+/// Speed of a soft contact relative to the deck, m/s: that of the mission's flare.
+pub(crate) const SINK_MPS: f64 = 0.5;
+/// A landing without a plan has braked so long before its contact as one with a plan, s.
+const SOFT_S: f64 = 0.2;
+
+/// A landing that is completed by the newest forecast of the deck.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Completion<'a> {
+    /// The drone.
+    pub(crate) body: &'a Body,
+    /// The deck below it.
+    pub(crate) below: &'a DeckBelow,
+    /// Its geometry.
+    pub(crate) drone: &'a DroneGeometry,
+    /// It aligns itself with the deck below this clearance, m.
+    pub(crate) aligns_below_m: f64,
+}
+
+impl Completion<'_> {
+    /// Onto the deck without a plan: braked at a constant rate to the speed of a soft contact, level, and in the end aligned
+    /// with the deck.
+    pub(crate) fn stage(&self) -> PlanStage {
+        let (body, below) = (self.body, self.below);
+        let (up, sinks) = (below.stage.normal(), -below.normal_speed);
+        let climb = Climb::new(body.position.z, body.velocity.z, self.drone);
+        let braking = climb.braking(sinks, below.clearance - SOFT_S * SINK_MPS, SINK_MPS);
+        let mut stage = PlanStage {
+            position: body.position.into(),
+            velocity: (Vector3::from(below.stage.velocity) - up * SINK_MPS.max(sinks)).into(),
+            acceleration: (Vector3::from(below.stage.acceleration) + up * braking).into(),
+            euler: [0.0, 0.0, body.yaw()],
+            euler_rates: [0.0; 3],
+        };
+        self.align(&mut stage);
+        stage
+    }
+
+    /// Tilts the attitude of `stage` towards the deck's, the more the nearer it is.
+    fn align(&self, stage: &mut PlanStage) {
+        let near = 1.0 - (self.below.clearance / self.aligns_below_m).clamp(0.0, 1.0);
+        let [roll, pitch, yaw] = stage.euler;
+        let deck = attitude_of_thrust(&self.below.stage.normal(), yaw).euler_angles();
+        stage.euler = [
+            roll + near * (deck.0 - roll),
+            pitch + near * (deck.1 - pitch),
+            yaw,
+        ];
+    }
+
+    /// The `stage` of a plan that is not renewed, braked and aligned; None when it sinks no faster than a soft contact.
+    pub(crate) fn renewed(&self, stage: &PlanStage) -> Option<PlanStage> {
+        let relative = Vector3::from(stage.velocity) - Vector3::from(self.below.stage.velocity);
+        if -relative.dot(&self.below.stage.normal()) <= SINK_MPS {
+            return None;
+        }
+        let (own, mut stage) = (self.stage(), *stage);
+        stage.position[2] = own.position[2];
+        stage.velocity[2] = own.velocity[2];
+        stage.acceleration[2] = own.acceleration[2];
+        self.align(&mut stage);
+        Some(stage)
+    }
+}

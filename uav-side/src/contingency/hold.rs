@@ -1,0 +1,60 @@
+//! Where a drone holds on its own: at a place, and away from a deck that is near.
+
+use alight_shared::geometry::DroneGeometry;
+use alight_shared::msg::PlanStage;
+use nalgebra::Vector2;
+
+use super::below::{Body, DeckBelow};
+use super::climb::Climb;
+use super::escape::escape_velocity;
+
+/// The place of a hold, and its way up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Hold {
+    horizontal: Vector2<f64>,
+    climb: Climb,
+    yaw: f64,
+}
+
+impl Hold {
+    /// Where the drone is. One that is `near` the deck goes on at its vertical speed, any other comes to a rest at once.
+    pub(crate) fn at(body: &Body, near: bool, drone: &DroneGeometry) -> Hold {
+        let sinks = if near { body.velocity.z } else { 0.0 };
+        Hold {
+            horizontal: body.position.xy(),
+            climb: Climb::new(body.position.z, sinks, drone),
+            yaw: body.yaw(),
+        }
+    }
+
+    /// The stage `dt` later (s): at rest; away from a deck that is `near`: with it, up from it, and along the vessel's escape
+    /// direction.
+    pub(crate) fn advance(
+        &mut self,
+        dt: f64,
+        near: Option<&DeckBelow>,
+        body: &Body,
+        drone: &DroneGeometry,
+    ) -> PlanStage {
+        let before = self.climb.velocity;
+        let velocity = match near {
+            Some(b) => {
+                self.climb.advance(dt, b.stage.velocity[2]);
+                let out = escape_velocity(&b.around, &b.stage, drone, &body.position, b.clearance);
+                Vector2::new(b.stage.velocity[0], b.stage.velocity[1]) + out
+            }
+            None => {
+                self.climb.rest(dt);
+                Vector2::zeros()
+            }
+        };
+        self.horizontal += velocity * dt;
+        PlanStage {
+            position: [self.horizontal.x, self.horizontal.y, self.climb.z],
+            velocity: [velocity.x, velocity.y, self.climb.velocity],
+            acceleration: [0.0, 0.0, (self.climb.velocity - before) / dt.max(1e-3)],
+            euler: [0.0, 0.0, self.yaw],
+            euler_rates: [0.0; 3],
+        }
+    }
+}

@@ -1,0 +1,20 @@
+//! Contingency near the deck: what a drone does there when plan, mission, forecast or autopilot is missing.
+//!
+//! [`action`] decides by what is missing, [`contact`] predicts which end is softer. [`climb`], [`hold`] and [`escape`] are the
+//! way up and away, [`completion`] is the way down, and [`below`] where the drone is over the deck.
+
+mod action;
+mod below;
+mod climb;
+mod completion;
+mod contact;
+mod escape;
+mod hold;
+
+pub(crate) use action::{Action, COMMIT_CLEARANCE_M, GOES_ON_WITHOUT_MISSION_S, Known};
+pub(crate) use below::{Body, DeckBelow};
+pub(crate) use climb::{BELOW_M, Climb};
+pub(crate) use completion::{Completion, SINK_MPS};
+pub(crate) use contact::contact_speed;
+pub(crate) use escape::escape_velocity;
+pub(crate) use hold::Hold;

@@ -1,0 +1,275 @@
+//! The set-points of each action: stop, stand, hold, follow, complete, press.
+
+use alight_shared::msg::{
+    Header, MissionState, Motors, Phase, Plan, PlanStage, SetPoint, SetPointKind, State,
+};
+use alight_shared::time::{DroneClock, Span, Time};
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::Pilot;
+use super::attitude::{rates_of, upright};
+use super::config::Output;
+use super::touchdown::{Contact, press_fraction};
+use super::tracking::{AttitudeCommand, Authority};
+use crate::contingency::{Body, Completion, DeckBelow, Hold};
+
+/// A plan older than this, five of its periods, brakes by an old forecast of the deck, s.
+pub(super) const OLD_PLAN_S: f64 = 0.1;
+
+impl Pilot {
+    pub(super) fn set_point(&mut self, now: Time<DroneClock>) -> SetPoint {
+        self.sequence = self.sequence.wrapping_add(1);
+        let vessel = self.mission.get().map_or(0, |m| m.header.vessel);
+        SetPoint {
+            header: Header::new(vessel, self.drone_id, self.boot, self.sequence, now),
+            ..SetPoint::default()
+        }
+    }
+
+    /// No set-point: the autopilot's own failsafe acts.
+    pub(super) fn no_set_point(&mut self, now: Time<DroneClock>) -> SetPoint {
+        self.hold = None;
+        self.tracker.reset();
+        self.set_point(now)
+    }
+
+    /// Motors off, until the mission is idle again.
+    pub(super) fn stop(&mut self, now: Time<DroneClock>) -> SetPoint {
+        let attitude = self.drone.get().map_or([1.0, 0.0, 0.0, 0.0], |d| d.attitude);
+        SetPoint {
+            kind: SetPointKind::Attitude,
+            motors: Motors::Stop,
+            attitude,
+            thrust: 0.0,
+            ..self.set_point(now)
+        }
+    }
+
+    /// Position, velocity and acceleration for the autopilot's own loop. The acceleration leads by
+    /// the attitude's lag: it is what the attitude has to be by then.
+    fn trajectory(&mut self, now: Time<DroneClock>, plan: &Plan, stage: &PlanStage) -> SetPoint {
+        self.hold = None;
+        self.tracker.reset();
+        let ahead = plan
+            .sample(self.acts_at(now) + Span::from_secs(self.lag.lag(&self.config.lag)))
+            .map_or(stage.acceleration, |s| s.acceleration);
+        let q = UnitQuaternion::from_euler_angles(stage.euler[0], stage.euler[1], stage.euler[2]);
+        SetPoint {
+            kind: SetPointKind::Trajectory,
+            position: stage.position,
+            velocity: stage.velocity,
+            acceleration: ahead,
+            yaw: stage.euler[2],
+            yaw_rate: stage.euler_rates[2],
+            attitude: [q.w, q.i, q.j, q.k],
+            rates: rates_of(&stage.euler, &stage.euler_rates).into(),
+            thrust: self.estimate.hover().clamp(0.0, 1.0),
+            ..self.set_point(now)
+        }
+    }
+
+    /// Attitude and thrust of the pilot's own loop.
+    fn attitude(
+        &mut self,
+        now: Time<DroneClock>,
+        stage: Option<&PlanStage>,
+        a: AttitudeCommand,
+        body: &Body,
+    ) -> SetPoint {
+        self.hold = None;
+        let presses = stage.is_none();
+        let stage = stage.copied().unwrap_or_default();
+        let (_, _, yaw) = a.attitude.euler_angles();
+        // Making up for the lag lengthens the turn, and must not tip the drone over.
+        let attitude = self.lag.command(&a.attitude, &body.attitude, &self.config.lag);
+        let attitude = upright(&attitude, self.config.tracking.tilt_limit_rad);
+        let least = if presses {
+            0.0
+        } else {
+            let turn = (attitude * Vector3::z()).angle(&(body.attitude * Vector3::z()));
+            self.least_thrust(turn)
+        };
+        SetPoint {
+            kind: SetPointKind::Attitude,
+            position: stage.position,
+            velocity: stage.velocity,
+            acceleration: stage.acceleration,
+            yaw,
+            attitude: [attitude.w, attitude.i, attitude.j, attitude.k],
+            rates: a.rates.map(|v| v.clamp(-4.0, 4.0)).into(),
+            thrust: a.thrust.max(least),
+            ..self.set_point(now)
+        }
+    }
+
+    /// Collective thrust at which no rotor has to stop for the torque that turns the drone by `angle` (rad): the attitude
+    /// loop asks for the rate `angle / T`, the rate loop below for its change within `T_r`, so for the torque
+    /// `tau = J angle / (T T_r)`; four rotors at the arm `l` in an X give it by `tau / (4 l / sqrt 2)` each. Mixers take
+    /// torque before they raise the collective (PX4 without air mode), or raise it no higher than hover (ArduCopter);
+    /// nor does this.
+    fn least_thrust(&self, angle: f64) -> f64 {
+        let (g, c) = (&self.geometry, &self.config.lag);
+        let [roll, pitch, _] = g.inertia_kgm2;
+        let torque = roll.max(pitch) * angle / (c.design_s * c.rate_loop_s);
+        let rotor_n = torque / (4.0 * g.arm_m / core::f64::consts::SQRT_2);
+        (4.0 * rotor_n / g.max_thrust_n).min(self.estimate.hover())
+    }
+
+    /// A set-point that keeps a drone on the ground there: level, with less thrust than flight needs.
+    pub(super) fn stand(&mut self, now: Time<DroneClock>, body: &Body) -> SetPoint {
+        self.tracker.reset();
+        let (_, _, yaw) = body.attitude.euler_angles();
+        let level = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
+        SetPoint {
+            kind: SetPointKind::Attitude,
+            position: body.position.into(),
+            yaw,
+            attitude: [level.w, level.i, level.j, level.k],
+            thrust: self.config.tracking.min_thrust_of_hover * self.estimate.hover(),
+            ..self.set_point(now)
+        }
+    }
+
+    /// Stands where the drone is; away from a deck that is `near`: with it, up from it, and along the vessel's escape
+    /// direction.
+    pub(super) fn hold(
+        &mut self,
+        now: Time<DroneClock>,
+        body: &Body,
+        dt: f64,
+        near: Option<&DeckBelow>,
+    ) -> SetPoint {
+        let here = || Hold::at(body, near.is_some(), &self.geometry);
+        let mut hold = self.hold.unwrap_or_else(here);
+        let stage = hold.advance(dt, near, body, &self.geometry);
+        let set_point = match self.config.output {
+            Output::Trajectory => {
+                self.tracker.reset();
+                SetPoint {
+                    kind: SetPointKind::Trajectory,
+                    position: stage.position,
+                    velocity: stage.velocity,
+                    acceleration: stage.acceleration,
+                    yaw: stage.euler[2],
+                    ..self.set_point(now)
+                }
+            }
+            Output::Attitude => {
+                let authority = Authority {
+                    brakes: near.is_some(),
+                    ..Authority::descent(&self.config.tracking)
+                };
+                let body = self.acted_on(now, body);
+                self.tracked(now, &stage, &stage, &body, authority, dt)
+            }
+        };
+        self.hold = Some(hold);
+        set_point
+    }
+
+    /// Presses the feet onto the deck, aligned with it, the softer the longer the contact has been suspected.
+    pub(super) fn press(
+        &mut self,
+        now: Time<DroneClock>,
+        body: &Body,
+        dt: f64,
+        below: Option<&DeckBelow>,
+        yaw: f64,
+    ) -> SetPoint {
+        let Contact::Suspected { since, .. } = self.detector.contact() else {
+            return self.no_set_point(now);
+        };
+        let fraction = press_fraction(since, now, &self.config.touchdown);
+        let up = below.map(|b| b.stage.normal());
+        let thrust = fraction * self.estimate.hover();
+        let a = self
+            .tracker
+            .press(up, yaw, thrust, body, dt, &self.config.tracking);
+        self.attitude(now, None, a, body)
+    }
+
+    /// Attitude and thrust that follow `led`, what the plan's `stage` is by the time they act.
+    fn tracked(
+        &mut self,
+        now: Time<DroneClock>,
+        stage: &PlanStage,
+        led: &PlanStage,
+        body: &Body,
+        authority: Authority,
+        dt: f64,
+    ) -> SetPoint {
+        let (c, lag) = (&self.config.tracking, self.config.lag.design_s);
+        let a = self
+            .tracker
+            .track(led, body, &self.estimate, authority, lag, dt, c);
+        self.attitude(now, Some(stage), a, body)
+    }
+
+    /// Follows the `stage` of a plan; one that is not renewed in a landing is braked by the newest forecast.
+    pub(super) fn follow(
+        &mut self,
+        now: Time<DroneClock>,
+        (plan, stage): &(Plan, PlanStage),
+        mission: &MissionState,
+        body: &Body,
+        dt: f64,
+        below: Option<&DeckBelow>,
+    ) -> SetPoint {
+        if self.config.output == Output::Trajectory {
+            return self.trajectory(now, plan, stage);
+        }
+        let c = &self.config.tracking;
+        let then = self.acts_at(now);
+        let ahead = self.below(then, body);
+        let mut authority = Authority {
+            planned: plan.disturbance.into(),
+            ..match ahead.as_ref().or(below) {
+                Some(b) if mission.state == State::Flare => Authority::flare(b.clearance, c),
+                Some(_) | None => Authority::descent(c),
+            }
+        };
+        // The thrust that acts after its lag is the one that the plan has by then.
+        let mut led = *stage;
+        if let Some(then) = plan.sample(then + Span::from_secs(c.thrust_lag_s)) {
+            led.acceleration[2] = then.acceleration[2];
+        }
+        let lands = mission.state.phase() == Phase::Landing && mission.lowest_clearance_m.is_none();
+        let old = lands && self.plan.age_s(now) > OLD_PLAN_S;
+        let ahead = ahead.filter(|_| old);
+        if let Some(braked) = ahead.and_then(|b| self.completion(body, &b).renewed(&led)) {
+            (led, authority.brakes) = (braked, true);
+        }
+        self.tracked(now, stage, &led, body, authority, dt)
+    }
+
+    /// Completes the landing without a plan.
+    pub(super) fn complete(
+        &mut self,
+        now: Time<DroneClock>,
+        body: &Body,
+        dt: f64,
+        below: &DeckBelow,
+    ) -> SetPoint {
+        let b = self.below(self.acts_at(now), body).unwrap_or(*below);
+        let stage = self.completion(body, &b).stage();
+        let c = &self.config.tracking;
+        let authority = Authority {
+            brakes: true,
+            ..if b.clearance < c.fade_clearance_m {
+                Authority::flare(b.clearance, c)
+            } else {
+                Authority::descent(c)
+            }
+        };
+        self.tracked(now, &stage, &stage, body, authority, dt)
+    }
+
+    fn completion<'a>(&'a self, body: &'a Body, below: &'a DeckBelow) -> Completion<'a> {
+        Completion {
+            body,
+            below,
+            drone: &self.geometry,
+            aligns_below_m: self.config.tracking.fade_clearance_m,
+        }
+    }
+}
