@@ -15,7 +15,6 @@ pub mod alignment;
 pub mod condensed;
 pub mod config;
 mod governor;
-pub mod kind;
 pub mod law;
 pub mod model;
 pub mod mpc_faa;
@@ -46,11 +45,12 @@ use serde::{Deserialize, Serialize};
 pub use config::{PlannerConfig, PlannerKind};
 
 use crate::odometry::origin::DroneFrame;
-use kind::Kind;
+use alignment::FaaAlignment;
 use law::{Law, View};
 use model::{INPUTS, State, clearance, tilt_of, up_of};
 use mpc_faa::{Mpc, Problem, Solution};
 use reference::{Reference, ReferenceGenerator};
+use rendezvous::Rendezvous;
 use start::SolvedPlan;
 
 /// Inputs.
@@ -80,7 +80,7 @@ pub struct Planner {
     drone_geometry: DroneGeometry,
     boot: u32,
     sequence: u32,
-    kind: Kind,
+    law: Box<dyn Law>,
     mpc: Mpc,
     generator: ReferenceGenerator,
     /// Time to the chosen instant of contact in the last plan, s.
@@ -102,7 +102,11 @@ pub struct Planner {
 impl Planner {
     /// A planner of the configured kind for this drone and deck. `boot` distinguishes this start from others.
     pub fn new(config: &PlannerConfig, drone: &DroneGeometry, deck: &DeckGeometry, boot: u32) -> Self {
-        Planner::of(Kind::new(config, drone), config, drone, deck, boot)
+        let law: Box<dyn Law> = match config.kind {
+            PlannerKind::MpcFaa => Box::new(FaaAlignment::new(&config.faa, drone)),
+            PlannerKind::Alight => Box::new(Rendezvous::new(config, drone)),
+        };
+        Planner::with_law(law, config, drone, deck, boot)
     }
     /// A planner that lands by a law from elsewhere, whatever kind is configured.
     pub fn with_law(
@@ -112,15 +116,12 @@ impl Planner {
         deck: &DeckGeometry,
         boot: u32,
     ) -> Self {
-        Planner::of(Kind::Other(law), config, drone, deck, boot)
-    }
-    fn of(kind: Kind, config: &PlannerConfig, drone: &DroneGeometry, deck: &DeckGeometry, boot: u32) -> Self {
         Planner {
             config: config.clone(),
             drone_geometry: *drone,
             boot,
             sequence: 0,
-            kind,
+            law,
             mpc: Mpc::new(config, drone),
             generator: ReferenceGenerator::new(config, drone, deck),
             time_to_contact_s: None,
@@ -158,9 +159,7 @@ impl Planner {
             self.generator.forget();
         }
         let drone = self.drone.get().filter(|d| Some(d.header.at) != last);
-        self.kind
-            .law_mut()
-            .observe(drone, self.forecast.get(), &self.reference);
+        self.law.observe(drone, self.forecast.get(), &self.reference);
     }
 
     fn due(&mut self, now: Time<DroneClock>, phase: Phase, with_deck: bool) -> bool {
@@ -182,7 +181,7 @@ impl Planner {
     /// open, 0.5 m or more, would take the pilot longer to close than the landing lasts.
     fn begin_landing(&mut self, phase: Phase) {
         let begins = phase == Phase::Landing && self.last_solve.is_none_or(|(_, before)| before != phase);
-        if begins && self.kind.law().landing_start().measured {
+        if begins && self.law.landing_start().measured {
             self.solved = None;
         }
     }
@@ -191,7 +190,7 @@ impl Planner {
     fn start(&mut self, now: Time<DroneClock>) -> Option<(State, [f64; INPUTS])> {
         let c = &self.config;
         let drone = *usable(&self.drone, now, c.odometry_age_s)?;
-        let law = self.kind.law();
+        let law = &self.law;
         let lands = self.last_solve.is_some_and(|(_, phase)| phase == Phase::Landing);
         let landing = lands.then(|| law.landing_start());
         let previous = self.solved.as_ref();
@@ -214,7 +213,7 @@ impl Planner {
             mission: *mission,
             forecast,
         };
-        let law = self.kind.law_mut();
+        let law = &mut self.law;
         law.limit(now, &state, &mut view);
         self.problem.state = state;
         self.problem.input = input;
@@ -265,11 +264,11 @@ impl Planner {
         mission: &MissionState,
         forecast: Option<&DeckForecast>,
     ) -> Option<Plan> {
-        let law = self.kind.law();
+        let law = &self.law;
         let begins = law.begins(now, mission, forecast, self.drone.get());
         let start = if begins { self.start(now) } else { None };
         let start = start.map(|(state, input)| (state, self.mpc.model().vertical * input[0]));
-        let law = self.kind.law_mut();
+        let law = &mut self.law;
         let mut plan = law.own_plan(now, mission, forecast, start)?;
         plan.header = Header::new(0, 0, self.boot, self.sequence, now);
         // When it ends, the common planner begins from the measured state.
@@ -286,7 +285,7 @@ impl Planner {
         let mut plan = Plan {
             header: Header::new(0, 0, self.boot, self.sequence, now),
             step: Span::from_secs(if halves { 0.5 * step } else { step }),
-            disturbance: self.kind.law().wind().into(),
+            disturbance: self.law.wind().into(),
             ..Plan::default()
         };
         let mut keep = |state: &State, input: &[f64; INPUTS]| {
@@ -317,7 +316,7 @@ impl Planner {
     /// A state as a stage of the message: tilt turned into the body's heading.
     fn stage(&self, s: &State, input: &[f64; INPUTS]) -> PlanStage {
         let down = self.mpc.model().vertical * input[0];
-        let (north, east, growth) = self.kind.law().attitude(s, down);
+        let (north, east, growth) = self.law.attitude(s, down);
         let (phi, theta) = tilt_of(&up_of(north, east), s[5]);
         let (sin, cos) = s[5].sin_cos();
         PlanStage {
