@@ -12,6 +12,7 @@ mod normal;
 mod odds;
 mod outlook;
 mod phase;
+mod place;
 mod situation;
 mod states;
 mod staying;
@@ -42,7 +43,6 @@ use alight_shared::msg::{
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
-use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
@@ -50,7 +50,8 @@ use crate::odometry::origin::DroneFrame;
 use battery::BatteryMonitor;
 use checkpoint::{Beginning, Begun};
 use outlook::Outlook;
-use phase::{MissionPhase, Progress, gave_up, hold_height, moving_place, stands_aside};
+use phase::{MissionPhase, Progress, gave_up};
+use place::Place;
 use situation::{ControlState, Deck, OwnState, Reservation, Situation, rotors_carry, stated_course};
 pub use states::MAX_VESSEL_DISTANCE_M;
 use states::{RADIO_BLIND_S, blind_limit};
@@ -435,6 +436,51 @@ impl Mission {
         self.commands.first_of(now, &begun.commands)
     }
 
+    /// The command to act on, if any, and why a predecessor's checkpoint does not count; None while it does not know yet how it
+    /// begins.
+    fn order(
+        &mut self,
+        now: Time<DroneClock>,
+        input: &MissionIn,
+        s: &Situation,
+    ) -> Option<(Option<CommandKind>, Option<CheckpointRejection>)> {
+        let Some(beginning) = &mut self.beginning else {
+            self.resume(now, s);
+            return Some((self.commands.first_of(now, &input.commands), None));
+        };
+        let complete = s.flight == ControlState::Disarmed
+            || s.flight != ControlState::Unknown && s.fresh_deck().is_some();
+        let ids = [self.drone_id, self.boot];
+        let begun = beginning.step(now, ids, input.checkpoint.as_ref(), &input.commands, complete)?;
+        self.beginning = None;
+        Some((self.begin(now, &begun, s), begun.rejected))
+    }
+
+    /// Goes on as decided.
+    fn adopt(&mut self, now: Time<DroneClock>, decision: &Decision, s: &Situation) {
+        // Out of a lapse, by a person.
+        let taken = self.progress.lapsed && !decision.progress.lapsed;
+        self.progress = decision.progress;
+        let was = self.phase.state();
+        self.phase = decision.phase;
+        let changed = decision.entered.is_some();
+        // Given back after a hold it may be near the deck, with nothing to do there.
+        let holds = matches!(
+            s.flight,
+            ControlState::Lapsed | ControlState::OtherControl(AutopilotMode::Hold)
+        );
+        self.unjudged |= changed && holds && self.phase == MissionPhase::Idle;
+        if (changed || taken) && self.phase == MissionPhase::Idle && !self.progress.landing {
+            // Whoever took the drone over has it landed by a new order, not by one that is repeated.
+            self.commands.supersede(now);
+        }
+        if let Some(why) = decision.entered {
+            self.previous = was;
+            self.since = now;
+            self.entered = why;
+        }
+    }
+
     /// A process that stood still for longer than the others wait for its state goes on as its successor would.
     fn resume(&mut self, now: Time<DroneClock>, s: &Situation) {
         let state = self.phase.state();
@@ -485,43 +531,7 @@ impl Mission {
 
     fn message(&mut self, now: Time<DroneClock>, s: &Situation, waiting: Reason) -> MissionState {
         let c = &self.config;
-        let own = s.own.map_or(([0.0; 3], 0.0), |o| (o.position.into(), o.yaw));
-        let moves = |at: &Vector3<f64>, leaves| moving_place(at, s, leaves).0;
-        let approach_height_m = s.approach_height_m(c);
-        let mut waiting_offset = None;
-        let (hold_position, hold_yaw, height_m, with_deck) = match self.phase {
-            MissionPhase::GetAltitude { from } => {
-                let z = s.mean_deck_z.map_or(own.0[2], |m| m - approach_height_m);
-                let leaves = s.place.is_some() && moves(&Vector3::new(from[0], from[1], z), false);
-                let yaw = s.deck.filter(|_| !leaves).map_or(own.1, |d| d.bearing_rad);
-                ([from[0], from[1], z], yaw, approach_height_m, leaves)
-            }
-            MissionPhase::Hold { at, yaw, .. } => {
-                waiting_offset = stands_aside(&at, s, false);
-                (at.into(), yaw, hold_height(s, c), moves(&at, false))
-            }
-            MissionPhase::GaveUp { at, yaw } => {
-                waiting_offset = stands_aside(&at, s, true);
-                (at.into(), yaw, approach_height_m, moves(&at, true))
-            }
-            MissionPhase::Approach { .. } => {
-                let waits = s.waits(c).is_some();
-                waiting_offset = s.waiting_offset().filter(|_| waits);
-                let above = s.fresh_deck().is_some_and(|d| d.distance_m < d.ring_m);
-                let height_m = match (s.place, s.mean_deck_z) {
-                    (None, Some(mean)) if waits => mean - own.0[2],
-                    _ if above && !waits => c.approach_height_m,
-                    _ => approach_height_m,
-                };
-                (own.0, own.1, height_m, false)
-            }
-            MissionPhase::Idle => (own.0, own.1, approach_height_m, false),
-            MissionPhase::Tracking { .. }
-            | MissionPhase::TrackingStable
-            | MissionPhase::Descent { .. }
-            | MissionPhase::Flare { .. }
-            | MissionPhase::Landed { .. } => (own.0, own.1, c.tracking_height_m, false),
-        };
+        let place = Place::of(self.phase, s, c);
         let state = self.phase.state();
         let altitude = if state.phase() == Phase::Landing || state == State::Landed {
             c.minimum_altitude_landing_m
@@ -538,14 +548,14 @@ impl Mission {
             entered: self.entered,
             waiting,
             attempts: self.progress.attempts,
-            height_m,
+            height_m: place.height_m,
             descent_mps: self.permitted_descent(s),
             // Stated in the drone's NED, whose zero is the water only to a GNSS error.
             minimum_altitude_m: altitude - s.water_z,
-            hold_position,
-            hold_yaw,
-            with_deck,
-            waiting_offset,
+            hold_position: place.at.into(),
+            hold_yaw: place.yaw,
+            with_deck: place.with_deck,
+            waiting_offset: place.offset,
             mode: c.mode,
             lowest_clearance_m: c.lowest_plan_m(),
             battery_reserve: s.battery_reserve,
@@ -564,23 +574,12 @@ impl Node for Mission {
     fn step(&mut self, now: Time<DroneClock>, input: &MissionIn) -> MissionOut {
         self.receive(now, input);
         let mut s = self.situation(now);
-        let order;
-        let mut rejected = None;
-        if let Some(beginning) = &mut self.beginning {
-            let complete = s.flight == ControlState::Disarmed
-                || s.flight != ControlState::Unknown && s.fresh_deck().is_some();
-            let ids = [self.drone_id, self.boot];
-            let Some(begun) = beginning.step(now, ids, input.checkpoint.as_ref(), &input.commands, complete)
-            else {
-                return MissionOut::default();
-            };
-            self.beginning = None;
-            order = self.begin(now, &begun, &s);
-            rejected = begun.rejected;
+        let begins = self.beginning.is_some();
+        let Some((order, rejected)) = self.order(now, input, &s) else {
+            return MissionOut::default();
+        };
+        if begins {
             s = self.situation(now);
-        } else {
-            self.resume(now, &s);
-            order = self.commands.first_of(now, &input.commands);
         }
         self.follows = self.follows(&s);
         self.watch_way(now, &s);
@@ -596,27 +595,8 @@ impl Node for Mission {
         };
         let decision = decision.unwrap_or_else(|| decide(self.phase, self.progress, order, &s, &self.config));
         let decision = self.limit_duration(decision, now, &s);
-        // Out of a lapse, by a person.
-        let taken = self.progress.lapsed && !decision.progress.lapsed;
-        self.progress = decision.progress;
-        let was = self.phase.state();
-        self.phase = decision.phase;
+        self.adopt(now, &decision, &s);
         let changed = decision.entered.is_some();
-        // Given back after a hold it may be near the deck, with nothing to do there.
-        let holds = matches!(
-            s.flight,
-            ControlState::Lapsed | ControlState::OtherControl(AutopilotMode::Hold)
-        );
-        self.unjudged |= changed && holds && self.phase == MissionPhase::Idle;
-        if (changed || taken) && self.phase == MissionPhase::Idle && !self.progress.landing {
-            // Whoever took the drone over has it landed by a new order, not by one that is repeated.
-            self.commands.supersede(now);
-        }
-        if let Some(why) = decision.entered {
-            self.previous = was;
-            self.since = now;
-            self.entered = why;
-        }
         if now < self.due && !changed {
             return MissionOut {
                 rejected,

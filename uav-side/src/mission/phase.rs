@@ -128,6 +128,16 @@ impl MissionPhase {
     pub(super) const fn flies(&self) -> bool {
         !matches!(self, MissionPhase::Idle | MissionPhase::Landed { .. })
     }
+    /// Whether it holds until an operator commands a landing.
+    pub(super) const fn waits_for_operator(&self) -> bool {
+        matches!(
+            self,
+            MissionPhase::Hold {
+                cause: HoldCause::Operator,
+                ..
+            }
+        )
+    }
     /// Whether the mission still intends to land and depends on fresh data.
     pub(super) const fn needs_data(&self) -> bool {
         self.flies() && !matches!(self, MissionPhase::Hold { .. } | MissionPhase::GaveUp { .. })

@@ -178,7 +178,7 @@ fn after_lapse(progress: &mut Progress, s: &Situation) {
     }
 }
 
-/// What holds in every state that flies.
+/// What holds in every state.
 fn interrupt(
     phase: MissionPhase,
     progress: &mut Progress,
@@ -191,69 +191,12 @@ fn interrupt(
     if phase.flies() && s.motors_stopped && !progress.overruled {
         return Some(MissionPhase::LANDED.enter(ReasonCode::Touchdown));
     }
-    let gives_up = matches!(phase, MissionPhase::GaveUp { .. });
-    let waits = match phase {
-        MissionPhase::Hold { cause, .. } => cause == HoldCause::Operator,
-        MissionPhase::Idle
-        | MissionPhase::GetAltitude { .. }
-        | MissionPhase::Approach { .. }
-        | MissionPhase::Tracking { .. }
-        | MissionPhase::TrackingStable
-        | MissionPhase::Descent { .. }
-        | MissionPhase::Flare { .. }
-        | MissionPhase::Landed { .. }
-        | MissionPhase::GaveUp { .. } => false,
-    };
-    let stopped = progress.stopped && phase.state().phase() == Phase::Landing;
-    match command {
-        Some(CommandKind::Abort) => {
-            let completes = completes(phase, progress, s, c);
-            progress.landing = false;
-            progress.stopped = true;
-            if can_stop(phase, s) && !gives_up && !completes {
-                progress.overruled = s.motors_stopped;
-                return Some(gave_up(s, c).enter(ReasonCode::Operator));
-            }
-        }
-        Some(CommandKind::Hold) => {
-            let completes = completes(phase, progress, s, c);
-            progress.landing = false;
-            progress.stopped = true;
-            if can_stop(phase, s) && !completes {
-                progress.overruled = s.motors_stopped;
-                return Some(holding(HoldCause::Operator, s, c).enter(ReasonCode::Operator));
-            }
-        }
-        Some(CommandKind::Land) if phase == MissionPhase::Idle || gives_up || waits || stopped => {
-            progress.landing = true;
-            progress.stopped = false;
-            progress.low_battery = None;
-            progress.attempts = 0;
-            progress.started = s.now;
-            progress.reserve_waived = s.battery.is_some_and(|b| b < s.battery_reserve);
-            if gives_up {
-                return Some(holding(HoldCause::Data, s, c).enter(ReasonCode::Commanded));
-            }
-        }
-        Some(CommandKind::Land) | None => {}
+    let commanded = command.and_then(|command| commanded(phase, progress, command, s, c));
+    if commanded.is_some() || !phase.flies() {
+        return commanded;
     }
-    if !phase.flies() {
-        return None;
-    }
-    match s.flight {
-        ControlState::Disarmed => {
-            progress.landing = false;
-            return Some(MissionPhase::Idle.enter(ReasonCode::NotFlying));
-        }
-        ControlState::Lapsed => return Some(MissionPhase::Idle.enter(ReasonCode::NotFlying)),
-        ControlState::OtherControl(_) => {
-            progress.landing = false;
-            return Some(MissionPhase::Idle.enter(ReasonCode::NotFlying));
-        }
-        ControlState::Unknown if phase.needs_data() => {
-            return Some(without_data(progress, s, c).enter(ReasonCode::NotFlying));
-        }
-        ControlState::Unknown | ControlState::OnGround | ControlState::Ours => {}
+    if let Some(transition) = not_ours(phase, progress, s, c) {
+        return Some(transition);
     }
     if let Some(why) = old_data(s).filter(|_| phase.needs_data()) {
         return Some(if completes_without_data(phase, progress, s, c) {
@@ -262,9 +205,10 @@ fn interrupt(
             without_data(progress, s, c).enter(why)
         });
     }
+    let gives_up = matches!(phase, MissionPhase::GaveUp { .. });
     // Whoever commanded a hold or a stop did not ask for another place.
     let over = gives_up && (progress.stopped || !progress.is_urgent());
-    if waits || over {
+    if phase.waits_for_operator() || over {
         return None;
     }
     if let Some(transition) = low_battery(phase, progress, s, c) {
@@ -276,4 +220,66 @@ fn interrupt(
     let took = (s.now - progress.started).secs();
     (took > c.mission_timeout_s)
         .then(|| gave_up(s, c).enter(Reason::new(ReasonCode::TooLong, took, c.mission_timeout_s)))
+}
+
+/// What an operator's command brings about.
+fn commanded(
+    phase: MissionPhase,
+    progress: &mut Progress,
+    command: CommandKind,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Option<Transition> {
+    let gives_up = matches!(phase, MissionPhase::GaveUp { .. });
+    match command {
+        CommandKind::Abort | CommandKind::Hold => {
+            let aborts = command == CommandKind::Abort;
+            let completes = completes(phase, progress, s, c);
+            progress.landing = false;
+            progress.stopped = true;
+            if !can_stop(phase, s) || completes || aborts && gives_up {
+                return None;
+            }
+            progress.overruled = s.motors_stopped;
+            let stops = if aborts {
+                gave_up(s, c)
+            } else {
+                holding(HoldCause::Operator, s, c)
+            };
+            Some(stops.enter(ReasonCode::Operator))
+        }
+        CommandKind::Land => {
+            let stopped = progress.stopped && phase.state().phase() == Phase::Landing;
+            if !(phase == MissionPhase::Idle || gives_up || phase.waits_for_operator() || stopped) {
+                return None;
+            }
+            progress.landing = true;
+            progress.stopped = false;
+            progress.low_battery = None;
+            progress.attempts = 0;
+            progress.started = s.now;
+            progress.reserve_waived = s.battery.is_some_and(|b| b < s.battery_reserve);
+            gives_up.then(|| holding(HoldCause::Data, s, c).enter(ReasonCode::Commanded))
+        }
+    }
+}
+
+/// What follows when the drone is not ours, or not known to be.
+fn not_ours(
+    phase: MissionPhase,
+    progress: &mut Progress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Option<Transition> {
+    match s.flight {
+        ControlState::Disarmed | ControlState::OtherControl(_) => {
+            progress.landing = false;
+            Some(MissionPhase::Idle.enter(ReasonCode::NotFlying))
+        }
+        ControlState::Lapsed => Some(MissionPhase::Idle.enter(ReasonCode::NotFlying)),
+        ControlState::Unknown if phase.needs_data() => {
+            Some(without_data(progress, s, c).enter(ReasonCode::NotFlying))
+        }
+        ControlState::Unknown | ControlState::OnGround | ControlState::Ours => None,
+    }
 }

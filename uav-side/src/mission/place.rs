@@ -1,0 +1,82 @@
+//! Where a drone is to be that does not follow the deck: in its place, with the deck on its way up, or aside.
+
+use nalgebra::Vector3;
+
+use super::config::MissionConfig;
+use super::phase::{MissionPhase, hold_height, moving_place, stands_aside};
+use super::situation::Situation;
+
+/// The place that the mission asks for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Place {
+    /// Drone's NED, m.
+    pub(super) at: Vector3<f64>,
+    /// Heading, rad.
+    pub(super) yaw: f64,
+    /// Over the deck's mean level, m.
+    pub(super) height_m: f64,
+    /// It stays where it is over the deck, and moves with it.
+    pub(super) with_deck: bool,
+    /// Where it waits beside the deck, from its centre, NED, m.
+    pub(super) offset: Option<[f64; 2]>,
+}
+
+impl Place {
+    /// Of this phase.
+    pub(super) fn of(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> Place {
+        let (own, own_yaw) = s.own.map_or((Vector3::zeros(), 0.0), |o| (o.position, o.yaw));
+        let here = Place {
+            at: own,
+            yaw: own_yaw,
+            height_m: s.approach_height_m(c),
+            with_deck: false,
+            offset: None,
+        };
+        let held = |at, yaw, leaves| Place {
+            at,
+            yaw,
+            with_deck: moving_place(&at, s, leaves).0,
+            offset: stands_aside(&at, s, leaves),
+            ..here
+        };
+        match phase {
+            MissionPhase::GetAltitude { from: [x, y] } => {
+                let at = Vector3::new(x, y, s.mean_deck_z.map_or(own.z, |m| m - here.height_m));
+                let leaves = s.place.is_some() && moving_place(&at, s, false).0;
+                Place {
+                    at,
+                    yaw: s.deck.filter(|_| !leaves).map_or(own_yaw, |d| d.bearing_rad),
+                    with_deck: leaves,
+                    ..here
+                }
+            }
+            MissionPhase::Hold { at, yaw, .. } => Place {
+                height_m: hold_height(s, c),
+                ..held(at, yaw, false)
+            },
+            MissionPhase::GaveUp { at, yaw } => held(at, yaw, true),
+            MissionPhase::Approach { .. } => {
+                let waits = s.waits(c).is_some();
+                let above = s.fresh_deck().is_some_and(|d| d.distance_m < d.ring_m);
+                Place {
+                    height_m: match (s.place, s.mean_deck_z) {
+                        (None, Some(mean)) if waits => mean - own.z,
+                        _ if above && !waits => c.approach_height_m,
+                        _ => here.height_m,
+                    },
+                    offset: s.waiting_offset().filter(|_| waits),
+                    ..here
+                }
+            }
+            MissionPhase::Idle => here,
+            MissionPhase::Tracking { .. }
+            | MissionPhase::TrackingStable
+            | MissionPhase::Descent { .. }
+            | MissionPhase::Flare { .. }
+            | MissionPhase::Landed { .. } => Place {
+                height_m: c.tracking_height_m,
+                ..here
+            },
+        }
+    }
+}
