@@ -2,7 +2,7 @@
 pub mod autopilot;
 pub mod calibrate;
 pub mod camera;
-mod contingency;
+pub mod contingency;
 mod deck_height;
 #[cfg(test)]
 mod fixtures;

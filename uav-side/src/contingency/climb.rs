@@ -44,6 +44,11 @@ impl Climb {
         self.towards((deck.min(0.0) - CLIMB_MPS).max(-GREATEST_MPS), dt);
     }
 
+    /// `dt` later (s), sinking onto a deck that moves down at `deck` by `sink` (m/s) relative to it.
+    pub(crate) fn sink(&mut self, dt: f64, deck: f64, sink: f64) {
+        self.towards(deck + sink, dt);
+    }
+
     /// `dt` later (s) on its way to a rest; at once from a standstill.
     pub(crate) fn rest(&mut self, dt: f64) {
         self.towards(0.0, dt);
@@ -61,13 +66,6 @@ impl Climb {
     pub(crate) fn braking(&self, sinking: f64, clearance: f64, least: f64) -> f64 {
         let spare = sinking.max(0.0).powi(2) - least.powi(2);
         (spare.max(0.0) / (2.0 * clearance.max(0.01))).min(self.acceleration)
-    }
-
-    /// The speed (m/s) at which a drone that sinks at `sinking` relative to the deck, `clearance` above it, meets it when it
-    /// brakes from now on, no slower than `least`: `v² = v0² - 2 a h`.
-    pub(crate) fn braked(&self, sinking: f64, clearance: f64, least: f64) -> f64 {
-        let left = sinking.max(0.0).powi(2) - 2.0 * self.acceleration * clearance.max(0.0);
-        left.max(0.0).sqrt().max(least)
     }
 }
 

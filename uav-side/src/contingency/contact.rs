@@ -1,73 +1,187 @@
-//! How hard the deck would meet a drone that climbs away from it.
+//! Which end is softer: the contact of a landing that is completed, against that of a climb.
+//!
+//! One prediction for both, on the forecast at hand. In NED along the vertical, over a deck that moves down at `d(t)` and has
+//! the normal `n(t)`: the drone goes from its vertical speed to the one that it wants, the climb's or `d + sink`, at no more
+//! than [`Climb`]'s acceleration. It moves along with the deck, and the gap is
+//! `n . (p(t) - c(t)) - feet - half_span |sin(tilt)|`, where a climb is level and a landing ends aligned with the deck
+//! (`tilt = 0`). The first contact is where the gap closes. The forecast's error is left out: it makes both contacts harder,
+//! and the two are compared.
 
 use alight_shared::geometry::DroneGeometry;
-use alight_shared::msg::DeckForecast;
+use alight_shared::msg::{DeckForecast, DeckStage};
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::Vector3;
 
 use super::climb::Climb;
+use super::completion::SINK_MPS;
 
-/// From the decision to the acceleration, s: a period of the planner and one of the link, the thrust's lag of 0.05 s, and
-/// half of the 0.23 s in which the rotors' slew builds it up.
+/// The limits of a good contact (trials are judged by the same): speeds, m/s, and angle, rad.
+pub(crate) const MAX_MPS: f64 = 1.0;
+pub(crate) const MAX_TILT_RAD: f64 = 10.0 * core::f64::consts::PI / 180.0;
+/// Feet no further from the deck than this rest on it, m: the forecast's error.
+const AT_REST_M: f64 = 0.15;
+/// From the decision to climb to the acceleration, s: a period of the planner and one of the link, the thrust's lag of
+/// 0.05 s, and half of the 0.23 s in which the rotors' slew builds it up. A landing brakes already.
 const REACTION_S: f64 = 0.2;
+/// Contacts that differ by no more are alike, m/s, and the drone climbs.
+const ALIKE_MPS: f64 = 0.01;
 /// A climb that has not touched the deck for so long does not any more, s: it has gained three metres.
 const HORIZON_S: f64 = 1.5;
 /// Step of the prediction, s.
-const STEP_S: f64 = 0.05;
+const STEP_S: f64 = 0.02;
 
-/// The speed (m/s) at which the deck would meet the feet of a drone that climbs away from now on, at `position` with
-/// `velocity` (NED) and moving along with the deck; None when it does not.
-///
-/// Gap along the deck's normal `n` at the time `t`: `n . (p(t) - c(t)) - feet - span |sin(tilt)|`, of a drone that levels
-/// itself over a deck with the centre `c`. The forecast's error is left out: it makes the contact of a landing harder just
-/// as that of a climb, and the two are compared.
-pub(crate) fn contact_speed(
-    now: Time<DroneClock>,
-    forecast: &DeckForecast,
-    position: &Vector3<f64>,
-    velocity: &Vector3<f64>,
-    drone: &DroneGeometry,
-) -> Option<f64> {
-    let start = now.max(forecast.header.at);
-    let here = forecast.at(start)?;
-    let aside = position - Vector3::from(here.position);
-    let half_span = 0.5 * drone.feet_span_m[0].hypot(drone.feet_span_m[1]);
-    let gap = |climb: &Climb, t: f64| {
-        let deck = forecast.at(start + Span::from_secs(t))?;
-        let n = deck.normal();
-        let r = Vector3::new(aside.x, aside.y, climb.z - deck.position[2]);
-        let spread = half_span * n.xy().norm();
-        Some((n.dot(&r) - drone.feet_below_m - spread, deck.velocity[2]))
-    };
-    let mut climb = Climb::new(position.z, velocity.z, drone);
-    let (mut before, mut deck) = gap(&climb, 0.0)?;
-    for k in 1..=(HORIZON_S / STEP_S) as u32 {
-        let t = STEP_S * f64::from(k);
-        if t <= REACTION_S {
-            climb.z += climb.velocity * STEP_S;
-        } else {
-            climb.advance(STEP_S, deck);
-        }
-        let Some((left, moves)) = gap(&climb, t) else {
-            break;
-        };
-        let closing = (before - left) / STEP_S;
-        if left <= 0.0 && closing > 0.0 {
-            return Some(closing);
-        }
-        (before, deck) = (left, moves);
+/// A predicted contact with the deck.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PredictedContact {
+    /// Speed at which drone and deck come together along the deck's normal, m/s.
+    pub speed_mps: f64,
+    /// Angle between their normals, rad.
+    pub tilt_rad: f64,
+}
+
+impl PredictedContact {
+    /// Beyond the limits of a good contact.
+    pub fn is_harmful(&self) -> bool {
+        self.speed_mps > MAX_MPS || self.tilt_rad > MAX_TILT_RAD
     }
-    None
+}
+
+/// How a drone low over the deck may end.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ends {
+    /// The feet rest on the deck already.
+    pub rests: bool,
+    /// The contact of the landing, completed.
+    pub landing: PredictedContact,
+    /// The contact of a climb; None: it clears the deck.
+    pub climb: Option<PredictedContact>,
+}
+
+impl Ends {
+    /// The ends of a drone at `position` with `velocity` (NED) from `now` on; None where the forecast does not reach.
+    pub(crate) fn predict(
+        now: Time<DroneClock>,
+        forecast: &DeckForecast,
+        position: &Vector3<f64>,
+        velocity: &Vector3<f64>,
+        drone: &DroneGeometry,
+    ) -> Option<Ends> {
+        let start = now.max(forecast.header.at);
+        let here = forecast.at(start)?;
+        let aside = position - Vector3::from(here.position);
+        let prediction = Prediction {
+            start,
+            forecast,
+            aside,
+            climb: Climb::new(position.z, velocity.z, drone),
+            feet_m: drone.feet_below_m,
+            half_span_m: 0.5 * drone.feet_span_m[0].hypot(drone.feet_span_m[1]),
+        };
+        let soft = PredictedContact {
+            speed_mps: SINK_MPS,
+            tilt_rad: 0.0,
+        };
+        let landing = prediction.contact(End::Landing).map_or(soft, |c| PredictedContact {
+            speed_mps: c.speed_mps.max(SINK_MPS),
+            tilt_rad: 0.0,
+        });
+        Some(Ends {
+            rests: (here.normal().dot(&aside) - drone.feet_below_m).abs() < AT_REST_M,
+            landing,
+            climb: prediction.contact(End::Climb),
+        })
+    }
+
+    /// Whether to complete the landing is softer than to climb: the feet are on the deck, or the climb would meet it harder.
+    pub fn landing_is_softer(&self) -> bool {
+        let limit = self.landing.speed_mps + ALIKE_MPS;
+        self.rests || self.climb.is_some_and(|c| c.speed_mps > limit)
+    }
+    /// The same where a landed drone would not stay: it climbs at the price of a harder contact, but of no harmful one.
+    pub fn climb_is_harmful(&self) -> bool {
+        self.rests || self.landing_is_softer() && self.climb.is_some_and(|c| c.is_harmful())
+    }
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum End {
+    Landing,
+    Climb,
+}
+
+/// The drone over the deck, as both ends begin.
+struct Prediction<'a> {
+    start: Time<DroneClock>,
+    forecast: &'a DeckForecast,
+    /// From the deck's centre, NED, m.
+    aside: Vector3<f64>,
+    climb: Climb,
+    feet_m: f64,
+    half_span_m: f64,
+}
+
+impl Prediction<'_> {
+    /// The first contact with the deck; None without one.
+    fn contact(&self, end: End) -> Option<PredictedContact> {
+        let mut climb = self.climb;
+        let mut deck = self.forecast.at(self.start)?;
+        let mut before = self.gap(end, &climb, &deck);
+        for k in 1..=(HORIZON_S / STEP_S) as u32 {
+            let t = STEP_S * f64::from(k);
+            match end {
+                End::Landing => climb.sink(STEP_S, deck.velocity[2], SINK_MPS),
+                End::Climb if t <= REACTION_S => climb.z += climb.velocity * STEP_S,
+                End::Climb => climb.advance(STEP_S, deck.velocity[2]),
+            }
+            deck = self.forecast.at(self.start + Span::from_secs(t))?;
+            let left = self.gap(end, &climb, &deck);
+            let closing = (before - left) / STEP_S;
+            if left <= 0.0 && closing > 0.0 && closing.is_finite() {
+                return Some(PredictedContact {
+                    speed_mps: closing,
+                    tilt_rad: deck.normal().xy().norm().min(1.0).asin(),
+                });
+            }
+            before = left;
+        }
+        None
+    }
+
+    fn gap(&self, end: End, climb: &Climb, deck: &DeckStage) -> f64 {
+        let n = deck.normal();
+        let r = Vector3::new(self.aside.x, self.aside.y, climb.z - deck.position[2]);
+        let spread = match end {
+            End::Landing => 0.0,
+            End::Climb => self.half_span_m * n.xy().norm(),
+        };
+        n.dot(&r) - self.feet_m - spread
+    }
+}
+
+#[cfg(test)]
+impl Ends {
+    /// Of contacts at these speeds, m/s.
+    pub(crate) fn of_speeds(landing_mps: f64, climb_mps: Option<f64>) -> Ends {
+        let at = |speed_mps| PredictedContact {
+            speed_mps,
+            tilt_rad: 0.0,
+        };
+        Ends {
+            rests: false,
+            landing: at(landing_mps),
+            climb: climb_mps.map(at),
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::fixtures::{forecast, header, level};
-    use alight_shared::msg::DeckStage;
+    use proptest::prelude::*;
 
-    /// The contact of a climb from `clearance` above a deck at `deck(t)` = (z, velocity), sinking at `sink`.
-    fn contact(clearance: f64, sink: f64, deck: impl Fn(f64) -> (f64, f64)) -> Option<f64> {
+    /// The ends from `clearance` above a deck at `deck(t)` = (z, velocity), sinking at `sink`.
+    fn ends(clearance: f64, sink: f64, deck: impl Fn(f64) -> (f64, f64)) -> Ends {
         let now = Time::from_secs(10.0);
         let f = forecast(header(1, now), |t| DeckStage {
             velocity: [0.0, 0.0, deck(t).1],
@@ -75,17 +189,20 @@ mod tests {
         });
         let drone = DroneGeometry::default();
         let p = Vector3::new(0.0, 0.0, deck(0.0).0 - drone.feet_below_m - clearance);
-        contact_speed(now, &f, &p, &Vector3::new(0.0, 0.0, sink), &drone)
+        Ends::predict(now, &f, &p, &Vector3::new(0.0, 0.0, sink), &drone).unwrap()
+    }
+    fn climb_mps(clearance: f64, sink: f64, deck: impl Fn(f64) -> (f64, f64)) -> Option<f64> {
+        ends(clearance, sink, deck).climb.map(|c| c.speed_mps)
     }
 
     #[test]
     fn climb_from_a_resting_deck_touches_only_within_the_way_that_it_takes_to_brake() {
         // 0.2 s at 0.5 m/s, then v² / 2a: 0.11 m.
-        assert_eq!(contact(0.14, 0.5, |_| (-1.3, 0.0)), None);
-        let touch = contact(0.08, 0.5, |_| (-1.3, 0.0));
-        assert!(touch.is_some_and(|v| (0.05..=0.5).contains(&v)), "{touch:?}");
+        assert_eq!(climb_mps(0.14, 0.5, |_| (-1.3, 0.0)), None);
+        let touch = climb_mps(0.08, 0.5, |_| (-1.3, 0.0));
+        assert!(touch.is_some_and(|v| (0.05..0.5 + 1e-9).contains(&v)), "{touch:?}");
         // Away from a deck that it stands on: no impact.
-        assert_eq!(contact(0.0, 0.0, |_| (-1.3, 0.0)), None);
+        assert_eq!(climb_mps(0.0, 0.0, |_| (-1.3, 0.0)), None);
     }
 
     #[test]
@@ -96,8 +213,73 @@ mod tests {
             let way = 0.5 * v * v / 4.0 + 2.0 * (t - 0.5).max(0.0);
             (-1.3 - way, -v)
         };
-        assert_eq!(contact(0.6, 0.5, rising), None);
-        let touch = contact(0.2, 0.5, rising);
+        assert_eq!(climb_mps(0.6, 0.5, rising), None);
+        let touch = climb_mps(0.2, 0.5, rising);
         assert!(touch.is_some_and(|v| v > 0.5), "{touch:?}");
+        assert!(ends(0.2, 0.5, rising).landing_is_softer());
+    }
+
+    #[test]
+    fn landing_brakes_to_a_soft_contact_where_there_is_height_for_it() {
+        let landing = |clearance, sink| ends(clearance, sink, |_| (-1.3, 0.0)).landing.speed_mps;
+        for sink in [0.4, 2.0] {
+            assert!((landing(0.5, sink) - SINK_MPS).abs() < 1e-9, "{sink}");
+        }
+        // v² = 2² - 2 a 0.1, at half of what the rotors give beyond hover.
+        let hard = landing(0.1, 2.0);
+        assert!((1.3..1.7).contains(&hard), "{hard}");
+    }
+
+    /// A deck that heaves, pitches and drives.
+    fn sea(amplitude: f64, period: f64, phase: f64, pitch: f64) -> DeckForecast {
+        let w = core::f64::consts::TAU / period;
+        forecast(header(1, Time::from_secs(10.0)), |t| {
+            let (sin, cos) = (w * t + phase).sin_cos();
+            DeckStage {
+                velocity: [2.0, 0.0, -amplitude * w * cos],
+                euler: [0.0, pitch * cos, 0.0],
+                ..level([2.0 * t, 0.0, -1.3 - amplitude * sin])
+            }
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn climb_is_never_chosen_where_it_meets_the_deck_harder(
+            amplitude in 0.0..2.0_f64, period in 3.0..10.0_f64, phase in 0.0..6.3_f64, pitch in 0.0..0.3_f64,
+            clearance in -0.2..1.5_f64, sink in -2.0..3.0_f64,
+        ) {
+            let (f, drone) = (sea(amplitude, period, phase, pitch), DroneGeometry::default());
+            let deck = f.stages[0];
+            let p = Vector3::from(deck.position) + deck.normal() * (drone.feet_below_m + clearance);
+            let v = Vector3::new(2.0, 0.0, deck.velocity[2] + sink);
+            let ends = Ends::predict(f.header.at, &f, &p, &v, &drone).unwrap();
+            prop_assert!(ends.landing.speed_mps >= SINK_MPS);
+            // No harder than without any braking.
+            prop_assert!(ends.landing.speed_mps <= sink.max(SINK_MPS) + 1.6 * amplitude * 3.0 + 0.5, "{ends:?}");
+            if !ends.landing_is_softer() {
+                prop_assert!(ends.climb.is_none_or(|c| c.speed_mps <= ends.landing.speed_mps + ALIKE_MPS));
+            }
+        }
+
+        #[test]
+        fn ends_of_finite_input_are_finite(
+            p in prop::array::uniform3(-1e300..1e300_f64), v in prop::array::uniform3(-1e300..1e300_f64),
+            deck in prop::array::uniform6(-1e300..1e300_f64), mass_kg in 1e-3..1e6_f64, near in any::<bool>(),
+        ) {
+            let scale = if near { 1e-299 } else { 1.0 };
+            let of = |x: f64| x * scale;
+            let f = forecast(header(1, Time::from_secs(10.0)), |t| DeckStage {
+                velocity: [of(deck[0]), of(deck[1]), of(deck[2])],
+                euler: [of(deck[3]), of(deck[4]), 0.0],
+                ..level([of(deck[5]), of(deck[4]), of(deck[2]) * t])
+            });
+            let drone = DroneGeometry { mass_kg, ..DroneGeometry::default() };
+            let ends = Ends::predict(f.header.at, &f, &Vector3::from(p.map(of)), &Vector3::from(v.map(of)), &drone);
+            let ends = ends.unwrap();
+            for c in [Some(ends.landing), ends.climb].into_iter().flatten() {
+                prop_assert!(c.speed_mps.is_finite() && c.tilt_rad.is_finite(), "{ends:?}");
+            }
+        }
     }
 }

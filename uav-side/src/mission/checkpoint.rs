@@ -17,8 +17,6 @@ use alight_shared::checkpoint::{CheckpointRejection, Recovery, validate};
 const EVIDENCE_WAIT: Span = Span::from_millis(500);
 /// Commands kept while it waits.
 const MAX_COMMANDS: usize = 16;
-/// Feet no further from the deck than this rest on it, m: the forecast's error.
-pub(super) const AT_REST_M: f64 = 0.15;
 
 /// A mission that does not know yet whether it is a successor.
 #[derive(Clone, Debug, Default)]
@@ -103,16 +101,13 @@ pub(super) fn interrupted(
 }
 
 /// Its feet are on this deck, by the forecast.
-fn rests_on(d: &Deck, s: &Situation, c: &MissionConfig) -> bool {
-    d.clearance_m.abs() < AT_REST_M && s.outside_m < c.lost_outside_m
-}
 fn rests(s: &Situation, c: &MissionConfig) -> bool {
-    s.fresh_deck().is_some_and(|d| rests_on(d, s, c))
+    let rests = s.fresh_deck().and_then(|d| d.ends).is_some_and(|e| e.rests);
+    rests && s.outside_m <= c.lost_outside_m
 }
-/// To complete the landing is softer than to climb: the feet are on this deck, or a climb would meet it harder than the
-/// flare does.
+/// To complete the landing is softer than to climb, and the deck is beneath.
 pub(super) fn ends_softer(d: &Deck, s: &Situation, c: &MissionConfig) -> bool {
-    rests_on(d, s, c) || d.climb_contact_mps.is_some_and(|v| v > c.flare_mps)
+    s.outside_m <= c.lost_outside_m && d.ends.is_some_and(|e| e.landing_is_softer())
 }
 
 fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionConfig) -> MissionPhase {

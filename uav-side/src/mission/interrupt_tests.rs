@@ -11,6 +11,7 @@ use nalgebra::Vector3;
 use super::phase::{HoldCause, holding};
 use super::tests::*;
 use super::*;
+use crate::contingency::Ends;
 
 #[test]
 fn mission_holds_at_a_safe_height_while_data_are_stale() {
@@ -78,9 +79,17 @@ fn abort_ends_every_flying_state() {
     }
 }
 
+/// Of a drone whose feet rest on the deck.
+fn on_the_deck() -> Ends {
+    Ends {
+        rests: true,
+        ..Ends::of_speeds(0.5, None)
+    }
+}
+
 /// A drone low over the deck that a climb would meet at this speed.
 fn low(contact_mps: f64) -> Situation {
-    with_deck(|d| (d.clearance_m, d.climb_contact_mps) = (0.3, Some(contact_mps)))
+    with_deck(|d| (d.clearance_m, d.ends) = (0.3, Some(Ends::of_speeds(0.5, Some(contact_mps)))))
 }
 
 #[test]
@@ -92,7 +101,7 @@ fn abort_climbs_unless_that_meets_the_deck_harder_than_the_landing() {
             State::Hold
         };
         goes(&commanded(COMMITTED, command, &low(0.4)), climbs, Operator);
-        let on_it = with_deck(|d| d.clearance_m = 0.05);
+        let on_it = with_deck(|d| d.ends = Some(on_the_deck()));
         for s in [low(0.8), on_it] {
             let d = commanded(COMMITTED, command, &s);
             waits(&d, State::Flare, CompletesLanding);
@@ -257,16 +266,17 @@ fn mission_gives_up_after_its_last_attempt() {
 #[test]
 fn landing_is_completed_for_a_moment_without_data_where_a_climb_is_worse() {
     let harder = 2.0 * config().flare_mps;
-    for (clearance_m, climb_contact_mps, age_s, state) in [
-        (0.02, None, 0.4, State::Flare),
-        (0.02, None, 1.1, State::Hold),
-        (0.4, None, 0.4, State::Hold),
-        (0.4, Some(harder), 0.4, State::Flare),
-        (0.4, Some(harder), 1.1, State::Hold),
+    let (clears, meets) = (Ends::of_speeds(0.5, None), Ends::of_speeds(0.5, Some(harder)));
+    for (clearance_m, ends, age_s, state) in [
+        (0.02, on_the_deck(), 0.4, State::Flare),
+        (0.02, on_the_deck(), 1.1, State::Hold),
+        (0.4, clears, 0.4, State::Hold),
+        (0.4, meets, 0.4, State::Flare),
+        (0.4, meets, 1.1, State::Hold),
     ] {
         let deck = |s: &mut Situation| {
             let d = s.deck.as_mut().unwrap();
-            (d.clearance_m, d.climb_contact_mps) = (clearance_m, climb_contact_mps);
+            (d.clearance_m, d.ends) = (clearance_m, Some(ends));
         };
         let without_forecast = with(|s| {
             deck(s);

@@ -7,6 +7,7 @@ use alight_shared::msg::{AutopilotMode, AutopilotState, BatteryPlace, LandedStat
 
 use super::tests::*;
 use super::*;
+use crate::contingency::Ends;
 
 fn matching() -> MissionConfig {
     MissionConfig {
@@ -78,7 +79,7 @@ fn match_breaks_off_below_its_lowest_clearance_and_blind() {
 
 #[test]
 fn match_never_completes_a_landing() {
-    let low = with_deck(|d| (d.clearance_m, d.climb_contact_mps) = (0.3, Some(2.0)));
+    let low = with_deck(|d| (d.clearance_m, d.ends) = (0.3, Some(Ends::of_speeds(0.5, Some(2.0)))));
     goes(
         &step_at(&descends(), &low, Some(CommandKind::Abort)),
         State::GaveUp,

@@ -29,13 +29,11 @@ use super::odds::Odds;
 use super::situation::Deck;
 use super::staying::Staying;
 use super::wind::WindMonitor;
+use crate::contingency::{MAX_MPS, MAX_TILT_RAD};
 use crate::planner::rendezvous::carried;
 use crate::planner::rendezvous::config::WindConfig;
 use crate::planner::rendezvous::touchdown_time::aligned_acceleration;
 
-/// The limits of a good contact ([`crate`]'s trials are judged by the same): speeds, m/s, and angle, rad.
-const MAX_MPS: f64 = 1.0;
-const MAX_TILT_RAD: f64 = 10.0 * core::f64::consts::PI / 180.0;
 /// What the deck does unforeseen for so long the drone does not follow, s: a tenth from measurement to thrust, and two
 /// tenths until its sink has changed.
 const REACTION_S: f64 = 0.3;

@@ -13,7 +13,7 @@ use nalgebra::{Vector2, Vector3};
 use super::config::MissionConfig;
 use super::odds::Odds;
 use super::staying::Staying;
-use crate::contingency::contact_speed;
+use crate::contingency::Ends;
 use crate::surroundings::ring_m;
 
 /// Whether the drone flies and who controls it.
@@ -204,9 +204,8 @@ pub struct Deck {
     pub turn_mps: f64,
     /// Mean of the predicted height over the whole forecast, NED z, m.
     pub mean_z: f64,
-    /// The speed at which the deck would meet a drone that climbs away from now on, m/s; None when it clears the
-    /// deck, and above the commit clearance.
-    pub climb_contact_mps: Option<f64>,
+    /// How the landing, completed, and a climb from now on would end; None above the commit clearance.
+    pub ends: Option<Ends>,
 }
 
 impl Deck {
@@ -270,8 +269,8 @@ impl Deck {
             turn_radps,
             turn_mps: mean_mps * turn_radps * TURN_LAG_S,
             mean_z: sum / forecast.stages.len().max(1) as f64,
-            climb_contact_mps: (clearance_m < config.commit_clearance_m)
-                .then(|| contact_speed(now, forecast, &own.position, &own.velocity, drone))
+            ends: (clearance_m < config.commit_clearance_m)
+                .then(|| Ends::predict(now, forecast, &own.position, &own.velocity, drone))
                 .flatten(),
         })
     }

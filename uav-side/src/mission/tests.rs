@@ -63,7 +63,7 @@ pub(super) fn fair() -> Situation {
             turn_mps: 0.0,
             tilt_rad: 0.1,
             mean_z: -1.3,
-            climb_contact_mps: None,
+            ends: None,
         }),
         mean_deck_z: Some(-1.3),
         tilt_excess_rad: 0.0,

@@ -6,10 +6,10 @@
 
 use alight_shared::msg::{BatteryPlace, CommandKind, Phase, Reason, ReasonCode};
 
-use super::checkpoint::{AT_REST_M, ends_softer};
+use super::checkpoint::ends_softer;
 use super::config::MissionConfig;
 use super::phase::{HoldCause, MissionPhase, Progress, Transition, gave_up, holding, old_data};
-use super::situation::{ControlState, Deck, Reservation, Situation};
+use super::situation::{ControlState, Reservation, Situation};
 use super::states;
 
 /// What a step decided.
@@ -67,9 +67,6 @@ pub fn decide(
     }
 }
 
-/// A contact up to this is that of a good landing, m/s.
-const HARMLESS_MPS: f64 = 1.0;
-
 /// Whether there is something that an operator can stop: a drone in the air that is ours.
 fn can_stop(phase: MissionPhase, s: &Situation) -> bool {
     let waits = phase == MissionPhase::Idle && s.flight == ControlState::Ours && s.own.is_some();
@@ -77,19 +74,18 @@ fn can_stop(phase: MissionPhase, s: &Situation) -> bool {
     phase.flies() || waits || stands && s.false_touchdown().is_some()
 }
 
-/// Whether an operator who stops the landing now lets it be completed, because that is the softer contact: the feet are
-/// on the deck already, or the predicted deck would meet a climbing drone faster than a flare meets the deck.
+/// Whether an operator who stops the landing now lets it be completed, because that is the softer contact ([`crate::contingency::Ends`]).
 /// A drone that would not stay on the deck climbs at the price of a harder contact, but no harmful one. Once completed it
 /// stays so: each new forecast could change the decision, over a height that shrinks.
 fn completes(phase: MissionPhase, progress: &Progress, s: &Situation, c: &MissionConfig) -> bool {
-    let limit = if s.staying.probability >= c.min_probability {
-        c.flare_mps
-    } else {
-        HARMLESS_MPS
-    };
-    let harder = s
-        .fresh_deck()
-        .is_some_and(|d| d.clearance_m < AT_REST_M || d.climb_contact_mps.is_some_and(|v| v > limit));
+    let stays = s.staying.probability >= c.min_probability;
+    let harder = s.fresh_deck().and_then(|d| d.ends).is_some_and(|ends| {
+        if stays {
+            ends.landing_is_softer()
+        } else {
+            ends.climb_is_harmful()
+        }
+    });
     let beneath = s.outside_m <= c.lost_outside_m && !s.motors_stopped;
     let touches = c.lowest_plan_m().is_none();
     touches && phase.state().phase() == Phase::Landing && (progress.stopped || harder && beneath)
@@ -106,10 +102,9 @@ fn completes_without_data(
     c: &MissionConfig,
 ) -> bool {
     let known = s.forecast_age_s.max(s.odometry_age_s) <= COMPLETES_WITHOUT_DATA_S;
-    let softer = |d: &Deck| ends_softer(d, s, c);
     let lands = phase.state().phase() == Phase::Landing && !progress.stopped;
     let touches = c.lowest_plan_m().is_none();
-    lands && touches && known && s.deck.as_ref().is_some_and(softer)
+    lands && touches && known && s.deck.is_some_and(|d| ends_softer(&d, s, c))
 }
 
 /// What stale data lead to: hold until they are fresh, unless an operator has stopped the landing meanwhile.

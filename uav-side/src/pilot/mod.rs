@@ -36,8 +36,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::contingency::{
-    Action, Body, COMMIT_CLEARANCE_M, Climb, DeckBelow, GOES_ON_WITHOUT_MISSION_S, Hold, Known, SINK_MPS,
-    contact_speed,
+    Action, Body, COMMIT_CLEARANCE_M, DeckBelow, Ends, GOES_ON_WITHOUT_MISSION_S, Hold, Known,
 };
 use crate::odometry::origin::DroneFrame;
 use delay::Delay;
@@ -355,7 +354,7 @@ impl Pilot {
             self.hold = None;
             self.tracker.reset();
         }
-        let action = known.action(|| below.is_some_and(|b| self.lands_softer(now, body, b)));
+        let action = known.action(|| below.is_some() && self.lands_softer(now, body));
         let goes_on = matches!(action, Action::Follow | Action::Complete | Action::Press);
         self.completes = silent && goes_on;
         let led = self.acted_on(now, body);
@@ -392,15 +391,11 @@ impl Pilot {
             .filter(|a| a.armed)
     }
 
-    /// Whether to complete the landing without a plan ends softer than to climb away.
-    fn lands_softer(&self, now: Time<DroneClock>, body: &Body, b: &DeckBelow) -> bool {
-        let climb = Climb::new(body.position.z, body.velocity.z, &self.geometry);
-        let landing = climb.braked(-b.normal_speed, b.clearance, SINK_MPS);
+    /// Whether to complete the landing without a plan is softer than to climb away.
+    fn lands_softer(&self, now: Time<DroneClock>, body: &Body) -> bool {
+        let ends = |f| Ends::predict(now, f, &body.position, &body.velocity, &self.geometry);
         let touched = self.detector.contact() != Contact::Clear;
-        let climbing = |f| {
-            contact_speed(now, f, &body.position, &body.velocity, &self.geometry).is_some_and(|v| v > landing)
-        };
-        touched || self.forecast.get().is_some_and(climbing)
+        touched || self.forecast.get().and_then(ends).is_some_and(|e| e.landing_is_softer())
     }
 }
 
