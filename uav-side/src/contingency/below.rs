@@ -35,8 +35,11 @@ impl Body {
     }
 }
 
-/// Nearer to the deck than this a drone is within its reach, whatever height was asked for, m.
-const NEAR_DECK_M: f64 = 3.0;
+/// Nearer to the deck than this a drone is within its reach, whatever height was asked for, m: more than a deck rises within
+/// the time in which it gets there.
+pub(crate) const NEAR_DECK_M: f64 = 3.0;
+/// A drone that stays where it is keeps this clear of the highest deck that is predicted, m.
+const KEEPS_CLEAR_M: f64 = 1.0;
 
 /// The deck relative to the drone, now.
 #[derive(Clone, Copy, Debug)]
@@ -49,6 +52,8 @@ pub(crate) struct DeckBelow {
     pub(crate) clearance: f64,
     /// Speed away from the deck along its normal, m/s.
     pub(crate) normal_speed: f64,
+    /// How far the deck will rise from here, as far as it is predicted, m.
+    rises: f64,
 }
 
 impl DeckBelow {
@@ -62,19 +67,51 @@ impl DeckBelow {
         let stage = forecast.at(now.max(forecast.header.at))?;
         let up = stage.normal();
         let r = body.position - Vector3::from(stage.position);
+        let rises = forecast.stages.iter().map(|s| stage.position[2] - s.position[2]);
         Some(DeckBelow {
             stage,
             around: forecast.surroundings,
             clearance: up.dot(&r) - drone.feet_below_m,
             normal_speed: up.dot(&(body.velocity - Vector3::from(stage.velocity))),
+            rises: rises.fold(0.0, f64::max),
         })
     }
 
     /// Whether a drone without mission or plan has to climb with the deck: near enough to be reached by it or what stands on
-    /// the vessel, and not yet as high over the deck as the mission has asked for (`height_m`).
+    /// the vessel, now or when the deck has risen, and not yet as high over the deck as the mission has asked for (`height_m`).
     pub(crate) fn is_near(&self, body: &Body, height_m: f64, drone: &DroneGeometry) -> bool {
         let aside = (body.position - Vector3::from(self.stage.position)).xy().norm();
-        let clear = (height_m - BELOW_M - drone.feet_below_m).max(NEAR_DECK_M);
+        let asked = height_m - BELOW_M - drone.feet_below_m;
+        let clear = asked.max(NEAR_DECK_M).max(self.rises + KEEPS_CLEAR_M);
         aside < ring_m(&self.around, drone) && self.clearance < clear
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixtures::{forecast, header, level};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn hold_keeps_clear_of_the_predicted_deck(
+            amplitude in 0.0..4.0_f64, period in 2.0..10.0_f64, phase in 0.0..6.3_f64, clearance in 0.0..12.0_f64,
+            height_m in 0.0..8.0_f64, offset in -9.0..9.0_f64,
+        ) {
+            let w = core::f64::consts::TAU / period;
+            let heave = |t: f64| -1.3 - amplitude * (w * t + phase).sin();
+            let f = forecast(header(1, Time::from_secs(10.0)), |t| level([0.0, 0.0, heave(t)]));
+            let drone = DroneGeometry::default();
+            let body = Body {
+                position: Vector3::new(offset, 0.0, heave(0.0) - drone.feet_below_m - clearance),
+                velocity: Vector3::zeros(),
+                attitude: UnitQuaternion::identity(),
+            };
+            let below = DeckBelow::of(f.header.at, &f, &body, &drone).unwrap();
+            let highest = f.stages.iter().map(|s| s.position[2]).fold(f64::INFINITY, f64::min);
+            let least = highest - drone.feet_below_m - body.position.z;
+            prop_assert!(below.is_near(&body, height_m, &drone) || least > KEEPS_CLEAR_M - 1e-9, "{least}");
+        }
     }
 }

@@ -14,15 +14,12 @@ use super::model::{State, angular_velocity, clearance, tilt_of, up_of};
 use super::mpc_faa::{Problem, Side};
 use super::qp::NO_CEILING;
 use super::view::View;
-use crate::contingency::{BELOW_M, Climb, escape_velocity};
+use crate::contingency::{BELOW_M, Climb, NEAR_DECK_M, escape_velocity};
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
 use crate::surroundings::{Passage, margin_m, way_round};
 
 /// An aborted descent is braked by this, m/s².
 const ABORTED_DESCENT_MPS2: f64 = 6.0;
-/// A drone on its way up climbs away from the deck at full rate while it is nearer to it than this, upwards and sideways,
-/// m: more than a deck rises within the time in which it gets there.
-const NEAR_DECK_M: f64 = 3.0;
 /// The reference rests on the lowest clearance, the bound of the plan lies lower by this, m: they do not pull at each other.
 const UNDERCUT_M: f64 = 0.2;
 /// A deck further from its mean height than this is no heave: the frame or the estimate moved, m.
