@@ -3,7 +3,9 @@
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{CommandKind, DroneState, LandedState};
 
-use super::message::{self, Address, CommandResult, Frame, Heartbeat, Message, command, severity};
+use super::message::{
+    self, Address, CommandResult, DistanceReport, Frame, Heartbeat, Message, command, severity,
+};
 use super::modes::Firmware;
 use super::peer::Peer;
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output, drone_state, thrust};
@@ -38,20 +40,7 @@ impl AutopilotLink {
                 remote_ns: now.nanos(),
                 local_ns: *local_ns,
             }),
-            Message::Timesync { remote_ns, local_ns } => {
-                if let Some(k) = self.timesync_requests.iter().position(|q| q == local_ns) {
-                    self.timesync_requests.remove(k);
-                    let before = self.clock.restarts;
-                    self.clock
-                        .answered(now, *local_ns, *remote_ns, c.timesync_limit_s);
-                    if self.clock.restarts != before {
-                        self.drone_state.restart();
-                        // Its origin is another, too.
-                        (self.datum, self.geoid_m, self.origins, self.timers.origin) = Default::default();
-                        peer.parameters.read_again();
-                    }
-                }
-            }
+            Message::Timesync { remote_ns, local_ns } => self.on_timesync(now, *remote_ns, *local_ns),
             Message::Odometry(o) => {
                 peer.streams.received(message::id::ODOMETRY);
                 if let Some(at) = self.clock.local_time(now, micros(o.time_us)) {
@@ -83,14 +72,7 @@ impl AutopilotLink {
             }
             Message::Distance(d) => {
                 peer.streams.received(message::id::DISTANCE_SENSOR);
-                let at = self.clock.local_time(now, millis(d.time_ms));
-                if let Some(mut sample) = at.and_then(|at| drone_state::range(at, d, c))
-                    && self.range.is_none_or(|r| sample.header.at > r.header.at)
-                {
-                    sample.header = self.header(Output::Range, sample.header.at);
-                    self.range = Some(sample);
-                    out.ranges.push(sample);
-                }
+                self.on_distance(now, d, out);
             }
             Message::Mode { custom_mode } => {
                 peer.streams.received(message::id::CURRENT_MODE);
@@ -119,22 +101,7 @@ impl AutopilotLink {
             Message::Parameter { name, value } => peer.parameters.received(name, *value),
             Message::Origin(origin) => self.on_origin(origin),
             Message::GnssHeights { sea_m, ellipsoid_m } => self.on_heights(*sea_m, *ellipsoid_m),
-            Message::CommandAck { command, result } => {
-                if *command == command::MESSAGE_INTERVAL {
-                    peer.streams.answered(now, *result);
-                } else if *command == command::ARM_DISARM
-                    && *result == CommandResult::Accepted
-                    && self.disarm.sent() + self.alone.sent() > 0
-                {
-                    // PX4's next heartbeat may be a second away.
-                    peer.armed = false;
-                } else if matches!(*command, command::ARM_DISARM | command::SET_MODE)
-                    && !matches!(result, CommandResult::Accepted | CommandResult::InProgress)
-                {
-                    out.texts
-                        .push(format!("the autopilot denied command {command}: {result:?}"));
-                }
-            }
+            Message::CommandAck { command, result } => self.on_answer(now, *command, *result, out),
             Message::SystemStatus { present, healthy } => {
                 peer.streams.received(message::id::SYS_STATUS);
                 self.switch.on_status(now, *present, *healthy);
@@ -165,6 +132,55 @@ impl AutopilotLink {
             | Message::HilActuators { .. } => {}
         }
         false
+    }
+
+    /// The answer to a question about clocks.
+    fn on_timesync(&mut self, now: DroneTime, remote_ns: i64, local_ns: i64) {
+        let Some(k) = self.timesync_requests.iter().position(|q| *q == local_ns) else {
+            return;
+        };
+        self.timesync_requests.remove(k);
+        let before = self.clock.restarts;
+        self.clock
+            .answered(now, local_ns, remote_ns, self.config.timesync_limit_s);
+        if self.clock.restarts != before {
+            self.drone_state.restart();
+            // Its origin is another, too.
+            (self.datum, self.geoid_m, self.origins, self.timers.origin) = Default::default();
+            if let Some(peer) = &mut self.peer {
+                peer.parameters.read_again();
+            }
+        }
+    }
+
+    fn on_distance(&mut self, now: DroneTime, d: &DistanceReport, out: &mut AutopilotOut) {
+        let at = self.clock.local_time(now, millis(d.time_ms));
+        if let Some(mut sample) = at.and_then(|at| drone_state::range(at, d, &self.config))
+            && self.range.is_none_or(|r| sample.header.at > r.header.at)
+        {
+            sample.header = self.header(Output::Range, sample.header.at);
+            self.range = Some(sample);
+            out.ranges.push(sample);
+        }
+    }
+
+    /// The answer to a command.
+    fn on_answer(&mut self, now: DroneTime, command: u16, result: CommandResult, out: &mut AutopilotOut) {
+        let Some(peer) = &mut self.peer else { return };
+        if command == command::MESSAGE_INTERVAL {
+            peer.streams.answered(now, result);
+        } else if command == command::ARM_DISARM
+            && result == CommandResult::Accepted
+            && self.disarm.sent() + self.alone.sent() > 0
+        {
+            // PX4's next heartbeat may be a second away.
+            peer.armed = false;
+        } else if matches!(command, command::ARM_DISARM | command::SET_MODE)
+            && !matches!(result, CommandResult::Accepted | CommandResult::InProgress)
+        {
+            out.texts
+                .push(format!("the autopilot denied command {command}: {result:?}"));
+        }
     }
 
     /// The remote control's switch was moved: the mission is commanded.

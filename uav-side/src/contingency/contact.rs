@@ -81,10 +81,12 @@ impl Ends {
             speed_mps: SINK_MPS,
             tilt_rad: 0.0,
         };
-        let landing = prediction.contact(End::Landing).map_or(soft, |c| PredictedContact {
-            speed_mps: c.speed_mps.max(SINK_MPS),
-            tilt_rad: 0.0,
-        });
+        let landing = prediction
+            .contact(End::Landing)
+            .map_or(soft, |c| PredictedContact {
+                speed_mps: c.speed_mps.max(SINK_MPS),
+                tilt_rad: 0.0,
+            });
         Some(Ends {
             rests: (here.normal().dot(&aside) - drone.feet_below_m).abs() < AT_REST_M,
             landing,

@@ -3,8 +3,8 @@
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, Course, DECK_CLOSED, DeckForecast, DeckGrant, DroneState, LandedState,
-    LandingMode, Reason, ReasonCode, WAITING_DISTANCE_M, WaitingPlace,
+    AutopilotMode, AutopilotState, Course, DECK_CLOSED, DeckForecast, DeckGrant, DeckStage, DroneState,
+    LandedState, LandingMode, Reason, ReasonCode, WAITING_DISTANCE_M, WaitingPlace,
 };
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::topics;
@@ -202,8 +202,6 @@ pub struct Deck {
     pub turn_radps: f64,
     /// By how much the vessel's turn may change the deck's horizontal velocity before the forecast follows, m/s.
     pub turn_mps: f64,
-    /// Mean of the predicted height over the whole forecast, NED z, m.
-    pub mean_z: f64,
     /// How the landing, completed, and a climb from now on would end; None above the commit clearance.
     pub ends: Option<Ends>,
 }
@@ -227,22 +225,9 @@ impl Deck {
         let feet = here.rotation().transpose() * (r + attitude * (Vector3::z() * drone.feet_below_m));
 
         let clearance_m = r.dot(&here.normal()) - drone.feet_below_m;
-        let step = forecast.step.secs();
-        let since = (start - forecast.header.at).secs();
-        let (mut speed, mut heave, mut tilt) = (0.0_f64, 0.0_f64, 0.0_f64);
-        let mut sum = 0.0;
-        let mut course = Vector2::zeros();
-        for (i, s) in forecast.stages.iter().enumerate() {
-            sum += s.position[2];
-            course += Vector2::new(s.velocity[0], s.velocity[1]);
-            let lead = i as f64 * step - since;
-            if lead < -step || lead > FEASIBLE_S {
-                continue;
-            }
-            speed = speed.max(s.velocity[0].hypot(s.velocity[1]));
-            heave = heave.max(s.velocity[2].abs());
-            tilt = tilt.max(angle_from_vertical(s.euler[0], s.euler[1]));
-        }
+        let [speed_mps, heave_mps, tilt_rad] = greatest_motion(forecast, start);
+        let horizontal = |s: &DeckStage| Vector2::new(s.velocity[0], s.velocity[1]);
+        let course: Vector2<f64> = forecast.stages.iter().map(horizontal).sum();
         let turn_radps = forecast.mean_heading_rate.abs();
         let mean_mps = course.norm() / forecast.stages.len().max(1) as f64;
         let to_deck = -r.xy() / r.xy().norm().max(1e-3);
@@ -263,12 +248,11 @@ impl Deck {
                 forecast.vision_age_s.min(forecast.radio_age_s)
             },
             sinking_mps: -v.dot(&here.normal()),
-            speed_mps: speed,
-            heave_mps: heave,
-            tilt_rad: tilt,
+            speed_mps,
+            heave_mps,
+            tilt_rad,
             turn_radps,
             turn_mps: mean_mps * turn_radps * TURN_LAG_S,
-            mean_z: sum / forecast.stages.len().max(1) as f64,
             ends: (clearance_m < config.commit_clearance_m)
                 .then(|| Ends::predict(now, forecast, &own.position, &own.velocity, drone))
                 .flatten(),
@@ -281,6 +265,28 @@ impl Deck {
         let across = self.feet.y.abs() - 0.5 * (deck.width_m - drone.feet_span_m[1]);
         along.max(across)
     }
+}
+
+/// Greatest horizontal speed and vertical speed, m/s, and tilt, rad, of the deck from `start` on.
+fn greatest_motion(forecast: &DeckForecast, start: Time<DroneClock>) -> [f64; 3] {
+    let step = forecast.step.secs();
+    let since = (start - forecast.header.at).secs();
+    let mut greatest = [0.0_f64; 3];
+    for (i, s) in forecast.stages.iter().enumerate() {
+        let lead = i as f64 * step - since;
+        if lead < -step || lead > FEASIBLE_S {
+            continue;
+        }
+        let motion = [
+            s.velocity[0].hypot(s.velocity[1]),
+            s.velocity[2].abs(),
+            angle_from_vertical(s.euler[0], s.euler[1]),
+        ];
+        for (most, value) in greatest.iter_mut().zip(motion) {
+            *most = most.max(value);
+        }
+    }
+    greatest
 }
 
 /// Angle between a body's down axis and the vertical for roll and pitch, rad.

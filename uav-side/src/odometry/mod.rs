@@ -70,6 +70,33 @@ struct SmoothState {
 }
 
 impl SmoothState {
+    /// `dt` later (s), by the specific force and gravity, with the autopilot `ahead` (m) and `faster` (m/s).
+    fn advance(
+        &mut self,
+        reported: &DroneState,
+        force: &Vector3<f64>,
+        ahead: &Vector3<f64>,
+        faster: &Vector3<f64>,
+        dt: f64,
+        c: &OdometryConfig,
+    ) {
+        // An impact lasts for milliseconds: a sample in it, or none, tells nothing of its impulse. The autopilot, which
+        // integrates its sensors at their own rate, has it.
+        let change = reported.velocity() - self.reported.velocity();
+        let force = if (force * dt - change).norm() > IMPACT_MPS {
+            change / dt
+        } else {
+            *force
+        };
+        let acceleration = force + self.bias + faster * c.velocity_gain + ahead * c.position_gain;
+        let drift = (ahead - ahead.cap_magnitude(LAG_M)) * DRIFT_GAIN;
+        self.position += (self.velocity + drift) * dt + acceleration * (0.5 * dt * dt);
+        self.velocity += acceleration * dt;
+        let max = c.bias_limit_mps2;
+        self.bias = (self.bias + faster * (c.bias_gain * dt)).map(|b| b.clamp(-max, max));
+        self.at = reported.header.at;
+        self.reported = *reported;
+    }
     fn state(&self) -> DroneState {
         DroneState {
             position: self.position.into(),
@@ -163,22 +190,7 @@ impl Odometry {
             self.smoothed = Some(fresh);
             return *reported;
         }
-        // An impact lasts for milliseconds: a sample in it, or none, tells nothing of its impulse. The autopilot, which
-        // integrates its sensors at their own rate, has it.
-        let change = reported.velocity() - h.reported.velocity();
-        let force = if (force * dt - change).norm() > IMPACT_MPS {
-            change / dt
-        } else {
-            force
-        };
-        let acceleration = force + h.bias + faster * c.velocity_gain + ahead * c.position_gain;
-        let drift = (ahead - ahead.cap_magnitude(LAG_M)) * DRIFT_GAIN;
-        h.position += (h.velocity + drift) * dt + acceleration * (0.5 * dt * dt);
-        h.velocity += acceleration * dt;
-        let max = c.bias_limit_mps2;
-        h.bias = (h.bias + faster * (c.bias_gain * dt)).map(|b| b.clamp(-max, max));
-        h.at = reported.header.at;
-        h.reported = *reported;
+        h.advance(reported, &force, &ahead, &faster, dt, c);
         self.smoothed = Some(h);
         h.state()
     }

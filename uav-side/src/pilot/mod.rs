@@ -395,7 +395,12 @@ impl Pilot {
     fn lands_softer(&self, now: Time<DroneClock>, body: &Body) -> bool {
         let ends = |f| Ends::predict(now, f, &body.position, &body.velocity, &self.geometry);
         let touched = self.detector.contact() != Contact::Clear;
-        touched || self.forecast.get().and_then(ends).is_some_and(|e| e.landing_is_softer())
+        touched
+            || self
+                .forecast
+                .get()
+                .and_then(ends)
+                .is_some_and(|e| e.landing_is_softer())
     }
 }
 

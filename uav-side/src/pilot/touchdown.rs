@@ -56,6 +56,16 @@ pub(crate) struct Evidence {
     pub(crate) normal_speed: Option<f64>,
 }
 
+impl Evidence {
+    /// Own command or report, whichever is larger: a thrust that was not cut explains the force.
+    fn applied_thrust(&self) -> Option<f64> {
+        match (self.own_thrust, self.reported_thrust) {
+            (Some(a), Some(b)) => Some(a.max(b)),
+            (a, b) => a.or(b),
+        }
+    }
+}
+
 /// How far the detector has come.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Contact {
@@ -158,6 +168,22 @@ impl TouchdownDetector {
         n >= 8 && oldest > 0.8 * c.resting_s && (sum / f64::from(n)).abs() < 0.4 * c.range_margin_m
     }
 
+    /// Takes what carries the drone; gives this step's excess.
+    fn weigh(&mut self, dt: f64, e: &Evidence) -> f64 {
+        let (Some(force), Some(thrust), Some(sure)) =
+            (e.force, e.own_thrust.or(e.reported_thrust), e.applied_thrust())
+        else {
+            return 0.0;
+        };
+        let fraction = 1.0 - (-dt / EXCESS_TIME_S).exp();
+        let impact = force - thrust;
+        // A single impact must not fill the memory of the sustained excess.
+        let bound = |v: f64| v.clamp(-10.0, 10.0);
+        self.excess += fraction * (bound(impact) - self.excess);
+        self.sure_excess += fraction * (bound(force - sure) - self.sure_excess);
+        impact
+    }
+
     /// One step; gives the evidence at the moment of confirmation.
     pub(crate) fn step(
         &mut self,
@@ -169,83 +195,90 @@ impl TouchdownDetector {
         if self.contact == Contact::Confirmed {
             return None;
         }
-        // Own command or report, whichever is larger: a thrust that was not cut explains the force.
-        let applied = match (e.own_thrust, e.reported_thrust) {
-            (Some(a), Some(b)) => Some(a.max(b)),
-            (a, b) => a.or(b),
-        };
-        let mut impact = 0.0;
-        if let (Some(force), Some(thrust), Some(sure)) =
-            (e.force, e.own_thrust.or(e.reported_thrust), applied)
-        {
-            let fraction = 1.0 - (-dt / EXCESS_TIME_S).exp();
-            impact = force - thrust;
-            // A single impact must not fill the memory of the sustained excess.
-            let bound = |v: f64| v.clamp(-10.0, 10.0);
-            self.excess += fraction * (bound(impact) - self.excess);
-            self.sure_excess += fraction * (bound(force - sure) - self.sure_excess);
-        }
+        let impact = self.weigh(dt, e);
         if !e.permitted {
             self.clear();
             return None;
         }
         let range = self.median(now, c);
-        let near = self.near(range, e, c, c.range_margin_m);
         match self.contact {
             Contact::Clear => {
-                if now < self.pause_until || !near {
-                    self.loaded = None;
-                    return None;
-                }
-                self.loaded = (self.excess > c.suspect_excess_mps2).then(|| self.loaded.unwrap_or(now));
-                let carried = self.loaded.is_some_and(|t| (now - t).secs() >= c.suspect_s);
-                let rests = e.descending && self.resting(now, c);
-                if carried || impact > c.impact_mps2 || rests {
-                    self.contact = Contact::Suspected {
-                        since: now,
-                        carried: None,
-                    };
-                }
+                self.suspect(now, impact, range, e, c);
                 None
             }
-            Contact::Suspected { since, carried } => {
-                let waited = (now - since).secs();
-                let left = !self.near(range, e, c, c.range_release_m);
-                if left || waited > c.give_up_s {
-                    self.clear();
-                    self.pause_until = now + alight_shared::time::Span::from_secs(c.pause_s);
-                    return None;
-                }
-                let slow = e.normal_speed.is_none_or(|v| v.abs() <= c.speed_veto_mps);
-                let cut = applied.is_some_and(|t| t <= 0.8 * e.hover_thrust);
-                let holds = near
-                    && slow
-                    && cut
-                    && e.reported_thrust.is_some()
-                    && self.sure_excess > c.confirm_excess_mps2;
-                let carried = holds.then(|| carried.unwrap_or(now));
-                self.contact = Contact::Suspected { since, carried };
-                let needed = if range.is_some() {
-                    c.confirm_s
-                } else {
-                    c.blind_confirm_s
-                };
-                if !carried.is_some_and(|t| (now - t).secs() >= needed) {
-                    return None;
-                }
-                self.contact = Contact::Confirmed;
-                Some(Touchdown {
-                    header: Header::new(0, 0, 0, 0, now),
-                    suspected_at: since,
-                    range_m: range,
-                    clearance_m: e.clearance,
-                    normal_speed_mps: e.normal_speed,
-                    excess_mps2: self.sure_excess,
-                    thrust_of_hover: applied.map_or(0.0, |t| t / e.hover_thrust),
-                })
-            }
+            Contact::Suspected { since, carried } => self.confirm(now, (since, carried), range, e, c),
             Contact::Confirmed => None,
         }
+    }
+
+    /// An impact, an excess, or resting at the feet's range makes contact suspected.
+    fn suspect(
+        &mut self,
+        now: DroneTime,
+        impact: f64,
+        range: Option<f64>,
+        e: &Evidence,
+        c: &TouchdownConfig,
+    ) {
+        if now < self.pause_until || !self.near(range, e, c, c.range_margin_m) {
+            self.loaded = None;
+            return;
+        }
+        self.loaded = (self.excess > c.suspect_excess_mps2).then(|| self.loaded.unwrap_or(now));
+        let carried = self.loaded.is_some_and(|t| (now - t).secs() >= c.suspect_s);
+        let rests = e.descending && self.resting(now, c);
+        if carried || impact > c.impact_mps2 || rests {
+            self.contact = Contact::Suspected {
+                since: now,
+                carried: None,
+            };
+        }
+    }
+
+    /// Touchdown, when the drone is carried for long enough although its thrust is cut; else the suspicion is dropped after a
+    /// while.
+    fn confirm(
+        &mut self,
+        now: DroneTime,
+        (since, carried): (DroneTime, Option<DroneTime>),
+        range: Option<f64>,
+        e: &Evidence,
+        c: &TouchdownConfig,
+    ) -> Option<Touchdown> {
+        let left = !self.near(range, e, c, c.range_release_m);
+        if left || (now - since).secs() > c.give_up_s {
+            self.clear();
+            self.pause_until = now + alight_shared::time::Span::from_secs(c.pause_s);
+            return None;
+        }
+        let applied = e.applied_thrust();
+        let slow = e.normal_speed.is_none_or(|v| v.abs() <= c.speed_veto_mps);
+        let cut = applied.is_some_and(|t| t <= 0.8 * e.hover_thrust);
+        let holds = self.near(range, e, c, c.range_margin_m)
+            && slow
+            && cut
+            && e.reported_thrust.is_some()
+            && self.sure_excess > c.confirm_excess_mps2;
+        let carried = holds.then(|| carried.unwrap_or(now));
+        self.contact = Contact::Suspected { since, carried };
+        let needed = if range.is_some() {
+            c.confirm_s
+        } else {
+            c.blind_confirm_s
+        };
+        if !carried.is_some_and(|t| (now - t).secs() >= needed) {
+            return None;
+        }
+        self.contact = Contact::Confirmed;
+        Some(Touchdown {
+            header: Header::new(0, 0, 0, 0, now),
+            suspected_at: since,
+            range_m: range,
+            clearance_m: e.clearance,
+            normal_speed_mps: e.normal_speed,
+            excess_mps2: self.sure_excess,
+            thrust_of_hover: applied.map_or(0.0, |t| t / e.hover_thrust),
+        })
     }
 
     /// The feet are about on the deck: by the rangefinder, or by the forecast when it is silent;

@@ -111,6 +111,158 @@ pub struct Instance<'a, const N: usize> {
     pub floor: &'a [f64],
 }
 
+/// Where the variables of each stage are: input, state, slack of the motion, and one of the place where it has a floor.
+struct Layout<const N: usize> {
+    width: usize,
+    /// 1 where the place has a slack of its own.
+    place: usize,
+    /// Cost of the motion's slack over that of the place.
+    motion_cost: f64,
+    /// What a unit of the place's slack is, m.
+    unit_m: f64,
+}
+
+impl<const N: usize> Layout<N> {
+    fn of(limits: &ChainLimits<N>) -> Self {
+        let (place, motion_cost, unit_m) = if limits.floor {
+            (1, MOTION_OVER_PLACE, PLACE_SLACK_M)
+        } else {
+            (0, 1.0, CEILING_SLACK_M)
+        };
+        Layout {
+            width: limits.width(),
+            place,
+            motion_cost,
+            unit_m,
+        }
+    }
+    fn input(&self, k: usize) -> usize {
+        k * self.width
+    }
+    fn state(&self, k: usize) -> usize {
+        k * self.width + 1
+    }
+    fn slack(&self, k: usize) -> usize {
+        k * self.width + 1 + N
+    }
+    fn place_slack(&self, k: usize) -> usize {
+        self.slack(k) + self.place
+    }
+
+    /// `P`: inputs tridiagonal (squared increments), states diagonal (`Q`, explicit even if zero), slacks diagonal; and where
+    /// each stage's `Q` begins in its values.
+    fn quadratic(
+        &self,
+        stages: usize,
+        increment_weight: f64,
+        slack: SlackCost,
+    ) -> (CscMatrix<f64>, Vec<usize>) {
+        let (mut colptr, mut rowval, mut nzval) = (vec![0], Vec::new(), Vec::new());
+        let mut weight_at = Vec::with_capacity(stages);
+        let r2 = 2.0 * increment_weight;
+        for k in 0..stages {
+            if k > 0 {
+                rowval.push(self.input(k - 1));
+                nzval.push(-r2);
+            }
+            rowval.push(self.input(k));
+            nzval.push(if k + 1 < stages { 2.0 * r2 } else { r2 });
+            colptr.push(rowval.len());
+            weight_at.push(nzval.len());
+            for i in 0..N {
+                rowval.push(self.state(k) + i);
+                nzval.push(2.0);
+                colptr.push(rowval.len());
+            }
+            for (i, cost) in [self.motion_cost, 1.0]
+                .into_iter()
+                .take(1 + self.place)
+                .enumerate()
+            {
+                rowval.push(self.slack(k) + i);
+                nzval.push(2.0 * cost * slack.quadratic);
+                colptr.push(rowval.len());
+            }
+        }
+        let variables = stages * self.width;
+        (
+            CscMatrix::new(variables, variables, colptr, rowval, nzval),
+            weight_at,
+        )
+    }
+}
+
+/// Rows of `A` as triplets, and `b`.
+#[derive(Default)]
+struct Constraints {
+    rows: Vec<usize>,
+    cols: Vec<usize>,
+    values: Vec<f64>,
+    b: Vec<f64>,
+}
+
+impl Constraints {
+    fn set(&mut self, row: usize, col: usize, value: f64) {
+        self.rows.push(row);
+        self.cols.push(col);
+        self.values.push(value);
+    }
+    /// A row `entries . v <= bound`.
+    fn row<const M: usize>(&mut self, entries: [(usize, f64); M], bound: f64) {
+        for (col, value) in entries {
+            self.set(self.b.len(), col, value);
+        }
+        self.b.push(bound);
+    }
+
+    /// `x_k+1 - A x_k - B u_k = 0`; the first stage's state now is on the right-hand side.
+    fn dynamics<const N: usize>(&mut self, at: &Layout<N>, model: &Discrete<N, 1>, stages: usize) {
+        for k in 0..stages {
+            for i in 0..N {
+                let row = k * N + i;
+                self.set(row, at.state(k) + i, 1.0);
+                self.set(row, at.input(k), -model.b[i]);
+                for j in (0..N).filter(|j| k > 0 && model.a[(i, *j)] != 0.0) {
+                    self.set(row, at.state(k - 1) + j, -model.a[(i, j)]);
+                }
+            }
+        }
+    }
+
+    /// The limits of stage `k`: input, slew, slacks, place, states; gives their first row.
+    fn limits<const N: usize>(&mut self, at: &Layout<N>, limits: &ChainLimits<N>, k: usize) -> usize {
+        let first = self.b.len();
+        let u = at.input(k);
+        for (sign, bound) in [(1.0, limits.input[1]), (-1.0, -limits.input[0])] {
+            self.row([(u, sign)], bound);
+        }
+        for sign in [1.0, -1.0] {
+            if k > 0 {
+                self.row([(u, sign), (at.input(k - 1), -sign)], limits.slew);
+            } else {
+                self.row([(u, sign)], limits.slew);
+            }
+        }
+        for i in 0..=at.place {
+            self.row([(at.slack(k) + i, -1.0)], 0.0);
+        }
+        for (bounded, sign) in [(limits.ceiling, 1.0), (limits.floor, -1.0)] {
+            if bounded {
+                let slack = (at.place_slack(k), -at.unit_m);
+                self.row([(at.state(k), sign), slack], NO_CEILING);
+            }
+        }
+        for (i, limit) in limits.state.iter().enumerate() {
+            if let Some(limit) = limit {
+                for sign in [1.0, -1.0] {
+                    self.row([(at.state(k) + i, sign), (at.slack(k), -limit)], *limit);
+                }
+            }
+        }
+        first
+    }
+}
+
 /// Fixed-structure problem data, in Clarabel's form `min x'Px/2 + q'x, Ax + s = b`.
 #[derive(Clone, Debug)]
 pub struct SparseForm<const N: usize> {
@@ -144,108 +296,30 @@ impl<const N: usize> SparseForm<N> {
         limits: ChainLimits<N>,
         slack: SlackCost,
     ) -> Self {
-        let width = limits.width();
-        let (u, x, s) = (
-            |k: usize| k * width,
-            |k: usize| k * width + 1,
-            |k: usize| k * width + 1 + N,
-        );
-        let (place, motion, unit_m) = if limits.floor {
-            (1, MOTION_OVER_PLACE, PLACE_SLACK_M)
-        } else {
-            (0, 1.0, CEILING_SLACK_M)
-        };
-        let variables = stages * width;
-
-        // P: u tridiagonal (squared increments), x diagonal (Q, explicit even if zero), s diagonal.
-        let (mut colptr, mut rowval, mut nzval) = (vec![0], Vec::new(), Vec::new());
-        let mut weight_at = Vec::with_capacity(stages);
-        let r2 = 2.0 * increment_weight;
-        for k in 0..stages {
-            if k > 0 {
-                rowval.push(u(k - 1));
-                nzval.push(-r2);
-            }
-            rowval.push(u(k));
-            nzval.push(if k + 1 < stages { 2.0 * r2 } else { r2 });
-            colptr.push(rowval.len());
-            weight_at.push(nzval.len());
-            for i in 0..N {
-                rowval.push(x(k) + i);
-                nzval.push(2.0);
-                colptr.push(rowval.len());
-            }
-            for (i, cost) in [motion, 1.0].into_iter().take(1 + place).enumerate() {
-                rowval.push(s(k) + i);
-                nzval.push(2.0 * cost * slack.quadratic);
-                colptr.push(rowval.len());
-            }
-        }
-        let p = CscMatrix::new(variables, variables, colptr, rowval, nzval);
-
-        let (mut rows, mut cols, mut values) = (Vec::new(), Vec::new(), Vec::new());
-        let mut set = |r: usize, c: usize, v: f64| {
-            rows.push(r);
-            cols.push(c);
-            values.push(v);
-        };
+        let layout = Layout::<N>::of(&limits);
+        let variables = stages * layout.width;
+        let (p, weight_at) = layout.quadratic(stages, increment_weight, slack);
         let equalities = stages * N;
-        let mut b = vec![0.0; equalities];
-        for k in 0..stages {
-            for i in 0..N {
-                let row = k * N + i;
-                set(row, x(k) + i, 1.0);
-                set(row, u(k), -model.b[i]);
-                if k > 0 {
-                    for j in 0..N {
-                        if model.a[(i, j)] != 0.0 {
-                            set(row, x(k - 1) + j, -model.a[(i, j)]);
-                        }
-                    }
-                }
-            }
-        }
-        let mut row_at = Vec::with_capacity(stages);
-        for k in 0..stages {
-            row_at.push(b.len());
-            for (sign, bound) in [(1.0, limits.input[1]), (-1.0, -limits.input[0])] {
-                set(b.len(), u(k), sign);
-                b.push(bound);
-            }
-            for sign in [1.0, -1.0] {
-                set(b.len(), u(k), sign);
-                if k > 0 {
-                    set(b.len(), u(k - 1), -sign);
-                }
-                b.push(limits.slew);
-            }
-            for i in 0..=place {
-                set(b.len(), s(k) + i, -1.0);
-                b.push(0.0);
-            }
-            for (bounded, sign) in [(limits.ceiling, 1.0), (limits.floor, -1.0)] {
-                if bounded {
-                    set(b.len(), x(k), sign);
-                    set(b.len(), s(k) + place, -unit_m);
-                    b.push(NO_CEILING);
-                }
-            }
-            for (i, limit) in limits.state.iter().enumerate() {
-                if let Some(limit) = limit {
-                    for sign in [1.0, -1.0] {
-                        set(b.len(), x(k) + i, sign);
-                        set(b.len(), s(k), -limit);
-                        b.push(*limit);
-                    }
-                }
-            }
-        }
+        let mut constraints = Constraints {
+            b: vec![0.0; equalities],
+            ..Constraints::default()
+        };
+        constraints.dynamics(&layout, &model, stages);
+        let row_at = (0..stages)
+            .map(|k| constraints.limits(&layout, &limits, k))
+            .collect();
+        let Constraints {
+            rows,
+            cols,
+            values,
+            b,
+        } = constraints;
         let a = CscMatrix::new_from_triplets(b.len(), variables, rows, cols, values);
         let mut q = vec![0.0; variables];
         for k in 0..stages {
-            q[s(k)] = motion * slack.linear;
+            q[layout.slack(k)] = layout.motion_cost * slack.linear;
             if limits.floor {
-                q[s(k) + place] = slack.linear;
+                q[layout.place_slack(k)] = slack.linear;
             }
         }
         SparseForm {

@@ -4,7 +4,7 @@
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::{DeckForecast, DeckStage, State as Mode};
+use alight_shared::msg::{DeckForecast, DeckStage, MissionState, State as Mode};
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{Vector2, Vector3};
 
@@ -14,6 +14,7 @@ use super::model::{State, angular_velocity, clearance, tilt_of, up_of};
 use super::mpc_faa::{Problem, Side};
 use super::qp::NO_CEILING;
 use super::view::View;
+use super::weights::Weights;
 use crate::contingency::{BELOW_M, Climb, NEAR_DECK_M, escape_velocity};
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
 use crate::surroundings::{Passage, margin_m, way_round};
@@ -152,39 +153,7 @@ impl ReferenceGenerator {
             .first()
             .map_or(f64::INFINITY, |d| clearance(&p, &up, d, feet));
 
-        // Which mission state wants the deck, and how.
-        let c = &self.config;
-        let (goal, weights) = match mission.state {
-            Mode::Idle | Mode::Landed | Mode::GetAltitude | Mode::Hold | Mode::GaveUp => {
-                (Goal::Hold, c.navigation)
-            }
-            Mode::Approach => (Goal::Above, c.navigation),
-            Mode::Tracking | Mode::TrackingStable => (Goal::Above, c.follow),
-            Mode::Descent => (Goal::Sink, c.landing),
-            Mode::Flare => (Goal::Touch, c.landing),
-        };
-        let (goal, weights) = match mission.waiting_offset {
-            Some(_) if mean_z.is_some() => (Goal::Above, c.navigation),
-            Some(_) | None => (goal, weights),
-        };
-        let (goal, hold) = match (goal, mean_z) {
-            (Goal::Hold, mean) => {
-                self.frozen = None;
-                let [x, y, z] = mission.hold_position;
-                let leaves = mission.with_deck && mean.is_some();
-                let goal = if leaves { Goal::Leave } else { Goal::Hold };
-                (goal, [x, y, z, mission.hold_yaw])
-            }
-            (goal, Some(_)) => {
-                self.frozen = None;
-                (goal, [0.0; 4])
-            }
-            // The deck should be known and is not: stay here.
-            (_, None) => {
-                let here = [start[0], start[1], start[2], start[5]];
-                (Goal::Hold, *self.frozen.get_or_insert(here))
-            }
-        };
+        let (goal, weights, hold) = self.goal(mission, mean_z, &start);
         reference.touch = matches!(goal, Goal::Touch) && mission.lowest_clearance_m.is_none();
 
         problem.reference.clear();
@@ -206,6 +175,42 @@ impl ReferenceGenerator {
         self.pass(view, &place, reference, problem);
         self.keep_above(reference, problem);
         reference.alignment = problem.alignment();
+    }
+
+    /// What the mission's state asks for, with which weights, and where it holds.
+    fn goal(
+        &mut self,
+        mission: &MissionState,
+        mean_z: Option<f64>,
+        start: &State,
+    ) -> (Goal, Weights, [f64; 4]) {
+        let c = &self.config;
+        let (goal, weights) = match mission.state {
+            Mode::Idle | Mode::Landed | Mode::GetAltitude | Mode::Hold | Mode::GaveUp => {
+                (Goal::Hold, c.navigation)
+            }
+            Mode::Approach => (Goal::Above, c.navigation),
+            Mode::Tracking | Mode::TrackingStable => (Goal::Above, c.follow),
+            Mode::Descent => (Goal::Sink, c.landing),
+            Mode::Flare => (Goal::Touch, c.landing),
+        };
+        let (goal, weights) = match mission.waiting_offset {
+            Some(_) if mean_z.is_some() => (Goal::Above, c.navigation),
+            Some(_) | None => (goal, weights),
+        };
+        if goal != Goal::Hold && mean_z.is_none() {
+            // The deck should be known and is not: stay here.
+            let here = [start[0], start[1], start[2], start[5]];
+            return (Goal::Hold, weights, *self.frozen.get_or_insert(here));
+        }
+        self.frozen = None;
+        if goal != Goal::Hold {
+            return (goal, weights, [0.0; 4]);
+        }
+        let leaves = mission.with_deck && mean_z.is_some();
+        let [x, y, z] = mission.hold_position;
+        let goal = if leaves { Goal::Leave } else { Goal::Hold };
+        (goal, weights, [x, y, z, mission.hold_yaw])
     }
 
     /// Where above the deck a drone has to be now that is not there yet, from its centre, m: on the way round the vessel
@@ -290,77 +295,85 @@ impl ReferenceGenerator {
     }
 
     fn height(&mut self, q: &Request<'_>, problem: &mut Problem) {
-        let (feet, step_s) = (self.drone.feet_below_m, self.config.step_s);
-        let mission = &q.view.mission;
         match q.goal {
             Goal::Hold | Goal::Leave | Goal::Above => {
                 let z = match (q.goal, q.mean_z) {
-                    (Goal::Above, Some(mean)) => mean - mission.height_m,
+                    (Goal::Above, Some(mean)) => mean - q.view.mission.height_m,
                     _ => q.hold[2],
                 };
-                let z = z.min(-mission.minimum_altitude_m);
+                let z = z.min(-q.view.mission.minimum_altitude_m);
                 if q.near_deck() && q.start[2] > z + BELOW_M {
-                    self.vertical = ReferenceGovernor::default();
-                    let mut climb = Climb::new(q.start[2], q.start[8], &self.drone);
-                    for (r, deck) in problem.reference.iter_mut().zip(&q.reference.deck) {
-                        climb.advance(step_s, deck.velocity[2]);
-                        (r[2], r[8]) = (climb.z.max(z), climb.velocity);
-                    }
-                    return;
-                }
-                let s = self.config.shaping;
-                // A person may abort a descent at any height over a deck that comes up: the sink is
-                // braked as hard as a descent brakes, only the climb is gentle.
-                let sinks =
-                    matches!(q.goal, Goal::Hold | Goal::Leave) && q.start[8] > 0.3 && q.start[2] > z - 1.0;
-                let pace = Pace {
-                    speed: s.vertical_mps,
-                    acceleration: if sinks {
-                        ABORTED_DESCENT_MPS2
-                    } else {
-                        s.vertical_mps2
-                    },
-                    settle_s: s.settle_s,
-                };
-                let (target, start) = (Motion::new([z], [0.0]), Motion::new([q.start[2]], [q.start[8]]));
-                self.vertical
-                    .update(q.now, true, &target, &start, &pace, [0.3, 1.5]);
-                let mut governor = self.vertical.gap;
-                for r in &mut problem.reference {
-                    governor.advance(step_s, &pace);
-                    r[2] = z + governor.place[0];
-                    r[8] = governor.velocity[0];
+                    self.climb(q, z, problem);
+                } else {
+                    self.approach_height(q, z, problem);
                 }
             }
-            Goal::Sink | Goal::Touch => {
-                // Constant speed relative to the predicted deck, from the clearance there is now.
-                self.vertical = ReferenceGovernor::default();
-                let contact_z = |k: usize| {
-                    q.reference.deck.get(k).map(|d| match q.goal {
-                        Goal::Touch => {
-                            let n = d.normal();
-                            let turn = angular_velocity(d).cross(&n) * feet;
-                            (d.position[2] + feet * n.z, d.velocity[2] + turn.z)
-                        }
-                        Goal::Sink | Goal::Hold | Goal::Leave | Goal::Above => {
-                            (d.position[2] - feet, d.velocity[2])
-                        }
-                    })
-                };
-                let start_at = contact_z(0).map_or(0.0, |(z, _)| z - q.start[2]);
-                let profile = Profile::new(start_at, mission.descent_mps, self.config.press_m);
-                for (k, r) in problem.reference.iter_mut().enumerate() {
-                    let Some((z, vz)) = contact_z(k + 1) else {
-                        continue;
-                    };
-                    let (mut clearance, mut sinking) = profile.at(step_s * (k as f64 + 1.0));
-                    if let Some(lowest) = mission.lowest_clearance_m.filter(|l| clearance < *l) {
-                        (clearance, sinking) = (lowest, 0.0);
-                    }
-                    r[2] = z - clearance;
-                    r[8] = vz + sinking;
+            Goal::Sink | Goal::Touch => self.sink(q, problem),
+        }
+    }
+
+    /// Away from the deck that is near, up to the height `z`.
+    fn climb(&mut self, q: &Request<'_>, z: f64, problem: &mut Problem) {
+        self.vertical = ReferenceGovernor::default();
+        let mut climb = Climb::new(q.start[2], q.start[8], &self.drone);
+        for (r, deck) in problem.reference.iter_mut().zip(&q.reference.deck) {
+            climb.advance(self.config.step_s, deck.velocity[2]);
+            (r[2], r[8]) = (climb.z.max(z), climb.velocity);
+        }
+    }
+
+    /// To the height `z` at bearable speed.
+    fn approach_height(&mut self, q: &Request<'_>, z: f64, problem: &mut Problem) {
+        let s = self.config.shaping;
+        // A person may abort a descent at any height over a deck that comes up: the sink is
+        // braked as hard as a descent brakes, only the climb is gentle.
+        let sinks = matches!(q.goal, Goal::Hold | Goal::Leave) && q.start[8] > 0.3 && q.start[2] > z - 1.0;
+        let pace = Pace {
+            speed: s.vertical_mps,
+            acceleration: if sinks {
+                ABORTED_DESCENT_MPS2
+            } else {
+                s.vertical_mps2
+            },
+            settle_s: s.settle_s,
+        };
+        let (target, start) = (Motion::new([z], [0.0]), Motion::new([q.start[2]], [q.start[8]]));
+        self.vertical
+            .update(q.now, true, &target, &start, &pace, [0.3, 1.5]);
+        let mut governor = self.vertical.gap;
+        for r in &mut problem.reference {
+            governor.advance(self.config.step_s, &pace);
+            r[2] = z + governor.place[0];
+            r[8] = governor.velocity[0];
+        }
+    }
+
+    /// Down at constant speed relative to the predicted deck, from the clearance there is now.
+    fn sink(&mut self, q: &Request<'_>, problem: &mut Problem) {
+        let (feet, step_s, mission) = (self.drone.feet_below_m, self.config.step_s, &q.view.mission);
+        self.vertical = ReferenceGovernor::default();
+        let contact_z = |k: usize| {
+            q.reference.deck.get(k).map(|d| match q.goal {
+                Goal::Touch => {
+                    let n = d.normal();
+                    let turn = angular_velocity(d).cross(&n) * feet;
+                    (d.position[2] + feet * n.z, d.velocity[2] + turn.z)
                 }
+                Goal::Sink | Goal::Hold | Goal::Leave | Goal::Above => (d.position[2] - feet, d.velocity[2]),
+            })
+        };
+        let start_at = contact_z(0).map_or(0.0, |(z, _)| z - q.start[2]);
+        let profile = Profile::new(start_at, mission.descent_mps, self.config.press_m);
+        for (k, r) in problem.reference.iter_mut().enumerate() {
+            let Some((z, vz)) = contact_z(k + 1) else {
+                continue;
+            };
+            let (mut clearance, mut sinking) = profile.at(step_s * (k as f64 + 1.0));
+            if let Some(lowest) = mission.lowest_clearance_m.filter(|l| clearance < *l) {
+                (clearance, sinking) = (lowest, 0.0);
             }
+            r[2] = z - clearance;
+            r[8] = vz + sinking;
         }
     }
 

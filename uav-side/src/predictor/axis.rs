@@ -264,13 +264,9 @@ impl Axis {
         let n = self.n.min(HEAD + 2 * step.count);
         let h = Head::new(noise, dt);
         let step_of = step.of(axis);
+        let a = step_of.a.get(..step.count).unwrap_or(&step_of.a);
+        h.advance(&mut self.x, a);
         // A P, row block by row block.
-        self.x[MEAN] += h.reach * self.x[RATE];
-        self.x[RATE] *= h.rate;
-        self.x[RADIO] *= h.radio;
-        self.x[VISION] = h.vision * self.x[VISION] + h.wander * self.x[DRIFT];
-        self.x[DRIFT] *= h.drift;
-        self.x[TURN] *= h.turn;
         for j in 0..n {
             self.p[MEAN][j] += h.reach * self.p[RATE][j];
             self.p[RATE][j] *= h.rate;
@@ -279,11 +275,8 @@ impl Axis {
             self.p[DRIFT][j] *= h.drift;
             self.p[TURN][j] *= h.turn;
         }
-        for (k, a) in step_of.a.iter().take(step.count).enumerate() {
+        for (k, a) in a.iter().enumerate() {
             let i = HEAD + 2 * k;
-            let (v, r) = (self.x[i], self.x[i + 1]);
-            self.x[i] = a[0] * v + a[1] * r;
-            self.x[i + 1] = a[2] * v + a[3] * r;
             for j in 0..n {
                 let (v, r) = (self.p[i][j], self.p[i + 1][j]);
                 self.p[i][j] = a[0] * v + a[1] * r;
@@ -292,18 +285,7 @@ impl Axis {
         }
         // (A P) A'.
         for row in self.p.iter_mut().take(n) {
-            row[MEAN] += h.reach * row[RATE];
-            row[RATE] *= h.rate;
-            row[RADIO] *= h.radio;
-            row[VISION] = h.vision * row[VISION] + h.wander * row[DRIFT];
-            row[DRIFT] *= h.drift;
-            row[TURN] *= h.turn;
-            for (k, a) in step_of.a.iter().take(step.count).enumerate() {
-                let i = HEAD + 2 * k;
-                let (v, r) = (row[i], row[i + 1]);
-                row[i] = a[0] * v + a[1] * r;
-                row[i + 1] = a[2] * v + a[3] * r;
-            }
+            h.advance(row, a);
         }
         let q = h.noise(noise, dt);
         self.p[MEAN][MEAN] += q.mean;
@@ -455,6 +437,21 @@ impl Head {
             wander: (drift - vision) / decays(n).2,
             drift,
             turn: (-dt / n.turn.1).exp(),
+        }
+    }
+    /// `v <- A v` for a state, or a row of the covariance; `oscillators` are the blocks behind the head.
+    fn advance(&self, v: &mut [f64; MAX_STATES], oscillators: &[[f64; 4]]) {
+        v[MEAN] += self.reach * v[RATE];
+        v[RATE] *= self.rate;
+        v[RADIO] *= self.radio;
+        v[VISION] = self.vision * v[VISION] + self.wander * v[DRIFT];
+        v[DRIFT] *= self.drift;
+        v[TURN] *= self.turn;
+        for (k, a) in oscillators.iter().enumerate() {
+            let i = HEAD + 2 * k;
+            let (value, rate) = (v[i], v[i + 1]);
+            v[i] = a[0] * value + a[1] * rate;
+            v[i + 1] = a[2] * value + a[3] * rate;
         }
     }
     /// Noise that enters over `dt`; the rate's walk as if it did not die out meanwhile, which

@@ -348,6 +348,93 @@ impl Predictor {
         })
     }
 
+    fn count(&mut self, outcome: Result<(), RejectionReason>) {
+        if let Err(reason) = outcome {
+            self.rejections.count(reason);
+        }
+    }
+
+    /// Odometry, and what comes by radio.
+    fn receive(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
+        if let Some(l) = &input.link {
+            let admitted = Self::admit(now, l);
+            if admitted.is_ok() && l.clock_offset_sd_s.is_finite() {
+                self.clock_sd_s = l.clock_offset_sd_s.min(1.0);
+            }
+            self.count(admitted);
+        }
+        if let Some(d) = &input.drone {
+            let outcome = self.drone(now, d);
+            self.count(outcome);
+        }
+        let c = &self.config;
+        let modes_age_s = self.waves.newest().map_or(0.0, |at| (now - at).secs());
+        let rolled_s = self.waves.reach_s().max(c.fresh_s);
+        if let Some(f) = self.filter.as_mut().filter(|_| modes_age_s > rolled_s) {
+            f.hold_modes(&mut self.waves);
+        }
+        let vision_suffices = self
+            .tag_at
+            .is_some_and(|t| (now - t).secs() < c.radio_after_vision_s);
+        let use_wave_model = c.use_wave_model;
+        if let Some(p) = &input.prediction {
+            let admitted = Self::admit(now, p);
+            if admitted.is_ok() {
+                self.waves.receive_prediction(p);
+            }
+            self.count(admitted);
+        }
+        if let Some(m) = &input.surroundings {
+            let admitted = Self::admit(now, m);
+            if admitted.is_ok() {
+                // They stand where they stood for as long as nothing else is reported.
+                self.surroundings = m.surroundings;
+            }
+            self.count(admitted);
+        }
+        if let Some(w) = input.wave.as_ref().filter(|_| use_wave_model) {
+            let outcome = self.wave(now, w);
+            self.count(outcome);
+        }
+        if let Some(e) = input.estimate.as_ref().filter(|_| !vision_suffices) {
+            let outcome = self.estimate(now, e);
+            self.count(outcome);
+        }
+    }
+
+    /// What camera and rangefinder see of the deck.
+    fn measure(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
+        let use_vision = self.config.use_vision;
+        for m in input.uvdar.iter().filter(|_| use_vision) {
+            let outcome = self.vision(now, m, false, |p, mount, c| observation::uvdar(m, p, mount, c));
+            self.count(outcome);
+        }
+        for m in input.tags.iter().filter(|_| use_vision) {
+            let outcome = self.vision(now, m, true, |p, mount, c| observation::tag(m, p, mount, c));
+            self.count(outcome);
+        }
+        for m in &input.ranges {
+            let outcome = self.range(now, m);
+            self.count(outcome);
+        }
+    }
+
+    /// Whose measurements are fresh.
+    fn source(&self, radio_age_s: f64, vision_age_s: f64) -> Source {
+        let fresh = |age_s: f64| age_s < self.config.fresh_s;
+        match (fresh(radio_age_s), fresh(vision_age_s)) {
+            (true, true) => Source::Both,
+            (true, false) => Source::Radio,
+            (false, true) => Source::Vision,
+            (false, false) => Source::None,
+        }
+    }
+
+    fn diverged(&mut self) {
+        self.rejections.count(RejectionReason::Diverged);
+        self.filter = None;
+    }
+
     fn forecast(&mut self, now: Time<DroneClock>) -> Option<DeckForecast> {
         let age = |t: Option<Time<DroneClock>>| t.map_or(f64::INFINITY, |t| (now - t).secs().max(0.0));
         let (radio_age_s, vision_age_s) = (age(self.radio_at), age(self.vision_at));
@@ -358,21 +445,14 @@ impl Predictor {
             f.set_radio_available(radio_age_s < self.config.fresh_s);
         }
         if !self.filter.as_ref()?.is_finite() {
-            self.rejections.count(RejectionReason::Diverged);
-            self.filter = None;
+            self.diverged();
             return None;
         }
         let filter = self.filter.as_ref()?;
         let oscillators = self.waves.oscillators(now);
         self.horizon.refresh(&oscillators);
         let axes = filter.at(&self.waves, now);
-        let fresh = |a: f64| a < self.config.fresh_s;
-        let source = match (fresh(radio_age_s), fresh(vision_age_s)) {
-            (true, true) => Source::Both,
-            (true, false) => Source::Radio,
-            (false, true) => Source::Vision,
-            (false, false) => Source::None,
-        };
+        let source = self.source(radio_age_s, vision_age_s);
         let common = self.common(&axes, source);
         let clock_var = match source {
             Source::Radio | Source::Both => self.clock_sd_s.powi(2),
@@ -413,8 +493,7 @@ impl Predictor {
             predicted_slopes,
         };
         if f.check().is_err() {
-            self.rejections.count(RejectionReason::Diverged);
-            self.filter = None;
+            self.diverged();
             return None;
         }
         Some(f)
@@ -489,63 +568,8 @@ impl Node for Predictor {
     type Out = PredictorOut;
 
     fn step(&mut self, now: Time<DroneClock>, input: &PredictorIn) -> PredictorOut {
-        let mut done = [Ok(()); 6];
-        if let Some(l) = &input.link {
-            match Self::admit(now, l) {
-                Ok(()) if l.clock_offset_sd_s.is_finite() => self.clock_sd_s = l.clock_offset_sd_s.min(1.0),
-                r => done[0] = r,
-            }
-        }
-        if let Some(d) = &input.drone {
-            done[1] = self.drone(now, d);
-        }
-        let c = &self.config;
-        let modes_age_s = self.waves.newest().map_or(0.0, |at| (now - at).secs());
-        let rolled_s = self.waves.reach_s().max(c.fresh_s);
-        if let Some(f) = self.filter.as_mut().filter(|_| modes_age_s > rolled_s) {
-            f.hold_modes(&mut self.waves);
-        }
-        let vision_suffices = self
-            .tag_at
-            .is_some_and(|t| (now - t).secs() < c.radio_after_vision_s);
-        let (use_wave_model, use_vision) = (c.use_wave_model, c.use_vision);
-        if let Some(p) = &input.prediction {
-            match Self::admit(now, p) {
-                Ok(()) => self.waves.receive_prediction(p),
-                r => done[4] = r,
-            }
-        }
-        if let Some(m) = &input.surroundings {
-            match Self::admit(now, m) {
-                // They stand where they stood for as long as nothing else is reported.
-                Ok(()) => self.surroundings = m.surroundings,
-                r => done[5] = r,
-            }
-        }
-        if let Some(w) = input.wave.as_ref().filter(|_| use_wave_model) {
-            done[2] = self.wave(now, w);
-        }
-        if let Some(e) = input.estimate.as_ref().filter(|_| !vision_suffices) {
-            done[3] = self.estimate(now, e);
-        }
-        for r in done.into_iter().filter_map(Result::err) {
-            self.rejections.count(r);
-        }
-        for m in input.uvdar.iter().filter(|_| use_vision) {
-            if let Err(r) = self.vision(now, m, false, |p, mount, c| observation::uvdar(m, p, mount, c)) {
-                self.rejections.count(r);
-            }
-        }
-        for m in input.tags.iter().filter(|_| use_vision) {
-            if let Err(r) = self.vision(now, m, true, |p, mount, c| observation::tag(m, p, mount, c)) {
-                self.rejections.count(r);
-            }
-        }
-        for m in &input.ranges {
-            if let Err(r) = self.range(now, m) {
-                self.rejections.count(r);
-            }
-        }
+        self.receive(now, input);
+        self.measure(now, input);
         self.begin(now, input.checkpoint.as_ref());
         let period = Span::from_secs(1.0 / self.config.rate_hz);
         let due = self.next.is_due(now, period);

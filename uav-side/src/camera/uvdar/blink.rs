@@ -133,6 +133,31 @@ impl Tracker {
             self.tracks.clear();
         }
         self.last = Some(at);
+        let taken = self.follow(at, blobs);
+        for track in &mut self.tracks {
+            track.observed = (track.observed << 1) | u32::from(track.lit_now);
+            track.images = track.images.saturating_add(1);
+            track.dark = if track.lit_now { 0 } else { track.dark + 1 };
+        }
+        let longest = self.max_dark + 1;
+        self.tracks.retain(|t| t.dark <= longest);
+        for (blob, used) in blobs.iter().zip(&taken) {
+            if !used && self.tracks.len() < MAX_TRACKS {
+                self.tracks.push(Track {
+                    at: blob.at,
+                    velocity: Vector2::zeros(),
+                    last: at,
+                    observed: 1,
+                    images: 1,
+                    dark: 0,
+                    lit_now: true,
+                });
+            }
+        }
+        self.known()
+    }
+    /// Gives each track the spot that is nearest to where it moves; which spots are taken.
+    fn follow(&mut self, at: Time<DroneClock>, blobs: &[Blob]) -> Vec<bool> {
         let mut taken = vec![false; blobs.len()];
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
         for (t, track) in self.tracks.iter().enumerate() {
@@ -170,27 +195,7 @@ impl Tracker {
             track.last = at;
             track.lit_now = true;
         }
-        for track in &mut self.tracks {
-            track.observed = (track.observed << 1) | u32::from(track.lit_now);
-            track.images = track.images.saturating_add(1);
-            track.dark = if track.lit_now { 0 } else { track.dark + 1 };
-        }
-        let longest = self.max_dark + 1;
-        self.tracks.retain(|t| t.dark <= longest);
-        for (blob, used) in blobs.iter().zip(&taken) {
-            if !used && self.tracks.len() < MAX_TRACKS {
-                self.tracks.push(Track {
-                    at: blob.at,
-                    velocity: Vector2::zeros(),
-                    last: at,
-                    observed: 1,
-                    images: 1,
-                    dark: 0,
-                    lit_now: true,
-                });
-            }
-        }
-        self.known()
+        taken
     }
     /// Spots that are lit now and blink like one marker; a marker that two spots claim is none of them.
     fn known(&self) -> Vec<IdentifiedMarker> {
