@@ -202,7 +202,10 @@ mod tests {
         // 0.2 s at 0.5 m/s, then v² / 2a: 0.11 m.
         assert_eq!(climb_mps(0.14, 0.5, |_| (-1.3, 0.0)), None);
         let touch = climb_mps(0.08, 0.5, |_| (-1.3, 0.0));
-        assert!(touch.is_some_and(|v| (0.05..0.5 + 1e-9).contains(&v)), "{touch:?}");
+        assert!(
+            touch.is_some_and(|v| (0.05..0.5 + 1e-9).contains(&v)),
+            "{touch:?}"
+        );
         // Away from a deck that it stands on: no impact.
         assert_eq!(climb_mps(0.0, 0.0, |_| (-1.3, 0.0)), None);
     }

@@ -9,6 +9,7 @@ use alight_shared::time::Span;
 use alight_shared::topics;
 
 use super::config::MissionConfig;
+use super::limits::{LOST_OUTSIDE_M, RESUME_DISTANCE_M, STEADY_HEIGHT_M};
 use super::phase::{DroneTime, HoldCause, MissionPhase, Progress, gave_up, holding};
 use super::situation::{ControlState, Deck, Situation};
 use alight_shared::checkpoint::{CheckpointRejection, Recovery, validate};
@@ -87,7 +88,7 @@ pub(super) fn interrupted(
     c: &MissionConfig,
 ) -> Option<(MissionPhase, Reason)> {
     let left = s.now - published > topics::MISSION.stale_after;
-    let goes_on = s.fresh_deck().is_some_and(|d| ends_softer(d, s, c));
+    let goes_on = s.fresh_deck().is_some_and(|d| ends_softer(d, s));
     if !left || state.phase() != Phase::Landing || s.motors_stopped || goes_on {
         return None;
     }
@@ -101,13 +102,13 @@ pub(super) fn interrupted(
 }
 
 /// Its feet are on this deck, by the forecast.
-fn rests(s: &Situation, c: &MissionConfig) -> bool {
+fn rests(s: &Situation) -> bool {
     let rests = s.fresh_deck().and_then(|d| d.ends).is_some_and(|e| e.rests);
-    rests && s.outside_m <= c.lost_outside_m
+    rests && s.outside_m <= LOST_OUTSIDE_M
 }
 /// To complete the landing is softer than to climb, and the deck is beneath.
-pub(super) fn ends_softer(d: &Deck, s: &Situation, c: &MissionConfig) -> bool {
-    s.outside_m <= c.lost_outside_m && d.ends.is_some_and(|e| e.landing_is_softer())
+pub(super) fn ends_softer(d: &Deck, s: &Situation) -> bool {
+    s.outside_m <= LOST_OUTSIDE_M && d.ends.is_some_and(|e| e.landing_is_softer())
 }
 
 fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionConfig) -> MissionPhase {
@@ -189,13 +190,13 @@ pub(super) fn safe_start(
         return Err(());
     };
     // At the tracking height it may stay, deck or not.
-    let low = deck.clearance_m < c.tracking_height_m - c.steady_height_m;
-    let near = low && deck.distance_m < c.resume_distance_m;
+    let low = deck.clearance_m < c.tracking_height_m - STEADY_HEIGHT_M;
+    let near = low && deck.distance_m < RESUME_DISTANCE_M;
     if !near {
         return Ok(None);
     }
     let why = Reason::new(ReasonCode::Restarted, deck.clearance_m, 0.0);
-    let phase = if rests(s, c) {
+    let phase = if rests(s) {
         // The pilot's evidence of a touchdown decides.
         MissionPhase::Flare {
             committed: true,

@@ -33,32 +33,18 @@ config! {
         /// The same while descending near or over the deck, m.
         /// Chosen: the deck's surface is 1.3 m above the water.
         pub minimum_altitude_landing_m: f64 = 0.5;
-        /// Get altitude ends this close to the approach height, m.
-        /// Chosen: as is everything below unless it says otherwise.
-        pub height_tolerance_m: f64 = 1.0, in 0.01..=10.0;
         /// A landing needs vision of the deck; else a radio estimate counts as a detection.
         pub vision_required: bool = true;
         /// The deck counts as detected while its newest vision measurement is no older than this, s.
         pub vision_fresh_s: f64 = 0.5, in 0.0..=120.0;
-        /// Detected for this long, visual contact is confirmed, s.
-        pub contact_confirm_s: f64 = 0.3, in 0.0..=120.0;
         /// Tracking ends after this long without a detection, s.
         pub vision_lost_s: f64 = 5.0, in 0.0..=120.0;
         /// Without vision, a radio silence of this length leads to Hold, s.
         pub radio_lost_s: f64 = 5.0, in 0.0..=120.0;
-        /// Stably above the deck: horizontal distance, m.
-        pub steady_distance_m: f64 = 1.5, in 0.01..=20.0;
         /// Stably above the deck: relative horizontal speed, m/s.
         pub steady_speed_mps: f64 = 1.2, in 0.01..=10.0;
-        /// Stably above the deck: difference from the tracking height, m.
-        /// Source: Heave is not chased at tracking height.
-        pub steady_height_m: f64 = 2.0, in 0.01..=20.0;
         /// Stably above the deck for this long, s.
         pub steady_s: f64 = 0.5, in 0.0..=120.0;
-        /// A committed flare is broken off when the feet's centre is this far outside the part of the
-        /// deck on which all feet stand, m.
-        /// Source: Half of the feet's span: half of the feet are off the deck.
-        pub lost_outside_m: f64 = 0.2, in 0.01..=5.0;
         /// No descent begins that succeeds with less than this probability: speed and angle of the contact,
         /// four feet on the deck, and staying there.
         pub min_probability: f64 = 0.95, in 0.0..=1.0;
@@ -83,18 +69,12 @@ config! {
         /// Source: A radio that is a second late lands as well as one in time (10 of 10, 0.06 m),
         /// and one by retransmission is often that late.
         pub radio_fresh_s: f64 = 1.5, in 0.0..=120.0;
-        /// Conditions of the flare unmet for this long at the decision clearance: back to Tracking, s.
-        pub decision_timeout_s: f64 = 8.0, in 0.0..=120.0;
         /// Maximum duration of the descent, s.
         pub descent_timeout_s: f64 = 30.0, in 0.0..=120.0;
         /// Maximum duration of the flare, s.
         pub flare_timeout_s: f64 = 8.0, in 0.0..=120.0;
         /// Feet this far below the deck without touchdown: missed, m.
         pub missed_m: f64 = 0.4, in 0.01..=5.0;
-        /// Data must be fresh for this long before Hold is left, s.
-        pub recover_s: f64 = 0.5, in 0.0..=120.0;
-        /// Hold resumes with Tracking within this horizontal distance of a detected deck, m.
-        pub resume_distance_m: f64 = 10.0, in 0.01..=1e3;
         /// No descent without the vessel's grant of the deck: for vessels with several drones.
         /// Source: One drone needs no grant; the file of the drone's package sets true.
         pub reservation_required: bool = false;

@@ -1,6 +1,26 @@
-//! Figures and their limits, as reasons.
+//! The limits of the states, and figures beyond their limits as reasons.
 
 use alight_shared::msg::{Reason, ReasonCode};
+
+/// Get altitude ends this close to the approach height, m.
+pub(super) const HEIGHT_TOLERANCE_M: f64 = 1.0;
+/// Detected for this long, visual contact is confirmed, s.
+pub(super) const CONTACT_CONFIRM_S: f64 = 0.3;
+/// Stably above the deck: horizontal distance, m.
+pub(super) const STEADY_DISTANCE_M: f64 = 1.5;
+/// Stably above the deck: difference from the tracking height, m.
+/// Source: Heave is not chased at tracking height.
+pub(super) const STEADY_HEIGHT_M: f64 = 2.0;
+/// A committed flare is broken off when the feet's centre is this far outside the part of the
+/// deck on which all feet stand, m.
+/// Source: Half of the feet's span: half of the feet are off the deck.
+pub(super) const LOST_OUTSIDE_M: f64 = 0.2;
+/// Conditions of the flare unmet for this long at the decision clearance: back to Tracking, s.
+pub(super) const DECISION_TIMEOUT_S: f64 = 8.0;
+/// Data must be fresh for this long before Hold is left, s.
+pub(super) const RECOVER_S: f64 = 0.5;
+/// Hold resumes with Tracking within this horizontal distance of a detected deck, m.
+pub(super) const RESUME_DISTANCE_M: f64 = 10.0;
 
 /// The reason when `value` is beyond `limit`; a NaN is beyond.
 pub(super) fn exceeds(code: ReasonCode, value: f64, limit: f64) -> Option<Reason> {

@@ -9,7 +9,10 @@ use alight_shared::msg::{Course, PLACES, Reason, ReasonCode};
 use nalgebra::Vector3;
 
 use super::config::MissionConfig;
-use super::limits::{exceeds, first_beyond};
+use super::limits::{
+    CONTACT_CONFIRM_S, DECISION_TIMEOUT_S, HEIGHT_TOLERANCE_M, LOST_OUTSIDE_M, RECOVER_S, RESUME_DISTANCE_M,
+    STEADY_DISTANCE_M, STEADY_HEIGHT_M, exceeds, first_beyond,
+};
 use super::phase::{
     DroneTime, HoldCause, MissionPhase, Progress, Transition, gave_up, held_place, holding, lasting,
     moving_place, old_data,
@@ -105,7 +108,7 @@ fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> Transition 
     };
     let z = mean - s.approach_height_m(c);
     let error = (own.position.z - z).abs();
-    if error > c.height_tolerance_m {
+    if error > HEIGHT_TOLERANCE_M {
         let from = match s.place {
             Some(_) => moving_place(&Vector3::new(from[0], from[1], z), s, false)
                 .1
@@ -113,7 +116,7 @@ fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> Transition 
                 .into(),
             None => from,
         };
-        return MissionPhase::GetAltitude { from }.stay(Reason::new(TooFar, error, c.height_tolerance_m));
+        return MissionPhase::GetAltitude { from }.stay(Reason::new(TooFar, error, HEIGHT_TOLERANCE_M));
     }
     MissionPhase::APPROACH.enter(Reached)
 }
@@ -148,7 +151,7 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Tr
         return MissionPhase::APPROACH.stay(NoVision);
     }
     let (detected, lasted) = lasting(true, detected, s.now);
-    if lasted < c.contact_confirm_s {
+    if lasted < CONTACT_CONFIRM_S {
         return MissionPhase::Approach { detected }.stay(NoVision);
     }
     MissionPhase::TRACKING.enter(Reached)
@@ -161,9 +164,9 @@ fn unsteady(deck: &Deck, s: &Situation, c: &MissionConfig, slack: f64) -> Option
         _ => f64::INFINITY,
     };
     first_beyond([
-        (TooFar, deck.distance_m, c.steady_distance_m * slack),
+        (TooFar, deck.distance_m, STEADY_DISTANCE_M * slack),
         (TooFast, deck.relative_speed_mps, c.steady_speed_mps * slack),
-        (TooFar, height, c.steady_height_m * slack),
+        (TooFar, height, STEADY_HEIGHT_M * slack),
     ])
 }
 
@@ -273,7 +276,7 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
 /// decision clearance.
 fn landing_s(deck: &Deck, c: &MissionConfig) -> f64 {
     let descent_m = (deck.clearance_m - c.flare_clearance_m).max(0.0);
-    descent_m / c.descent_mps + c.flare_clearance_m / c.flare_mps + c.decision_timeout_s
+    descent_m / c.descent_mps + c.flare_clearance_m / c.flare_mps + DECISION_TIMEOUT_S
 }
 
 /// Why no descent begins by what the helm states of the vessel's course.
@@ -372,7 +375,7 @@ fn descent(
     if let Some(why) = violation.filter(|_| lasted > VIOLATION_S && !close) {
         return Transition::BreakOff(why);
     }
-    if close && let Some(why) = exceeds(Deviated, s.outside_m, c.lost_outside_m) {
+    if close && let Some(why) = exceeds(Deviated, s.outside_m, LOST_OUTSIDE_M) {
         return Transition::BreakOff(why);
     }
     if let Some(why) = withdrawn(progress, s).filter(|_| !close) {
@@ -391,7 +394,7 @@ fn descent(
     }
     let stopped = rejection.filter(|_| deck.clearance_m < c.decision_clearance_m);
     let (paused, waited) = lasting(stopped.is_some(), paused, s.now);
-    if let Some(why) = stopped.filter(|_| waited > c.decision_timeout_s) {
+    if let Some(why) = stopped.filter(|_| waited > DECISION_TIMEOUT_S) {
         return Transition::BreakOff(why);
     }
     let sinking = Reason::new(TooFar, deck.clearance_m, c.flare_clearance_m);
@@ -443,7 +446,7 @@ fn flare(
     // The deck may fall away again: half a metre above the commit clearance there is time to judge.
     let committed = deck.clearance_m < c.commit_clearance_m + if committed { 0.5 } else { 0.0 };
     let hard = exceeds(Missed, -deck.clearance_m, c.missed_m).or_else(|| {
-        exceeds(Deviated, s.outside_m, c.lost_outside_m).filter(|_| deck.clearance_m < c.commit_clearance_m)
+        exceeds(Deviated, s.outside_m, LOST_OUTSIDE_M).filter(|_| deck.clearance_m < c.commit_clearance_m)
     });
     let hard = hard.or_else(|| attitude_lost(deck, s));
     if let Some(why) = hard.or_else(|| withdrawn(progress, s).filter(|_| !committed)) {
@@ -534,10 +537,10 @@ fn held(
         return hold(None).stay(Reason::new(VisionLost, deck.vision_age_s, c.vision_fresh_s));
     }
     let (fresh, lasted) = lasting(true, fresh, s.now);
-    if lasted < c.recover_s {
-        return hold(fresh).stay(Reason::new(NotSteady, lasted, c.recover_s));
+    if lasted < RECOVER_S {
+        return hold(fresh).stay(Reason::new(NotSteady, lasted, RECOVER_S));
     }
-    let above = deck.vision_age_s <= c.vision_fresh_s && deck.distance_m <= c.resume_distance_m;
+    let above = deck.vision_age_s <= c.vision_fresh_s && deck.distance_m <= RESUME_DISTANCE_M;
     let next = if above && s.waits(c).is_none() {
         MissionPhase::TRACKING
     } else {
@@ -545,5 +548,5 @@ fn held(
             from: [own.position.x, own.position.y],
         }
     };
-    next.enter(Reason::new(Reached, lasted, c.recover_s))
+    next.enter(Reason::new(Reached, lasted, RECOVER_S))
 }

@@ -8,6 +8,7 @@ use alight_shared::msg::{BatteryPlace, CommandKind, Phase, Reason, ReasonCode};
 
 use super::checkpoint::ends_softer;
 use super::config::MissionConfig;
+use super::limits::{LOST_OUTSIDE_M, RESUME_DISTANCE_M};
 use super::phase::{HoldCause, MissionPhase, Progress, Transition, gave_up, holding, old_data};
 use super::situation::{ControlState, Reservation, Situation};
 use super::states;
@@ -86,7 +87,7 @@ fn completes(phase: MissionPhase, progress: &Progress, s: &Situation, c: &Missio
             ends.climb_is_harmful()
         }
     });
-    let beneath = s.outside_m <= c.lost_outside_m && !s.motors_stopped;
+    let beneath = s.outside_m <= LOST_OUTSIDE_M && !s.motors_stopped;
     let touches = c.lowest_plan_m().is_none();
     touches && phase.state().phase() == Phase::Landing && (progress.stopped || harder && beneath)
 }
@@ -104,7 +105,7 @@ fn completes_without_data(
     let known = s.forecast_age_s.max(s.odometry_age_s) <= COMPLETES_WITHOUT_DATA_S;
     let lands = phase.state().phase() == Phase::Landing && !progress.stopped;
     let touches = c.lowest_plan_m().is_none();
-    lands && touches && known && s.deck.is_some_and(|d| ends_softer(&d, s, c))
+    lands && touches && known && s.deck.is_some_and(|d| ends_softer(&d, s))
 }
 
 /// What stale data lead to: hold until they are fresh, unless an operator has stopped the landing meanwhile.
@@ -148,7 +149,7 @@ fn low_battery(
     let before = core::mem::replace(&mut progress.low_battery, place);
     let code = match place {
         Some(BatteryPlace::Deck) => {
-            let near = deck.is_some_and(|d| d.distance_m <= c.resume_distance_m);
+            let near = deck.is_some_and(|d| d.distance_m <= RESUME_DISTANCE_M);
             let tracks = near && !lands && s.waits(c).is_none();
             let next = if tracks { MissionPhase::TRACKING } else { phase };
             return (before != place).then(|| next.enter(why(ReasonCode::BatteryDeck)));

@@ -39,6 +39,17 @@ const LAG_M: f64 = 0.6;
 /// ... at this rate, 1/s: a drift of 5 cm/s, the fastest of a GNSS error of metres, moves it 0.5 m further.
 const DRIFT_GAIN: f64 = 0.1;
 
+// Softer gains leave less noise over a second and a larger error of velocity, which the camera then has to find.
+
+/// Gain on the difference of velocity, 1/s.
+const VELOCITY_GAIN: f64 = 1.0;
+/// Gain on the difference of position, 1/s².
+const POSITION_GAIN: f64 = 0.2;
+/// Gain of the accelerometers' bias on the difference of velocity, 1/s².
+const BIAS_GAIN: f64 = 0.3;
+/// Largest bias accepted, tilt error included, m/s².
+const BIAS_LIMIT_MPS2: f64 = 1.0;
+
 config! {
     /// How softly the smooth odometry is held to the autopilot's.
     ///
@@ -48,14 +59,6 @@ config! {
     pub struct OdometryConfig {
         /// On; else the autopilot's odometry is used as it is.
         pub smooth: bool = true;
-        /// Gain on the difference of velocity, 1/s.
-        pub velocity_gain: f64 = 1.0, in 0.01..=20.0;
-        /// Gain on the difference of position, 1/s².
-        pub position_gain: f64 = 0.2, in 0.0..=20.0;
-        /// Gain of the accelerometers' bias on the difference of velocity, 1/s².
-        pub bias_gain: f64 = 0.3, in 0.0..=20.0;
-        /// Largest bias accepted, tilt error included, m/s².
-        pub bias_limit_mps2: f64 = 1.0, in 0.0..=9.0;
     }
 }
 
@@ -78,7 +81,6 @@ impl SmoothState {
         ahead: &Vector3<f64>,
         faster: &Vector3<f64>,
         dt: f64,
-        c: &OdometryConfig,
     ) {
         // An impact lasts for milliseconds: a sample in it, or none, tells nothing of its impulse. The autopilot, which
         // integrates its sensors at their own rate, has it.
@@ -88,12 +90,12 @@ impl SmoothState {
         } else {
             *force
         };
-        let acceleration = force + self.bias + faster * c.velocity_gain + ahead * c.position_gain;
+        let acceleration = force + self.bias + faster * VELOCITY_GAIN + ahead * POSITION_GAIN;
         let drift = (ahead - ahead.cap_magnitude(LAG_M)) * DRIFT_GAIN;
         self.position += (self.velocity + drift) * dt + acceleration * (0.5 * dt * dt);
         self.velocity += acceleration * dt;
-        let max = c.bias_limit_mps2;
-        self.bias = (self.bias + faster * (c.bias_gain * dt)).map(|b| b.clamp(-max, max));
+        let max = BIAS_LIMIT_MPS2;
+        self.bias = (self.bias + faster * (BIAS_GAIN * dt)).map(|b| b.clamp(-max, max));
         self.at = reported.header.at;
         self.reported = *reported;
     }
@@ -184,13 +186,12 @@ impl Odometry {
         if jump.norm() > JUMP_M {
             h.position += jump;
         }
-        let c = &self.config;
         let (ahead, faster) = (reported.position() - h.position, reported.velocity() - h.velocity);
         if !(ahead.norm() < MAX_DIFFERENCE && faster.norm() < MAX_DIFFERENCE) {
             self.smoothed = Some(fresh);
             return *reported;
         }
-        h.advance(reported, &force, &ahead, &faster, dt, c);
+        h.advance(reported, &force, &ahead, &faster, dt);
         self.smoothed = Some(h);
         h.state()
     }

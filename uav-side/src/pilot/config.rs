@@ -28,8 +28,6 @@ config! {
         pub lag: LagConfig;
         /// The dead time of the link to it.
         pub delay: DelayConfig;
-        /// The touchdown detector.
-        pub touchdown: TouchdownConfig;
     }
 }
 
@@ -159,63 +157,5 @@ config! {
         pub limit_s: f64 = 0.15, in 0.0..=0.25;
         /// Time constant of its estimate, s.
         pub time_s: f64 = 1.0, in 0.05..=60.0;
-    }
-}
-
-config! {
-    /// Evidence of touchdown. "Excess" is the specific force that the applied thrust does not explain:
-    /// what carries the drone instead of its rotors.
-    ///
-    /// Chosen: for a rangefinder of 3 cm noise at 50 Hz (median of five: 1.7 cm).
-    pub struct TouchdownConfig {
-        /// The rangefinder reads at most this much more than it does on the deck, m.
-        pub range_margin_m: f64 = 0.10, in 0.01..=0.5;
-        /// The rangefinder has left the deck beyond this much more, m.
-        pub range_release_m: f64 = 0.25;
-        /// Without the rangefinder: the forecast's clearance is at most this, m.
-        pub blind_clearance_m: f64 = 0.20, in 0.01..=1.0;
-        /// Beyond this forecast clearance no contact is accepted, m.
-        pub clearance_veto_m: f64 = 0.5, in 0.05..=2.0;
-        /// Beyond this speed along the deck's normal no touchdown is confirmed, m/s.
-        pub speed_veto_mps: f64 = 0.8, in 0.05..=5.0;
-        /// Smallest sustained excess that makes contact suspected, m/s².
-        pub suspect_excess_mps2: f64 = 1.5, in 0.3..=9.0;
-        /// It must last this long, s.
-        pub suspect_s: f64 = 0.03, in 0.01..=2.0;
-        /// Smallest single excess that makes contact suspected, m/s².
-        pub impact_mps2: f64 = 6.0;
-        /// So long at the feet's range while a descent is commanded makes contact suspected, s.
-        pub resting_s: f64 = 0.3, in 0.01..=2.0;
-        /// Thrust on suspicion, as a fraction of hover.
-        pub press_of_hover: f64 = 0.6, in 0.1..=0.8;
-        /// Thrust at the end of the ramp, as a fraction of hover.
-        /// Source: Low enough to unload on a deck that falls at 3.8 m/s².
-        pub press_end_of_hover: f64 = 0.3;
-        /// Length of the ramp, s.
-        pub press_ramp_s: f64 = 0.2, in 0.01..=2.0;
-        /// Smallest sustained excess that confirms touchdown, m/s².
-        pub confirm_excess_mps2: f64 = 2.0, in 1.0..=9.0;
-        /// It must last this long, s.
-        pub confirm_s: f64 = 0.08, in 0.01..=2.0;
-        /// The same without the rangefinder, s.
-        pub blind_confirm_s: f64 = 0.2, in 0.01..=2.0;
-        /// Not confirmed after this long, the suspicion is dropped, s.
-        pub give_up_s: f64 = 0.6, in 0.01..=2.0;
-        /// No new suspicion for this long after that, s.
-        pub pause_s: f64 = 0.2, in 0.01..=2.0;
-        /// The autopilot's report of its thrust must be no older than this to confirm, s.
-        pub autopilot_age_s: f64 = 0.5, in 0.01..=2.0;
-        /// Readings of the rangefinder older than this count as missing, s.
-        pub range_age_s: f64 = 0.2, in 0.01..=2.0;
-    }
-    check |this, at| {
-        at.range("range_release_m", this.range_release_m, this.range_margin_m, 2.0)?;
-        at.range("impact_mps2", this.impact_mps2, this.suspect_excess_mps2, 100.0)?;
-        at.range(
-            "press_end_of_hover",
-            this.press_end_of_hover,
-            0.0,
-            this.press_of_hover,
-        )?;
     }
 }

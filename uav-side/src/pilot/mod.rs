@@ -43,7 +43,7 @@ use delay::Delay;
 use estimate::FlightEstimator;
 use lag::AttitudeLagEstimator;
 use set_points::OLD_PLAN_S;
-use touchdown::{Evidence, TouchdownDetector};
+use touchdown::{AUTOPILOT_AGE_S, Evidence, TouchdownDetector};
 use tracking::Tracker;
 
 /// Inputs.
@@ -285,7 +285,7 @@ impl Pilot {
         new: Option<&DroneState>,
         below: Option<&DeckBelow>,
     ) -> Evidence {
-        let limit = Span::from_secs(self.config.touchdown.autopilot_age_s);
+        let limit = Span::from_secs(AUTOPILOT_AGE_S);
         let commands = self.armed(now).is_some_and(|a| a.mode == AutopilotMode::Offboard);
         let committed = below.is_some_and(|b| b.clearance <= COMMIT_CLEARANCE_M);
         let permitted = commands
@@ -430,7 +430,7 @@ impl Node for Pilot {
         let below = self.below(now, &body);
         let landing = mission.or_else(|| self.last_mission(now).filter(|_| self.completes));
         let evidence = self.evidence(now, landing.as_ref(), new.as_ref(), below.as_ref());
-        if let Some(touchdown) = self.detector.step(now, dt, &evidence, &self.config.touchdown) {
+        if let Some(touchdown) = self.detector.step(now, dt, &evidence) {
             return self.touch_down(now, touchdown);
         }
         if new.is_some() {

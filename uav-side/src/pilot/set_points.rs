@@ -179,7 +179,7 @@ impl Pilot {
         let Contact::Suspected { since, .. } = self.detector.contact() else {
             return self.no_set_point(now);
         };
-        let fraction = press_fraction(since, now, &self.config.touchdown);
+        let fraction = press_fraction(since, now);
         let up = below.map(|b| b.stage.normal());
         let thrust = fraction * self.estimate.hover();
         let a = self

@@ -434,10 +434,10 @@ fn pilot_discards_the_plan_at_an_origin_reset() {
 #[test]
 fn pilot_checks_its_configuration() {
     assert!(parse::<PilotConfig>("", "test").is_ok());
-    let e = parse::<PilotConfig>("[touchdown]\npress_of_hover = 1.0", "test")
+    let e = parse::<PilotConfig>("[tracking]\nflare_feedback_tilt_rad = 0.5", "test")
         .unwrap_err()
         .to_string();
-    assert!(e.contains("touchdown.press_of_hover"), "{e}");
+    assert!(e.contains("tracking.flare_feedback_tilt_rad"), "{e}");
     let c = parse::<PilotConfig>("output = \"trajectory\"", "test").unwrap();
     assert_eq!(c.output, Output::Trajectory);
 }

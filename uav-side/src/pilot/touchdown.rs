@@ -10,7 +10,6 @@
 use alight_shared::msg::Header;
 use alight_shared::time::{DroneClock, Time};
 
-use super::config::TouchdownConfig;
 use serde::{Deserialize, Serialize};
 
 type DroneTime = Time<DroneClock>;
@@ -83,6 +82,48 @@ pub enum Contact {
     Confirmed,
 }
 
+// "Excess" is the specific force that the applied thrust does not explain: what carries the drone instead of its rotors.
+// Chosen for a rangefinder of 3 cm noise at 50 Hz (median of five: 1.7 cm).
+
+/// The rangefinder reads at most this much more than it does on the deck, m.
+const RANGE_MARGIN_M: f64 = 0.10;
+/// The rangefinder has left the deck beyond this much more, m.
+const RANGE_RELEASE_M: f64 = 0.25;
+/// Without the rangefinder: the forecast's clearance is at most this, m.
+const BLIND_CLEARANCE_M: f64 = 0.20;
+/// Beyond this forecast clearance no contact is accepted, m.
+const CLEARANCE_VETO_M: f64 = 0.5;
+/// Beyond this speed along the deck's normal no touchdown is confirmed, m/s.
+const SPEED_VETO_MPS: f64 = 0.8;
+/// Smallest sustained excess that makes contact suspected, m/s².
+const SUSPECT_EXCESS_MPS2: f64 = 1.5;
+/// It must last this long, s.
+const SUSPECT_S: f64 = 0.03;
+/// Smallest single excess that makes contact suspected, m/s².
+const IMPACT_MPS2: f64 = 6.0;
+/// So long at the feet's range while a descent is commanded makes contact suspected, s.
+const RESTING_S: f64 = 0.3;
+/// Thrust on suspicion, as a fraction of hover.
+const PRESS_OF_HOVER: f64 = 0.6;
+/// Thrust at the end of the ramp, as a fraction of hover.
+/// Source: Low enough to unload on a deck that falls at 3.8 m/s².
+const PRESS_END_OF_HOVER: f64 = 0.3;
+/// Length of the ramp, s.
+const PRESS_RAMP_S: f64 = 0.2;
+/// Smallest sustained excess that confirms touchdown, m/s².
+const CONFIRM_EXCESS_MPS2: f64 = 2.0;
+/// It must last this long, s.
+const CONFIRM_S: f64 = 0.08;
+/// The same without the rangefinder, s.
+const BLIND_CONFIRM_S: f64 = 0.2;
+/// Not confirmed after this long, the suspicion is dropped, s.
+const GIVE_UP_S: f64 = 0.6;
+/// No new suspicion for this long after that, s.
+const PAUSE_S: f64 = 0.2;
+/// The autopilot's report of its thrust must be no older than this to confirm, s.
+pub(super) const AUTOPILOT_AGE_S: f64 = 0.5;
+/// Readings of the rangefinder older than this count as missing, s.
+const RANGE_AGE_S: f64 = 0.2;
 /// Readings kept for the median and for resting.
 const READINGS: usize = 32;
 /// Readings whose median counts as the range.
@@ -136,12 +177,12 @@ impl TouchdownDetector {
         self.next = (self.next + 1) % READINGS;
     }
     /// Median of the newest readings, m; None when they are too old.
-    pub(crate) fn median(&self, now: DroneTime, c: &TouchdownConfig) -> Option<f64> {
+    pub(crate) fn median(&self, now: DroneTime) -> Option<f64> {
         let mut newest = [f64::INFINITY; MEDIAN];
         let mut n = 0;
         for k in 1..=MEDIAN {
             let (at, r) = self.readings[(self.next + READINGS - k) % READINGS];
-            if (now - at).secs() <= c.range_age_s {
+            if (now - at).secs() <= RANGE_AGE_S {
                 newest[n] = r;
                 n += 1;
             }
@@ -151,21 +192,21 @@ impl TouchdownDetector {
         some.get(n / 2).copied()
     }
     /// All readings of the last `resting_s` average to the feet's range, and none is far from it.
-    fn resting(&self, now: DroneTime, c: &TouchdownConfig) -> bool {
+    fn resting(&self, now: DroneTime) -> bool {
         let (mut n, mut sum, mut oldest) = (0_u32, 0.0, 0.0_f64);
         for (at, r) in &self.readings {
             let age = (now - *at).secs();
-            if age > c.resting_s {
+            if age > RESTING_S {
                 continue;
             }
-            if (r - self.feet_range).abs() > c.range_margin_m {
+            if (r - self.feet_range).abs() > RANGE_MARGIN_M {
                 return false;
             }
             n += 1;
             sum += r - self.feet_range;
             oldest = oldest.max(age);
         }
-        n >= 8 && oldest > 0.8 * c.resting_s && (sum / f64::from(n)).abs() < 0.4 * c.range_margin_m
+        n >= 8 && oldest > 0.8 * RESTING_S && (sum / f64::from(n)).abs() < 0.4 * RANGE_MARGIN_M
     }
 
     /// Takes what carries the drone; gives this step's excess.
@@ -185,13 +226,7 @@ impl TouchdownDetector {
     }
 
     /// One step; gives the evidence at the moment of confirmation.
-    pub(crate) fn step(
-        &mut self,
-        now: DroneTime,
-        dt: f64,
-        e: &Evidence,
-        c: &TouchdownConfig,
-    ) -> Option<Touchdown> {
+    pub(crate) fn step(&mut self, now: DroneTime, dt: f64, e: &Evidence) -> Option<Touchdown> {
         if self.contact == Contact::Confirmed {
             return None;
         }
@@ -200,34 +235,27 @@ impl TouchdownDetector {
             self.clear();
             return None;
         }
-        let range = self.median(now, c);
+        let range = self.median(now);
         match self.contact {
             Contact::Clear => {
-                self.suspect(now, impact, range, e, c);
+                self.suspect(now, impact, range, e);
                 None
             }
-            Contact::Suspected { since, carried } => self.confirm(now, (since, carried), range, e, c),
+            Contact::Suspected { since, carried } => self.confirm(now, (since, carried), range, e),
             Contact::Confirmed => None,
         }
     }
 
     /// An impact, an excess, or resting at the feet's range makes contact suspected.
-    fn suspect(
-        &mut self,
-        now: DroneTime,
-        impact: f64,
-        range: Option<f64>,
-        e: &Evidence,
-        c: &TouchdownConfig,
-    ) {
-        if now < self.pause_until || !self.near(range, e, c, c.range_margin_m) {
+    fn suspect(&mut self, now: DroneTime, impact: f64, range: Option<f64>, e: &Evidence) {
+        if now < self.pause_until || !self.near(range, e, RANGE_MARGIN_M) {
             self.loaded = None;
             return;
         }
-        self.loaded = (self.excess > c.suspect_excess_mps2).then(|| self.loaded.unwrap_or(now));
-        let carried = self.loaded.is_some_and(|t| (now - t).secs() >= c.suspect_s);
-        let rests = e.descending && self.resting(now, c);
-        if carried || impact > c.impact_mps2 || rests {
+        self.loaded = (self.excess > SUSPECT_EXCESS_MPS2).then(|| self.loaded.unwrap_or(now));
+        let carried = self.loaded.is_some_and(|t| (now - t).secs() >= SUSPECT_S);
+        let rests = e.descending && self.resting(now);
+        if carried || impact > IMPACT_MPS2 || rests {
             self.contact = Contact::Suspected {
                 since: now,
                 carried: None,
@@ -243,28 +271,27 @@ impl TouchdownDetector {
         (since, carried): (DroneTime, Option<DroneTime>),
         range: Option<f64>,
         e: &Evidence,
-        c: &TouchdownConfig,
     ) -> Option<Touchdown> {
-        let left = !self.near(range, e, c, c.range_release_m);
-        if left || (now - since).secs() > c.give_up_s {
+        let left = !self.near(range, e, RANGE_RELEASE_M);
+        if left || (now - since).secs() > GIVE_UP_S {
             self.clear();
-            self.pause_until = now + alight_shared::time::Span::from_secs(c.pause_s);
+            self.pause_until = now + alight_shared::time::Span::from_secs(PAUSE_S);
             return None;
         }
         let applied = e.applied_thrust();
-        let slow = e.normal_speed.is_none_or(|v| v.abs() <= c.speed_veto_mps);
+        let slow = e.normal_speed.is_none_or(|v| v.abs() <= SPEED_VETO_MPS);
         let cut = applied.is_some_and(|t| t <= 0.8 * e.hover_thrust);
-        let holds = self.near(range, e, c, c.range_margin_m)
+        let holds = self.near(range, e, RANGE_MARGIN_M)
             && slow
             && cut
             && e.reported_thrust.is_some()
-            && self.sure_excess > c.confirm_excess_mps2;
+            && self.sure_excess > CONFIRM_EXCESS_MPS2;
         let carried = holds.then(|| carried.unwrap_or(now));
         self.contact = Contact::Suspected { since, carried };
         let needed = if range.is_some() {
-            c.confirm_s
+            CONFIRM_S
         } else {
-            c.blind_confirm_s
+            BLIND_CONFIRM_S
         };
         if !carried.is_some_and(|t| (now - t).secs() >= needed) {
             return None;
@@ -283,18 +310,18 @@ impl TouchdownDetector {
 
     /// The feet are about on the deck: by the rangefinder, or by the forecast when it is silent;
     /// the forecast can veto.
-    fn near(&self, range: Option<f64>, e: &Evidence, c: &TouchdownConfig, margin: f64) -> bool {
-        let veto = e.clearance.is_some_and(|v| v > c.clearance_veto_m || v.is_nan());
+    fn near(&self, range: Option<f64>, e: &Evidence, margin: f64) -> bool {
+        let veto = e.clearance.is_some_and(|v| v > CLEARANCE_VETO_M || v.is_nan());
         let close = match range {
             Some(r) => r <= self.feet_range + margin,
-            None => e.clearance.is_some_and(|v| v <= c.blind_clearance_m),
+            None => e.clearance.is_some_and(|v| v <= BLIND_CLEARANCE_M),
         };
         close && !veto
     }
 }
 
 /// Thrust while contact is suspected, as a fraction of hover: cut at once, then ramped down.
-pub(crate) fn press_fraction(since: DroneTime, now: DroneTime, c: &TouchdownConfig) -> f64 {
-    let s = ((now - since).secs() / c.press_ramp_s.max(1e-3)).clamp(0.0, 1.0);
-    c.press_of_hover + s * (c.press_end_of_hover - c.press_of_hover)
+pub(crate) fn press_fraction(since: DroneTime, now: DroneTime) -> f64 {
+    let s = ((now - since).secs() / PRESS_RAMP_S).clamp(0.0, 1.0);
+    PRESS_OF_HOVER + s * (PRESS_END_OF_HOVER - PRESS_OF_HOVER)
 }

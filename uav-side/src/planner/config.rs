@@ -218,20 +218,8 @@ config! {
         pub shaping: Shaping;
         /// When to start from the measured state.
         pub reset: Reset;
-        /// Time constant of the deck's mean height, s.
-        pub mean_height_s: f64 = 8.0, in 0.5..=60.0;
         /// After contact the reference goes on into the deck down to here, m.
         pub press_m: f64 = 0.3, in 0.0..=1.0;
-        /// Nearer than this the heading towards the vessel is undefined, m.
-        pub heading_from_m: f64 = 2.0, in 0.1..=50.0;
-        /// The minimum altitude does not bind inside the deck's outline widened by this, m.
-        pub outline_margin_m: f64 = 0.5, in 0.0..=10.0;
-        /// A forecast older than this is not used, s.
-        pub forecast_age_s: f64 = 0.5, in 0.05..=5.0;
-        /// A mission state older than this is not followed, s.
-        pub mission_age_s: f64 = 0.5, in 0.05..=5.0;
-        /// Odometry older than this is not used, s.
-        pub odometry_age_s: f64 = 0.2, in 0.02..=5.0;
     }
     check |this, at| {
         at.require(

@@ -145,11 +145,10 @@ impl Planner {
     }
 
     fn receive(&mut self, now: Time<DroneClock>, input: &PlannerIn) {
-        let c = &self.config;
-        offer(&mut self.forecast, now, c.forecast_age_s, &input.forecast);
-        offer(&mut self.mission, now, c.mission_age_s, &input.mission);
+        offer(&mut self.forecast, now, FORECAST_AGE_S, &input.forecast);
+        offer(&mut self.mission, now, MISSION_AGE_S, &input.mission);
         let last = self.drone.get().map(|d| d.header.at);
-        offer(&mut self.drone, now, c.odometry_age_s, &input.drone);
+        offer(&mut self.drone, now, ODOMETRY_AGE_S, &input.drone);
         // Any age will do for a counter of jumps.
         offer(&mut self.autopilot, now, 10.0, &input.autopilot);
         let jumped = self.autopilot.get().is_some_and(|a| self.frame.has_jumped(a));
@@ -189,7 +188,7 @@ impl Planner {
     /// State and input with which the plan starts: the last plan now, or the measured state. None without odometry.
     fn start(&mut self, now: Time<DroneClock>) -> Option<(State, [f64; INPUTS])> {
         let c = &self.config;
-        let drone = *usable(&self.drone, now, c.odometry_age_s)?;
+        let drone = *usable(&self.drone, now, ODOMETRY_AGE_S)?;
         let law = &self.law;
         let lands = self.last_solve.is_some_and(|(_, phase)| phase == Phase::Landing);
         let landing = lands.then(|| law.landing_start());
@@ -204,7 +203,7 @@ impl Planner {
     }
 
     fn plan(&mut self, now: Time<DroneClock>, mission: &MissionState) -> Option<Plan> {
-        let forecast = usable(&self.forecast, now, self.config.forecast_age_s).copied();
+        let forecast = usable(&self.forecast, now, FORECAST_AGE_S).copied();
         if let Some(plan) = self.own_plan(now, mission, forecast.as_ref()) {
             return Some(plan);
         }
@@ -365,7 +364,7 @@ impl Node for Planner {
 
     fn step(&mut self, now: Time<DroneClock>, input: &PlannerIn) -> PlannerOut {
         self.receive(now, input);
-        let mission = usable(&self.mission, now, self.config.mission_age_s).copied();
+        let mission = usable(&self.mission, now, MISSION_AGE_S).copied();
         // Without a mission the pilot has flown on its own: no plan of before is what the drone does now.
         let mission = mission.unwrap_or_default();
         let phase = mission.state.phase();
@@ -398,6 +397,12 @@ impl Node for Planner {
     }
 }
 
+/// A forecast older than this is not used, s.
+const FORECAST_AGE_S: f64 = 0.5;
+/// A mission state older than this is not followed, s.
+const MISSION_AGE_S: f64 = 0.5;
+/// Odometry older than this is not used, s.
+const ODOMETRY_AGE_S: f64 = 0.2;
 /// Tolerance for stamps ahead of now: shared memory between processes of one computer.
 const LEAD: Span = Span::from_millis(50);
 

@@ -26,6 +26,13 @@ const UNDERCUT_M: f64 = 0.2;
 /// A deck further from its mean height than this is no heave: the frame or the estimate moved, m.
 const HEIGHT_JUMP_M: f64 = 3.0;
 
+/// Time constant of the deck's mean height, s.
+const MEAN_HEIGHT_S: f64 = 8.0;
+/// Nearer than this the heading towards the vessel is undefined, m.
+const HEADING_FROM_M: f64 = 2.0;
+/// The minimum altitude does not bind inside the deck's outline widened by this, m.
+const OUTLINE_MARGIN_M: f64 = 0.5;
+
 /// The deck that the references are made for, and what they want of it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Reference {
@@ -116,8 +123,7 @@ impl ReferenceGenerator {
     fn mean_height(&mut self, now: Time<DroneClock>, forecast: &DeckForecast, here: f64) -> f64 {
         match self.mean_height.value() {
             Some(mean) if (here - mean).abs() < HEIGHT_JUMP_M => {
-                self.mean_height
-                    .follow(now, here, self.config.mean_height_s, f64::INFINITY)
+                self.mean_height.follow(now, here, MEAN_HEIGHT_S, f64::INFINITY)
             }
             Some(_) | None => self
                 .mean_height
@@ -388,9 +394,7 @@ impl ReferenceGenerator {
             (Goal::Hold | Goal::Leave, _) | (_, None) => (q.hold[3], 0.0),
             (Goal::Touch, Some(d)) => (d.euler[2], d.euler_rates[2]),
             (Goal::Above | Goal::Sink, Some(_)) => match (q.view.mission.state, far) {
-                (Mode::Approach, Some(far)) if far.norm() > self.config.heading_from_m => {
-                    (far.y.atan2(far.x), 0.0)
-                }
+                (Mode::Approach, Some(far)) if far.norm() > HEADING_FROM_M => (far.y.atan2(far.x), 0.0),
                 _ => (mean, 0.0),
             },
         };
@@ -510,7 +514,7 @@ impl ReferenceGenerator {
             let (s, c) = d.euler[2].sin_cos();
             let (dx, dy) = (x - d.position[0], y - d.position[1]);
             let (along, across) = (c * dx + s * dy, -s * dx + c * dy);
-            let m = self.config.outline_margin_m;
+            let m = OUTLINE_MARGIN_M;
             if along.abs() <= 0.5 * self.deck.length_m + m && across.abs() <= 0.5 * self.deck.width_m + m {
                 return NO_CEILING;
             }
