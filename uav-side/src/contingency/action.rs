@@ -104,3 +104,73 @@ impl Known<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::below::Body;
+    use super::*;
+    use crate::fixtures::{airborne, forecast, header, level, mission};
+    use alight_shared::geometry::DroneGeometry;
+    use alight_shared::time::Time;
+    use nalgebra::{UnitQuaternion, Vector3};
+
+    /// With or without a plan and fresh word of the mission, at this clearance (m); `softer`: landing is.
+    fn action(
+        state: State,
+        planned: bool,
+        silent: bool,
+        clearance: f64,
+        softer: bool,
+        holds: bool,
+    ) -> Action {
+        let (header, drone) = (header(1, Time::from_secs(10.0)), DroneGeometry::default());
+        let f = forecast(header, |_| level([0.0, 0.0, -1.3]));
+        let body = Body {
+            position: Vector3::new(0.0, 0.0, -1.3 - drone.feet_below_m - clearance),
+            velocity: Vector3::zeros(),
+            attitude: UnitQuaternion::identity(),
+        };
+        let (autopilot, mission) = (airborne(header), mission(header, state, 0.5));
+        let below = DeckBelow::of(header.at, &f, &body, &drone);
+        let known = Known {
+            autopilot: Some(&autopilot),
+            mission: Some(&mission),
+            silent,
+            planned,
+            below: below.as_ref(),
+            holds,
+            attitudes: true,
+            touches: false,
+        };
+        known.action(|| softer)
+    }
+
+    #[test]
+    fn action_by_what_is_missing() {
+        use Action::{Complete, Follow, Leave};
+        use State::{Descent, Flare, Tracking};
+        for (state, planned, silent, clearance, softer, expected) in [
+            (Descent, true, false, 5.0, false, Follow),
+            // No plan: the flare goes on, a descent where that is softer.
+            (Flare, false, false, 0.4, false, Complete),
+            (Flare, false, false, 5.0, false, Leave),
+            (Descent, false, false, 0.4, false, Leave),
+            (Descent, false, false, 0.4, true, Complete),
+            (Tracking, false, false, 0.4, true, Leave),
+            // No mission: low in a landing the plan goes on, or what is softer.
+            (Descent, true, true, 0.4, false, Follow),
+            (Descent, true, true, 5.0, true, Leave),
+            (Tracking, true, true, 0.4, true, Leave),
+            // Neither.
+            (Descent, false, true, 0.4, false, Leave),
+            (Descent, false, true, 0.4, true, Complete),
+            (Flare, false, true, 0.4, false, Leave),
+        ] {
+            let found = action(state, planned, silent, clearance, softer, false);
+            let what = format!("{state:?}, plan {planned}, silent {silent}, {clearance} m, softer {softer}");
+            assert_eq!(found, expected, "{what}");
+        }
+        // Who climbs already is not committed by a deck that comes near.
+        assert_eq!(action(Flare, false, false, 0.4, false, true), Leave);
+    }
+}
