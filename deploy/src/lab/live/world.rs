@@ -20,6 +20,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::exit::{CliError, Doing, Exit};
 use crate::io::sensor_socket::{Readings, SensorSender};
+use crate::lab::chart;
 use crate::lab::live::args::WorldArgs;
 use crate::lab::live::config::SimulatedWorld;
 use crate::lab::live::detections::Detections;
@@ -27,7 +28,6 @@ use crate::lab::live::follow::Followed;
 use crate::lab::live::plant::{self, Plant};
 use crate::lab::live::render_thread::RenderThread;
 use crate::lab::live::truth::Truth;
-use crate::lab::plot;
 use crate::process::instance::owner;
 use crate::process::life::{Life, draw_boot, node_recorder};
 use crate::terminal;
@@ -228,7 +228,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     outcome.wall_time_s = clock.now::<TrueTime>().secs();
     if let (Some(path), Some(mut trace)) = (&world.plot, history.trace) {
         trace.touchdown_s = judge.first_contact_s();
-        plot::landing(&trace, &outcome, path)?;
+        chart::landing(&trace, &outcome, path)?;
     }
     let untouched = outcome.outcome == Ending::Timeout && outcome.touchdown_speed_mps.is_none();
     let report = if world.follow_s.is_some() && untouched {
