@@ -10,7 +10,6 @@ use crate::exit::{CliError, Doing};
 use crate::lab::args::{Autopilot, SceneArgs};
 use crate::lab::live::config::AutopilotKind;
 use crate::lab::live::fault::FaultSpec;
-use crate::lab::live::follow::MAX_FOLLOW_S;
 use crate::process::args::{ProcessArgs, ViewArgs};
 
 /// One landing, live.
@@ -24,7 +23,7 @@ pub struct LandArgs {
     pub seed: u64,
     /// Land with so many seeds, from --seed on, each beside the lock-step landing of the same seed
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000),
-        conflicts_with_all = ["plot", "record", "follow"])]
+        conflicts_with_all = ["plot", "record"])]
     pub trials: Option<u32>,
     /// How many of the trials at a time, each with processes of its own
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
@@ -66,14 +65,11 @@ pub struct LandArgs {
     #[arg(long, value_name = "ADDRESS", conflicts_with_all = ["external", "trials"])]
     pub ground_station: Option<SocketAddr>,
     /// Draw paths, speeds and attitudes to an SVG
-    #[arg(long, value_name = "FILE.svg", conflicts_with = "follow")]
+    #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
     /// Record everything to an MCAP file, for Foxglove, Lichtblick, Rerun and `alight replay`
-    #[arg(long, value_name = "FILE.mcap", conflicts_with = "follow")]
+    #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
-    /// Follow the vessel for this long after the start instead of landing, s
-    #[arg(long, value_name = "S", value_parser = follow_s)]
-    pub follow: Option<f64>,
     /// Every process records its steps in this directory, a flight for `alight replay`
     #[arg(long, value_name = "DIR")]
     pub log: Option<PathBuf>,
@@ -133,16 +129,6 @@ pub struct LandsArgs {
     pub json: bool,
     #[arg(last = true)]
     pub land: Vec<String>,
-}
-
-/// Times that the drone can be commanded to follow: up to what a mission may take.
-fn follow_s(text: &str) -> Result<f64, String> {
-    let s: f64 = text.parse().map_err(|e| format!("{e}"))?;
-    if (1.0..=MAX_FOLLOW_S).contains(&s) {
-        Ok(s)
-    } else {
-        Err(format!("1 to {MAX_FOLLOW_S} seconds"))
-    }
 }
 
 impl LandArgs {

@@ -102,9 +102,6 @@ config! {
         pub sea: String = String::new();
         /// The planner as the outcome names it.
         pub planner: String = String::new();
-        /// The drone only follows, for this long after the start, s.
-        #[serde(skip_serializing_if = "Option::is_none")]
-        pub follow_s: Option<f64> = None;
         /// The truth is recorded beside what the processes record.
         pub truth: bool = false;
         /// A picture of the landing is drawn there.

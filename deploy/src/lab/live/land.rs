@@ -32,9 +32,9 @@ use crate::lab::live::air::{RadioPath, RadioWatch};
 use crate::lab::live::args::LandArgs;
 use crate::lab::live::config::{Attachments, AutopilotKind, SimulatedWorld, attached, free_port, write};
 use crate::lab::live::fault::Fault;
+use crate::lab::live::recording;
 use crate::lab::live::report::{LiveOutcome, LiveReport, PhaseEntry};
 use crate::lab::live::world::{CONTACT, WorldReport};
-use crate::lab::live::{follow, recording};
 use crate::lab::record::Subject;
 use crate::lab::scene::Scene;
 use crate::lab::{chart, outcome_table};
@@ -79,9 +79,6 @@ pub fn scene(args: &LandArgs) -> Result<Scene, CliError> {
         if among.is_empty() {
             among.push(AT_SEA);
         }
-    }
-    if args.follow.is_some() {
-        follow::disable_landing(&mut scene);
     }
     Ok(scene)
 }
@@ -172,36 +169,24 @@ struct Ending {
 impl Ending {
     fn show(self, args: &LandArgs) -> Result<Exit, CliError> {
         let report = format!("{}{}", self.usage, self.report.text());
-        match self.result {
-            WorldReport::Followed(followed) => {
-                note(true, report);
-                if args.json {
-                    terminal::json(&followed)?;
-                } else {
-                    terminal::line(followed);
-                }
-                Ok(Exit::Success)
-            }
-            WorldReport::Landed(landed) => {
-                let outcome = landed.outcome;
-                let exit = Exit::of(outcome.success);
-                if args.json {
-                    note(true, report);
-                    let live = LiveReport {
-                        first_contact_s: landed.first_contact_s,
-                        motors_on_deck_s: landed.motors_on_deck_s,
-                        ..self.report
-                    };
-                    terminal::json(&LiveOutcome { outcome, live })?;
-                } else {
-                    terminal::line(format_args!("\n{}\n{report}", outcome_table::outcome(&outcome)));
-                    if let Some(path) = &args.plot {
-                        terminal::line(format_args!("plot: {}", path.display()));
-                    }
-                }
-                Ok(exit)
+        let WorldReport::Landed(landed) = self.result;
+        let outcome = landed.outcome;
+        let exit = Exit::of(outcome.success);
+        if args.json {
+            note(true, report);
+            let live = LiveReport {
+                first_contact_s: landed.first_contact_s,
+                motors_on_deck_s: landed.motors_on_deck_s,
+                ..self.report
+            };
+            terminal::json(&LiveOutcome { outcome, live })?;
+        } else {
+            terminal::line(format_args!("\n{}\n{report}", outcome_table::outcome(&outcome)));
+            if let Some(path) = &args.plot {
+                terminal::line(format_args!("plot: {}", path.display()));
             }
         }
+        Ok(exit)
     }
 }
 
@@ -273,8 +258,7 @@ impl LandingSetup {
             epoch_ns,
             seed: args.seed,
             sea: scene.sea.clone(),
-            planner: scene.nodes.bench_planner().name().into(),
-            follow_s: args.follow,
+            planner: scene.nodes.planner_name().into(),
             truth: args.record.is_some(),
             plot: args.plot.clone(),
             autopilot: args.flown_by(),

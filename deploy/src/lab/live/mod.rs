@@ -9,7 +9,6 @@ pub mod detections;
 pub mod emulator;
 pub mod fault;
 pub mod fleet;
-pub mod follow;
 pub mod impairment;
 pub mod land;
 pub mod namespaces;
