@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use alight_shared::msg::State;
-use alight_sim::baselines::{Baseline, BenchPlanner};
+use alight_sim::baselines::Baseline;
+use alight_sim::harness::scenario::NodeConfigs;
 use alight_sim::physics::sea::SeaConfig;
 use alight_sim::physics::vessel;
 use alight_uav::planner::PlannerKind;
@@ -28,13 +29,14 @@ pub enum Planner {
 }
 
 impl Planner {
-    /// The planner as the configuration names it.
-    pub fn kind(self) -> BenchPlanner {
+    /// Lets it fly.
+    pub fn select(self, nodes: &mut NodeConfigs) {
+        nodes.baseline = None;
         match self {
-            Planner::MpcFaa => BenchPlanner::Flight(PlannerKind::MpcFaa),
-            Planner::Alight => BenchPlanner::Flight(PlannerKind::Alight),
-            Planner::Mpc => BenchPlanner::Baseline(Baseline::Mpc),
-            Planner::MpcNe => BenchPlanner::Baseline(Baseline::MpcNe),
+            Planner::MpcFaa => nodes.drone.planner.kind = PlannerKind::MpcFaa,
+            Planner::Alight => nodes.drone.planner.kind = PlannerKind::Alight,
+            Planner::Mpc => nodes.baseline = Some(Baseline::Mpc),
+            Planner::MpcNe => nodes.baseline = Some(Baseline::MpcNe),
         }
     }
 }

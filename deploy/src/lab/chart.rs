@@ -69,17 +69,17 @@ fn lines(area: &Area<'_>, axes: &Axes<'_>, lines: &[Line]) -> Drawn {
         .build_cartesian_2d(axes.across.clone(), axes.up.clone())?;
     let place = |x: &f64| {
         let places = axes.places.unwrap_or_default();
-        let name = places
-            .get(x.round() as usize)
-            .filter(|_| x.fract() == 0.0 && *x >= 0.0);
+        let is_place = (x - x.round()).abs() < 1e-6 && *x > -0.5;
+        let name = places.get(x.round() as usize).filter(|_| is_place);
         name.cloned().unwrap_or_default()
     };
     let mut mesh = chart.configure_mesh();
     mesh.x_desc(axes.names[0])
         .y_desc(axes.names[1])
+        .max_light_lines(1)
         .light_line_style(WHITE);
     if axes.places.is_some() {
-        mesh.x_labels(20).x_label_formatter(&place);
+        mesh.x_labels(20).x_label_formatter(&place).disable_x_mesh();
     }
     mesh.draw()?;
     for line in lines {

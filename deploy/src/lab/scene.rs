@@ -92,7 +92,7 @@ impl Scene {
             installed.map_err(|e| CliError::because("--hull", e))?;
         }
         if let Some(planner) = args.planner {
-            nodes.select(planner.kind());
+            planner.select(&mut nodes);
         }
         if let Some(autopilot) = args.autopilot {
             scenario.drone.autopilot.firmware = match autopilot {
@@ -166,7 +166,7 @@ impl Scene {
         scenario.sensors.render.on |= args.render_camera;
         scenario.check(&Keys::ROOT)?;
         let given = args.given().into_iter().filter(|(name, _)| *name != "planner");
-        let planner = ("planner", nodes.bench_planner().name().to_string());
+        let planner = ("planner", nodes.planner_name().to_string());
         let flags: Vec<String> = given.chain([planner]).map(|(n, v)| written(n, &v)).collect();
         Ok(Scene {
             flags: flags.join(" "),

@@ -18,8 +18,8 @@ pub mod settings;
 mod tests;
 
 use alight_shared::geometry::DroneGeometry;
+use alight_uav::planner::PlannerConfig;
 use alight_uav::planner::law::Law;
-use alight_uav::planner::{PlannerConfig, PlannerKind};
 use serde::{Deserialize, Serialize};
 
 use mpc_ne::MpcNe;
@@ -56,30 +56,5 @@ impl Baseline {
             Baseline::Mpc => Box::new(Mpc),
             Baseline::MpcNe => Box::new(MpcNe::new(&planner.reset, drone)),
         }
-    }
-}
-
-/// A planner that the bench flies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BenchPlanner {
-    /// One that a drone carries.
-    Flight(PlannerKind),
-    /// One to compare with.
-    Baseline(Baseline),
-}
-
-impl BenchPlanner {
-    /// The name on the command line and in tables.
-    pub const fn name(&self) -> &'static str {
-        match self {
-            BenchPlanner::Flight(kind) => kind.name(),
-            BenchPlanner::Baseline(baseline) => baseline.name(),
-        }
-    }
-}
-
-impl Default for BenchPlanner {
-    fn default() -> Self {
-        BenchPlanner::Flight(PlannerKind::default())
     }
 }

@@ -6,6 +6,7 @@ use alight_shared::config::{Check, Keys};
 use alight_shared::msg::{DeckForecast, DeckStage, Header, MissionState, State};
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_uav::mission::MissionConfig;
+use alight_uav::planner::PlannerKind;
 use alight_uav::planner::model::State as Start;
 use alight_uav::planner::reference::Reference;
 use alight_uav::predictor::PredictorConfig;

@@ -50,14 +50,10 @@ pub struct Interrupted {
     pub unsafe_contact: bool,
     /// In the water, motors on.
     pub water: bool,
-    /// In the water so long after the motors stopped, s; None when it stayed on the deck.
-    pub slid_after_s: Option<f64>,
     /// How far from above the deck's centre it came before it was clear of the deck, m.
     pub strayed_m: f64,
     /// It entered a keep-out volume.
     pub collided: bool,
-    /// It landed: the motors stopped, and it was not in the water.
-    pub landed: bool,
 }
 
 impl Interrupted {
@@ -68,10 +64,6 @@ impl Interrupted {
     /// Nothing that must not happen has happened.
     pub fn safe(&self) -> bool {
         !self.unsafe_contact && !self.water && !self.collided && !self.strayed()
-    }
-    /// It landed and slid overboard.
-    pub fn slid(&self) -> bool {
-        self.slid_after_s.is_some()
     }
     fn touch(&mut self, c: &ContactEvent) {
         self.hardest_mps = self.hardest_mps.max(c.normal_mps);
@@ -91,7 +83,7 @@ pub fn fly(
     let mut world = World::new(scenario, nodes, seed)?;
     world.warm_up(&mut NoTap);
     world.command(CommandKind::Land);
-    let (mut began, mut stopped_s, mut near) = (false, None, true);
+    let (mut began, mut near) = (false, true);
     let mut end_s = LIMIT_S;
     let mut report = Interrupted::default();
     loop {
@@ -108,10 +100,6 @@ pub fn fly(
             if near {
                 report.strayed_m = report.strayed_m.max(o.horizontal_m);
             }
-            if !o.motors_on {
-                let since = t - *stopped_s.get_or_insert(t);
-                report.slid_after_s = report.slid_after_s.or(o.in_water.then_some(since));
-            }
         } else if !o.motors_on {
             return Ok(None);
         } else if landing && lowest < height_m {
@@ -127,6 +115,5 @@ pub fn fly(
             break;
         }
     }
-    report.landed = stopped_s.is_some() && !report.water && !report.slid();
     Ok(began.then_some(report))
 }

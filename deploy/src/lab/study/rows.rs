@@ -42,7 +42,7 @@ impl Row {
     /// Of a scene, with the planner that its nodes name.
     pub fn of(scenario: String, world: Scenario, nodes: NodeConfigs) -> Row {
         Row {
-            planner: nodes.bench_planner().name().into(),
+            planner: nodes.planner_name().into(),
             group: scenario.clone(),
             published: BTreeMap::new(),
             scenario,
@@ -56,7 +56,7 @@ impl Row {
     }
     /// The kind of its planner, as the command line names it.
     pub fn kind(&self) -> &'static str {
-        self.nodes.bench_planner().name()
+        self.nodes.planner_name()
     }
 }
 
@@ -373,16 +373,9 @@ mod tests {
         for (name, definition) in shipped() {
             let rows = expanded(&definition, "").unwrap_or_else(|e| panic!("{name}: {e}"));
             for (k, a) in rows.iter().enumerate() {
-                // The default lag is among the lags, the shipped drone on its deck is not among the sizes.
                 let same = |b: &&Row| (&a.world, &a.nodes) == (&b.world, &b.nodes);
                 let twin = rows[..k].iter().find(same).map(|b| (&b.scenario, &b.planner));
-                let known = name == "link" && a.scenario.contains("tracking");
-                assert!(
-                    twin.is_none() || known,
-                    "{name}: {} {} is {twin:?}",
-                    a.scenario,
-                    a.planner
-                );
+                assert!(twin.is_none(), "{name}: {} {} is {twin:?}", a.scenario, a.planner);
             }
         }
     }
