@@ -41,7 +41,7 @@ const GROUPS: [(&str, &[&str]); 3] = [
     (
         "Simulate",
         &[
-            "land", "trial", "trials", "study", "envelope", "rao", "rehearse", "faults", "link", "latency",
+            "land", "trial", "trials", "study", "envelope", "rao", "rehearse", "link",
         ],
     ),
     (

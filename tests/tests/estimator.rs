@@ -7,7 +7,7 @@ use alight_sim::harness::scenario::Scenario;
 use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::vessel::{Course, VesselConfig};
 use alight_sim::studies::estimator::{Run, difference, prediction_error, run as fly, state_errors};
-use alight_sim::studies::prediction::{HORIZONS_S, Quantity, Source, Tally, vessel};
+use alight_sim::studies::prediction::{Scores, vessel};
 use alight_usv::VesselNodeConfig;
 use rayon::prelude::*;
 
@@ -58,7 +58,7 @@ fn prediction_beats_constant_state_and_constant_velocity() {
     // Heave carries the 0.09 m of the receiver's wander.
     for dof in [2, 3, 4] {
         for horizon in [0.5, 1.0, 2.0] {
-            let e = prediction_error(&runs, dof, horizon, |_, _| true);
+            let e = prediction_error(&runs, dof, horizon);
             assert!(
                 e.model < 0.8 * e.hold && e.model < 0.8 * e.velocity,
                 "{dof} {horizon}: {e:?}"
@@ -99,14 +99,11 @@ fn among_sharp_crests() -> [f64; 2] {
         ..Scenario::default()
     };
     scenario.vessel.sideways_coupling = 0.0;
-    let second = HORIZONS_S.iter().position(|h| *h == 1.0).unwrap();
-    let (mut heave, mut tilt) = (Tally::default(), Tally::default());
+    let mut all = Scores::default();
     for seed in [301, 302, 304, 305, 463] {
-        let scores = vessel(&scenario, &VesselNodeConfig::default(), seed, 60.0).unwrap();
-        heave = heave.and(scores[&(Source::Vessel, Quantity::Heave, second)]);
-        tilt = tilt.and(scores[&(Source::Vessel, Quantity::Tilt, second)]);
+        all = all.and(vessel(&scenario, &VesselNodeConfig::default(), seed, 60.0).unwrap());
     }
-    [heave, tilt].map(|t| t.rmse())
+    [all.heave, all.tilt].map(|t| t.rmse())
 }
 
 #[test]
@@ -130,21 +127,18 @@ fn heave_prediction_at_1_s_is_within_5_cm() {
         sea: "0.5,5".parse().unwrap(),
         ..Scenario::default()
     };
-    let second = HORIZONS_S.iter().position(|h| *h == 1.0).unwrap();
-    let mut sum = Tally::default();
+    let mut sum = Scores::default();
     for seed in 30..34 {
-        let scores = vessel(&scenario, &VesselNodeConfig::default(), seed, 60.0).unwrap();
-        sum = sum.and(scores[&(Source::Vessel, Quantity::Heave, second)]);
+        sum = sum.and(vessel(&scenario, &VesselNodeConfig::default(), seed, 60.0).unwrap());
     }
-    assert!(sum.rmse() < 0.05, "{} m", sum.rmse());
-    assert!(sum.inside() > 0.9, "{}", sum.inside());
+    assert!(sum.heave.rmse() < 0.05, "{} m", sum.heave.rmse());
+    assert!(sum.heave.inside() > 0.9, "{}", sum.heave.inside());
 }
 
 #[test]
 fn prediction_covariance_at_1_s_matches_the_errors() {
     // Where the waves keep their phase better than the filter's process noise lets them, where a steep
     // sea has harmonics that nobody identifies, and where there are no waves.
-    let second = HORIZONS_S.iter().position(|h| *h == 1.0).unwrap();
     let mut wrong = Vec::new();
     for sea in [
         "0,0", "0.2,5", "0.3,5", "0.4,5", "0.4,4", "0.5,5", "0.6,6", "0.7,7", "0.8,5", "0.8,8",
@@ -158,11 +152,7 @@ fn prediction_covariance_at_1_s_matches_the_errors() {
             .into_par_iter()
             .map(|seed| vessel(&scenario, &VesselNodeConfig::default(), seed, 60.0).unwrap())
             .collect();
-        let of = |quantity| {
-            let scores = runs.iter().map(|r| r[&(Source::Vessel, quantity, second)]);
-            scores.fold(Tally::default(), Tally::and)
-        };
-        let [deck, tilt, heave] = [Quantity::Deck, Quantity::Tilt, Quantity::Heave].map(of);
+        let Scores { heave, tilt, deck } = runs.into_iter().fold(Scores::default(), Scores::and);
         let inside = deck.inside();
         println!(
             "{sea}: {inside:.3} inside, NEES tilt {:.2} heave {:.2}",
@@ -187,7 +177,7 @@ fn estimator_follows_a_square_course_at_2_mps() {
     }
     assert!(rms(&tilt) < 0.017, "{}", rms(&tilt));
     for dof in [3, 4] {
-        let e = prediction_error(&runs, dof, 1.0, |_, _| true);
+        let e = prediction_error(&runs, dof, 1.0);
         assert!(e.model < e.hold && e.model < e.velocity, "{dof}: {e:?}");
     }
 }

@@ -118,8 +118,7 @@ fn drone_that_leaves_along_the_escape_direction_meets_no_volume() {
                 .unwrap();
             assert!(
                 flown.safe(),
-                "{} at {height_m} m, seed {seed}: {flown:?}",
-                interruption.name()
+                "{interruption:?} at {height_m} m, seed {seed}: {flown:?}"
             );
         }
     }

@@ -5,13 +5,14 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use alight_shared::msg::State;
-use alight_sim::baselines::config::{GnssRadioConfig, MpcNeConfig, PrecisionLandConfig, WaitCalmConfig};
-use alight_sim::baselines::{Baseline, BenchPlanner};
+use alight_sim::baselines::Baseline;
+use alight_sim::harness::scenario::NodeConfigs;
 use alight_sim::physics::sea::SeaConfig;
 use alight_sim::physics::vessel;
 use alight_uav::planner::PlannerKind;
 use clap::{Args, ValueEnum};
 
+use super::study::definition;
 use crate::process::args::ViewArgs;
 
 /// Planners.
@@ -25,27 +26,18 @@ pub enum Planner {
     Alight,
     /// Baseline of Gupta et al.: Fourier modes of the tag's pose, lands when the tilt allows it.
     MpcNe,
-    /// Baseline: like mpc, but descends only in a predicted calm.
-    WaitCalm,
-    /// Baseline: today's autopilots, tag alone, constant descent, no prediction.
-    PrecisionLand,
-    /// Baseline: position by radio, no camera, constant velocity.
-    GnssRadio,
 }
 
 impl Planner {
-    /// The planner as the configuration names it.
-    pub fn kind(self) -> BenchPlanner {
-        let baseline = match self {
-            Planner::MpcFaa => return BenchPlanner::Flight(PlannerKind::MpcFaa),
-            Planner::Alight => return BenchPlanner::Flight(PlannerKind::Alight),
-            Planner::Mpc => Baseline::Mpc,
-            Planner::MpcNe => Baseline::MpcNe(MpcNeConfig::default()),
-            Planner::WaitCalm => Baseline::WaitCalm(WaitCalmConfig::default()),
-            Planner::PrecisionLand => Baseline::PrecisionLand(PrecisionLandConfig::default()),
-            Planner::GnssRadio => Baseline::GnssRadio(GnssRadioConfig::default()),
-        };
-        BenchPlanner::Baseline(baseline)
+    /// Lets it fly.
+    pub fn select(self, nodes: &mut NodeConfigs) {
+        nodes.baseline = None;
+        match self {
+            Planner::MpcFaa => nodes.drone.planner.kind = PlannerKind::MpcFaa,
+            Planner::Alight => nodes.drone.planner.kind = PlannerKind::Alight,
+            Planner::Mpc => nodes.baseline = Some(Baseline::Mpc),
+            Planner::MpcNe => nodes.baseline = Some(Baseline::MpcNe),
+        }
     }
 }
 
@@ -268,6 +260,48 @@ pub struct SceneArgs {
     pub keep_mean: bool,
 }
 
+impl SceneArgs {
+    /// The flags that were given, each with its value; one without a value has an empty one.
+    pub fn given(&self) -> Vec<(&'static str, String)> {
+        fn text<T: ToString>(value: Option<&T>) -> Option<String> {
+            value.map(ToString::to_string)
+        }
+        fn named<T: ValueEnum>(value: Option<&T>) -> Option<String> {
+            Some(value?.to_possible_value()?.get_name().into())
+        }
+        let path = |p: &Option<PathBuf>| p.as_ref().map(|p| p.display().to_string());
+        let set = |on: bool| on.then(String::new);
+        let flags = [
+            ("scenario", path(&self.scenario)),
+            ("vessel-config", path(&self.vessel_config)),
+            ("drone-config", path(&self.drone_config)),
+            ("sea", self.sea.as_ref().map(|s| s.text.clone())),
+            ("sea-state", text(self.sea_state.as_ref())),
+            ("hull", self.hull.clone()),
+            ("planner", named(self.planner.as_ref())),
+            ("autopilot", named(self.autopilot.as_ref())),
+            ("vessel", named(self.vessel.as_ref())),
+            ("speed", text(self.speed.as_ref())),
+            ("draws", self.draws.map(|on| if on { "on" } else { "off" }.into())),
+            ("wind", text(self.wind.as_ref())),
+            ("stay", text(self.stay.as_ref())),
+            ("begin-anyway", set(self.begin_anyway)),
+            ("outage-at", text(self.outage_at.as_ref())),
+            ("outage-duration", text(self.outage_duration.as_ref())),
+            ("deck-motion", path(&self.deck_motion)),
+            ("motion-scale", text(self.motion_scale.as_ref())),
+            ("motion-speed", text(self.motion_speed.as_ref())),
+            ("motion-start", text(self.motion_start.as_ref())),
+            ("render-camera", set(self.render_camera)),
+            ("keep-mean", set(self.keep_mean)),
+        ];
+        flags
+            .into_iter()
+            .filter_map(|(name, value)| Some((name, value?)))
+            .collect()
+    }
+}
+
 /// One landing.
 #[derive(Args, Debug)]
 #[command(
@@ -321,57 +355,6 @@ pub struct TrialsArgs {
     pub json: bool,
 }
 
-/// What to measure.
-#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
-pub enum Study {
-    /// The paper's Table I: Moderate.
-    Table1,
-    /// The ten rows of the paper's Table II.
-    Table2,
-    /// Two rows of Table II with the waves' sideways coupling at 0 and at full.
-    Coupling,
-    /// FAA against no FAA on the same seeds.
-    Faa,
-    /// The planner alight with each of its ingredients left out in turn.
-    Ablation,
-    /// Unpublished numbers of mpc-ne, so that it does as well as it can: every one in turn up and down.
-    Search,
-    /// From 90 m away onto a turning vessel in gusts.
-    Approach,
-    /// A vessel that moves on nine courses (or --vessel and --speed), on five hulls (or --hull) in two irregular seas
-    /// (or --sea), pooled by course; with --outage-at and --vessel drift: what the radio's loss for good costs.
-    Moving,
-    /// In which sea on which boat: three hulls (or --hull) in irregular and crossing seas (or --sea);
-    /// with --wind auto in the wind that raises each.
-    Seas,
-    /// Irregular, crossing and very rough seas under the simulated vessel; decks that rock fast.
-    Rocking,
-    /// Mean wind of 0 to 15 m/s with gusts.
-    Wind,
-    /// What a boat measures with: three classes of vessel, askew by 2 deg, without an IMU; sensors missing on both sides.
-    Sensors,
-    /// Which drone on which deck: 1.5 to 25 kg, 0.8 to 2.5 m, attitude lag, hexarotor, mass and thrust not as measured.
-    Size,
-    /// Loss, delay and outages of the radio.
-    Link,
-    /// The camera node on rendered images, beside its measurement model: range, incidence, blur, glare.
-    Camera,
-    /// The vessel's estimator against the truth: state errors, consistency, prediction.
-    Estimator,
-    /// The deck's prediction against horizon and sea: error, consistency, against known waves.
-    Prediction,
-    /// Hover, tracking and aborted approaches in all seas: motor stops in the air.
-    Airborne,
-    /// Landings that are aborted, held or lose their planner at a random height, on all hulls in all seas, with a
-    /// vessel at 0, 2 and 7 m/s: contacts afterwards.
-    Aborts,
-    /// Two and three drones above one deck with random orders, aborts, radio outages and a deck that the crew closes and
-    /// opens: two below the waiting height, descents to an occupied or closed deck, collisions.
-    Fleet,
-    /// Join the rows of shards: `study merge --out ALL shard-1 shard-2`.
-    Merge,
-}
-
 /// Part `index` of `count`.
 #[derive(Clone, Copy, Debug)]
 pub struct Shard {
@@ -396,16 +379,17 @@ impl FromStr for Shard {
 
 /// A study.
 #[derive(Args, Debug)]
+#[command(after_help = definition::help())]
 pub struct StudyArgs {
-    /// What to measure
-    #[arg(value_enum)]
-    pub name: Study,
+    /// What to measure: a study below, or a file of your own (see docs/commands.md)
+    #[arg(value_name = "STUDY|FILE.toml")]
+    pub name: String,
     /// Directories of shards, for merge
     pub dirs: Vec<PathBuf>,
     /// The scene, where the study leaves it open.
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// Planners to compare, separated by commas [default: the configured one]
+    /// Planners to compare, separated by commas [default: the study's, else the configured one]
     #[arg(long, value_enum, value_delimiter = ',')]
     pub planners: Vec<Planner>,
     /// Trials per row
@@ -417,22 +401,10 @@ pub struct StudyArgs {
     /// Threads [default: all cores]
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
-    /// Write rows.csv, summary.md, summary.json and report.html there; a study that was cut off goes
-    /// on where it stopped. Link draws link.svg too, and with --live writes live.md, live.json, live.svg
+    /// Write rows.csv, summary.md, summary.json, report.html and, where the study has curves, curves.svg there; a study
+    /// that was cut off goes on where it stopped
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Prediction: only after a turn, a change of speed or a gap of the inertial sensor, and in a following sea
-    #[arg(long)]
-    pub changes: bool,
-    /// Link: fly N seeds of a few links live across the link emulator, beside lock-step
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
-    pub live: Option<u32>,
-    /// Certificates for TLS, with --live, as of `alight land`
-    #[arg(long, value_name = "DIR", requires = "live")]
-    pub certificates: Option<PathBuf>,
-    /// Flags of `alight land`, with --live
-    #[arg(last = true, value_name = "LAND FLAGS", requires = "live")]
-    pub land: Vec<String>,
     /// Fly only part I of N of the trials, for several machines
     #[arg(long, value_name = "I/N")]
     pub shard: Option<Shard>,

@@ -2,9 +2,9 @@
 //! faults, the link emulator. No part of what a vessel and a drone install.
 
 pub mod args;
+pub mod chart;
 pub mod live;
 pub mod outcome_table;
-pub mod plot;
 pub mod record;
 pub mod report;
 pub mod scene;
@@ -16,10 +16,9 @@ use clap::Subcommand;
 
 use crate::exit::{CliError, Exit};
 use args::{EnvelopeArgs, RaoArgs, StudyArgs, TrialArgs, TrialsArgs};
-use live::args::{FaultsArgs, LandArgs, LandsArgs, WorldArgs};
+use live::args::{LandArgs, LandsArgs, WorldArgs};
 use live::attach::AttachArgs;
 use live::emulator::LinkArgs;
-use live::latency::LatencyArgs;
 use live::rehearse::args::RehearseArgs;
 
 /// Commands of the laboratory.
@@ -46,15 +45,11 @@ pub enum LabCommand {
     /// A process of vessel or drone with what a bench puts between it and its messages.
     #[command(hide = true)]
     Attach(AttachArgs),
-    /// Kill and freeze every process in every phase of a live landing, and report outcomes.
-    Faults(FaultsArgs),
     #[command(hide = true)]
     /// Process of the simulation: both vehicles, in real time.
     World(WorldArgs),
     /// Emulate a bad link between two network namespaces of this computer (needs root).
     Link(LinkArgs),
-    /// Measure one hop through both middlewares, beside plain sockets.
-    Latency(LatencyArgs),
 }
 
 impl LabCommand {
@@ -73,10 +68,8 @@ impl LabCommand {
             LabCommand::Rehearse(a) => live::rehearse::run(a),
             LabCommand::Attach(a) => live::attach::run(a),
             LabCommand::Lands(a) => live::pairs::run_lands(a),
-            LabCommand::Faults(a) => live::faults::run(a),
             LabCommand::World(a) => live::world::run(a),
             LabCommand::Link(a) => live::emulator::run(a),
-            LabCommand::Latency(a) => live::latency::run(a),
         }
     }
 }

@@ -1,6 +1,5 @@
 //! From flags and files to a scenario and the configuration of the nodes.
 
-use std::fmt::Display;
 use std::path::Path;
 
 use alight_shared::config::{self, Check, Keys, commented};
@@ -9,8 +8,6 @@ use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
 use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::sea::SeaConfig;
 use alight_uav::autopilot::modes::Firmware;
-use clap::ValueEnum;
-use clap::builder::PossibleValue;
 use serde::de::DeserializeOwned;
 
 use crate::config::{DroneComputer, VesselComputer};
@@ -36,42 +33,30 @@ pub struct Scene {
     pub sea: String,
     /// The flags that lead to this scene, for a replay command.
     pub flags: String,
-}
-
-/// Flags that were given, as a command line has them.
-#[derive(Default)]
-struct Flags(Vec<String>);
-
-impl Flags {
-    /// Notes a flag, where it was given, and passes its value on.
-    fn take<T: Display>(&mut self, name: &str, value: Option<T>) -> Option<T> {
-        self.0.extend(value.iter().map(|v| format!("--{name} {v}")));
-        value
-    }
-    fn path<'a>(&mut self, name: &str, path: Option<&'a Path>) -> Option<&'a Path> {
-        self.take(name, path.map(|p| format!("'{}'", p.display())));
-        path
-    }
-    fn is_set(&mut self, name: &str, set: bool) -> bool {
-        self.0.extend(set.then(|| format!("--{name}")));
-        set
-    }
+    /// What a person should know of it.
+    pub remarks: Vec<String>,
 }
 
 impl Scene {
-    /// Files first, then flags over them; everything checked.
+    /// Files first, then flags over them; everything checked. Remarks are printed.
     pub fn of(args: &SceneArgs) -> Result<Scene, CliError> {
-        let mut flags = Flags::default();
+        let scene = Scene::unremarked(args)?;
+        // On standard error: the result stands alone on standard output.
+        scene.remarks.iter().for_each(|r| terminal::note(true, r));
+        Ok(scene)
+    }
+
+    /// The same, with nothing printed.
+    pub fn unremarked(args: &SceneArgs) -> Result<Scene, CliError> {
+        let mut remarks = Vec::new();
         let mut sea = "moderate".to_string();
         let mut scenario = Scenario::default();
-        if let Some(path) = flags.path("scenario", args.scenario.as_deref()) {
+        if let Some(path) = &args.scenario {
             sea = "scenario".into();
             scenario = config::load(path)?;
         }
-        let vessel_file = flags.path("vessel-config", args.vessel_config.as_deref());
-        let drone_file = flags.path("drone-config", args.drone_config.as_deref());
-        let vessel: VesselComputer = computer(vessel_file)?;
-        let drone: DroneComputer = computer(drone_file)?;
+        let vessel: VesselComputer = computer(args.vessel_config.as_deref())?;
+        let drone: DroneComputer = computer(args.drone_config.as_deref())?;
         let mut nodes = NodeConfigs {
             vessel: vessel.vessel,
             deck: vessel.deck,
@@ -85,22 +70,17 @@ impl Scene {
             scenario.deck = scenario.deck.with_tags(&nodes.drone.tags());
         }
         let (flies, believed) = (&scenario.airframe, &nodes.drone.airframe);
-        if drone_file.is_some() && flies != believed {
-            // On standard error: the result stands alone on standard output.
-            terminal::note(
-                true,
-                format_args!(
-                    "the drone flies with the [airframe] of --scenario ({} kg), and --drone-config is what it \
-                     believes ({} kg): set both alike, unless the difference is meant",
-                    flies.mass_kg, believed.mass_kg
-                ),
-            );
+        if args.drone_config.is_some() && flies != believed {
+            remarks.push(format!(
+                "the drone flies with the [airframe] of --scenario ({} kg), and --drone-config is what it believes \
+                 ({} kg): set both alike, unless the difference is meant",
+                flies.mass_kg, believed.mass_kg
+            ));
         }
         if let Some(given) = &args.sea {
             sea = given.text.clone();
-            flags.take("sea", Some(&sea));
             scenario.sea = given.config.clone();
-        } else if let Some(state) = flags.take("sea-state", args.sea_state) {
+        } else if let Some(state) = args.sea_state {
             sea = format!("sea state {state}");
             scenario.sea = SeaConfig::of_sea_state(state).unwrap_or_default();
         } else if args.hull.is_some() && args.scenario.is_none() {
@@ -108,27 +88,22 @@ impl Scene {
             scenario.sea = SeaConfig::jonswap(1.0, 5.0);
         }
         if let Some(hull) = &args.hull {
-            flags.path("hull", Some(Path::new(hull)));
             let installed = scenario.install_hull(&mut nodes, hull);
             installed.map_err(|e| CliError::because("--hull", e))?;
         }
         if let Some(planner) = args.planner {
-            nodes.select(planner.kind());
+            planner.select(&mut nodes);
         }
-        flags.take("planner", Some(nodes.bench_planner().name()));
         if let Some(autopilot) = args.autopilot {
-            flags.take("autopilot", Some(format!("{autopilot:?}").to_lowercase()));
             scenario.drone.autopilot.firmware = match autopilot {
                 Autopilot::Px4 => Firmware::Px4,
                 Autopilot::Ardupilot => Firmware::ArduCopter,
             };
         }
         if let Some(course) = args.vessel {
-            let name = course.to_possible_value();
-            flags.take("vessel", name.as_ref().map(PossibleValue::get_name));
             scenario.vessel.course = course.into();
         }
-        if let Some(speed) = flags.take("speed", args.speed) {
+        if let Some(speed) = args.speed {
             if !scenario.vessel.course.is_under_way() {
                 return Err(CliError(format!(
                     "--speed {speed}: the vessel is not under way and has no speed; name her course with --vessel \
@@ -137,43 +112,34 @@ impl Scene {
             }
             scenario.vessel.speed_mps = speed;
         }
-        let draws = args.draws.map(|on| if on { "on" } else { "off" });
-        flags.take("draws", draws);
         match args.draws.unwrap_or(args.hull.is_some() || scenario.draws.on) {
             true => scenario.differ_from_belief(&mut nodes),
             false => scenario.draws.on = false,
         }
-        match flags.take("wind", args.wind) {
+        match args.wind {
             None => {}
             Some(WindArg::Mean(wind)) => scenario.drone.wind.mean_mps = wind,
             Some(WindArg::Auto) => scenario.raise_wind(),
         }
-        if let Some(stay_s) = flags.take("stay", args.stay) {
+        if let Some(stay_s) = args.stay {
             scenario.stay_s = stay_s;
         }
-        scenario.begin_anyway |= flags.is_set("begin-anyway", args.begin_anyway);
-        let duration_s = flags.take("outage-duration", args.outage_duration);
-        if let Some(outage) = flags.take("outage-at", args.outage_at) {
+        scenario.begin_anyway |= args.begin_anyway;
+        if let Some(outage) = args.outage_at {
             scenario.radio_outage = outage.0.map(|state| StateOutage {
                 state,
                 after_s: 0.0,
-                duration_s: duration_s.unwrap_or(f64::INFINITY),
+                duration_s: args.outage_duration.unwrap_or(f64::INFINITY),
             });
         }
-        if let Some(path) = flags.path("deck-motion", args.deck_motion.as_deref()) {
+        if let Some(path) = &args.deck_motion {
             let default = DeckMotionConfig::default();
             scenario.deck_motion = Some(DeckMotionConfig {
                 file: path.into(),
-                scale: flags
-                    .take("motion-scale", args.motion_scale)
-                    .unwrap_or(default.scale),
-                speed: flags
-                    .take("motion-speed", args.motion_speed)
-                    .unwrap_or(default.speed),
-                start_s: flags
-                    .take("motion-start", args.motion_start)
-                    .unwrap_or(default.start_s),
-                keep_mean: flags.is_set("keep-mean", args.keep_mean) || default.keep_mean,
+                scale: args.motion_scale.unwrap_or(default.scale),
+                speed: args.motion_speed.unwrap_or(default.speed),
+                start_s: args.motion_start.unwrap_or(default.start_s),
+                keep_mean: args.keep_mean || default.keep_mean,
                 ..default
             });
         }
@@ -183,29 +149,54 @@ impl Scene {
                 && let Some(facts) = motion.facts(trial_s).map_err(|e| CliError(e.to_string()))?
             {
                 let file = motion.file.display();
-                let note = |remark: &str| terminal::note(true, format_args!("{file}: {remark}"));
-                facts.remarks.iter().for_each(|r| note(r));
+                remarks.extend(facts.remarks.iter().map(|r| format!("{file}: {r}")));
                 let is_sea_given = args.sea.is_some() || args.sea_state.is_some() || args.scenario.is_some();
                 if facts.heave && !is_sea_given {
                     motion.water_follows = true;
                     scenario.sea = SeaConfig::paper(0.0, 5.0);
                     sea = "with the deck".into();
                 } else if facts.heave {
-                    note(
-                        "the deck heaves, and the water of the given sea does not follow it: the deck may sink into \
-                         the water; without --sea, --sea-state and --scenario the water follows",
-                    );
+                    remarks.push(format!(
+                        "{file}: the deck heaves, and the water of the given sea does not follow it: the deck may \
+                         sink into the water; without --sea, --sea-state and --scenario the water follows"
+                    ));
                 }
             }
         }
-        scenario.sensors.render.on |= flags.is_set("render-camera", args.render_camera);
+        scenario.sensors.render.on |= args.render_camera;
         scenario.check(&Keys::ROOT)?;
+        let given = args.given().into_iter().filter(|(name, _)| *name != "planner");
+        let planner = ("planner", nodes.planner_name().to_string());
+        let flags: Vec<String> = given.chain([planner]).map(|(n, v)| written(n, &v)).collect();
         Ok(Scene {
+            flags: flags.join(" "),
             scenario,
             nodes,
             sea,
-            flags: flags.0.join(" "),
+            remarks,
         })
+    }
+    /// Makes the world what the configurations describe: deck, keep-out volumes, airframe, places of the sensors.
+    pub fn describe(&mut self) {
+        let (world, nodes) = (&mut self.scenario, &self.nodes);
+        world.describe(
+            &nodes.drone.deck,
+            &nodes.vessel.surroundings,
+            &nodes.drone.airframe,
+        );
+        world.sensors.vessel_gnss.antenna_m = nodes.vessel.gnss.antenna_m;
+        world.sensors.vessel_imu.lever_arm_m = nodes.vessel.imu.lever_arm_m;
+        world.drone.contact.friction = nodes.drone.mission.friction;
+    }
+}
+
+/// A flag as a shell reads it.
+fn written(name: &str, value: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "._,:+@/-".contains(c);
+    match value {
+        "" => format!("--{name}"),
+        v if v.chars().all(plain) => format!("--{name} {v}"),
+        v => format!("--{name} '{v}'"),
     }
 }
 

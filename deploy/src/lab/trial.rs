@@ -6,7 +6,7 @@ use crate::config::view::ViewConfig;
 use crate::exit::{CliError, Doing, Exit};
 use crate::lab::args::TrialArgs;
 use crate::lab::scene::{Scene, stopwatch};
-use crate::lab::{outcome_table, plot, record};
+use crate::lab::{chart, outcome_table, record};
 use crate::terminal::{self, note};
 use crate::tools::view::served;
 use crate::view::board::Known;
@@ -16,7 +16,7 @@ use crate::view::watcher::Watcher;
 pub fn run(args: &TrialArgs) -> Result<Exit, CliError> {
     let scene = Scene::of(&args.scene)?;
     if let Some(path) = &args.plot {
-        plot::can_write(path)?;
+        chart::can_write(path)?;
     }
     let elapsed = stopwatch();
     let mut show = |event: &Event| {
@@ -33,7 +33,7 @@ pub fn run(args: &TrialArgs) -> Result<Exit, CliError> {
     let mut outcome = flight.outcome;
     outcome.wall_time_s = elapsed();
     if let (Some(path), Some(trace)) = (&args.plot, &flight.trace) {
-        plot::landing(trace, &outcome, path)?;
+        chart::landing(trace, &outcome, path)?;
     }
     if args.json {
         terminal::json(&outcome)?;

@@ -33,6 +33,8 @@ fn bad_input_exits_with_code_2_and_names_the_input() {
         ("trial --plot landing.png".into(), ".svg"),
         ("land --plot landing.png".into(), ".svg"),
         ("land --ground-station nowhere".into(), "nowhere"),
+        ("study nothing".into(), "table2"),
+        (format!("study {bad_key}"), "title"),
         ("envelope --winds 4,x".into(), "`x`"),
         ("envelope --winds 40".into(), "`40`"),
         ("envelope --sea-states 6".into(), "6"),
@@ -129,9 +131,13 @@ fn help_names_the_first_commands() {
 fn study_shards_merge_to_the_same_rows_and_an_interrupted_study_resumes() {
     let dir = |name: &str| scratch(name).to_string_lossy().into_owned();
     let (whole, one, two, all) = (dir("whole"), dir("shard-1"), dir("shard-2"), dir("all"));
+    let own = file(
+        "own.toml",
+        "title = \"Ours\"\n[[row]]\nname = \"slight\"\nsea = \"slight\"\n",
+    );
     let study = |out: &str, more: &str| {
         let o = alight(format!(
-            "study table1 --trials 3 --seed0 60 --json --out {out} {more}"
+            "study {own} --trials 3 --seed0 60 --json --out {out} {more}"
         ));
         assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
         json(&o)
@@ -151,7 +157,7 @@ fn study_shards_merge_to_the_same_rows_and_an_interrupted_study_resumes() {
             .unwrap()
             .contains("<svg")
     );
-    assert_eq!(alight("study table1 --shard 3/2").status.code(), Some(2));
+    assert_eq!(alight("study wind --shard 3/2").status.code(), Some(2));
 }
 
 #[test]

@@ -21,11 +21,9 @@ use crate::topics::Topic;
 use crate::transport::images::{ImagePublisher, ImageService, ImageSubscriber};
 pub use crate::transport::instance::Instance;
 use crate::transport::instance::{Ipc, service_name};
-use crate::transport::observe::{SendObserver, observer};
 use crate::transport::plain::{self, Plain};
 use crate::transport::statistics::InputStatistics;
 use crate::transport::{Doing, TransportError};
-use crate::wire;
 
 /// Publishers of one topic: each process of a computer may publish its state, and one that was
 /// killed keeps its place until it is cleaned up.
@@ -104,15 +102,9 @@ impl Memory {
             .doing(doing)?;
         let events = self.events(T::TOPIC)?.open().doing(doing)?;
         Ok(Publisher {
-            port: Port {
-                port,
-                notifier: events.notifier_builder().create().doing(doing)?,
-                unsent: 0,
-            },
-            send: match observer() {
-                None => |port, message| port.send(message),
-                Some(_) => |port, message| observer().map_or((), |o| port.send_observed(message, o)),
-            },
+            port,
+            notifier: events.notifier_builder().create().doing(doing)?,
+            unsent: 0,
         })
     }
     /// A subscriber to messages `T`, on their topic.
@@ -188,19 +180,15 @@ impl plain::Visitor for Created<'_> {
 
 /// Publishes messages `T`.
 pub struct Publisher<T: Plain> {
-    port: Port<T>,
-    /// Chosen when the publisher is made.
-    send: fn(&mut Port<T>, &T),
-}
-
-struct Port<T: Plain> {
     port: IoxPublisher<Ipc, T, ()>,
     notifier: Notifier<Ipc>,
     unsent: u64,
 }
 
-impl<T: Plain> Port<T> {
-    fn send(&mut self, message: &T) {
+impl<T: Plain> Publisher<T> {
+    /// Writes `message` into shared memory and wakes who listens. Never blocks: a subscriber that
+    /// does not read loses the oldest.
+    pub fn send(&mut self, message: &T) {
         let sent = self
             .port
             .loan_uninit()
@@ -212,18 +200,6 @@ impl<T: Plain> Port<T> {
         // A listener that cannot be woken finds the message at its next wake-up.
         let _woken = self.notifier.notify();
     }
-    fn send_observed(&mut self, message: &T, observer: &dyn SendObserver) {
-        let bytes = || wire::encode_record(message).ok();
-        observer.around(T::TOPIC.name, message.order(), &bytes, &mut || self.send(message));
-    }
-}
-
-impl<T: Plain> Publisher<T> {
-    /// Writes `message` into shared memory and wakes who listens. Never blocks: a subscriber that
-    /// does not read loses the oldest.
-    pub fn send(&mut self, message: &T) {
-        (self.send)(&mut self.port, message);
-    }
     /// The same for a message that may be there.
     pub fn send_any(&mut self, message: Option<&T>) {
         if let Some(message) = message {
@@ -232,7 +208,7 @@ impl<T: Plain> Publisher<T> {
     }
     /// Messages that could not be sent.
     pub fn unsent(&self) -> u64 {
-        self.port.unsent
+        self.unsent
     }
 }
 

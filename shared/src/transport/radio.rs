@@ -18,7 +18,7 @@ use crate::admission::Sender;
 use crate::config;
 use crate::config::{Check, Keys};
 use crate::transport::clock::steady_ns;
-use crate::transport::observe::{ReceiveChannel, observer, receive_channel};
+use crate::transport::observe::{ReceiveChannel, receive_channel};
 use crate::transport::rejections::PlaintextAttempts;
 use crate::transport::{Received, TransportError, access};
 use crate::wire::MAX_WIRE_BYTES;
@@ -308,24 +308,6 @@ pub struct Radio {
 struct Open {
     session: zenoh::Session,
     publishers: Vec<Publisher<'static>>,
-    /// Chosen when the session is opened.
-    put: fn(&Publisher<'static>, Vec<u8>) -> bool,
-}
-
-/// Hands a message to the middleware; whether it took it.
-fn put(publisher: &Publisher<'static>, bytes: Vec<u8>) -> bool {
-    publisher.put(bytes).wait().is_ok()
-}
-fn put_observed(publisher: &Publisher<'static>, bytes: Vec<u8>) -> bool {
-    let mut taken = false;
-    if let Some(observer) = observer() {
-        let (key, copy) = (publisher.key_expr().to_string(), bytes.clone());
-        let mut bytes = Some(bytes);
-        observer.around(&key, None, &|| Some(copy.clone()), &mut || {
-            taken = bytes.take().is_some_and(|bytes| put(publisher, bytes));
-        });
-    }
-    taken
 }
 
 impl Radio {
@@ -416,20 +398,15 @@ impl Radio {
                 .wait()
                 .map_err(|e| TransportError::because(format!("reading {key}"), e))?;
         }
-        let put = if observer().is_some() { put_observed } else { put };
-        Ok(Open {
-            session,
-            publishers,
-            put,
-        })
+        Ok(Open { session, publishers })
     }
 
     /// Publishes on publication `publication`.
     pub fn send(&mut self, publication: usize, bytes: Vec<u8>) {
         let length = bytes.len() as u64;
         let open = self.open.as_ref();
-        let publisher = open.and_then(|o| Some((o.put, o.publishers.get(publication)?)));
-        if publisher.is_some_and(|(put, p)| put(p, bytes)) {
+        let publisher = open.and_then(|o| o.publishers.get(publication));
+        if publisher.is_some_and(|p| p.put(bytes).wait().is_ok()) {
             self.counts.sent += 1;
             self.counts.sent_bytes += length;
             if let Some(flow) = self.flows.get_mut(publication) {

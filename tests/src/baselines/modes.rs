@@ -7,7 +7,6 @@ use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{SMatrix, SVector};
 use std::collections::VecDeque;
 
-use super::config::MpcNeConfig;
 use super::fourier::{self, POINTS};
 
 /// Detections per second.
@@ -26,6 +25,16 @@ const BAND_HZ: [f64; 2] = [0.06, 1.2];
 const GAP_S: f64 = 2.0;
 /// Samples kept at most.
 const KEPT: usize = POINTS;
+/// Length of the record that is transformed, and the shortest, s.
+const WINDOW_S: f64 = 20.0;
+const MIN_S: f64 = 10.0;
+/// Frequencies are estimated again this often, s.
+const REFRESH_S: f64 = 1.0;
+/// Modes smaller than this fraction of the largest are dropped.
+const GATE: f64 = 0.15;
+/// Time constant of the filter of place and drift, s. Surge and sway have no modes: a second ahead is where this
+/// velocity leads.
+const PLACE_S: f64 = 0.15;
 
 /// Standard deviations of a filter, m or rad.
 #[derive(Clone, Copy, Debug)]
@@ -34,20 +43,24 @@ struct Noise {
     sd: f64,
     /// Of a mode's states after 1 s.
     walk: f64,
-    /// Of the offset after 1 s.
+    /// Of the offset after 1 s. The authors' is constant; here heave's has to follow the drift of the odometry.
     offset_walk: f64,
 }
-impl Noise {
-    /// Of heave (0) and tilt (1, 2).
-    fn of(c: &MpcNeConfig, i: usize) -> Self {
-        let i = i.min(1);
-        Noise {
-            sd: c.sd_m_rad[i],
-            walk: c.walk_m_rad[i],
-            offset_walk: c.offset_walk_m_rad[i],
-        }
-    }
-}
+const TILT: Noise = Noise {
+    sd: 0.01,
+    walk: 0.03,
+    offset_walk: 0.0005,
+};
+/// Of heave, roll, pitch.
+const NOISE: [Noise; WAVY] = [
+    Noise {
+        sd: 0.03,
+        walk: 0.09,
+        offset_walk: 0.02,
+    },
+    TILT,
+    TILT,
+];
 
 /// A degree of freedom: offset and oscillators.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -132,9 +145,8 @@ pub struct Predicted {
 }
 
 /// Record, modes and filters.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct DeckModes {
-    config: MpcNeConfig,
     record: VecDeque<Sample>,
     wavy: Option<[Wavy; WAVY]>,
     /// North and east: place and drift.
@@ -143,16 +155,6 @@ pub struct DeckModes {
 }
 
 impl DeckModes {
-    /// Nothing known.
-    pub fn new(config: &MpcNeConfig) -> Self {
-        DeckModes {
-            config: *config,
-            record: VecDeque::with_capacity(KEPT),
-            wavy: None,
-            place: None,
-            analysed: None,
-        }
-    }
     /// Modes are known: the record was long enough.
     pub fn ready(&self) -> bool {
         self.analysed.is_some()
@@ -160,25 +162,17 @@ impl DeckModes {
 
     /// Takes a detection.
     pub fn observe(&mut self, at: Time<DroneClock>, detection: &DeckStage) {
-        let c = &self.config;
         let value = [detection.position[2], detection.euler[0], detection.euler[1]];
         let dt = match self.record.back() {
             // Half a tick early is on time.
             Some(last) if (at - last.at).secs() < 1.0 / RATE_HZ - 0.005 => return,
             Some(last) if (at - last.at).secs() <= GAP_S => (at - last.at).secs(),
             Some(_) | None => {
-                self.record.clear();
-                self.wavy = None;
-                self.place = None;
-                self.analysed = None;
+                *self = DeckModes::default();
                 0.0
             }
         };
-        while self.record.len() >= KEPT
-            || self
-                .record
-                .front()
-                .is_some_and(|s| (at - s.at).secs() > c.window_s)
+        while self.record.len() >= KEPT || self.record.front().is_some_and(|s| (at - s.at).secs() > WINDOW_S)
         {
             self.record.pop_front();
         }
@@ -187,10 +181,10 @@ impl DeckModes {
             .wavy
             .get_or_insert_with(|| value.map(|v| Wavy::new(v, [0.0; MODES], 0, 1.0)));
         for (i, w) in wavy.iter_mut().enumerate() {
-            w.update(dt, value[i], &Noise::of(c, i));
+            w.update(dt, value[i], &NOISE[i]);
         }
         // A critically damped filter of second order (Benedict and Bordner 1962).
-        let theta = (-dt / c.place_s).exp();
+        let theta = (-dt / PLACE_S).exp();
         let place = self
             .place
             .get_or_insert_with(|| [[detection.position[0], 0.0], [detection.position[1], 0.0]]);
@@ -207,12 +201,10 @@ impl DeckModes {
 
     /// Frequencies anew, once per `refresh_s`, and the filters run again over the record.
     fn analyse(&mut self, now: Time<DroneClock>) {
-        let c = &self.config;
         let (Some(first), Some(last)) = (self.record.front().copied(), self.record.back().copied()) else {
             return;
         };
-        if (last.at - first.at).secs() < c.min_s
-            || self.analysed.is_some_and(|t| (now - t).secs() < c.refresh_s)
+        if (last.at - first.at).secs() < MIN_S || self.analysed.is_some_and(|t| (now - t).secs() < REFRESH_S)
         {
             return;
         }
@@ -223,7 +215,7 @@ impl DeckModes {
             let peaks = fourier::peaks(&record, RATE_HZ, BAND_HZ);
             let gate = peaks
                 .first()
-                .map_or(f64::INFINITY, |p| (c.gate * p.amplitude).max(FLOOR[i]));
+                .map_or(f64::INFINITY, |p| (GATE * p.amplitude).max(FLOOR[i]));
             let mut omega = [0.0; MODES];
             let mut modes = 0;
             for (slot, p) in omega.iter_mut().zip(peaks.iter().filter(|p| p.amplitude >= gate)) {
@@ -235,7 +227,7 @@ impl DeckModes {
             let mut before = first.at;
             for s in &self.record {
                 let dt = (s.at - before).secs();
-                w.update(dt, s.value[i], &Noise::of(c, i));
+                w.update(dt, s.value[i], &NOISE[i]);
                 before = s.at;
             }
             w

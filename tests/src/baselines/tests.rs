@@ -6,7 +6,7 @@ use alight_shared::config::{Check, Keys};
 use alight_shared::msg::{DeckForecast, DeckStage, Header, MissionState, State};
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_uav::mission::MissionConfig;
-use alight_uav::planner::law::View;
+use alight_uav::planner::PlannerKind;
 use alight_uav::planner::model::State as Start;
 use alight_uav::planner::reference::Reference;
 use alight_uav::predictor::PredictorConfig;
@@ -30,14 +30,6 @@ fn forecast(t: f64, tag_age_s: f64, deck: impl Fn(f64) -> DeckStage) -> DeckFore
         let _ = f.stages.push(deck(t + 0.1 * f64::from(k)));
     }
     f
-}
-
-/// Deck 1.5 m over the water.
-fn level(_: f64) -> DeckStage {
-    DeckStage {
-        position: [0.0, 0.0, -1.5],
-        ..DeckStage::default()
-    }
 }
 
 fn permits(state: State, descent_mps: f64) -> MissionState {
@@ -64,154 +56,13 @@ fn every_planner_has_a_mission_and_a_predictor_that_their_own_checks_accept() {
             .check(&Keys::ROOT)
             .unwrap_or_else(|e| panic!("{}: {e}", kind.name()));
     }
-    for baseline in Baseline::all() {
+    for baseline in Baseline::ALL {
         let mission = baseline.mission(MissionConfig::default());
         let predictor = baseline.predictor(PredictorConfig::default());
         for checked in [mission.check(&Keys::ROOT), predictor.check(&Keys::ROOT)] {
             checked.unwrap_or_else(|e| panic!("{}: {e}", baseline.name()));
         }
     }
-}
-
-/// Feet 0.3 m below the centre of mass.
-fn drone() -> DroneGeometry {
-    DroneGeometry {
-        feet_below_m: 0.3,
-        ..DroneGeometry::default()
-    }
-}
-fn precision_land() -> PrecisionLand {
-    PrecisionLand::new(&PrecisionLandConfig::default(), &drone())
-}
-fn wait_calm() -> WaitCalm {
-    WaitCalm::new(&WaitCalmConfig::default(), &drone())
-}
-
-fn lands(law: &mut PrecisionLand, t: f64, north: f64, z: f64, tag_age_s: f64) -> View {
-    let mut view = View {
-        mission: permits(State::Descent, 1.0),
-        forecast: Some(forecast(t, tag_age_s, |t| DeckStage {
-            position: [0.3 * t, 0.0, -1.5],
-            velocity: [0.3, 0.0, 0.9],
-            euler: [0.2, 0.0, 0.5],
-            ..DeckStage::default()
-        })),
-    };
-    let start = resting([north, 0.0, z]);
-    law.limit(at(t), &start, &mut view);
-    view
-}
-
-#[test]
-fn precision_land_sinks_over_the_target_and_crawls_above_it() {
-    let c = PrecisionLandConfig::default();
-    let mut law = precision_land();
-    // Off the target it holds its height; once over it, it sinks and does not ask again.
-    assert_eq!(lands(&mut law, 1.0, 0.6, -6.0, 0.02).mission.descent_mps, 0.0);
-    assert_eq!(
-        lands(&mut law, 1.1, 0.4, -6.0, 0.02).mission.descent_mps,
-        c.sink_mps
-    );
-    assert_eq!(
-        lands(&mut law, 1.2, 1.5, -5.0, 0.02).mission.descent_mps,
-        c.sink_mps
-    );
-    // Feet 0.8 m over it: crawling.
-    assert_eq!(
-        lands(&mut law, 1.3, 0.4, -2.6, 0.02).mission.descent_mps,
-        c.crawl_mps
-    );
-}
-
-#[test]
-fn precision_land_extrapolates_the_last_detection_without_heave() {
-    let mut law = precision_land();
-    lands(&mut law, 1.0, 0.3, -6.0, 0.02);
-    // Half a second without a detection: the forecast is not used meanwhile.
-    let view = lands(&mut law, 1.5, 0.3, -6.0, 0.5);
-    let f = view.forecast.unwrap();
-    for (k, stage) in f.stages.iter().enumerate() {
-        let t = 0.5 + 0.1 * k as f64;
-        assert!((stage.position[0] - (0.3 + 0.3 * t)).abs() < 1e-9);
-        assert_eq!((stage.position[2], stage.velocity[2]), (-1.5, 0.0));
-        assert_eq!(stage.euler, [0.0, 0.0, 0.5]);
-    }
-}
-
-#[test]
-fn precision_land_stops_without_a_target_unless_near() {
-    let mut law = precision_land();
-    assert!(lands(&mut law, 1.0, 0.3, -6.0, 0.02).mission.descent_mps > 0.0);
-    assert_eq!(lands(&mut law, 7.0, 2.1, -4.0, 6.0).mission.descent_mps, 0.0);
-    assert!(lands(&mut law, 7.1, 2.1, -2.2, 6.1).mission.descent_mps > 0.0);
-}
-
-fn calm(law: &mut WaitCalm, t: f64, clearance_m: f64, tilt_deg: f64, heave_mps: f64) -> f64 {
-    let mut view = View {
-        mission: permits(State::Descent, 1.0),
-        // Worst 1 s ahead, calm before: only a forecast knows.
-        forecast: Some(forecast(t, 0.02, |s| {
-            let fraction = if s > t + 0.95 { 1.0 } else { 0.0 };
-            DeckStage {
-                euler: [fraction * tilt_deg.to_radians(), 0.0, 0.0],
-                velocity: [0.0, 0.0, fraction * heave_mps],
-                ..level(s)
-            }
-        })),
-    };
-    law.judge(at(t), clearance_m, &mut view);
-    view.mission.descent_mps
-}
-
-#[test]
-fn wait_calm_waits_for_predicted_tilt_and_heave() {
-    for (tilt, heave, goes) in [(3.0, 0.4, true), (6.0, 0.0, false), (0.0, 0.9, false)] {
-        let mut law = wait_calm();
-        assert_eq!(
-            calm(&mut law, 1.0, 3.0, tilt, heave),
-            1.0,
-            "high up it just descends"
-        );
-        assert_eq!(
-            calm(&mut law, 2.0, 1.9, tilt, heave) > 0.0,
-            goes,
-            "{tilt} deg, {heave} m/s"
-        );
-    }
-}
-
-#[test]
-fn wait_calm_widens_its_limits_with_time_and_commits() {
-    let mut law = wait_calm();
-    // 6 deg against a limit of 4 deg that doubles in 15 s.
-    assert_eq!(calm(&mut law, 0.0, 1.9, 6.0, 0.0), 0.0);
-    assert_eq!(calm(&mut law, 6.0, 1.9, 6.0, 0.0), 0.0);
-    assert_eq!(calm(&mut law, 8.0, 1.9, 6.0, 0.0), 1.0);
-    // Low it goes on whatever comes.
-    assert_eq!(calm(&mut law, 8.5, 1.0, 30.0, 3.0), 1.0);
-    // A descent that was broken off begins with new limits.
-    let mut view = View {
-        mission: permits(State::Tracking, 0.0),
-        forecast: None,
-    };
-    law.judge(at(9.0), 5.0, &mut view);
-    assert_eq!(calm(&mut law, 20.0, 1.9, 6.0, 0.0), 0.0);
-}
-
-#[test]
-fn gnss_radio_descends_below_the_estimated_deck_only_in_the_flare() {
-    let config = GnssRadioConfig::default();
-    let mut law = GnssRadio::new(&config);
-    let mut z = |state| {
-        let mut view = View {
-            mission: permits(state, 0.5),
-            forecast: Some(forecast(0.0, 9.0, level)),
-        };
-        law.limit(at(0.0), &resting([0.0, 0.0, -3.0]), &mut view);
-        view.forecast.unwrap().stages[0].position[2]
-    };
-    assert_eq!(z(State::Descent), -1.5);
-    assert_eq!(z(State::Flare), -1.5 + config.below_m);
 }
 
 /// A deck that heaves by 0.4 m in 5 s and rolls by `roll` rad.
@@ -229,7 +80,7 @@ fn rocking(roll: f64) -> impl Fn(f64) -> DeckStage {
 
 #[test]
 fn deck_modes_predict_heave_and_tilt_one_second_ahead_from_the_tag_alone() {
-    let mut modes = DeckModes::new(&MpcNeConfig::default());
+    let mut modes = DeckModes::default();
     let deck = rocking(0.1);
     let mut worst: (f64, f64) = (0.0, 0.0);
     for k in 0..1200 {
@@ -250,7 +101,7 @@ fn deck_modes_predict_heave_and_tilt_one_second_ahead_from_the_tag_alone() {
 /// least on the way, m.
 fn mpc_ne_over(roll: f64, state: State, descent_mps: f64) -> (f64, f64) {
     let (config, drone) = (PlannerConfig::default(), DroneGeometry::default());
-    let mut ne = MpcNe::new(&MpcNeConfig::default(), &config.reset, &drone);
+    let mut ne = MpcNe::new(&config.reset, &drone);
     let deck = rocking(roll);
     let above = |s: &Start, t: f64| deck(t).position[2] - drone.feet_below_m - s[2];
     let mut state_now = resting([0.2, -0.1, -7.5]);

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use self::draws::DrawConfig;
-use crate::baselines::{Baseline, BenchPlanner};
+use crate::baselines::Baseline;
 use crate::physics::deck_motion::{DeckMotionConfig, DeckMotionError};
 use crate::physics::drone::DroneConfig;
 use crate::physics::sea::SeaConfig;
@@ -274,22 +274,10 @@ pub struct NodeConfigs {
 }
 
 impl NodeConfigs {
-    /// The planner that flies.
-    pub fn bench_planner(&self) -> BenchPlanner {
-        self.baseline.map_or(
-            BenchPlanner::Flight(self.drone.planner.kind),
-            BenchPlanner::Baseline,
-        )
-    }
-    /// Lets another planner fly.
-    pub fn select(&mut self, planner: BenchPlanner) {
-        self.baseline = match planner {
-            BenchPlanner::Flight(kind) => {
-                self.drone.planner.kind = kind;
-                None
-            }
-            BenchPlanner::Baseline(baseline) => Some(baseline),
-        };
+    /// The name of the planner that flies.
+    pub fn planner_name(&self) -> &'static str {
+        let kind = self.drone.planner.kind;
+        self.baseline.map_or_else(|| kind.name(), |b| b.name())
     }
     /// The planner that flies, as a node.
     pub fn planner(&self, boot: u32) -> Planner {

@@ -132,7 +132,7 @@ pub fn land(
     }
     let sim_time_s =
         world.physics().time_since_start().secs() + Span::from_secs(scenario.start.warm_up_s).secs();
-    let mut outcome = judge.outcome(seed, sea, nodes.bench_planner().name(), sim_time_s);
+    let mut outcome = judge.outcome(seed, sea, nodes.planner_name(), sim_time_s);
     [outcome.radio_age_s, outcome.vision_age_s] =
         [0, 1].map(|i| ages.and_then(|a| a.get(i).copied()).filter(|a| a.is_finite()));
     outcome.likelihood = likelihood;

@@ -2,15 +2,12 @@
 //! seas of `study seas` with a vessel that drifts or drives. What the drone touches afterwards, and how hard.
 
 use alight_shared::msg::{CommandKind, Phase};
-use serde::Serialize;
 
 use crate::harness::outcome::{ContactEvent, MAX_CONTACT_MPS};
 use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
 use crate::harness::tap::NoTap;
 use crate::harness::world::World;
-use crate::physics::streams::Streams;
 use crate::physics::vessel::Course;
-use crate::sensors::noise::Noise;
 
 /// Time in which the drone comes so low, s.
 const LIMIT_S: f64 = 150.0;
@@ -22,8 +19,7 @@ const CLEAR_M: f64 = 3.0;
 const STRAYED_M: f64 = 3.0;
 
 /// What ends a landing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Interruption {
     /// An operator aborts it.
     Abort,
@@ -31,51 +27,6 @@ pub enum Interruption {
     Hold,
     /// The planner's process dies for good.
     PlanLost,
-}
-
-impl Interruption {
-    /// All of them.
-    pub const ALL: [Interruption; 3] = [Interruption::Abort, Interruption::Hold, Interruption::PlanLost];
-
-    /// The name in tables.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Interruption::Abort => "abort",
-            Interruption::Hold => "hold",
-            Interruption::PlanLost => "plan lost",
-        }
-    }
-}
-
-/// What is drawn for a seed: the same for every hull and interruption.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Draw {
-    /// Which of the seas.
-    pub sea: usize,
-    /// The vessel's speed, m/s.
-    pub speed_mps: f64,
-    /// The landing ends when its lowest foot is this high above the deck, m.
-    pub height_m: f64,
-}
-
-impl Draw {
-    /// Of this seed, with so many seas to choose from: half of the landings end below a metre, where the deck is
-    /// met within two seconds, the others anywhere up to the tracking height.
-    pub fn of(seed: u64, seas: usize) -> Draw {
-        let mut draw = Noise::new(&Streams::new(seed), "aborts.draw");
-        let mut one_of = |n: usize| ((draw.uniform() * n as f64) as usize).min(n.saturating_sub(1));
-        let (sea, speed) = (one_of(seas), one_of(3));
-        let height_m = if draw.chance(0.5) {
-            draw.uniform()
-        } else {
-            6.0 * draw.uniform()
-        };
-        Draw {
-            sea,
-            speed_mps: [0.0, 2.0, 7.0][speed],
-            height_m,
-        }
-    }
 }
 
 /// A vessel that drifts, or drives straight on at this speed (m/s).
@@ -91,7 +42,7 @@ pub fn drive(scenario: &mut Scenario, speed_mps: f64) {
 }
 
 /// What came of a landing that was interrupted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Interrupted {
     /// The hardest impact afterwards along the deck's normal, m/s; 0 without one.
     pub hardest_mps: f64,
@@ -99,14 +50,10 @@ pub struct Interrupted {
     pub unsafe_contact: bool,
     /// In the water, motors on.
     pub water: bool,
-    /// In the water so long after the motors stopped, s; None when it stayed on the deck.
-    pub slid_after_s: Option<f64>,
     /// How far from above the deck's centre it came before it was clear of the deck, m.
     pub strayed_m: f64,
     /// It entered a keep-out volume.
     pub collided: bool,
-    /// It landed: the motors stopped, and it was not in the water.
-    pub landed: bool,
 }
 
 impl Interrupted {
@@ -117,10 +64,6 @@ impl Interrupted {
     /// Nothing that must not happen has happened.
     pub fn safe(&self) -> bool {
         !self.unsafe_contact && !self.water && !self.collided && !self.strayed()
-    }
-    /// It landed and slid overboard.
-    pub fn slid(&self) -> bool {
-        self.slid_after_s.is_some()
     }
     fn touch(&mut self, c: &ContactEvent) {
         self.hardest_mps = self.hardest_mps.max(c.normal_mps);
@@ -140,7 +83,7 @@ pub fn fly(
     let mut world = World::new(scenario, nodes, seed)?;
     world.warm_up(&mut NoTap);
     world.command(CommandKind::Land);
-    let (mut began, mut stopped_s, mut near) = (false, None, true);
+    let (mut began, mut near) = (false, true);
     let mut end_s = LIMIT_S;
     let mut report = Interrupted::default();
     loop {
@@ -157,10 +100,6 @@ pub fn fly(
             if near {
                 report.strayed_m = report.strayed_m.max(o.horizontal_m);
             }
-            if !o.motors_on {
-                let since = t - *stopped_s.get_or_insert(t);
-                report.slid_after_s = report.slid_after_s.or(o.in_water.then_some(since));
-            }
         } else if !o.motors_on {
             return Ok(None);
         } else if landing && lowest < height_m {
@@ -176,6 +115,5 @@ pub fn fly(
             break;
         }
     }
-    report.landed = stopped_s.is_some() && !report.water && !report.slid();
     Ok(began.then_some(report))
 }

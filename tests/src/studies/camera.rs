@@ -8,7 +8,7 @@ use alight_shared::tags::DeckTag;
 use alight_shared::time::Time;
 use alight_uav::camera::node::CameraIdentity;
 use alight_uav::camera::{CameraNode, CameraSettings, GreyImage};
-use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
 use serde::Serialize;
 
 use crate::physics::body::RigidState;
@@ -55,12 +55,8 @@ pub struct Quality {
     pub position_m: f64,
     /// 95 % of position errors are smaller, m.
     pub position_p95_m: f64,
-    /// Mean error of the distance, m; positive: too far.
-    pub range_bias_m: f64,
     /// Mean attitude error, deg.
     pub attitude_deg: f64,
-    /// 95 % of attitude errors are smaller, deg.
-    pub attitude_p95_deg: f64,
     /// Squared error over stated variance, mean of the three axes of position; 1 when consistent.
     pub nees_position: f64,
     /// The same of attitude.
@@ -80,8 +76,6 @@ pub struct CameraRow {
     pub model: Quality,
     /// Root mean square error of a corner's coordinate in the images, px.
     pub corner_rms_px: f64,
-    /// Mean of corners' errors, px: right, down.
-    pub corner_bias_px: [f64; 2],
     /// What the model says of corners in images in which it would see the tag, px.
     pub model_corner_px: f64,
     /// Share of the images in which the model would see it.
@@ -280,7 +274,7 @@ impl CameraBench {
     pub fn row(&mut self, condition: &Condition, images: usize) -> CameraRow {
         self.renderer.set_glare(condition.glare);
         let (mut pixels, mut model) = (PoseErrors::default(), PoseErrors::default());
-        let (mut square, mut sum, mut count) = (0.0, Vector2::zeros(), 0.0);
+        let (mut square, mut count) = (0.0, 0.0);
         let (mut expected, mut chance) = (0.0, 0.0);
         for _ in 0..images {
             let shot = self.shot(condition);
@@ -292,9 +286,7 @@ impl CameraBench {
                 for (corner, at) in seen.corners.iter().zip(corners(self.tag.side_m)) {
                     let p = truth.attitude.0 * at + truth.position;
                     if let Some(px) = self.sensors.render.lens.project(&p) {
-                        let e = corner - px;
-                        square += 0.5 * e.norm_squared();
-                        sum += e;
+                        square += 0.5 * (corner - px).norm_squared();
                         count += 1.0;
                     }
                 }
@@ -314,7 +306,6 @@ impl CameraBench {
             pixels: pixels.quality(),
             model: model.quality(),
             corner_rms_px: (square / f64::max(count, 1.0)).sqrt(),
-            corner_bias_px: (sum / f64::max(count, 1.0)).into(),
             model_corner_px: (expected / f64::max(chance, 1e-9)).sqrt(),
             model_rate: chance / images.max(1) as f64,
         }
@@ -348,7 +339,6 @@ struct PoseErrors {
     images: usize,
     position: Vec<f64>,
     attitude: Vec<f64>,
-    bias: f64,
     nees: [f64; 2],
 }
 
@@ -362,7 +352,6 @@ impl PoseErrors {
         let turned = (seen * truth.attitude.0.inverse()).scaled_axis();
         self.position.push(moved.norm());
         self.attitude.push(turned.norm().to_degrees());
-        self.bias += moved.dot(&truth.position.normalize());
         for i in 0..3 {
             self.nees[0] += moved[i].powi(2) / pose.variance[i] / 3.0;
             self.nees[1] += turned[i].powi(2) / pose.variance[i + 3] / 3.0;
@@ -376,19 +365,13 @@ impl PoseErrors {
         let n = seen as f64;
         let mean = |v: &[f64]| v.iter().sum::<f64>() / n;
         let (position_m, attitude_deg) = (mean(&self.position), mean(&self.attitude));
-        let p95 = |v: &mut Vec<f64>| {
-            v.sort_by(f64::total_cmp);
-            v.get(((0.95 * n).ceil() as usize).clamp(1, seen) - 1)
-                .copied()
-                .unwrap_or(f64::NAN)
-        };
+        self.position.sort_by(f64::total_cmp);
+        let p95 = self.position.get(((0.95 * n).ceil() as usize).clamp(1, seen) - 1);
         Quality {
             rate: n / self.images as f64,
             position_m,
-            position_p95_m: p95(&mut self.position),
-            range_bias_m: self.bias / n,
+            position_p95_m: p95.copied().unwrap_or(f64::NAN),
             attitude_deg,
-            attitude_p95_deg: p95(&mut self.attitude),
             nees_position: self.nees[0] / n,
             nees_attitude: self.nees[1] / n,
         }

@@ -6,7 +6,6 @@ use alight_shared::msg::{VesselEstimate, VesselPrediction};
 use alight_shared::node::Node;
 use alight_shared::time::{Span, VesselClock};
 use alight_usv::{VesselNode, VesselNodeConfig};
-use serde::Serialize;
 
 use crate::harness::physics::{Physics, TICK};
 use crate::harness::scenario::{Scenario, SetupError};
@@ -39,8 +38,6 @@ pub struct Run {
     pub levels: Vec<(f64, StageDeviations)>,
     /// The last confidence in the wave model.
     pub confidence: f32,
-    /// Ticks at which a turn by 90 deg passed its middle.
-    pub turns: Vec<usize>,
 }
 
 /// Runs vessel, sensors and node of `scenario` for its warm-up and `span_s` more seconds.
@@ -53,14 +50,12 @@ pub fn run(scenario: &Scenario, node: &VesselNodeConfig, seed: u64, span_s: f64)
         predictions: Vec::new(),
         levels: Vec::new(),
         confidence: 0.0,
-        turns: Vec::new(),
     };
     let ticks = |s: f64| (s / TICK.secs()).round() as usize;
     let (first, last) = (
         ticks(scenario.start.warm_up_s),
         ticks(scenario.start.warm_up_s + span_s),
     );
-    let (mut heading, mut leg, mut start) = (None::<f64>, 0, 0.0);
     // Three seconds more, so that the last predictions have a truth.
     for k in 0..last + 300 {
         let (now, state) = (physics.vessel_now(), physics.vessel());
@@ -74,17 +69,6 @@ pub fn run(scenario: &Scenario, node: &VesselNodeConfig, seed: u64, span_s: f64)
             eta_dot: [v.x, v.y, v.z, rates.x, rates.y, rates.z],
             heave: state.position.0.z,
         });
-        // Unwrapped heading, smoothed over 2 s so that the waves' yaw does not count as a turn.
-        let smooth = heading.map_or(yaw, |h| h + wrap_angle(yaw - h) * TICK.secs() / 2.0);
-        if heading.is_none() {
-            start = yaw;
-        }
-        heading = Some(smooth);
-        let now_leg = ((smooth - start) / core::f64::consts::FRAC_PI_2).round() as i64;
-        if now_leg != leg {
-            leg = now_leg;
-            out.turns.push(k);
-        }
         let predicted = node.step(now, &readings.input());
         if (first..last).contains(&k) {
             out.estimates.extend(predicted.estimate.map(|e| (k, e)));
@@ -113,12 +97,10 @@ fn rms(squares: &[f64]) -> f64 {
 }
 
 /// Errors of the state, over all runs.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct StateErrors {
     /// RMSE per axis of position (m), attitude (rad), velocity (m/s), rates (rad/s).
     pub per_axis: [f64; 4],
-    /// RMSE of the three-dimensional error, same order.
-    pub norm: [f64; 4],
     /// Mean NEES of each degree of freedom's (eta, eta_dot); 2 when the covariance is right.
     pub nees: [f64; 6],
 }
@@ -142,13 +124,12 @@ pub fn state_errors(runs: &[Run]) -> StateErrors {
     let per_axis = squares.each_ref().map(|s| rms(s));
     StateErrors {
         per_axis,
-        norm: per_axis.map(|v| v * 3.0_f64.sqrt()),
         nees: nees.map(|n| n.iter().sum::<f64>() / n.len().max(1) as f64),
     }
 }
 
 /// RMSE of one degree of freedom at one horizon.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct PredictionError {
     /// Of the broadcast prediction.
     pub model: f64,
@@ -156,8 +137,6 @@ pub struct PredictionError {
     pub hold: f64,
     /// Of rolling the last velocity on.
     pub velocity: f64,
-    /// Of the broadcast prediction after removing the error it starts with.
-    pub growth: f64,
 }
 
 /// What the broadcast prediction says of `dof` `horizon_s` ahead, from its origin.
@@ -166,56 +145,35 @@ pub fn predicted(p: &VesselPrediction<VesselClock>, dof: usize, horizon_s: f64) 
     Some(eta.get(dof)? - p.origin.get(dof).copied().unwrap_or(0.0))
 }
 
-/// RMSE of the prediction in `dof`, `horizon_s` ahead, over the predictions that `keep` keeps (by
-/// run and tick of their first stage).
-pub fn prediction_error(
-    runs: &[Run],
-    dof: usize,
-    horizon_s: f64,
-    keep: impl Fn(&Run, f64) -> bool,
-) -> PredictionError {
-    let mut squares = [const { Vec::new() }; 4];
+/// RMSE of the prediction in `dof`, `horizon_s` ahead.
+pub fn prediction_error(runs: &[Run], dof: usize, horizon_s: f64) -> PredictionError {
+    let mut squares = [const { Vec::new() }; 3];
     for r in runs {
         let truth = |tick: f64| {
             let (i, f) = (tick.max(0.0).floor() as usize, tick.fract());
             let (a, b) = (r.truth.get(i)?.eta[dof], r.truth.get(i + 1)?.eta[dof]);
             Some(a + f * difference(dof, b, a))
         };
-        for (start, p) in r.predictions.iter().filter(|(s, _)| keep(r, *s)) {
+        for (start, p) in &r.predictions {
             let (Some(first), Some(predicted)) = (p.stages.first(), predicted(p, dof, horizon_s)) else {
                 continue;
             };
-            let (Some(then), Some(at_start)) = (truth(start + horizon_s / TICK.secs()), truth(*start)) else {
+            let Some(then) = truth(start + horizon_s / TICK.secs()) else {
                 continue;
             };
             let origin = if dof < 3 { p.origin[dof] } else { 0.0 };
             let now = origin + f64::from(first.eta[dof]);
             let rolled = now + horizon_s * f64::from(first.eta_dot[dof]);
-            let model = difference(dof, origin + predicted, then);
-            let begins = difference(dof, now, at_start);
-            let errors = [
-                model,
-                difference(dof, now, then),
-                difference(dof, rolled, then),
-                model - begins,
-            ];
+            let errors = [origin + predicted, now, rolled].map(|p| difference(dof, p, then));
             for (s, e) in squares.iter_mut().zip(errors) {
                 s.push(e * e);
             }
         }
     }
-    let [model, hold, velocity, growth] = squares.map(|s| rms(&s));
+    let [model, hold, velocity] = squares.map(|s| rms(&s));
     PredictionError {
         model,
         hold,
         velocity,
-        growth,
     }
-}
-
-/// Whether the prediction that starts at `tick` comes `from_s` to `to_s` after a turn.
-pub fn after_turn(run: &Run, tick: f64, from_s: f64, to_s: f64) -> bool {
-    let since = |turn: usize| (tick - turn as f64) * TICK.secs();
-    let last = run.turns.iter().rev().find(|t| (**t as f64) <= tick);
-    last.is_some_and(|t| (from_s..to_s).contains(&since(*t)))
 }

@@ -4,7 +4,6 @@
 
 use alight_shared::msg::{CommandKind, State};
 use alight_usv::deck::DeckOrder;
-use serde::Serialize;
 
 use super::aborts::drive;
 use crate::harness::physics::TICK;
@@ -29,7 +28,7 @@ const KNOWN_AFTER_S: f64 = 2.5;
 const REPORTED_AFTER_S: f64 = 1.5;
 
 /// What came of a trial.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FleetReport {
     /// Landings on the deck.
     pub landings: u32,
@@ -59,23 +58,6 @@ impl FleetReport {
     /// Nothing that must not happen has happened.
     pub fn safe(&self) -> bool {
         self.two_below + self.on_occupied + self.on_closed + self.collisions == 0
-    }
-    /// Of both trials.
-    #[must_use]
-    pub fn and(self, other: FleetReport) -> FleetReport {
-        FleetReport {
-            landings: self.landings + other.landings,
-            descents: self.descents + other.descents,
-            stops: self.stops + other.stops,
-            outages: self.outages + other.outages,
-            closures: self.closures + other.closures,
-            two_below: self.two_below + other.two_below,
-            on_occupied: self.on_occupied + other.on_occupied,
-            on_closed: self.on_closed + other.on_closed,
-            collisions: self.collisions + other.collisions,
-            in_water: self.in_water + other.in_water,
-            nearest_m: self.nearest_m.min(other.nearest_m),
-        }
     }
 }
 

@@ -1,15 +1,12 @@
 //! Measurements over many seeds that are not landings.
 
 pub mod aborts;
-pub mod airborne;
 pub mod camera;
-pub mod changes;
 pub mod estimator;
 pub mod false_detections;
 pub mod fleet;
 pub mod paired;
 pub mod prediction;
 pub mod rao;
-pub mod reference;
 pub mod statistics;
 pub mod uvdar;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use crate::harness::outcome::Outcome;
-use crate::studies::statistics::{Metric, SampleStatistics, bootstrap, bootstrap_mean, wilson};
+use crate::studies::statistics::{Metric, bootstrap_mean, wilson};
 
 /// What is compared.
 pub const COMPARED: [Metric; 6] = [
@@ -126,26 +126,6 @@ pub fn compare(outcomes: &[Outcome], scenario: Option<&str>, first: &str, other:
     })
 }
 
-/// How many times larger the 95th percentile of a figure is with `other` than with `first`, with its
-/// 95 % bootstrap interval over pairs.
-pub fn p95_ratio(
-    outcomes: &[Outcome],
-    first: &str,
-    other: &str,
-    metric: fn(&Outcome) -> Option<f64>,
-) -> Option<(f64, [f64; 2])> {
-    let values: Vec<(f64, f64)> = pairs(outcomes, None, first, other)
-        .into_iter()
-        .filter_map(|(a, b)| Some((metric(a)?, metric(b)?)))
-        .collect();
-    let ratio = |v: &[(f64, f64)]| {
-        let p95 =
-            |f: fn(&(f64, f64)) -> f64| SampleStatistics::of(v.iter().map(f)).map_or(f64::NAN, |f| f.p95);
-        p95(|v| v.1) / p95(|v| v.0)
-    };
-    Some((ratio(&values), bootstrap(&values, ratio)?))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -193,16 +173,5 @@ mod tests {
         let c = compare(&all, None, "a", "b").unwrap();
         assert_eq!((c.pairs, c.differences[0].pairs), (2, 1));
         assert!((c.differences[0].mean - 0.3).abs() < 1e-12);
-    }
-
-    #[test]
-    fn p95_ratio_recovers_a_known_factor() {
-        let mut all = Vec::new();
-        for seed in 1..=100 {
-            all.push(flown("a", "x", seed, Some(seed as f64), true));
-            all.push(flown("b", "x", seed, Some(3.0 * seed as f64), true));
-        }
-        let (ratio, [lo, hi]) = p95_ratio(&all, "a", "b", |o| o.position_error_m).unwrap();
-        assert!((ratio - 3.0).abs() < 1e-12 && (lo - 3.0).abs() < 1e-9 && (hi - 3.0).abs() < 1e-9);
     }
 }

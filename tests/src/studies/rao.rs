@@ -1,9 +1,7 @@
 //! Response of the simulated vessel to regular waves: surge, heave and pitch against wave length.
 
 use core::f64::consts::TAU;
-use core::fmt;
 
-use alight_shared::config;
 use alight_shared::geometry::GRAVITY;
 use alight_shared::time::{Span, Time};
 use nalgebra::{Matrix4, Vector4};
@@ -13,31 +11,12 @@ use crate::physics::sea::Sea;
 use crate::physics::streams::Streams;
 use crate::physics::vessel::{Course, Vessel, VesselConfig};
 
-/// What the columns mean, for under the table.
-pub const TABLE_NOTE: &str = "Waves from astern, drifting vessel. Surge and heave: amplitude over wave \
-amplitude; pitch: amplitude over wave slope. A particle of the water has 1, 1 and 1.";
-
-config! {
-    /// What to simulate.
-    ///
-    /// Chosen: from shorter than the hull to thirty times it; waves of 2 % steepness.
-    pub struct RaoConfig {
-        /// Wave lengths, m.
-        pub wavelengths_m: Vec<f64> = vec![
-                3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0, 160.0,
-            ], in 1.0..=1000.0;
-        /// Steepness k A of the waves, -.
-        pub steepness: f64 = 0.02, in 1e-4..=0.2;
-    }
-    check |this, at| {
-        at.require(
-            (1..=1000).contains(&this.wavelengths_m.len()),
-            "wavelengths_m",
-            this.wavelengths_m.len(),
-            "1 to 1000 lengths",
-        )?;
-    }
-}
+/// Wave lengths from shorter than the hull to thirty times it, m.
+pub const WAVELENGTHS_M: [f64; 14] = [
+    3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0, 160.0,
+];
+/// Steepness k A of the waves, -.
+const STEEPNESS: f64 = 0.02;
 
 /// One wave length.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -54,47 +33,13 @@ pub struct RaoRow {
     pub pitch: f64,
 }
 
-/// The table; prints itself.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct RaoTable {
-    /// One row per wave length.
-    pub rows: Vec<RaoRow>,
-}
-
-impl fmt::Display for RaoTable {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(
-            f,
-            "{:>12} {:>10} {:>8} {:>8} {:>8}",
-            "wavelength m", "period s", "surge", "heave", "pitch"
-        )?;
-        for r in &self.rows {
-            writeln!(
-                f,
-                "{:>12.1} {:>10.2} {:>8.3} {:>8.3} {:>8.3}",
-                r.wavelength_m, r.period_s, r.surge, r.heave, r.pitch
-            )?;
-        }
-        f.write_str(TABLE_NOTE)
-    }
-}
-
-/// Simulates `vessel`, drifting with its bow where the waves go, in each regular wave.
-pub fn rao(vessel: &VesselConfig, config: &RaoConfig) -> RaoTable {
-    let rows = config
-        .wavelengths_m
-        .iter()
-        .map(|l| row(vessel, *l, config.steepness))
-        .collect();
-    RaoTable { rows }
-}
-
-fn row(vessel: &VesselConfig, wavelength_m: f64, steepness: f64) -> RaoRow {
+/// Simulates `vessel`, drifting with its bow where the waves go, in a regular wave.
+pub fn rao(vessel: &VesselConfig, wavelength_m: f64) -> RaoRow {
     const DT: Span = Span::from_millis(10);
     let k = TAU / wavelength_m;
     let w = (GRAVITY * k).sqrt();
     let period_s = TAU / w;
-    let amplitude = steepness / k;
+    let amplitude = STEEPNESS / k;
     let sea = Sea::regular(amplitude, wavelength_m, 0.0);
     let config = VesselConfig {
         course: Course::Drift,
@@ -125,7 +70,7 @@ fn row(vessel: &VesselConfig, wavelength_m: f64, steepness: f64) -> RaoRow {
         period_s,
         surge: fits[0].amplitude() / amplitude,
         heave: fits[1].amplitude() / amplitude,
-        pitch: fits[2].amplitude() / steepness,
+        pitch: fits[2].amplitude() / STEEPNESS,
     }
 }
 
@@ -156,20 +101,15 @@ mod tests {
 
     #[test]
     fn rao_tends_to_1_in_long_waves() {
-        let config = RaoConfig {
-            wavelengths_m: vec![4.0, 80.0, 160.0],
-            ..RaoConfig::default()
-        };
-        let table = rao(&VesselConfig::default(), &config);
-        for r in &table.rows[1..] {
+        let [short, long, longest] = [4.0, 80.0, 160.0].map(|l| rao(&VesselConfig::default(), l));
+        for r in [long, longest] {
             for x in [r.surge, r.heave, r.pitch] {
                 assert!((x - 1.0).abs() < 0.06, "{r:?}");
             }
         }
         // The longer, the closer.
-        assert!((table.rows[2].heave - 1.0).abs() < (table.rows[1].heave - 1.0).abs() + 1e-3);
+        assert!((longest.heave - 1.0).abs() < (long.heave - 1.0).abs() + 1e-3);
         // Waves shorter than the hull average out.
-        let short = table.rows[0];
         assert!(
             short.heave < 0.7 && short.surge < 0.7 && short.pitch < 0.8,
             "{short:?}"
@@ -178,25 +118,11 @@ mod tests {
 
     #[test]
     fn rao_without_coupling_has_hardly_any_surge() {
-        let config = RaoConfig {
-            wavelengths_m: vec![40.0],
-            ..RaoConfig::default()
-        };
         let stock = VesselConfig {
             sideways_coupling: 0.0,
             ..VesselConfig::default()
         };
-        let r = rao(&stock, &config).rows[0];
+        let r = rao(&stock, 40.0);
         assert!(r.surge < 0.3 && r.heave > 0.9, "{r:?}");
-    }
-
-    #[test]
-    fn rao_table_prints_a_line_per_wave() {
-        let config = RaoConfig {
-            wavelengths_m: vec![20.0, 30.0],
-            ..RaoConfig::default()
-        };
-        let text = rao(&VesselConfig::default(), &config).to_string();
-        assert_eq!(text.lines().count(), 4);
     }
 }

@@ -51,11 +51,6 @@ pub fn wilson(successes: usize, trials: usize) -> (f64, f64) {
 /// Percentile bootstrap (Efron 1979) of the mean: its 95 % interval from 1000 resamples of a fixed
 /// stream, so that a report is reproducible. None without values.
 pub fn bootstrap_mean(values: &[f64]) -> Option<[f64; 2]> {
-    bootstrap(values, |v| v.iter().sum::<f64>() / v.len() as f64)
-}
-
-/// The same for any statistic of a sample. `values` may be pairs: what is drawn stays together.
-pub fn bootstrap<T: Copy>(values: &[T], statistic: impl Fn(&[T]) -> f64) -> Option<[f64; 2]> {
     use rand_chacha::rand_core::Rng;
     const RESAMPLES: usize = 1000;
     let n = values.len();
@@ -63,18 +58,13 @@ pub fn bootstrap<T: Copy>(values: &[T], statistic: impl Fn(&[T]) -> f64) -> Opti
         return None;
     }
     let mut rng = crate::physics::streams::Streams::new(0).stream("bootstrap");
-    let mut drawn = Vec::with_capacity(n);
-    let mut results: Vec<f64> = (0..RESAMPLES)
-        .map(|_| {
-            drawn.clear();
-            drawn.extend((0..n).filter_map(|_| values.get((rng.next_u64() % n as u64) as usize)));
-            statistic(&drawn)
-        })
-        .collect();
-    results.sort_by(f64::total_cmp);
+    let mut drawn = || values.get((rng.next_u64() % n as u64) as usize);
+    let mut mean = || (0..n).filter_map(|_| drawn()).sum::<f64>() / n as f64;
+    let mut means: Vec<f64> = (0..RESAMPLES).map(|_| mean()).collect();
+    means.sort_by(f64::total_cmp);
     Some([
-        *results.get(RESAMPLES / 40)?,
-        *results.get(RESAMPLES - RESAMPLES / 40 - 1)?,
+        *means.get(RESAMPLES / 40)?,
+        *means.get(RESAMPLES - RESAMPLES / 40 - 1)?,
     ])
 }
 

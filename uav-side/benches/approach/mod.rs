@@ -84,7 +84,6 @@ impl Sea {
 
 /// How a touch looked.
 #[derive(Clone, Copy, Debug)]
-#[allow(dead_code)]
 pub struct Contact {
     /// Since the descent began, s.
     pub time_s: f64,
@@ -220,14 +219,12 @@ impl Approach {
     }
 
     /// To contact; `see` looks at the planner after each plan.
-    #[allow(dead_code)]
     pub fn land(self, config: &PlannerConfig, see: impl FnMut(&Planner, &Plan)) -> Option<Contact> {
         let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
         self.land_with(Planner::new(config, &drone, &deck, 1), see)
     }
 
     /// The same with this planner.
-    #[allow(dead_code)]
     pub fn land_with(
         mut self,
         mut planner: Planner,

@@ -95,7 +95,6 @@ fn inputs(d: &Data<'_>, increments: &[f64]) -> Vec<[f64; 4]> {
 }
 
 /// The whole cost of a sequence of inputs, slack included: what both solvers minimise.
-#[allow(dead_code)]
 pub fn cost(d: &Data<'_>, inputs: &[[f64; 4]]) -> f64 {
     let mut x = nalgebra::SVector::<f64, 12>::from(d.state);
     let (mut before, mut sum) = (d.input, 0.0);
@@ -120,7 +119,6 @@ pub fn cost(d: &Data<'_>, inputs: &[[f64; 4]]) -> f64 {
 }
 
 /// The optimum without limits; None if the Hessian is not positive definite.
-#[allow(dead_code)]
 pub fn unconstrained(d: &Data<'_>) -> Option<Vec<[f64; 4]>> {
     let dense = condense(d);
     let increments = dense.hessian.cholesky()?.solve(&-dense.gradient);

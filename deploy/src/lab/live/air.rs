@@ -4,9 +4,9 @@
 use std::path::PathBuf;
 
 use alight_shared::msg::State;
-use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::process::ProcessKind;
 use alight_shared::transport::radio::TlsConfig;
+use alight_shared::transport::statistics::Quantiles;
 use alight_sim::harness::scenario::StateOutage;
 use alight_sim::radio::{ChannelCounts, Congestion};
 use serde::{Deserialize, Serialize};
@@ -17,12 +17,10 @@ use crate::lab::live::args::{Emulate, LandArgs};
 use crate::lab::live::config::{AutopilotKind, LinkImpairment, free_port, write};
 use crate::lab::live::emulator::{Emulation, EmulatorReport, OUTAGE};
 use crate::lab::live::namespaces::{ADDRESSES, OwnSpaces};
-use crate::lab::live::packets::{OnAir, Recent};
 use crate::lab::live::profile;
-use crate::lab::live::times::Times;
 use crate::lab::scene::Scene;
 use crate::process::instance::OwnedInstance;
-use crate::process::snapshot::{Snapshot, time};
+use crate::process::snapshot::time;
 use crate::process::supervisor::{Supervisor, arguments};
 
 /// The vessel's port in its own namespace, zenoh's usual one.
@@ -128,14 +126,6 @@ impl RadioPath {
             }
         })
     }
-    /// The drone's address.
-    pub fn drone_host(&self) -> &'static str {
-        if self.spaces.is_some() {
-            ADDRESSES[1]
-        } else {
-            "127.0.0.1"
-        }
-    }
     /// Starts the emulator, if there is one.
     pub fn start(&self, supervisor: &mut Supervisor) -> Result<(), CliError> {
         match &self.emulator {
@@ -194,10 +184,9 @@ fn certificates(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result
 #[derive(Default)]
 pub struct RadioWatch {
     packets: Option<[ChannelCounts; 2]>,
-    recent: Recent,
-    ages: Times,
-    /// Ages that were left out, up to [`WARM_UP_AGES`].
-    settled: usize,
+    ages: Quantiles,
+    /// Ages that were seen.
+    seen: usize,
     outage_announced: bool,
 }
 
@@ -213,20 +202,15 @@ impl RadioWatch {
         supervisor: &mut Supervisor,
     ) {
         for line in lines {
-            match serde_json::from_str(line) {
-                Ok(EmulatorReport::Flows(flows)) => self.recent.observe(steady_ns(), flows),
-                Ok(EmulatorReport::Packets(to_drone, to_vessel)) => {
-                    self.packets = Some([to_drone, to_vessel])
-                }
-                // Other processes report in other words.
-                Err(_) => {}
+            // Other processes report in other words.
+            if let Ok(EmulatorReport::Packets(to_drone, to_vessel)) = serde_json::from_str(line) {
+                self.packets = Some([to_drone, to_vessel]);
             }
         }
         for age_s in ages_s.iter().filter(|a| a.is_finite()) {
-            if self.settled < WARM_UP_AGES {
-                self.settled += 1;
-            } else {
-                self.ages.add_ns((age_s * 1e9) as i64);
+            self.seen += 1;
+            if self.seen > WARM_UP_AGES {
+                self.ages.add(*age_s);
             }
         }
         if !self.outage_announced && air.outage.is_some_and(|o| Some(o.state) == state) {
@@ -235,7 +219,7 @@ impl RadioWatch {
         }
     }
     /// The metrics at the end, `seconds` after the profile's time zero.
-    pub fn report(&self, seconds: f64, snapshot: &Snapshot) -> RadioReport {
+    pub fn report(&self, seconds: f64) -> RadioReport {
         let way = |c: ChannelCounts| WayReport {
             packets: c.sent,
             bytes_per_s: c.sent_bytes as f64 / seconds.max(1.0),
@@ -243,10 +227,10 @@ impl RadioWatch {
             overflowed: c.overflowed,
         };
         let age = |q: f64| {
-            if self.ages.count == 0 {
-                0.0
-            } else {
+            if self.seen > WARM_UP_AGES {
                 self.ages.quantile(q)
+            } else {
+                0.0
             }
         };
         RadioReport {
@@ -254,7 +238,6 @@ impl RadioWatch {
             age_p95_s: age(0.95),
             age_max_s: age(1.0),
             emulated: self.packets.map(|ways| ways.map(way)),
-            on_air: self.recent.on_air(snapshot, PORT),
         }
     }
 }
@@ -270,8 +253,6 @@ pub struct RadioReport {
     pub age_max_s: f64,
     /// What the emulator counted: to the drone, to the vessel.
     pub emulated: Option<[WayReport; 2]>,
-    /// What it counted over the last seconds, by flow and by topic.
-    pub on_air: Option<OnAir>,
 }
 
 /// One direction of the emulated link.
@@ -305,9 +286,6 @@ impl RadioReport {
                 100.0 * c.lost,
                 c.overflowed
             ));
-        }
-        if let Some(on_air) = &self.on_air {
-            out.push_str(&on_air.text());
         }
         out
     }

@@ -10,7 +10,6 @@ use crate::exit::{CliError, Doing};
 use crate::lab::args::{Autopilot, SceneArgs};
 use crate::lab::live::config::AutopilotKind;
 use crate::lab::live::fault::FaultSpec;
-use crate::lab::live::follow::MAX_FOLLOW_S;
 use crate::process::args::{ProcessArgs, ViewArgs};
 
 /// One landing, live.
@@ -24,7 +23,7 @@ pub struct LandArgs {
     pub seed: u64,
     /// Land with so many seeds, from --seed on, each beside the lock-step landing of the same seed
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000),
-        conflicts_with_all = ["plot", "record", "follow"])]
+        conflicts_with_all = ["plot", "record"])]
     pub trials: Option<u32>,
     /// How many of the trials at a time, each with processes of its own
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
@@ -65,21 +64,12 @@ pub struct LandArgs {
     /// A ground station listens there, UDP, at another link of the simulated autopilot, such as 127.0.0.1:14550
     #[arg(long, value_name = "ADDRESS", conflicts_with_all = ["external", "trials"])]
     pub ground_station: Option<SocketAddr>,
-    /// Plain Unix and UDP sockets carry the same messages beside the middlewares; the report compares
-    #[arg(long)]
-    pub relay: bool,
     /// Draw paths, speeds and attitudes to an SVG
-    #[arg(long, value_name = "FILE.svg", conflicts_with = "follow")]
+    #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
     /// Record everything to an MCAP file, for Foxglove, Lichtblick, Rerun and `alight replay`
-    #[arg(long, value_name = "FILE.mcap", conflicts_with = "follow")]
+    #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
-    /// Follow the vessel for this long after the start instead of landing, s
-    #[arg(long, value_name = "S", value_parser = follow_s)]
-    pub follow: Option<f64>,
-    /// Write what the processes use, and their files, to this file (CSV) once a minute
-    #[arg(long, value_name = "FILE.csv")]
-    pub usage: Option<PathBuf>,
     /// Every process records its steps in this directory, a flight for `alight replay`
     #[arg(long, value_name = "DIR")]
     pub log: Option<PathBuf>,
@@ -139,43 +129,6 @@ pub struct LandsArgs {
     pub json: bool,
     #[arg(last = true)]
     pub land: Vec<String>,
-}
-
-/// Faults, live.
-#[derive(Args, Debug)]
-pub struct FaultsArgs {
-    /// Only this one (may be repeated) [default: 6 processes, killed and frozen, in approach,
-    /// tracking, descent and flare]
-    #[arg(long, value_name = "FAULT")]
-    pub fault: Vec<FaultSpec>,
-    /// Every case so many times, each with a seed of its own
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
-    pub repeat: u32,
-    /// Seed of the first case; each next case has the next seed
-    #[arg(long, default_value_t = 1)]
-    pub seed0: u64,
-    /// How many at a time, each with processes of its own
-    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u16).range(1..=64))]
-    pub jobs: u16,
-    /// Names of the sets of processes begin with this
-    #[arg(long, default_value = "faults")]
-    pub instance: String,
-    /// Print the cases as one JSON list, the last line
-    #[arg(long)]
-    pub json: bool,
-    /// Flags of `alight land`, for all of them
-    #[arg(last = true, value_name = "LAND FLAGS")]
-    pub land: Vec<String>,
-}
-
-/// Times that the drone can be commanded to follow: up to what a mission may take.
-fn follow_s(text: &str) -> Result<f64, String> {
-    let s: f64 = text.parse().map_err(|e| format!("{e}"))?;
-    if (1.0..=MAX_FOLLOW_S).contains(&s) {
-        Ok(s)
-    } else {
-        Err(format!("1 to {MAX_FOLLOW_S} seconds"))
-    }
 }
 
 impl LandArgs {

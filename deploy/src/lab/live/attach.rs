@@ -1,28 +1,26 @@
 //! `alight attach`: a process of vessel or drone as it flies, with what a bench puts between it and its
-//! messages: an impaired radio, plain sockets beside the middlewares, a baseline as the planner.
+//! messages: an impaired radio, a baseline as the planner.
 
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
+use alight_shared::config;
 use alight_shared::transport::TransportError;
 use alight_shared::transport::memory::{Instance, Listener, Memory};
-use alight_shared::transport::observe::{observe, receive_through};
+use alight_shared::transport::observe::receive_through;
 use alight_shared::transport::process::ProcessKind;
-use alight_shared::{config, topics};
 use alight_sim::baselines::Baseline;
 use alight_sim::radio::Direction;
 use alight_uav::planner::{Planner, PlannerOut};
 use clap::{Args, ValueEnum};
 
-use super::config::{Attachments, RelayConfig};
+use super::config::Attachments;
 use super::impairment::{Impaired, Inbound};
-use super::relay::{Copies, RadioHop};
-use crate::config::{DroneComputer, VesselComputer};
+use crate::config::DroneComputer;
+use crate::drone::bridge;
 use crate::drone::planner::{Inputs, PlannerShell};
-use crate::drone::{bridge, mission, pilot, predictor};
 use crate::exit::{CliError, Exit};
 use crate::process::args::{ProcessArgs, ViewArgs};
-use crate::process::radio_keys::vessel_key;
 use crate::process::shell::{self, Shell};
 use crate::vessel;
 
@@ -33,14 +31,8 @@ pub enum AttachedProcess {
     Vessel,
     /// The drone's end of the radio.
     Bridge,
-    /// The deck's forecast.
-    Predictor,
-    /// The state machine.
-    Mission,
     /// The trajectory.
     Planner,
-    /// The set-points.
-    Pilot,
 }
 
 /// A process and its attachments.
@@ -59,55 +51,31 @@ pub struct AttachArgs {
 
 /// Attaches, then runs the process.
 pub fn run(attach: &AttachArgs) -> Result<Exit, CliError> {
-    let Attachments {
-        impairment,
-        relay,
-        baseline,
-    } = config::load(&attach.attachments)?;
+    let Attachments { impairment, baseline } = config::load(&attach.attachments)?;
     let args = &attach.args;
     let impaired = |direction| impairment.as_ref().map(|i| Impaired::new(i, direction));
     match attach.process {
         AttachedProcess::Vessel => {
-            let computer: VesselComputer = config::load(&args.config)?;
-            if let Some(relay) = &relay {
-                let key = vessel_key(computer.vessel_id, topics::ESTIMATE.name);
-                observe(Box::new(Copies::over_udp(&key, &relay.radio)?));
-            }
             if let Some(impaired) = impaired(Direction::ToVessel) {
-                receive_through(Box::new(Inbound::new(Some(impaired), None)));
+                receive_through(Box::new(Inbound::new(impaired)));
             }
             vessel::run(args, &ViewArgs::default())
         }
         AttachedProcess::Bridge => {
-            let computer: DroneComputer = config::load(&args.config)?;
-            copy_memory(relay.as_ref())?;
-            let hop = relay.as_ref().map(|r| RadioHop::listen(&r.radio)).transpose()?;
-            let mut impaired = impaired(Direction::ToDrone);
-            if let Some(impaired) = &mut impaired {
+            if let Some(mut impaired) = impaired(Direction::ToDrone) {
+                let computer: DroneComputer = config::load(&args.config)?;
                 impaired.follow_mission(Instance::new(&computer.instance)?);
+                receive_through(Box::new(Inbound::new(impaired)));
             }
-            receive_through(Box::new(Inbound::new(impaired, hop)));
             bridge::run(args)
         }
-        AttachedProcess::Predictor => {
-            copy_memory(relay.as_ref())?;
-            shell::run::<predictor::PredictorShell>(args)
-        }
-        AttachedProcess::Mission => shell::run::<mission::MissionShell>(args),
-        AttachedProcess::Planner => {
-            copy_memory(relay.as_ref())?;
-            match baseline {
-                None => shell::run::<PlannerShell>(args),
-                Some(baseline) => {
-                    let _first = BASELINE.set(baseline);
-                    shell::run::<BaselineShell>(args)
-                }
+        AttachedProcess::Planner => match baseline {
+            None => shell::run::<PlannerShell>(args),
+            Some(baseline) => {
+                let _first = BASELINE.set(baseline);
+                shell::run::<BaselineShell>(args)
             }
-        }
-        AttachedProcess::Pilot => {
-            copy_memory(relay.as_ref())?;
-            shell::run::<pilot::PilotShell>(args)
-        }
+        },
     }
 }
 
@@ -145,12 +113,4 @@ impl Shell for BaselineShell {
     fn unsent(&self) -> u64 {
         self.0.unsent()
     }
-}
-
-/// Copies of what goes through shared memory, where there is a relay.
-fn copy_memory(relay: Option<&RelayConfig>) -> Result<(), CliError> {
-    if let Some(relay) = relay {
-        observe(Box::new(Copies::over_unix(&relay.socket)?));
-    }
-    Ok(())
 }

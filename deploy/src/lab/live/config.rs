@@ -55,16 +55,6 @@ pub struct LinkImpairment {
     pub profile: RadioConfig,
 }
 
-/// Where plain sockets carry the messages beside the middlewares.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct RelayConfig {
-    /// The drone's UDP address, where copies of the vessel's estimates go.
-    pub radio: String,
-    /// The Unix socket that takes the copies of what goes through shared memory.
-    pub socket: PathBuf,
-}
-
 /// What stands between a process and its messages.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -72,9 +62,6 @@ pub struct Attachments {
     /// Impairment of what comes by radio.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub impairment: Option<LinkImpairment>,
-    /// Copies through plain sockets.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub relay: Option<RelayConfig>,
     /// A planner that the drone does not carry.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub baseline: Option<Baseline>,
@@ -115,9 +102,6 @@ config! {
         pub sea: String = String::new();
         /// The planner as the outcome names it.
         pub planner: String = String::new();
-        /// The drone only follows, for this long after the start, s.
-        #[serde(skip_serializing_if = "Option::is_none")]
-        pub follow_s: Option<f64> = None;
         /// The truth is recorded beside what the processes record.
         pub truth: bool = false;
         /// A picture of the landing is drawn there.

@@ -24,7 +24,6 @@ use tun_rs::SyncDevice;
 use crate::exit::{CliError, Doing, Exit};
 use crate::lab::live::config::LinkImpairment;
 use crate::lab::live::namespaces::{ADDRESSES, Namespaces};
-use crate::lab::live::packets::{FlowCount, Flows};
 use crate::lab::live::profile;
 use crate::terminal;
 
@@ -77,8 +76,6 @@ impl Check for Emulation {
 pub enum EmulatorReport {
     /// The packets so far: to the drone, to the vessel.
     Packets(ChannelCounts, ChannelCounts),
-    /// The same packets by flow.
-    Flows(Vec<FlowCount>),
 }
 
 /// What its supervisor may tell it by a line on standard input: the mission entered the state of the
@@ -197,16 +194,13 @@ fn carry(emulation: &Emulation, devices: &[Arc<SyncDevice>; 2], supervised: bool
 fn report_counts(link: &Link) -> Result<(), CliError> {
     let [to_drone, to_vessel] = &link.radios;
     let packets = EmulatorReport::Packets(to_drone.counts(), to_vessel.counts());
-    for report in [packets, EmulatorReport::Flows(link.flows.counts())] {
-        terminal::line(serde_json::to_string(&report).doing("writing the counts")?);
-    }
+    terminal::line(serde_json::to_string(&packets).doing("writing the counts")?);
     Ok(())
 }
 
 /// Both directions; index 0 carries what the vessel's side sends.
 struct Link {
     radios: [Radio<Vec<u8>>; 2],
-    flows: Flows,
     epoch_ns: i64,
     outage: Option<StateOutage>,
 }
@@ -217,7 +211,6 @@ impl Link {
         let radio = |direction| Radio::new(&emulation.link.profile, direction, &streams);
         Link {
             radios: [radio(Direction::ToDrone), radio(Direction::ToVessel)],
-            flows: Flows::default(),
             epoch_ns: emulation.link.epoch_ns,
             outage: emulation.link.outage,
         }
@@ -243,7 +236,6 @@ impl Link {
             Ok(first) => {
                 for received in std::iter::once(first).chain(inbox.try_iter().take(INBOX)) {
                     let at = self.time(received.at_ns);
-                    self.flows.count(u8::from(received.side == 1), &received.packet);
                     if let Some(radio) = self.radios.get_mut(received.side) {
                         radio.send(at, received.packet.len(), received.packet);
                     }

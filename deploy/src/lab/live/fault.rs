@@ -19,7 +19,7 @@ const FREEZE_S: [f64; 2] = [0.2, 2.0];
 const CONTACT: &str = "contact";
 
 /// What happens to the process.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FaultKind {
     /// SIGKILL: it is gone at once and started again by its supervisor.
@@ -41,7 +41,7 @@ impl FaultKind {
 }
 
 /// A fault as it is asked for: `PROCESS:kill|freeze:PHASE`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FaultSpec {
     /// Which process; not the world, which is the vehicles themselves.
     pub process: ProcessKind,
@@ -52,22 +52,12 @@ pub struct FaultSpec {
 }
 
 /// When a fault happens.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Moment {
     /// After this state was entered for the first time. `Landed` begins with the stop of the motors.
     In(State),
     /// At the first contact.
     Contact,
-}
-
-impl Moment {
-    /// Its name in tables.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Moment::In(state) => state.name(),
-            Moment::Contact => "Contact",
-        }
-    }
 }
 
 /// Processes that a fault can meet: all but the world, which stands for the vehicles and the laws

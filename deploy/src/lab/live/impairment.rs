@@ -1,5 +1,6 @@
 //! The impairment of the radio inside a process, where no link emulator is permitted.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
@@ -15,7 +16,6 @@ use alight_sim::physics::streams::Streams;
 use alight_sim::radio::{Direction, Radio, on_air};
 
 use super::config::LinkImpairment;
-use super::relay::RadioHop;
 
 /// Longest wait for the mission's state.
 const MAX_WAIT: Duration = Duration::from_millis(50);
@@ -85,41 +85,28 @@ impl<T: Clone> Impaired<T> {
 
 /// What comes by radio on its way into a process.
 pub struct Inbound {
-    impaired: Option<Impaired<Received>>,
-    hop: Option<RadioHop>,
-    ready: std::collections::VecDeque<Received>,
+    impaired: Impaired<Received>,
+    ready: VecDeque<Received>,
 }
 
 impl Inbound {
-    /// Through an impairment, and past the far end of a plain relay.
-    pub fn new(impaired: Option<Impaired<Received>>, hop: Option<RadioHop>) -> Inbound {
+    /// Through an impairment.
+    pub fn new(impaired: Impaired<Received>) -> Inbound {
         Inbound {
             impaired,
-            hop,
-            ready: Default::default(),
+            ready: VecDeque::new(),
         }
     }
 }
 
 impl ReceiveChannel for Inbound {
     fn take(&mut self, packet: Received) {
-        if let Some(hop) = &mut self.hop {
-            hop.original(&packet);
-        }
-        match &mut self.impaired {
-            Some(impaired) => impaired.take(packet.at_ns, packet.bytes.len(), packet),
-            None => self.ready.push_back(packet),
-        }
+        self.impaired.take(packet.at_ns, packet.bytes.len(), packet);
     }
     fn ready(&mut self, now_ns: i64) -> Option<Received> {
-        if let Some(hop) = &mut self.hop {
-            hop.report(now_ns);
-        }
-        if let Some(impaired) = &mut self.impaired {
-            let arrived = impaired.arrived(now_ns).into_iter();
-            self.ready
-                .extend(arrived.map(|(at_ns, packet)| Received { at_ns, ..packet }));
-        }
+        let arrived = self.impaired.arrived(now_ns).into_iter();
+        self.ready
+            .extend(arrived.map(|(at_ns, packet)| Received { at_ns, ..packet }));
         self.ready.pop_front()
     }
 }

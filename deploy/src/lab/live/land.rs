@@ -30,18 +30,14 @@ use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Exit};
 use crate::lab::live::air::{RadioPath, RadioWatch};
 use crate::lab::live::args::LandArgs;
-use crate::lab::live::config::{
-    Attachments, AutopilotKind, RelayConfig, SimulatedWorld, attached, free_port, write,
-};
+use crate::lab::live::config::{Attachments, AutopilotKind, SimulatedWorld, attached, free_port, write};
 use crate::lab::live::fault::Fault;
-use crate::lab::live::relay::Tap;
+use crate::lab::live::recording;
 use crate::lab::live::report::{LiveOutcome, LiveReport, PhaseEntry};
-use crate::lab::live::usage::UsageLog;
 use crate::lab::live::world::{CONTACT, WorldReport};
-use crate::lab::live::{follow, recording};
 use crate::lab::record::Subject;
 use crate::lab::scene::Scene;
-use crate::lab::{outcome_table, plot};
+use crate::lab::{chart, outcome_table};
 use crate::process::instance::OwnedInstance;
 use crate::process::keeper::CheckpointKeeper;
 use crate::process::life::{draw_boot, end_with_supervisor};
@@ -84,9 +80,6 @@ pub fn scene(args: &LandArgs) -> Result<Scene, CliError> {
             among.push(AT_SEA);
         }
     }
-    if args.follow.is_some() {
-        follow::disable_landing(&mut scene);
-    }
     Ok(scene)
 }
 
@@ -94,7 +87,7 @@ pub fn scene(args: &LandArgs) -> Result<Scene, CliError> {
 pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
     let scene = scene(args)?;
     if let Some(path) = &args.plot {
-        plot::can_write(path)?;
+        chart::can_write(path)?;
     }
     if i64::try_from(args.seed).is_err() {
         return Err(CliError(format!(
@@ -176,36 +169,24 @@ struct Ending {
 impl Ending {
     fn show(self, args: &LandArgs) -> Result<Exit, CliError> {
         let report = format!("{}{}", self.usage, self.report.text());
-        match self.result {
-            WorldReport::Followed(followed) => {
-                note(true, report);
-                if args.json {
-                    terminal::json(&followed)?;
-                } else {
-                    terminal::line(followed);
-                }
-                Ok(Exit::Success)
-            }
-            WorldReport::Landed(landed) => {
-                let outcome = landed.outcome;
-                let exit = Exit::of(outcome.success);
-                if args.json {
-                    note(true, report);
-                    let live = LiveReport {
-                        first_contact_s: landed.first_contact_s,
-                        motors_on_deck_s: landed.motors_on_deck_s,
-                        ..self.report
-                    };
-                    terminal::json(&LiveOutcome { outcome, live })?;
-                } else {
-                    terminal::line(format_args!("\n{}\n{report}", outcome_table::outcome(&outcome)));
-                    if let Some(path) = &args.plot {
-                        terminal::line(format_args!("plot: {}", path.display()));
-                    }
-                }
-                Ok(exit)
+        let WorldReport::Landed(landed) = self.result;
+        let outcome = landed.outcome;
+        let exit = Exit::of(outcome.success);
+        if args.json {
+            note(true, report);
+            let live = LiveReport {
+                first_contact_s: landed.first_contact_s,
+                motors_on_deck_s: landed.motors_on_deck_s,
+                ..self.report
+            };
+            terminal::json(&LiveOutcome { outcome, live })?;
+        } else {
+            terminal::line(format_args!("\n{}\n{report}", outcome_table::outcome(&outcome)));
+            if let Some(path) = &args.plot {
+                terminal::line(format_args!("plot: {}", path.display()));
             }
         }
+        Ok(exit)
     }
 }
 
@@ -241,14 +222,6 @@ impl LandingSetup {
         let mavlink = format!("127.0.0.1:{}", free_port()?);
         let attachments = Attachments {
             impairment: air.impairment.clone(),
-            relay: if args.relay {
-                Some(RelayConfig {
-                    radio: format!("{}:{}", air.drone_host(), free_port()?),
-                    socket: owned.file("relay"),
-                })
-            } else {
-                None
-            },
             baseline: scene.nodes.baseline,
         };
         let vessel = VesselComputer {
@@ -285,8 +258,7 @@ impl LandingSetup {
             epoch_ns,
             seed: args.seed,
             sea: scene.sea.clone(),
-            planner: scene.nodes.bench_planner().name().into(),
-            follow_s: args.follow,
+            planner: scene.nodes.planner_name().into(),
             truth: args.record.is_some(),
             plot: args.plot.clone(),
             autopilot: args.flown_by(),
@@ -324,14 +296,14 @@ impl LandingSetup {
         let (config, attachable) = match kind {
             ProcessKind::Link | ProcessKind::Sensors | ProcessKind::World => (&self.world, false),
             ProcessKind::Vessel => (&self.vessel_file, true),
-            ProcessKind::Autopilot | ProcessKind::Camera | ProcessKind::Uvdar | ProcessKind::View => {
-                (&self.drone_file, false)
-            }
-            ProcessKind::Bridge
-            | ProcessKind::Predictor
+            ProcessKind::Bridge | ProcessKind::Planner => (&self.drone_file, true),
+            ProcessKind::Autopilot
+            | ProcessKind::Camera
             | ProcessKind::Mission
-            | ProcessKind::Planner
-            | ProcessKind::Pilot => (&self.drone_file, true),
+            | ProcessKind::Pilot
+            | ProcessKind::Predictor
+            | ProcessKind::Uvdar
+            | ProcessKind::View => (&self.drone_file, false),
         };
         if attachable && self.attachments != Attachments::default() {
             attached(kind.name(), &self.attachments_file, config)
@@ -365,9 +337,7 @@ struct Landing<'a> {
     /// The drone has touched something.
     contact: bool,
     stop_requested: Arc<AtomicBool>,
-    usage: Option<UsageLog>,
     watch: RadioWatch,
-    tap: Option<Tap>,
 }
 
 impl<'a> Landing<'a> {
@@ -379,9 +349,6 @@ impl<'a> Landing<'a> {
     ) -> Result<Landing<'a>, CliError> {
         let observer = Observer::join(memory)?;
         let keeper = CheckpointKeeper::join(memory)?;
-        let relay = plan.attachments.relay.as_ref();
-        let tap = relay.map(|r| Tap::open(owned.instance(), r));
-        let tap = tap.transpose()?;
         let commands = memory.publisher()?;
         let limits = Limits {
             silence_timeout_s: Some(SILENCE_TIMEOUT_S),
@@ -419,13 +386,7 @@ impl<'a> Landing<'a> {
             fault: args.fault.map(|spec| Fault::new(spec, args.seed)),
             contact: false,
             stop_requested: end_with_supervisor(args.supervised),
-            usage: args
-                .usage
-                .as_deref()
-                .map(|path| UsageLog::create(path, owned.instance()))
-                .transpose()?,
             watch: RadioWatch::default(),
-            tap,
         })
     }
 
@@ -449,18 +410,12 @@ impl<'a> Landing<'a> {
             self.phase(true_s - self.plan.warm_up_s, shown);
             self.command(now, true_s - self.plan.warm_up_s);
             self.poll_fault(true_s - self.plan.warm_up_s)?;
-            if let Some(usage) = &mut self.usage {
-                usage.note(steady_ns(), &self.observer.snapshot)?;
-            }
             let said = self.supervisor.output_lines();
             self.contact |= said.iter().any(|line| line == CONTACT);
             let state = self.observer.snapshot.mission.map(|m| m.state);
             let ages_s = std::mem::take(&mut self.observer.ages_s);
             let (watch, air) = (&mut self.watch, &self.plan.air);
             watch.observe(air, &said, &ages_s, state, &mut self.supervisor);
-            if let Some(tap) = &mut self.tap {
-                tap.observe(&said);
-            }
             if let Some(outcome) = verdict(&said) {
                 self.await_recovery(memory, true_s - self.plan.warm_up_s)?;
                 return Ok(Some(self.finish(outcome)));
@@ -583,10 +538,9 @@ impl<'a> Landing<'a> {
             report: LiveReport {
                 phases: std::mem::take(&mut self.phases),
                 fault: self.fault.take().map(|f| f.report),
-                stages: self.tap.as_ref().map_or_else(Vec::new, |t| t.rows(snapshot)),
                 radio: self
                     .watch
-                    .report((steady_ns() - self.plan.clock.epoch_ns) as f64 * 1e-9, snapshot),
+                    .report((steady_ns() - self.plan.clock.epoch_ns) as f64 * 1e-9),
                 ..LiveReport::of(snapshot, self.supervisor.restarts())
             },
         };

@@ -12,7 +12,7 @@ use super::report::{LiveReport, ProcessUsage};
 use super::{air, land, profile};
 use crate::cells;
 use crate::exit::{CliError, Doing, Exit};
-use crate::lab::study::link::aborts;
+use crate::lab::study::pooled::aborts;
 use crate::process::snapshot::time;
 use crate::table::{Cell, Table};
 use crate::terminal::{self, note};

@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::lab::live::air::RadioReport;
 use crate::lab::live::fault::FaultReport;
-use crate::lab::live::relay;
 use crate::process::snapshot::{Snapshot, time};
 
 /// What one process used.
@@ -61,9 +60,6 @@ pub struct LiveReport {
     pub phases: Vec<PhaseEntry>,
     /// The link.
     pub radio: RadioReport,
-    /// Stage by stage, beside plain relays.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub stages: Vec<relay::Stage>,
     /// The fault that was asked for.
     pub fault: Option<FaultReport>,
 }
@@ -120,7 +116,6 @@ impl LiveReport {
             self.restarts
         );
         out.push_str(&self.radio.text());
-        out.push_str(&relay::text(&self.stages));
         if let Some(f) = &self.fault {
             let what = match (f.at_s, f.state, f.recovery_s) {
                 (Some(at), Some(state), Some(back)) => {

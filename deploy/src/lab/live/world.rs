@@ -12,7 +12,7 @@ use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};
 use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_sim::autopilots::FirmwareSensors;
-use alight_sim::harness::outcome::{Ending, FALSE_STOP_M, Judge, Outcome, TIME_LIMIT_S};
+use alight_sim::harness::outcome::{FALSE_STOP_M, Judge, Outcome};
 use alight_sim::harness::physics::{Physics, TICK};
 use alight_sim::harness::trace::Trace;
 use alight_sim::sensors::DroneReadings;
@@ -20,14 +20,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::exit::{CliError, Doing, Exit};
 use crate::io::sensor_socket::{Readings, SensorSender};
+use crate::lab::chart;
 use crate::lab::live::args::WorldArgs;
 use crate::lab::live::config::SimulatedWorld;
 use crate::lab::live::detections::Detections;
-use crate::lab::live::follow::Followed;
 use crate::lab::live::plant::{self, Plant};
 use crate::lab::live::render_thread::RenderThread;
 use crate::lab::live::truth::Truth;
-use crate::lab::plot;
 use crate::process::instance::owner;
 use crate::process::life::{Life, draw_boot, node_recorder};
 use crate::terminal;
@@ -41,8 +40,6 @@ pub const CONTACT: &str = "world: first contact";
 pub enum WorldReport {
     /// How it ended, judged from the truth.
     Landed(Box<Landed>),
-    /// It was told to follow only, and followed.
-    Followed(Followed),
 }
 
 /// An outcome and what the report beside it takes from the truth.
@@ -100,7 +97,6 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     let mut phase = MissionState::default();
     let (mut latest_s, mut late_ticks) = (0.0_f64, 0_u32);
     let mut history = History::new(world.plot.is_some());
-    let mut followed = Followed::default();
     let mut stays_until_s: Option<f64> = None;
     let mut looked_ns = steady_ns();
     let (mut touched, mut motors_on_deck_s) = (false, 0.0);
@@ -185,15 +181,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
             MetricName::ImagesDropped.count(lost),
         ]);
         history.update(&physics, t_s, &phase);
-        followed.update(t_s, TICK.secs(), phase.state);
-        if world.follow_s.is_some_and(|f| t_s >= f) {
-            break;
-        }
-        let mut seen = physics.observation(0, &phase);
-        if world.follow_s.is_some() {
-            // The judge's limit is on landings.
-            seen.t_s = seen.t_s.min(TIME_LIMIT_S / 2.0);
-        }
+        let seen = physics.observation(0, &phase);
         if stays_until_s.is_none() && t_s > 0.0 && judge.observe(&seen, half_deck) {
             stays_until_s = Some(t_s + world.scenario.stay_s);
         }
@@ -228,19 +216,14 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     outcome.wall_time_s = clock.now::<TrueTime>().secs();
     if let (Some(path), Some(mut trace)) = (&world.plot, history.trace) {
         trace.touchdown_s = judge.first_contact_s();
-        plot::landing(&trace, &outcome, path)?;
+        chart::landing(&trace, &outcome, path)?;
     }
-    let untouched = outcome.outcome == Ending::Timeout && outcome.touchdown_speed_mps.is_none();
-    let report = if world.follow_s.is_some() && untouched {
-        WorldReport::Followed(followed)
-    } else {
-        WorldReport::Landed(Box::new(Landed {
-            outcome,
-            first_contact_s: judge.first_contact_s(),
-            motors_on_deck_s,
-            latest_tick_s: latest_s,
-        }))
-    };
+    let report = WorldReport::Landed(Box::new(Landed {
+        outcome,
+        first_contact_s: judge.first_contact_s(),
+        motors_on_deck_s,
+        latest_tick_s: latest_s,
+    }));
     let report = serde_json::to_string(&report).doing("writing the outcome")?;
     terminal::line(report);
     Ok(Exit::Success)

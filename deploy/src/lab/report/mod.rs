@@ -1,4 +1,3 @@
-//! Documents and charts of reports.
+//! Documents of reports.
 
-pub mod chart;
 pub mod document;

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use crate::cells;
 use crate::exit::CliError;
 use crate::lab::args::StudyArgs;
-use crate::lab::scene::{Scene, stopwatch};
+use crate::lab::scene::Scene;
 use crate::table::{Cell, Table};
 use crate::terminal::note;
 
@@ -47,35 +47,26 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
         print(format!("{title}\n{}", condition_table(&rows).text()));
         rows
     };
-    let across = |ranges: &[f64], each: &dyn Fn(f64) -> Vec<Condition>| -> Vec<Condition> {
-        ranges.iter().flat_map(|r| each(*r)).collect()
-    };
     let range = rows(
         "Range, incidence 20 deg",
         RANGES_M.map(|range_m| Condition { range_m, ..cell }).to_vec(),
     );
-    let incidence = rows(
-        "Incidence",
-        across(&INCIDENCE_RANGES_M, &|range_m| {
-            let at = |incidence_deg| Condition {
-                range_m,
-                incidence_deg,
-                ..cell
-            };
-            INCIDENCES_DEG.map(at).to_vec()
-        }),
-    );
-    let blur = rows(
-        "Motion during the exposure",
-        across(&BLUR_RANGES_M, &|range_m| {
-            let at = |blur_px| Condition {
-                range_m,
-                blur_px,
-                ..cell
-            };
-            BLURS_PX.map(at).to_vec()
-        }),
-    );
+    let incidence = INCIDENCE_RANGES_M.iter().flat_map(|range_m| {
+        INCIDENCES_DEG.map(|incidence_deg| Condition {
+            range_m: *range_m,
+            incidence_deg,
+            ..cell
+        })
+    });
+    let incidence = rows("Incidence", incidence.collect());
+    let blur = BLUR_RANGES_M.iter().flat_map(|range_m| {
+        BLURS_PX.map(|blur_px| Condition {
+            range_m: *range_m,
+            blur_px,
+            ..cell
+        })
+    });
+    let blur = rows("Motion during the exposure", blur.collect());
     let glare = rows(
         "Glare near the tag",
         GLARES.map(|glare| Condition { glare, ..cell }).to_vec(),
@@ -109,21 +100,10 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
             json!({"glints": glints, "images": seen, "fixes": fixes})
         })
         .collect();
-    let [draw_ms, search_ms] = times(&mut bench, images.clamp(20, 300));
-    print(format!(
-        "Time of an image on one core, mean and p99: drawn in {:.1} and {:.1} ms, searched in {:.1} and {:.1} ms \
-         (limit 15: {:.2} of it)",
-        draw_ms[0],
-        draw_ms[1],
-        search_ms[0],
-        search_ms[1],
-        search_ms[0] / 15.0
-    ));
     Ok(json!({
         "range": range, "incidence": incidence, "blur": blur, "glare": glare,
         "misfit": misfit,
         "markers": markers, "without_markers": dark, "empty": empty,
-        "draw_ms": draw_ms, "search_ms": search_ms,
     }))
 }
 
@@ -246,28 +226,4 @@ fn condition_table(rows: &[CameraRow]) -> Table {
         ]);
     }
     table
-}
-
-/// Mean and 99 % quantile of the time to draw an image and to search it, ms.
-fn times(bench: &mut CameraBench, images: usize) -> [[f64; 2]; 2] {
-    let (mut drawn, mut searched) = (Vec::new(), Vec::new());
-    for k in 0..images {
-        let range_m = 1.5 + 13.5 * k as f64 / images as f64;
-        let shot = bench.shot(&Condition {
-            range_m,
-            ..Condition::default()
-        });
-        let elapsed = stopwatch();
-        let Some(image) = bench.image(&shot) else { continue };
-        drawn.push(1e3 * elapsed());
-        let elapsed = stopwatch();
-        let _pose = bench.node().detect(&image);
-        searched.push(1e3 * elapsed());
-    }
-    [drawn, searched].map(|mut v| {
-        v.sort_by(f64::total_cmp);
-        let p99 = v.get((0.99 * v.len() as f64) as usize).or(v.last());
-        let mean = v.iter().sum::<f64>() / v.len().max(1) as f64;
-        [mean, p99.copied().unwrap_or(0.0)]
-    })
 }

@@ -8,14 +8,15 @@ use alight_sim::studies::statistics::{METRICS, Summary, bootstrap_mean, wilson};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use super::grid::{self, Published, TABLE2, TABLE2_FAILURES};
+use super::definition::{Definition, Published};
+use super::pooled;
+use super::rows::{Row, Rows};
 use super::run;
-use super::variant::PlannerVariant;
 use crate::cells;
 use crate::exit::CliError;
-use crate::lab::args::{Study, StudyArgs};
+use crate::lab::args::StudyArgs;
+use crate::lab::chart::{self, Dot};
 use crate::lab::outcome_table::summary_json;
-use crate::lab::report::chart::{self, Dot};
 use crate::lab::report::document::{Block, Chart, Document, write_files};
 use crate::table::{Cell, Table};
 use crate::terminal::note;
@@ -102,9 +103,10 @@ struct ReportRow {
 }
 
 impl ReportRow {
-    fn new(args: &StudyArgs, planners: &[PlannerVariant], set: &[&Outcome]) -> Option<ReportRow> {
+    fn new(args: &StudyArgs, study: &Study<'_>, set: &[&Outcome]) -> Option<ReportRow> {
         let first = set.first()?;
         let (scenario, planner) = (first.sea.clone(), first.planner.clone());
+        let rows = &study.rows.rows;
         let mut sorted = set.to_vec();
         sorted.sort_by(|a, b| {
             worst_limit_fraction(b)
@@ -120,10 +122,13 @@ impl ReportRow {
             bootstrap_mean(&all.iter().filter_map(metric).collect::<Vec<f64>>())
         };
         Some(ReportRow {
-            published: grid::published(&scenario, &planner),
+            published: rows.iter().find(|r| r.scenario == scenario).and_then(|r| {
+                let known = &r.published;
+                known.get(&planner).or(known.get(&study.definition.beat)).copied()
+            }),
             command: (args.out.as_ref())
-                .zip(planners.iter().find(|p| p.name == planner))
-                .and_then(|(out, planner)| replay_command(out, planner, &scenario)),
+                .zip(rows.iter().find(|r| r.is_of(first)))
+                .and_then(|(out, row)| replay_command(out, row)),
             intervals: SHOWN.iter().map(interval).collect(),
             summary_values: summary_json(&summary),
             worst_seeds: seeds.iter().take(others).copied().collect(),
@@ -149,17 +154,45 @@ fn worst_limit_fraction(o: &Outcome) -> f64 {
     worst + if o.success { 0.0 } else { 1e6 }
 }
 
-/// The command that flies a trial of the study again, from the files that the study keeps.
-pub fn replay_command(out: &Path, planner: &PlannerVariant, scenario: &str) -> Option<String> {
+/// The command that flies a trial of a row again, from the files that the study keeps.
+pub fn replay_command(out: &Path, row: &Row) -> Option<String> {
     let flag = |name: &str, path: PathBuf| path.exists().then(|| format!(" --{name} '{}'", path.display()));
-    let scene = flag("scenario", run::scenario_file(out, scenario))?;
-    let [vessel, drone] = run::config_files(out, scenario, &planner.name);
+    let scene = flag("scenario", run::scenario_file(out, &row.scenario))?;
+    let [vessel, drone] = run::config_files(out, row);
     Some(format!(
         "alight trial{scene}{}{} --planner {}",
         flag("vessel-config", vessel).unwrap_or_default(),
         flag("drone-config", drone).unwrap_or_default(),
-        planner.kind.name()
+        row.kind()
     ))
+}
+
+/// A study that was flown.
+pub struct Study<'a> {
+    /// Its title.
+    pub title: &'a str,
+    /// What was to be flown.
+    pub definition: &'a Definition,
+    /// The rows of it.
+    pub rows: &'a Rows,
+    /// Hash of the nodes' configuration.
+    pub hash: &'a str,
+    /// What came of them.
+    pub outcomes: &'a [Outcome],
+}
+
+impl Study<'_> {
+    /// The planners that flew, that of the first row first.
+    fn planners(&self) -> Vec<&str> {
+        let mut all: Vec<&str> = Vec::new();
+        let rows = self.rows.rows.iter().map(|r| r.planner.as_str());
+        for name in rows.chain(self.outcomes.iter().map(|o| o.planner.as_str())) {
+            if !all.contains(&name) && self.outcomes.iter().any(|o| o.planner == name) {
+                all.push(name);
+            }
+        }
+        all
+    }
 }
 
 /// Everything that a study found.
@@ -172,42 +205,21 @@ struct Report {
     failures: Vec<String>,
 }
 
-/// Reports a set of rows. `planners` in the order of the table, the one that all others are compared with
-/// first; `charts` go into the page as they are.
-pub fn publish(
-    args: &StudyArgs,
-    title: &str,
-    hash: &str,
-    planners: &[PlannerVariant],
-    outcomes: &[Outcome],
-    charts: Vec<Chart>,
-) -> Result<Value, CliError> {
-    let mut sets: Vec<Vec<&Outcome>> = Vec::new();
-    for o in outcomes {
-        match sets.last_mut() {
-            Some(set)
-                if set
-                    .first()
-                    .is_some_and(|f| (&f.sea, &f.planner) == (&o.sea, &o.planner)) =>
-            {
-                set.push(o);
-            }
-            Some(_) | None => sets.push(vec![o]),
-        }
-    }
-    let rows: Vec<ReportRow> = sets
-        .iter()
-        .filter_map(|set| ReportRow::new(args, planners, set))
+/// Reports what a study found.
+pub fn publish(args: &StudyArgs, study: &Study<'_>) -> Result<Value, CliError> {
+    let outcomes: Vec<&Outcome> = study.outcomes.iter().collect();
+    let rows: Vec<ReportRow> = outcomes
+        .chunk_by(|a, b| (&a.sea, &a.planner) == (&b.sea, &b.planner))
+        .filter_map(|set| ReportRow::new(args, study, set))
         .collect();
-    let faa = faa_ratio(args, planners, outcomes);
-    let mut remarks = totals(planners, outcomes, rows.len());
-    remarks.extend(faa.iter().map(|f| f.text.clone()));
+    let planners = study.planners();
     let report = Report {
-        comparisons: comparisons(planners, &rows, outcomes),
-        failures: failures(outcomes),
-        remarks,
+        comparisons: comparisons(&planners, &rows, study.outcomes),
+        failures: failures(study.outcomes),
+        remarks: totals(study, &planners, rows.len()),
         rows,
     };
+    let (title, hash) = (study.title, study.hash);
     for text in report.console(title, hash) {
         note(args.json, text);
     }
@@ -219,15 +231,24 @@ pub fn publish(
         if let Some(comparison) = report.comparisons.iter().find(is_row) {
             value["against"] = json!(comparison);
         }
-        if let Some(faa) = faa.as_ref().filter(|f| f.other == row.planner) {
-            value["tilt_error_p95_ratio"] = faa.value.clone();
-        }
         values.push(value);
     }
-    let value = Value::Array(values);
+    let mut value = Value::Array(values);
+    let pooled = study.definition.pooled_by.as_ref().map(|by| {
+        let pools = pooled::of(study.rows, &planners, study.outcomes);
+        let table = pooled::table(by, &pools);
+        note(args.json, table.text());
+        let json: Vec<Value> = pools.iter().map(pooled::Pool::json).collect();
+        value = json!({ "rows": value, "pooled": json });
+        table
+    });
     if let Some(out) = &args.out {
         let comparisons = json!(report.comparisons).to_string();
-        let document = report.document(title, hash, &seeds_of(outcomes), charts);
+        let curves = pooled::curves(&study.rows.curves, &planners, study.outcomes)?;
+        if !curves.is_empty() {
+            write_files(out, &[("curves.svg", chart::sheet(&curves))])?;
+        }
+        let document = report.document(study, pooled, curves)?;
         write_files(
             out,
             &[
@@ -254,31 +275,20 @@ fn seeds_of(outcomes: &[Outcome]) -> String {
 }
 
 /// Each planner over all scenarios, where there are several of them.
-fn totals(planners: &[PlannerVariant], outcomes: &[Outcome], rows: usize) -> Vec<String> {
-    let flown = |p: &&PlannerVariant| outcomes.iter().any(|o| o.planner == p.name);
-    if rows <= planners.iter().filter(flown).count() {
+fn totals(study: &Study<'_>, planners: &[&str], rows: usize) -> Vec<String> {
+    if rows <= planners.len() {
         return Vec::new();
     }
-    let all_of_table2 = TABLE2
-        .iter()
-        .all(|(name, ..)| outcomes.iter().any(|o| o.sea == *name));
-    let total = |p: &PlannerVariant| {
-        let set: Vec<Outcome> = outcomes.iter().filter(|o| o.planner == p.name).cloned().collect();
-        let ([faa, ne], of) = TABLE2_FAILURES;
-        let failures = match p.kind.name() {
-            "mpc-faa" => Some(faa),
-            "mpc-ne" => Some(ne),
-            _ => None,
-        };
-        let published = failures
-            .filter(|_| all_of_table2)
-            .map_or_else(String::new, |f| format!(" (published {}/{of})", of - f));
-        let s = Summary::of(&set);
+    let total = |planner: &&str| {
+        let of = study.outcomes.iter().filter(|o| o.planner == *planner);
+        let s = Summary::of(&of.cloned().collect::<Vec<_>>());
+        let published = &study.definition.published_landed;
+        let published = published.get(*planner).filter(|_| study.rows.whole);
+        let published = published.map_or_else(String::new, |[n, of]| format!(" (published {n}/{of})"));
         let (lo, hi) = wilson(s.successes, s.trials);
         format!(
-            "{} over all: {}/{} landed{published}, 95 % interval {:.2} to {:.2} %; {} unsafe contacts, {} with \
+            "{planner} over all: {}/{} landed{published}, 95 % interval {:.2} to {:.2} %; {} unsafe contacts, {} with \
              water, {} above 2 m/s",
-            p.name,
             s.successes,
             s.trials,
             100.0 * lo,
@@ -288,11 +298,11 @@ fn totals(planners: &[PlannerVariant], outcomes: &[Outcome], rows: usize) -> Vec
             s.contacts_above_2_mps
         )
     };
-    planners.iter().filter(flown).map(total).collect()
+    planners.iter().map(total).collect()
 }
 
 /// The first planner against each other one: over all, then scenario by scenario.
-fn comparisons(planners: &[PlannerVariant], rows: &[ReportRow], outcomes: &[Outcome]) -> Vec<Comparison> {
+fn comparisons(planners: &[&str], rows: &[ReportRow], outcomes: &[Outcome]) -> Vec<Comparison> {
     let Some((first, others)) = planners.split_first() else {
         return Vec::new();
     };
@@ -302,48 +312,13 @@ fn comparisons(planners: &[PlannerVariant], rows: &[ReportRow], outcomes: &[Outc
             scenarios.push(Some(&row.scenario));
         }
     }
-    let compare = |other: &PlannerVariant| {
+    let compare = |other: &&str| {
         scenarios
             .iter()
-            .filter_map(|s| paired::compare(outcomes, *s, &first.name, &other.name))
+            .filter_map(|s| paired::compare(outcomes, *s, first, other))
             .collect::<Vec<_>>()
     };
     others.iter().flat_map(compare).collect()
-}
-
-struct FaaRatio {
-    other: String,
-    text: String,
-    value: Value,
-}
-
-/// What attitude alignment is worth and what it costs (figure 3 of the paper).
-fn faa_ratio(args: &StudyArgs, planners: &[PlannerVariant], outcomes: &[Outcome]) -> Option<FaaRatio> {
-    let [with, without] = planners else {
-        return None;
-    };
-    if args.name != Study::Faa {
-        return None;
-    }
-    let (ratio, [lo, hi]) = paired::p95_ratio(outcomes, &with.name, &without.name, |o| o.tilt_error_deg)?;
-    let comparison = paired::compare(outcomes, None, &with.name, &without.name)?;
-    let cost = comparison
-        .differences
-        .iter()
-        .find(|d| d.metric == "position_error_m")?;
-    Some(FaaRatio {
-        other: without.name.clone(),
-        text: format!(
-            "p95 of tilt_error: {ratio:.2} times smaller with {} than with {} (95 % interval {lo:.2} to \
-             {hi:.2}); it costs {:.1} cm of position ({:.1} to {:.1}; published 1 to 1.5 cm)",
-            with.name,
-            without.name,
-            -100.0 * cost.mean,
-            -100.0 * cost.interval[1],
-            -100.0 * cost.interval[0],
-        ),
-        value: json!({ "ratio": ratio, "interval": [lo, hi] }),
-    })
 }
 
 /// Failures with their reasons, a bounded number.
@@ -489,19 +464,25 @@ impl Report {
         out
     }
     /// For Markdown and the page.
-    fn document(&self, title: &str, hash: &str, seeds: &str, charts: Vec<Chart>) -> Document {
+    fn document(
+        &self,
+        study: &Study<'_>,
+        pooled: Option<Table>,
+        curves: Vec<Chart>,
+    ) -> Result<Document, CliError> {
+        let (hash, seeds) = (study.hash, seeds_of(study.outcomes));
         let mut blocks = vec![Block::Text(format!(
             "Configuration {hash}, {seeds}. Rates with Wilson's 95 % interval; descents begun, and how many of them \
              ended at rest on the deck or were broken off without a contact; means, in brackets the 95th \
-             percentile and what is published: of MPC-NE in the rows of mpc-ne, else of MPC-FAA (Procházka et \
-             al.). In the charts, filled: mean with its 95 % bootstrap interval; open: 95th percentile; grey bar: \
+             percentile and what is published of the planner, else of the one to beat. In the charts, filled: mean with its 95 % bootstrap interval; open: 95th percentile; grey bar: \
              published."
         ))];
         if !self.remarks.is_empty() {
             blocks.push(Block::Items(self.remarks.clone()));
         }
         blocks.push(Block::Table(self.summary(true)));
-        blocks.extend(self.charts().into_iter().chain(charts).map(Block::Chart));
+        blocks.extend(pooled.map(Block::Table));
+        blocks.extend(self.charts()?.into_iter().chain(curves).map(Block::Chart));
         if !self.comparisons.is_empty() {
             blocks.push(Block::Heading("Paired differences".into()));
             blocks.push(Block::Text(
@@ -520,13 +501,13 @@ impl Report {
             blocks.push(Block::Heading("Failures".into()));
             blocks.push(Block::Lines(self.failures.clone()));
         }
-        Document {
-            title: title.into(),
+        Ok(Document {
+            title: study.title.into(),
             blocks,
-        }
+        })
     }
     /// Means with intervals, a chart for each metric.
-    fn charts(&self) -> Vec<Chart> {
+    fn charts(&self) -> Result<Vec<Chart>, CliError> {
         let mut planners: Vec<&str> = self.rows.iter().map(|r| r.planner.as_str()).collect();
         planners.sort_unstable();
         planners.dedup();
@@ -540,10 +521,8 @@ impl Report {
                 }),
                 published: row.published.and_then(|p| p.metric(name)),
             };
-            Chart {
-                caption: (*caption).into(),
-                svg: chart::dots(&self.rows.iter().map(dot).collect::<Vec<_>>(), *least),
-            }
+            let lines: Vec<Dot> = self.rows.iter().map(dot).collect();
+            chart::dots(caption, &lines, *least)
         };
         SHOWN.iter().enumerate().map(chart).collect()
     }

@@ -10,7 +10,7 @@ use alight_sim::harness::scenario::NodeConfigs;
 use alight_sim::harness::trial::Watch;
 use alight_uav::planner::PlannerKind;
 
-use super::variant::{PlannerVariant, StudyScene};
+use super::rows::Row;
 use crate::config::{DroneFile, VesselComputer};
 use crate::exit::CliError;
 use crate::lab::args::{Shard, StudyArgs};
@@ -20,8 +20,8 @@ use crate::terminal::note;
 
 /// How a grid is flown.
 pub struct GridRun<'a> {
-    /// Name of the study.
-    pub study: String,
+    /// The study's file.
+    pub study: &'a str,
     /// Trials of each scene by each planner.
     pub trials: u32,
     /// Their first seed.
@@ -38,18 +38,18 @@ pub struct GridRun<'a> {
     pub json: bool,
 }
 
-impl StudyArgs {
-    /// The grid as its flags have it.
-    pub fn grid(&self) -> GridRun<'_> {
+impl<'a> GridRun<'a> {
+    /// A study as its flags have it.
+    pub fn of(args: &'a StudyArgs, study: &'a str) -> Self {
         GridRun {
-            study: format!("{:?}", self.name),
-            trials: self.trials,
-            seed0: self.seed0,
-            jobs: self.jobs,
-            out: self.out.as_deref(),
-            shard: self.shard,
+            study,
+            trials: args.trials,
+            seed0: args.seed0,
+            jobs: args.jobs,
+            out: args.out.as_deref(),
+            shard: args.shard,
             records_failed: true,
-            json: self.json,
+            json: args.json,
         }
     }
 }
@@ -76,7 +76,7 @@ fn rows_file(out: &Path) -> PathBuf {
 }
 
 /// The rows that `dir` already holds.
-pub fn read_rows(dir: &Path) -> Result<Vec<Outcome>, CliError> {
+fn read_rows(dir: &Path) -> Result<Vec<Outcome>, CliError> {
     let path = rows_file(dir);
     let reading = |e: csv::Error| CliError::because(format!("reading the rows {}", path.display()), e);
     let mut reader = csv::Reader::from_path(&path).map_err(reading)?;
@@ -108,6 +108,9 @@ pub fn join(dirs: &[PathBuf], out: &Path) -> Result<(Vec<Outcome>, String), CliE
             hashes.into_iter().collect::<Vec<_>>().join(", ")
         )));
     }
+    if let Some(dir) = dirs.first() {
+        std::fs::copy(dir.join(STUDY_FILE), out.join(STUDY_FILE)).map_err(|e| writing(&e))?;
+    }
     outcomes.sort_by(|a, b| (&a.sea, &a.planner, a.seed).cmp(&(&b.sea, &b.planner, b.seed)));
     outcomes.dedup_by(|a, b| (&a.sea, &a.planner, a.seed) == (&b.sea, &b.planner, b.seed));
     let hash = hashes.into_iter().next().unwrap_or_default();
@@ -126,42 +129,40 @@ pub fn scenario_file(out: &Path, scenario: &str) -> PathBuf {
 }
 
 /// Where a study keeps the configurations of vessel and drone that are not the defaults.
-pub fn config_files(out: &Path, scenario: &str, flown: &str) -> [PathBuf; 2] {
-    ["vessel", "drone"].map(|side| {
-        out.join("configs")
-            .join(side)
-            .join(file_name(&format!("{scenario} {flown}")))
-    })
+pub fn config_files(out: &Path, row: &Row) -> [PathBuf; 2] {
+    let name = file_name(&format!("{} {}", row.scenario, row.planner));
+    ["vessel", "drone"].map(|side| out.join("configs").join(side).join(&name))
 }
 
 /// The file with the hash of the configuration that a directory's rows were flown with.
 const HASH_FILE: &str = "configuration";
 
+/// The study whose rows a directory holds.
+pub const STUDY_FILE: &str = "study.toml";
+
 /// The hash that `dir` says, if it says one.
-pub fn read_hash(dir: &Path) -> Option<String> {
+fn read_hash(dir: &Path) -> Option<String> {
     let text = std::fs::read_to_string(dir.join(HASH_FILE)).ok()?;
     Some(text.trim().into())
 }
 
 /// Writes what is needed to fly a trial of the study again; refuses a directory that holds rows of
 /// another study, configuration or scene.
-fn prepare(study: &str, out: &Path, rows: &[StudyScene], flown: &[PlannerVariant]) -> Result<(), CliError> {
+fn prepare(study: &str, out: &Path, rows: &[Row]) -> Result<(), CliError> {
     let doing = || format!("preparing the directory {}", out.display());
     let because = |e: &dyn std::fmt::Display| CliError::because(doing(), e);
     let Some(base) = rows.first().map(|r| &r.nodes) else {
         return Ok(());
     };
     let mut files = vec![
-        (out.join("study"), format!("{study}\n")),
+        (out.join(STUDY_FILE), study.to_owned()),
         (out.join(HASH_FILE), configuration_hash(base) + "\n"),
     ];
     for row in rows {
         let text = toml::to_string(&row.world).map_err(|e| because(&e))?;
-        files.push((scenario_file(out, &row.name), text));
-    }
-    for (row, f) in rows.iter().flat_map(|r| flown.iter().map(move |f| (r, f))) {
-        let nodes = f.nodes(&row.nodes);
-        let [vessel, drone] = config_files(out, &row.name, &f.name);
+        files.push((scenario_file(out, &row.scenario), text));
+        let nodes = row.nodes.clone();
+        let [vessel, drone] = config_files(out, row);
         if nodes.vessel != NodeConfigs::default().vessel {
             let computer = VesselComputer {
                 vessel: nodes.vessel,
@@ -210,17 +211,13 @@ fn file_name(scenario: &str) -> String {
     format!("{safe}.toml")
 }
 
-/// Flies what is not flown yet; all rows in the order of scenario, planner and seed.
-pub fn fly_grid(
-    args: &GridRun<'_>,
-    scenes: &[StudyScene],
-    planners: &[PlannerVariant],
-) -> Result<Vec<Outcome>, CliError> {
+/// Flies what is not flown yet; all outcomes in the order of rows and seeds.
+pub fn fly_grid(args: &GridRun<'_>, rows: &[Row]) -> Result<Vec<Outcome>, CliError> {
     let seeds = seeds(args.seed0, args.trials)?;
     let mut done = Vec::new();
     let mut writer = None;
     if let Some(out) = args.out {
-        prepare(&args.study, out, scenes, planners)?;
+        prepare(args.study, out, rows)?;
         let path = rows_file(out);
         let fresh = !path.exists();
         if !fresh {
@@ -228,17 +225,14 @@ pub fn fly_grid(
         }
         let file = OpenOptions::new().create(true).append(true).open(&path);
         let file = file.map_err(|e| CliError::because(format!("writing the rows {}", path.display()), e))?;
-        let rows = csv::WriterBuilder::new().has_headers(fresh).from_writer(file);
-        writer = Some(Mutex::new(rows));
+        let lines = csv::WriterBuilder::new().has_headers(fresh).from_writer(file);
+        writer = Some(Mutex::new(lines));
     }
-    let scenes_and_planners = || scenes.iter().flat_map(|s| planners.iter().map(move |p| (s, p)));
-    let mut work: Vec<(&StudyScene, &PlannerVariant, u64)> = scenes_and_planners()
-        .flat_map(|(s, p)| seeds.iter().map(move |seed| (s, p, *seed)))
-        .collect();
-    // Scenario, planner and seed of a row.
+    let trials_of = |row| seeds.iter().map(move |seed| (row, *seed));
+    let mut work: Vec<(&Row, u64)> = rows.iter().flat_map(trials_of).collect();
+    // Scenario, planner and seed of a trial.
     let key = |o: &Outcome| (o.sea.clone(), o.planner.clone(), o.seed);
-    let wanted_key =
-        |(s, p, seed): &(&StudyScene, &PlannerVariant, u64)| (s.name.clone(), p.name.clone(), *seed);
+    let wanted_key = |(row, seed): &(&Row, u64)| (row.scenario.clone(), row.planner.clone(), *seed);
     let known: BTreeSet<_> = done.iter().map(key).collect();
     let wanted: BTreeSet<_> = work.iter().map(wanted_key).collect();
     let mut number = 0;
@@ -255,10 +249,10 @@ pub fn fly_grid(
         );
         note(args.json, text);
     }
-    let flown = in_parallel(args.jobs, "trials", &work, |(scene, planner, seed)| {
+    let flown = in_parallel(args.jobs, "trials", &work, |(row, seed)| {
         let outcome = Outcome {
-            planner: planner.name.clone(),
-            ..fly_seed(&scene.world, &planner.nodes(&scene.nodes), *seed, &scene.name)?
+            planner: row.planner.clone(),
+            ..fly_seed(&row.world, &row.nodes, *seed, &row.scenario)?
         };
         if let Some(Ok(mut writer)) = writer.as_ref().map(Mutex::lock) {
             writer
@@ -270,10 +264,10 @@ pub fn fly_grid(
     })?;
     done.extend(flown);
     done.retain(|o| wanted.contains(&key(o)));
-    let place = |o: &Outcome| scenes_and_planners().position(|(s, p)| s.name == o.sea && p.name == o.planner);
+    let place = |o: &Outcome| rows.iter().position(|r| r.is_of(o));
     done.sort_by_key(|o| (place(o), o.seed));
     if let Some(out) = args.out.filter(|_| args.records_failed) {
-        record_failed(args, out, (scenes, planners), &done)?;
+        record_failed(args, out, rows, &done)?;
     }
     Ok(done)
 }
@@ -282,17 +276,10 @@ pub fn fly_grid(
 const MAX_RECORDED_FAILURES: usize = 5;
 
 /// Flies the first failed trials again, with a recording of each.
-fn record_failed(
-    args: &GridRun<'_>,
-    out: &Path,
-    (scenes, planners): (&[StudyScene], &[PlannerVariant]),
-    done: &[Outcome],
-) -> Result<(), CliError> {
+fn record_failed(args: &GridRun<'_>, out: &Path, rows: &[Row], done: &[Outcome]) -> Result<(), CliError> {
     let dir = out.join("failed");
     for o in done.iter().filter(|o| !o.success).take(MAX_RECORDED_FAILURES) {
-        let scene = scenes.iter().find(|s| s.name == o.sea);
-        let planner = planners.iter().find(|p| p.name == o.planner);
-        let (Some(scene), Some(planner)) = (scene, planner) else {
+        let Some(row) = rows.iter().find(|r| r.is_of(o)) else {
             continue;
         };
         let name = file_name(&format!("{} {}", o.sea, o.planner)).replace(".toml", "");
@@ -303,10 +290,10 @@ fn record_failed(
         std::fs::create_dir_all(&dir)
             .map_err(|e| CliError::because(format!("making {}", dir.display()), e))?;
         let subject = Subject {
-            scenario: &scene.world,
-            nodes: &planner.nodes(&scene.nodes),
+            scenario: &row.world,
+            nodes: &row.nodes,
             seed: o.seed,
-            sea: &scene.name,
+            sea: &row.scenario,
             boots: LOCK_STEP_BOOTS,
             live: false,
         };

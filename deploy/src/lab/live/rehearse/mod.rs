@@ -199,7 +199,7 @@ impl<'a> Rehearsal<'a> {
             let last = self.world.output().join("\n");
             match serde_json::from_str(&last) {
                 Ok(WorldReport::Landed(landed)) => self.landed = Some(*landed),
-                Ok(WorldReport::Followed(_)) | Err(_) => {
+                Err(_) => {
                     let why = self.world.complaints();
                     return Err(CliError(format!("the simulated world ended: {why}")));
                 }

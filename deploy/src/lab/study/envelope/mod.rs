@@ -12,8 +12,8 @@ use alight_sim::studies::statistics::{FailureCount, Summary, wilson};
 use serde_json::json;
 
 use super::report::replay_command;
+use super::rows::Row;
 use super::run::{self, GridRun};
-use super::variant::{PlannerVariant, StudyScene};
 use crate::exit::{CliError, Exit};
 use crate::lab::args::EnvelopeArgs;
 use crate::lab::report::document::{Block, Chart, Document, write_files};
@@ -30,7 +30,7 @@ fn name(state: u8, wind: f64, from: f64) -> String {
 }
 
 /// The scene of one condition: the bow to the north, wind and waves from where they come relative to her.
-fn scene(base: &Scene, (state, wind, from): (u8, f64, f64)) -> StudyScene {
+fn scene(base: &Scene, (state, wind, from): (u8, f64, f64)) -> Row {
     let mut world = base.scenario.clone();
     world.sea = SeaConfig::of_sea_state(state).unwrap_or_default();
     world.sea.mean_direction_deg = Some((from + 180.0).rem_euclid(360.0));
@@ -45,11 +45,7 @@ fn scene(base: &Scene, (state, wind, from): (u8, f64, f64)) -> StudyScene {
     world.drone.wind.mean_mps = north.hypot(east);
     world.drone.wind.to_deg = Some(east.atan2(north).to_degrees());
     world.drone.wind.with_waves = false;
-    StudyScene {
-        name: name(state, wind, from),
-        world,
-        nodes: base.nodes.clone(),
-    }
+    Row::of(name(state, wind, from), world, base.nodes.clone())
 }
 
 /// Why, without the judge's words before what the mission waits for.
@@ -94,15 +90,7 @@ fn base(args: &EnvelopeArgs) -> Result<Scene, CliError> {
     }
     let mut base = Scene::of(s)?;
     if s.scenario.is_none() {
-        let (world, nodes) = (&mut base.scenario, &base.nodes);
-        world.describe(
-            &nodes.drone.deck,
-            &nodes.vessel.surroundings,
-            &nodes.drone.airframe,
-        );
-        world.sensors.vessel_gnss.antenna_m = nodes.vessel.gnss.antenna_m;
-        world.sensors.vessel_imu.lever_arm_m = nodes.vessel.imu.lever_arm_m;
-        world.drone.contact.friction = nodes.drone.mission.friction;
+        base.describe();
     }
     Ok(base)
 }
@@ -110,9 +98,8 @@ fn base(args: &EnvelopeArgs) -> Result<Scene, CliError> {
 /// Flies what is missing of the envelope and draws it.
 pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     let (grid, base) = (Grid::of(args), base(args)?);
-    let scenes: Vec<StudyScene> = grid.conditions().map(|c| scene(&base, c)).collect();
+    let scenes: Vec<Row> = grid.conditions().map(|c| scene(&base, c)).collect();
     let boat = args.scene.hull.as_deref().unwrap_or("the simulated vessel");
-    let planner = PlannerVariant::from(base.nodes.bench_planner());
     note(
         args.json,
         format_args!(
@@ -123,7 +110,7 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
         ),
     );
     let flights = GridRun {
-        study: "Envelope".into(),
+        study: "# alight envelope\n",
         trials: grid.trials,
         seed0: args.seed0,
         jobs: args.jobs,
@@ -132,7 +119,7 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
         records_failed: false,
         json: args.json,
     };
-    let outcomes = run::fly_grid(&flights, &scenes, core::slice::from_ref(&planner))?;
+    let outcomes = run::fly_grid(&flights, &scenes)?;
     let cells = cells(&grid, &outcomes);
     let hash = run::configuration_hash(&base.nodes);
     let title = format!("Landing envelope of {boat}");
@@ -156,7 +143,7 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
         limits,
         (&title, &hash),
         &svg,
-        &unsafe_landings(&args.out, &planner, &outcomes),
+        &unsafe_landings(&args.out, &scenes, &outcomes),
     );
     write_files(
         &args.out,
@@ -189,10 +176,11 @@ fn limits(grid: &Grid, cells: &[Cell]) -> Table {
 }
 
 /// The first unsafe landings, with the command that flies each again.
-fn unsafe_landings(out: &Path, planner: &PlannerVariant, outcomes: &[Outcome]) -> Vec<String> {
+fn unsafe_landings(out: &Path, rows: &[Row], outcomes: &[Outcome]) -> Vec<String> {
     let is_unsafe = |o: &&Outcome| !o.success && !o.is_refused();
     let line = |o: &Outcome| {
-        let again = replay_command(out, planner, &o.sea).unwrap_or_default();
+        let row = rows.iter().find(|r| r.scenario == o.sea);
+        let again = row.and_then(|r| replay_command(out, r)).unwrap_or_default();
         format!(
             "{}: {} ({})\n    {again} --seed {}",
             o.sea,
