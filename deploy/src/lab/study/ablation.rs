@@ -14,7 +14,7 @@ use super::variant::{Change, PlannerVariant};
 pub const SEAS: [&str; 3] = ["0.5,5", "0.8,5", "0.4,4"];
 
 /// What flies in the place of an ingredient, and how.
-const INGREDIENTS: [(&str, Change); 16] = [
+const INGREDIENTS: [(&str, Change); 15] = [
     // The instant of contact is not chosen.
     ("earliest instant", |n| {
         n.drone.planner.rendezvous.touchdown_time.window_s = 0.0;
@@ -42,10 +42,6 @@ const INGREDIENTS: [(&str, Change); 16] = [
     }),
     // The lag is what the airframe's owner says.
     ("lag not learnt", |n| n.drone.pilot.lag.prior_rad2s = 10.0),
-    // The plan does not allow for the wind.
-    ("no wind in the plan", |n| {
-        n.drone.planner.rendezvous.wind.limit_mps2 = 0.0;
-    }),
     // The autopilot closes the position loop.
     ("autopilot's position loop", |n| {
         n.drone.pilot.output = Output::Trajectory;

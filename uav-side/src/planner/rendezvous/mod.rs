@@ -27,7 +27,6 @@ use super::model::{State, angular_velocity};
 use super::mpc_faa::Problem;
 use super::reference::{Reference, ReferenceGenerator};
 use super::weights::FaaDistance;
-use crate::odometry::wind::WindObserver;
 use config::{RendezvousConfig, TouchdownTimeConfig, WindConfig};
 use profile::{Height, Profile};
 use touchdown_time::{TouchdownTime, aligned_acceleration};
@@ -47,7 +46,7 @@ pub struct Rendezvous {
     step_s: f64,
     profile: Profile,
     touchdown_time: TouchdownTime,
-    wind: WindObserver,
+    wind: Vector2<f64>,
     feet: f64,
 }
 
@@ -80,14 +79,13 @@ impl Way {
 impl Law for Rendezvous {
     /// Learns the wind, unless the drone is near enough to the deck to touch it.
     fn observe(&mut self, drone: Option<&DroneState>, _forecast: Option<&DeckForecast>, last: &Reference) {
-        let c = &self.config.wind;
-        let near = last.touch && last.clearance_m < c.free_m;
-        if let Some(d) = drone {
-            self.wind.update(d, !near, c.time_s, c.limit_mps2);
+        let near = last.touch && last.clearance_m < self.config.wind.free_m;
+        if let Some(d) = drone.filter(|_| !near) {
+            self.wind = d.disturbance();
         }
     }
     fn wind(&self) -> Vector2<f64> {
-        self.wind.value()
+        self.wind
     }
     fn landing_start(&self) -> LandingStart {
         LandingStart {
@@ -133,7 +131,7 @@ impl Rendezvous {
             step_s: config.step_s,
             profile: Profile::new(&config.rendezvous.profile),
             touchdown_time: TouchdownTime::default(),
-            wind: WindObserver::default(),
+            wind: Vector2::zeros(),
             feet: drone.feet_below_m,
         }
     }
@@ -149,7 +147,7 @@ impl Rendezvous {
     ) -> Option<f64> {
         let here = reference.deck.first()?;
         let start = problem.state;
-        let wind = carried(&self.wind.value(), &self.config.wind);
+        let wind = carried(&self.wind, &self.config.wind);
         // Steep decks are met off their centre: a drone 0.3 m down a slope of 20 deg has 0.1 m less
         // below it than the centre says, and would stay above the deck that much longer.
         let lateral_offset = self.lateral_offset(&start, here);
