@@ -39,7 +39,7 @@ const MAX_DIFFERENCE: f64 = 1.5;
 /// moves the velocity by less.
 const IMPACT_MPS: f64 = 0.3;
 /// The accelerometers' noise is averaged over this time, s.
-const DISTURBANCE_S: f64 = 0.3;
+pub(crate) const DISTURBANCE_S: f64 = 0.3;
 /// No disturbance is larger, each axis, m/s²: drag of 14 m/s of wind on the default drone, which leans by 30 deg.
 const MAX_DISTURBANCE_MPS2: f64 = 6.0;
 /// Further from the autopilot's position than this, m, the smooth frame is drawn after it ...
