@@ -7,7 +7,7 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::msg::{
     AutopilotState, Course, DECK_CLOSED, DeckForecast, DeckGrant, DroneState, LinkState, MissionState, Plan,
-    ReasonCode, State, WaveModel, still_armed,
+    ReasonCode, State, WaveModel, Wind, still_armed,
 };
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_shared::topics::{self, Topic};
@@ -420,23 +420,23 @@ impl Board {
             stale,
         }
     }
-    /// The wind that the plan allows for: what it pushes the drone with, and where from.
+    /// The true wind, and what it and the way through the air push the drone with.
     fn wind(&self, t: Time<TrueTime>) -> Figure {
-        const NAME: &str = "wind's push";
-        let Some((p, _, stale)) = self.plan.get(t) else {
+        const NAME: &str = "wind";
+        let Some((m, _, stale)) = self.mission.get(t) else {
             return unknown(NAME);
         };
-        let [north, east] = p.disturbance;
-        let push = north.hypot(east);
-        let from_deg = ((-east).atan2(-north).to_degrees().round() as i64).rem_euclid(360);
+        let Some(wind) = m.wind.map(Wind::towards) else {
+            return unknown(NAME);
+        };
+        let push = self
+            .plan
+            .get(t)
+            .map(|(p, ..)| p.disturbance[0].hypot(p.disturbance[1]));
         Figure {
             name: NAME,
-            value: Some(format!("{push:.1} m/s²")),
-            note: if push >= 0.05 {
-                format!("from {from_deg}°")
-            } else {
-                String::new()
-            },
+            value: Some(wind.to_string()),
+            note: push.map_or(String::new(), |a| format!("pushes {a:.1} m/s²")),
             tone: Tone::Fine,
             stale,
         }

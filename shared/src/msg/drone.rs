@@ -1,6 +1,6 @@
 //! The drone's own state, its plan and its set-point.
 
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -32,6 +32,8 @@ pub struct DroneState {
     pub rates: [f64; 3],
     /// Specific force in the body frame (what accelerometers measure), m/s².
     pub specific_force: [f64; 3],
+    /// Horizontal acceleration that is not the rotors', NED, m/s²: wind, and the errors of attitude and accelerometers.
+    pub disturbance: [f64; 2],
     /// Standard deviations of `position` (without the common GNSS offset), m.
     pub position_sd: [f64; 3],
     /// Standard deviations of `velocity`, m/s.
@@ -50,6 +52,7 @@ impl Default for DroneState {
             attitude: [1.0, 0.0, 0.0, 0.0],
             rates: [0.0; 3],
             specific_force: [0.0, 0.0, -9.81],
+            disturbance: [0.0; 2],
             position_sd: [0.0; 3],
             velocity_sd: [0.0; 3],
             euler_sd: [0.0; 3],
@@ -69,6 +72,10 @@ impl DroneState {
     /// Rotation NED from body.
     pub fn attitude(&self) -> UnitQuaternion<f64> {
         quaternion(&self.attitude)
+    }
+    /// Horizontal acceleration that is not the rotors', NED, m/s².
+    pub fn disturbance(&self) -> Vector2<f64> {
+        Vector2::from(self.disturbance)
     }
     /// Roll, pitch, yaw, rad.
     pub fn euler(&self) -> Vector3<f64> {
@@ -195,7 +202,7 @@ pub struct LinkCheckpoint {
     pub reported_resets: Option<u8>,
     /// Smooth odometry less the autopilot's: position (m) and velocity (m/s), NED; and the bias of its
     /// acceleration, m/s².
-    pub smoothing: [[f64; 3]; 3],
+    pub smoothing: [[f64; 3]; 4],
     /// Collective thrust that hovers, 0 to 1.
     pub hover_thrust: f64,
     /// For so long it was identified, s.
@@ -418,6 +425,7 @@ message!(DroneState, DroneClock, |m| {
     is_unit(&m.attitude) => "attitude",
     within(&m.rates, MAX_RATE_RPS) => "rates",
     within(&m.specific_force, 1e3) => "specific_force",
+    within(&m.disturbance, MAX_ACCELERATION_MPS2) => "disturbance",
     deviations([&m.position_sd, &m.velocity_sd, &m.euler_sd], 1e4) => "standard deviations",
 });
 message!(AutopilotState, DroneClock, |m| {

@@ -5,7 +5,10 @@ use core::fmt;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::{DECK_CLOSED, DeckForecast, DroneState, FRACTION, Header, LandedState, MAX_POSITION_M, within};
+use super::{
+    DECK_CLOSED, DeckForecast, DroneState, FRACTION, Header, LandedState, MAX_POSITION_M, MAX_SPEED_MPS,
+    within,
+};
 use crate::autopilot_parameters::{REQUESTS, numbered};
 use crate::geodesy::Datum;
 use crate::time::{Clock, DroneClock, Time, VesselClock};
@@ -414,6 +417,8 @@ pub struct MissionState {
     pub battery_reserve: f64,
     /// How likely a landing from here succeeds, 0 to 1; None while that is not known.
     pub likelihood: Option<f64>,
+    /// The true wind apart from the drone's own way, towards north and east, m/s; None until it is known to 3 m/s.
+    pub wind: Option<[f64; 2]>,
     /// Where it lands, once the battery is below the reserve.
     pub low_battery: Option<BatteryPlace>,
     /// Boot and sequence of the newest abort that it has received.
@@ -594,6 +599,34 @@ pub fn still_armed(for_s: f32) -> String {
     format!("landed and still ARMED for {for_s:.0} s: disarm by remote control")
 }
 
+/// A wind for people: how fast, and where from, clockwise from north.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wind {
+    /// m/s.
+    pub speed_mps: f64,
+    /// deg, 0 to 359.
+    pub from_deg: i64,
+}
+
+impl Wind {
+    /// Of a velocity towards north and east, m/s.
+    pub fn towards([north, east]: [f64; 2]) -> Wind {
+        Wind {
+            speed_mps: north.hypot(east),
+            from_deg: ((-east).atan2(-north).to_degrees().round() as i64).rem_euclid(360),
+        }
+    }
+}
+
+impl fmt::Display for Wind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.speed_mps < 0.5 {
+            return f.write_str("calm");
+        }
+        write!(f, "{:.0} m/s from {}°", self.speed_mps, self.from_deg)
+    }
+}
+
 /// A battery's charge for people: per cent, or that it is not reported.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Charge(pub Option<f64>);
@@ -634,6 +667,7 @@ message!(MissionState, DroneClock, |m| {
     m.lowest_clearance_m.is_none_or(|c| (0.0..=1e3).contains(&c)) => "lowest_clearance_m",
     (0.0..=1e3).contains(&m.battery_reserve) => "battery_reserve",
     m.likelihood.is_none_or(|p| FRACTION.contains(&p)) => "likelihood",
+    m.wind.is_none_or(|w| within(&w, MAX_SPEED_MPS)) => "wind",
     (0.0..=1e3).contains(&m.height_m) && (0.0..=10.0).contains(&m.descent_mps) => "height_m or descent_mps",
 });
 message!(MissionCheckpoint, DroneClock, |m| {

@@ -2,6 +2,7 @@
 
 pub mod age;
 pub mod cameras;
+mod foresight;
 pub mod link;
 pub mod outcome;
 pub mod physics;

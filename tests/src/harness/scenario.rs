@@ -181,6 +181,8 @@ config! {
         /// A descent begins at a random moment within 20 s after the drone is steady above the deck, and goes on, however
         /// likely it succeeds: so predicted probability is compared with what happens.
         pub begin_anyway: bool = false;
+        /// The forecasts have the deck's true motion from now on, for an error budget.
+        pub true_prediction: bool = false;
         /// From the planner's step to the plan's arrival at the pilot, s.
         /// Source: One period of the planner at 50 Hz: the plan is used one period after its
         /// inputs.

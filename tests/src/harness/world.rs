@@ -29,6 +29,7 @@ use alight_usv::{ComputerIn, VesselComputer, VesselNode};
 use serde::Serialize;
 
 use super::cameras::SimulatedCameras;
+use super::foresight::{Foresight, drift};
 pub use super::link::Checkpoints;
 use super::link::{LinkedAutopilot, MakeLink};
 use super::outcome::Observation;
@@ -55,6 +56,8 @@ enum Uplink {
 /// Truth, nodes and what connects them.
 pub struct World {
     physics: Physics,
+    /// Where forecasts have the true motion.
+    foresight: Option<Foresight>,
     // The vessel's computer.
     vessel_boot: u32,
     vessel: VesselComputer,
@@ -73,7 +76,9 @@ impl World {
     pub fn new(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<World, SetupError> {
         let scenario = &scenario.drawn(seed);
         let physics = Physics::new(scenario, seed)?;
+        let foresight = scenario.true_prediction.then(|| Foresight::new(scenario, seed));
         Ok(World {
+            foresight: foresight.transpose()?,
             vessel: VesselComputer::new(&nodes.vessel, &nodes.deck, VESSEL_ID, BOOT),
             vessel_boot: BOOT,
             given: ComputerIn::default(),
@@ -292,10 +297,12 @@ impl World {
         }
 
         // Each drone's computer: bridge -> predictor -> mission -> planner -> pilot -> link to the autopilot.
+        self.foresight.iter_mut().for_each(|f| f.look(t));
+        let foresight = self.foresight.as_ref();
         for (k, drone) in self.drones.iter_mut().enumerate() {
             match k {
-                0 => drone.tick(&mut self.physics, self.shares_deck, tap),
-                _ => drone.tick(&mut self.physics, self.shares_deck, &mut NoTap),
+                0 => drone.tick(&mut self.physics, self.shares_deck, foresight, tap),
+                _ => drone.tick(&mut self.physics, self.shares_deck, foresight, &mut NoTap),
             }
         }
 
@@ -496,7 +503,13 @@ impl DroneComputer {
     }
 
     /// The nodes in data-flow order; the set-point at last to who flies.
-    fn tick(&mut self, physics: &mut Physics, reports_status: bool, tap: &mut impl Tap) {
+    fn tick(
+        &mut self,
+        physics: &mut Physics,
+        reports_status: bool,
+        foresight: Option<&Foresight>,
+        tap: &mut impl Tap,
+    ) {
         let (k, t, clock) = (self.k, physics.now(), physics.drone_clock(self.k));
         let now = clock.read(t);
 
@@ -551,6 +564,12 @@ impl DroneComputer {
         let mut predicted = PredictorOut::default();
         if let Some(predictor) = &mut self.predictor {
             predicted = predictor.step(now, &input);
+            let believed = odometry
+                .zip(physics.drone(k))
+                .map(|(d, truth)| drift(&d, now, &truth));
+            if let (Some(foresight), Some(forecast)) = (foresight, &mut predicted.forecast) {
+                foresight.correct(forecast, &clock, &believed.unwrap_or_default());
+            }
             tap.predictor(t, now, &input, &predicted);
         }
         self.keeper.take(now, predicted.checkpoint.as_ref());

@@ -6,7 +6,7 @@ use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::tap::NoTap;
 use alight_sim::harness::world::World;
 use alight_uav::autopilot::AutopilotLinkConfig;
-use alight_uav::autopilot::ground_station::{AGE, DISTANCE, MAX_TEXT};
+use alight_uav::autopilot::ground_station::{AGE, DISTANCE, MAX_TEXT, WIND};
 use alight_uav::autopilot::message::{
     Address, LandingTarget, Message, RC_RECEIVER, RcChannels, TargetFrame, severity,
 };
@@ -255,5 +255,9 @@ fn messages_keep_their_values_over_the_wire() {
         assert_eq!(decoder.next_frame().map(|f| f.message), Some(message));
     }
     // Names of named values have ten characters.
-    assert!(DISTANCE.len() <= 10 && AGE.len() <= 10);
+    assert!(
+        [DISTANCE, AGE, WIND[0], WIND[1]]
+            .iter()
+            .all(|name| name.len() <= 10)
+    );
 }

@@ -176,6 +176,7 @@ impl DroneStateAssembler {
             attitude: [q.w, q.i, q.j, q.k],
             rates: rates.into(),
             specific_force: force.into(),
+            disturbance: [0.0; 2],
             position_sd: sd(variances.map(|v| v[0]), p),
             velocity_sd: sd(variances.map(|v| v[2]), v),
             euler_sd: sd(variances.map(|v| v[1]), a),

@@ -1,8 +1,8 @@
 //! What a ground station sees of a landing, through the autopilot: a text for each change of the mission's state and for
-//! each alarm, and two figures at a low rate. The heartbeat of the companion is with the periodic messages.
+//! each alarm, and four figures at a low rate. The heartbeat of the companion is with the periodic messages.
 
 use alight_shared::admission::Periodic;
-use alight_shared::msg::{MissionState, ReasonCode, State};
+use alight_shared::msg::{MissionState, ReasonCode, State, Wind};
 use alight_shared::time::{DroneClock, Span};
 use alight_shared::topics;
 use nalgebra::Vector3;
@@ -28,6 +28,8 @@ const STOPPED_LOW: &str = "Stopped too low to climb: completes the landing";
 pub const DISTANCE: &str = "deck_m";
 /// Name of the age of the newest vessel estimate that the forecast rests on, s.
 pub const AGE: &str = "link_age_s";
+/// Names of the true wind's speed, m/s, and of where it comes from, deg.
+pub const WIND: [&str; 2] = ["wind_mps", "wind_deg"];
 
 /// What was reported so far.
 #[derive(Clone, Copy, Debug, Default)]
@@ -62,7 +64,13 @@ impl AutopilotLink {
             return;
         }
         let time_ms = (self.clock.remote_time_us(now, now) / 1000) as u32;
-        let values = [(DISTANCE, self.deck_distance_m(now)), (AGE, self.link_age_s(now))];
+        let wind = self.mission.get().and_then(|m| m.wind).map(Wind::towards);
+        let values = [
+            (DISTANCE, self.deck_distance_m(now)),
+            (AGE, self.link_age_s(now)),
+            (WIND[0], wind.map(|w| w.speed_mps)),
+            (WIND[1], wind.map(|w| w.from_deg as f64)),
+        ];
         out.messages
             .extend(values.into_iter().filter_map(|(name, value)| {
                 Some(Message::NamedValue {

@@ -4,6 +4,7 @@
 //! remember), `situation` (every quantity it judges), `outlook` (how likely a landing succeeds, with `staying`: does the landed
 //! drone stay?), `waiting` (is a better moment worth its cost?), then `checkpoint` (what outlives the process). This file keeps the inputs and writes the output.
 
+mod air;
 mod battery;
 mod checkpoint;
 pub mod config;
@@ -95,6 +96,8 @@ pub struct MissionOut {
 
 /// Time between outputs.
 const PERIOD: Span = Span::from_millis(20);
+/// A wind that is known no better than this is not published, standard deviation, m/s.
+const WIND_SD_MPS: f64 = 3.0;
 /// Time constant of the deck's mean level, s: two periods of a long swell.
 const LEVEL_TIME_S: f64 = 10.0;
 /// The level follows a forecast by no more than this at a time, m: 0.2 m/s with [`LEVEL_TIME_S`], many
@@ -560,6 +563,11 @@ impl Mission {
             lowest_clearance_m: c.lowest_plan_m(),
             battery_reserve: s.battery_reserve,
             likelihood: s.odds.map(|o| o.whole()),
+            wind: self
+                .wind
+                .true_wind()
+                .filter(|(_, sd)| *sd < WIND_SD_MPS)
+                .map(|(wind, _)| wind.into()),
             low_battery: self.progress.low_battery,
             abort: self.commands.abort().map(|h| [h.boot, h.sequence]),
         }

@@ -2,30 +2,27 @@
 //!
 //! In the air it needs a tilt that the touchdown has to remove or to keep, and gusts push the drone before it has
 //! reacted; on the deck it pushes a drone that friction alone holds. Both are judged in acceleration, which is what the
-//! odometry shows and what does not depend on the airframe's drag.
+//! odometry shows. The mean is that of the vessel's way and the wind together; gusts are the wind's alone ([`Air`]).
 
 use alight_shared::msg::DroneState;
+use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector2;
 
-use crate::odometry::wind::WindObserver;
+use super::air::{Air, INDEPENDENT_S};
 
-/// Time constant of the observer, s: the planner's, gusts of 2 s pass.
-const OBSERVER_S: f64 = 0.7;
-/// Largest acceleration accepted, m/s².
-const MAX_MPS2: f64 = 9.0;
-/// Standard deviation as a fraction of the mean before any is measured: twice the
-/// intensity of turbulence over water, 0.19 at 7 m (MIL-F-8785C).
-const PRIOR_FRACTION: f64 = 0.38;
+/// Odometry further apart than this is no continuous flight, s.
+const MAX_GAP_S: f64 = 0.1;
 /// The wind is judged over this time, s.
 const MEMORY_S: f64 = 60.0;
-/// The prior counts as this much time, and gusts further apart are independent, s: twice the
-/// integral time of the turbulence at 7 m, 50 m at 8 to 10 m/s (MIL-F-8785C).
-const INDEPENDENT_S: f64 = 10.0;
 
 /// Mean and gusts of the wind's acceleration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WindMonitor {
-    observer: WindObserver,
+    air: Air,
+    /// Velocity of the drone while it follows, NED, m/s.
+    way: Vector2<f64>,
+    /// Of the newest odometry.
+    at: Option<Time<DroneClock>>,
     /// Time watched, at most the memory, s.
     known_s: f64,
     /// NED, m/s².
@@ -38,20 +35,31 @@ impl WindMonitor {
     /// Learns from the newest odometry; only while the drone `follows` the vessel at its speed is
     /// its wind the wind over the deck.
     pub fn update(&mut self, d: &DroneState, follows: bool) {
-        let dt = self.observer.update(d, true, OBSERVER_S, MAX_MPS2);
-        let Some(dt) = dt.filter(|dt| follows && *dt > 0.0) else {
+        let dt = self.at.map_or(0.0, |at| (d.header.at - at).secs());
+        self.at = Some(d.header.at);
+        if !(dt > 0.0 && dt < MAX_GAP_S) {
             return;
-        };
+        }
+        self.air.update(&d.disturbance(), &d.velocity().xy(), dt);
+        if !follows {
+            return;
+        }
         self.known_s = (self.known_s + dt).min(MEMORY_S);
         let fraction = dt / self.known_s;
-        let off = self.observer.value() - self.mean;
+        let off = d.disturbance() - self.mean;
         self.mean += off * fraction;
+        self.way += (d.velocity().xy() - self.way) * fraction;
         self.variance += fraction * (0.5 * off.norm_squared() * (1.0 - fraction) - self.variance);
     }
 
     /// Its mean, NED, m/s²: to and fro with the deck, the drone makes a wind of its own that is none on the deck.
     pub fn mean(&self) -> Vector2<f64> {
         self.mean
+    }
+
+    /// The true wind, towards NED, m/s, with its standard deviation; None before any is known.
+    pub fn true_wind(&self) -> Option<(Vector2<f64>, f64)> {
+        self.air.wind()
     }
 
     /// Standard deviation of one axis about the known mean, m/s²: `s sqrt(1 + T/t)` from that of a time t, of which gusts
@@ -61,7 +69,7 @@ impl WindMonitor {
         if self.known_s <= 0.0 {
             return 0.0;
         }
-        let prior = (PRIOR_FRACTION * self.mean.norm()).powi(2);
+        let prior = self.air.gust_sd(&self.way).unwrap_or_default().powi(2);
         let (n, t) = (INDEPENDENT_S, self.known_s);
         let variance = (n * prior + t * self.variance.min(prior)) / (n + t);
         (variance * (1.0 + n / t)).sqrt()
@@ -70,8 +78,12 @@ impl WindMonitor {
     /// A wind that has long been known to be steady, m/s².
     #[cfg(test)]
     pub(super) fn steady(mean_mps2: f64) -> WindMonitor {
+        let mean = Vector2::new(mean_mps2, 0.0);
+        let mut air = Air::default();
+        (0..60).for_each(|_| air.update(&mean, &Vector2::zeros(), 1.0));
         WindMonitor {
-            mean: Vector2::new(mean_mps2, 0.0),
+            mean,
+            air,
             known_s: MEMORY_S,
             ..WindMonitor::default()
         }
@@ -81,10 +93,8 @@ impl WindMonitor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::geometry::GRAVITY;
     use alight_shared::msg::Header;
     use alight_shared::time::{Span, Time};
-    use nalgebra::UnitQuaternion;
 
     /// A drone that keeps its place in a push that swings by `gust` about `mean` with a period of
     /// 8 s.
@@ -93,11 +103,9 @@ mod tests {
         for k in 0..(secs * 100.0) as i64 {
             let t = 0.01 * k as f64;
             let push = mean + gust * (core::f64::consts::TAU / 8.0 * t).sin();
-            let tilt = UnitQuaternion::from_euler_angles(0.0, -(push / GRAVITY).atan(), 0.0);
             let d = DroneState {
                 header: Header::new(1, 1, 1, k as u32, Time::EPOCH + Span::from_millis(10 * k)),
-                attitude: [tilt.w, tilt.i, tilt.j, tilt.k],
-                specific_force: [0.0, 0.0, -push.hypot(GRAVITY)],
+                disturbance: [push, 0.0],
                 ..DroneState::default()
             };
             // Long settled when the watch begins.

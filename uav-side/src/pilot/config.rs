@@ -81,12 +81,6 @@ config! {
         pub fade_clearance_m: f64 = 0.35, in 0.01..=5.0;
         /// Fraction of the disturbance's tilt that is kept at the deck, 0 to 1.
         pub contact_disturbance_fraction: f64 = 0.5, in 0.0..=1.0;
-        /// Time constant of the disturbance estimate, s.
-        pub disturbance_time_s: f64 = 0.5, in 0.05..=60.0;
-        /// Largest disturbance accepted, m/s².
-        /// Source: Wind of 14 m/s, as in the plan: less and the pilot would undo what the plan
-        /// compensates by tilt.
-        pub disturbance_limit_mps2: f64 = 6.0, in 0.0..=9.0;
         /// Time constant of the hover-thrust estimate, s.
         pub hover_time_s: f64 = 2.0, in 0.1..=60.0;
         /// Time constant of the lift that the thrust does not explain, s.

@@ -6,7 +6,6 @@ use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 use super::config::TrackingConfig;
 use crate::odometry::hover::hover_sample;
-use crate::odometry::wind::WindObserver;
 
 /// Slow estimates of the thrust scale and of the horizontal disturbance.
 #[derive(Clone, Debug)]
@@ -15,7 +14,7 @@ pub(crate) struct FlightEstimator {
     hover: f64,
     nominal: f64,
     reported: bool,
-    wind: WindObserver,
+    disturbance: Vector2<f64>,
     /// Upward specific force that the thrust does not explain, m/s².
     lift: f64,
     /// Thrust that acts after the lag, 0 to 1.
@@ -29,7 +28,7 @@ impl FlightEstimator {
             hover: nominal,
             nominal,
             reported: false,
-            wind: WindObserver::default(),
+            disturbance: Vector2::zeros(),
             lift: 0.0,
             acting: None,
         }
@@ -40,7 +39,7 @@ impl FlightEstimator {
     }
     /// Horizontal specific disturbance (wind), NED, m/s².
     pub(crate) fn disturbance(&self) -> Vector2<f64> {
-        self.wind.value()
+        self.disturbance
     }
     /// Specific thrust of the collective `u`, m/s²: thrust is linear in the collective.
     pub(crate) fn specific(&self, u: f64) -> f64 {
@@ -101,9 +100,9 @@ impl FlightEstimator {
             self.hover += (1.0 - (-dt / c.hover_time_s).exp()) * (sample - self.hover);
         }
     }
-    /// The observer of the horizontal disturbance, to be used in free flight.
-    pub(crate) fn wind_mut(&mut self) -> &mut WindObserver {
-        &mut self.wind
+    /// The horizontal disturbance in free flight.
+    pub(crate) fn use_disturbance(&mut self, disturbance: Vector2<f64>) {
+        self.disturbance = disturbance;
     }
     fn plausible(&self, hover: f64) -> bool {
         (0.5 * self.nominal..=2.0 * self.nominal).contains(&hover) && hover < 0.95

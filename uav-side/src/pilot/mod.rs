@@ -263,9 +263,9 @@ impl Pilot {
         }
         let free = self.detector.contact() == Contact::Clear && below.is_none_or(|b| b.clearance > 0.5);
         if !free {
-            self.estimate.wind_mut().pause();
             return;
         }
+        self.estimate.use_disturbance(d.disturbance());
         let rates = Vector3::from(d.rates);
         self.lag.learn(&d.attitude(), &rates, dt, &self.config.lag);
         let c = &self.config.tracking;
@@ -273,9 +273,6 @@ impl Pilot {
         if let Some(u) = self.estimate.acting().or(reported) {
             self.estimate.learn_hover(&force, u, dt, c);
         }
-        self.estimate
-            .wind_mut()
-            .learn(d, dt, c.disturbance_time_s, c.disturbance_limit_mps2);
     }
 
     fn evidence(

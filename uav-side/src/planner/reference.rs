@@ -106,6 +106,11 @@ impl ReferenceGenerator {
         }
     }
 
+    /// Height of the deck over still water, m.
+    pub(super) fn deck_height_m(&self) -> f64 {
+        -self.deck.centre_m[2]
+    }
+
     /// Forgets the governors: the plan starts anew from the measured state.
     pub fn restart(&mut self) {
         self.horizontal = ReferenceGovernor::default();

@@ -1,7 +1,7 @@
 //! The status of a drone's processes on one page, and with all its tables.
 
 use alight_shared::msg::{
-    AutopilotState, LandedState, LandingMode, MissionState, ReasonCode, ShadowComparison, still_armed,
+    AutopilotState, LandedState, LandingMode, MissionState, ReasonCode, ShadowComparison, Wind, still_armed,
 };
 use alight_shared::topics;
 use alight_shared::transport::process::ProcessKind;
@@ -28,6 +28,9 @@ pub fn page(name: &str, snapshot: &Snapshot, disarm: &DisarmConfig, now_ns: i64)
         }
     }
     page.entry("deck", deck(snapshot));
+    if let Some(wind) = snapshot.mission.and_then(|m| m.wind) {
+        page.entry("wind", Wind::towards(wind).to_string());
+    }
     page.entry("link", link(snapshot));
     if let Some(a) = &snapshot.autopilot {
         page.entry("battery", battery(a, snapshot.mission.as_ref()));

@@ -87,6 +87,9 @@ fn board_places_drone_and_plan_as_seen_from_the_deck() {
         ..Plan::default()
     };
     board.planner(at(1.0), &PlannerOut { plan: Some(plan) });
+    let mut windy = mission(1.0, State::Tracking, Reason::default());
+    windy.state.as_mut().unwrap().wind = Some([-6.2, 0.0]);
+    board.mission(at(1.0), &autopilot(0.8), &windy);
     let picture = board.picture(at(1.0));
     let scene = picture.scene.clone().unwrap();
     // East of the deck is ahead of it, south to starboard.
@@ -95,8 +98,10 @@ fn board_places_drone_and_plan_as_seen_from_the_deck() {
     assert_eq!(scene.forecast.last(), Some(&[4.0, 0.0, 0.0]));
     assert_eq!((scene.heading_deg, scene.euler_deg), (90.0, [5.7, -2.9, 0.0]));
     assert_eq!(named(&picture, "distance").value.as_deref(), Some("5.0 m"));
-    // What pushes to the south comes from the north.
-    assert_eq!(named(&picture, "wind's push").note, "from 0°");
+    // What blows to the south comes from the north.
+    let wind = named(&picture, "wind");
+    assert_eq!(wind.value.as_deref(), Some("6 m/s from 0°"));
+    assert_eq!(wind.note, "pushes 0.5 m/s²");
     let later = board.picture(at(4.0)).scene.unwrap();
     assert!(later.forecast_stale && later.plan_stale && later.drone.unwrap().stale);
 }

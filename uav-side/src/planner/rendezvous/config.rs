@@ -102,16 +102,11 @@ config! {
 config! {
     /// The wind in the plan.
     ///
-    /// Chosen: Slower than the pilot's: the plan allows for the mean, the pilot for gusts; at most
-    /// the wind of 14 m/s on the default drone. An alignment lasts about 0.3 s, so each m/s² costs
+    /// Chosen: An alignment lasts about 0.3 s, so each m/s² costs
     /// 0.3 m/s along the deck, and each that is compensated by tilt 6 deg: at 5 m/s (0.7 m/s²) aligning
     /// is cheap, at 8 m/s (1.8 m/s²) it is divided.
     #[derive(Copy)]
     pub struct WindConfig {
-        /// Time constant with which it is learnt, s.
-        pub time_s: f64 = 0.7, in 0.05..=60.0;
-        /// Largest acceleration accepted, m/s².
-        pub limit_mps2: f64 = 6.0, in 0.0..=9.0;
         /// Closer than this to the deck nothing is learnt: a contact is no wind, m.
         pub free_m: f64 = 0.5, in 0.0..=10.0;
         /// Wind up to this acceleration blows an aligned drone along, m/s² ...

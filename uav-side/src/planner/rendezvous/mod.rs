@@ -14,6 +14,7 @@
 
 pub mod config;
 pub mod profile;
+mod push;
 pub mod touchdown_time;
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
@@ -27,9 +28,9 @@ use super::model::{State, angular_velocity};
 use super::mpc_faa::Problem;
 use super::reference::{Reference, ReferenceGenerator};
 use super::weights::FaaDistance;
-use crate::odometry::wind::WindObserver;
 use config::{RendezvousConfig, TouchdownTimeConfig, WindConfig};
 use profile::{Height, Profile};
+use push::Push;
 use touchdown_time::{TouchdownTime, aligned_acceleration};
 
 /// The deck's plane is followed this far from its centre, m: half the way across the default deck, and
@@ -47,7 +48,7 @@ pub struct Rendezvous {
     step_s: f64,
     profile: Profile,
     touchdown_time: TouchdownTime,
-    wind: WindObserver,
+    push: Push,
     feet: f64,
 }
 
@@ -80,14 +81,13 @@ impl Way {
 impl Law for Rendezvous {
     /// Learns the wind, unless the drone is near enough to the deck to touch it.
     fn observe(&mut self, drone: Option<&DroneState>, _forecast: Option<&DeckForecast>, last: &Reference) {
-        let c = &self.config.wind;
-        let near = last.touch && last.clearance_m < c.free_m;
-        if let Some(d) = drone {
-            self.wind.update(d, !near, c.time_s, c.limit_mps2);
+        let near = last.touch && last.clearance_m < self.config.wind.free_m;
+        if let Some(d) = drone.filter(|_| !near) {
+            self.push.measure(d);
         }
     }
     fn wind(&self) -> Vector2<f64> {
-        self.wind.value()
+        self.push.measured()
     }
     fn landing_start(&self) -> LandingStart {
         LandingStart {
@@ -108,6 +108,8 @@ impl Law for Rendezvous {
             self.touchdown_time.forget();
             return None;
         };
+        let water_z = reference.mean_z + generator.deck_height_m();
+        self.push.know(view.mission.wind, water_z);
         let left = self.write_references(now, &view.mission, forecast, problem, reference);
         let touches = view.mission.lowest_clearance_m.is_none();
         let left = left.filter(|_| touches);
@@ -117,10 +119,11 @@ impl Law for Rendezvous {
         left
     }
     fn attitude(&self, state: &State, vertical: f64) -> (f64, f64, f64) {
+        let push = self.push.at(state[2], &Vector2::new(state[6], state[7]));
         if self.config.true_tilt {
-            return true_tilt(state, vertical, &self.wind());
+            return true_tilt(state, vertical, &push);
         }
-        let wind = self.wind() / GRAVITY;
+        let wind = push / GRAVITY;
         (state[3] - wind.y, state[4] + wind.x, 1.0)
     }
 }
@@ -133,7 +136,7 @@ impl Rendezvous {
             step_s: config.step_s,
             profile: Profile::new(&config.rendezvous.profile),
             touchdown_time: TouchdownTime::default(),
-            wind: WindObserver::default(),
+            push: Push::default(),
             feet: drone.feet_below_m,
         }
     }
@@ -149,12 +152,13 @@ impl Rendezvous {
     ) -> Option<f64> {
         let here = reference.deck.first()?;
         let start = problem.state;
-        let wind = carried(&self.wind.value(), &self.config.wind);
         // Steep decks are met off their centre: a drone 0.3 m down a slope of 20 deg has 0.1 m less
         // below it than the centre says, and would stay above the deck that much longer.
         let lateral_offset = self.lateral_offset(&start, here);
         let lifted_m = mission.lowest_clearance_m.unwrap_or(0.0);
         let contact = self.contact_z(here, &lateral_offset, lifted_m);
+        let push = self.push.at(contact, &Vector3::from(here.velocity).xy());
+        let wind = carried(&push, &self.config.wind);
         let mean_z = reference.mean_z;
         // Height over the surface that the profile follows at this height.
         let over =
