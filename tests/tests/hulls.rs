@@ -6,18 +6,14 @@ use alight_shared::node::Node;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::physics::{Physics, TICK};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::trial::{Watch, fly};
+use alight_sim::harness::trial;
 use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::vessel::Course;
 use alight_sim::physics::vessel::response::HULLS;
 use alight_usv::VesselNode;
 
 fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Outcome {
-    let watch = Watch {
-        on_event: &mut |_| {},
-        trace_step_s: None,
-    };
-    fly(scenario, nodes, seed, "hull", watch).unwrap().outcome
+    trial::outcome(scenario, nodes, seed, "hull").unwrap()
 }
 
 fn world(hull: &str, sea: &str) -> (Scenario, NodeConfigs) {

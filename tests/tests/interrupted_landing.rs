@@ -1,4 +1,4 @@
-//! Near the deck of a vessel under way an operator stops the landing, or the planner's process dies for good: the drone
+//! Interruptions near the deck of a vessel under way, by an operator or by the end of the planner's process: the drone
 //! completes the landing or leaves with the deck, which must not pass beneath a drone that stays at a fixed place.
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::panic)]

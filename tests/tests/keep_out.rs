@@ -1,5 +1,5 @@
-//! A vessel with a mast forward of her landing deck and an A-frame abeam, under way in a moderate sea: drones that know of
-//! them pass both with room, come through the approach sector and leave along the escape direction.
+//! Keep-out volumes: a mast forward of the landing deck and an A-frame abeam, under way in a moderate sea. Drones that
+//! know of them pass both with clearance, come through the approach sector and leave along the escape direction.
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::panic)]
 

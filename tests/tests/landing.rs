@@ -1,4 +1,4 @@
-//! Stories in the simulated world, from the start to rest on the deck.
+//! Landings in the simulated world, from the start to rest on the deck.
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::panic)]
 

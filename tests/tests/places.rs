@@ -3,12 +3,10 @@
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use alight_shared::msg::{CommandKind, State};
+use alight_shared::msg::State;
 use alight_sim::harness::outcome::{Ending, Judge, Outcome, TIME_LIMIT_S};
-use alight_sim::harness::physics::TICK;
+use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, PlaceConfig, Scenario};
-use alight_sim::harness::tap::NoTap;
-use alight_sim::harness::world::World;
 
 /// The scene at the place number `k` of the four seas.
 fn scene(k: usize) -> Scenario {
@@ -23,49 +21,18 @@ fn scene(k: usize) -> Scenario {
     }
 }
 
-/// What happens on the way, this long (s) after the mission entered this state.
-#[derive(Clone, Copy)]
-enum Event {
-    None,
-    /// The vessel's computer starts anew.
-    VesselRestarts(State, f64),
-    /// The heading that the autopilot believes jumps by so much, rad.
-    HeadingReset(State, f64, f64),
-}
-
-/// How a landing ends.
-fn landed(scenario: &Scenario, seed: u64, event: Event) -> Outcome {
-    let nodes = NodeConfigs::default();
-    let mut world = World::new(scenario, &nodes, seed).unwrap();
-    world.warm_up(&mut NoTap);
-    world.command(CommandKind::Land);
+/// How a landing ends on which this happens so long (s) after the mission entered that state.
+fn landed(scenario: &Scenario, seed: u64, event: Option<(State, f64, fn(&mut Rig))>) -> Outcome {
+    let mut rig = Rig::landing(scenario, &NodeConfigs::default(), seed).unwrap();
     let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
-    let mut judge = Judge::default();
-    let (mut entered, mut happened) = ((State::Idle, 0.0), matches!(event, Event::None));
-    for _ in 0..(TIME_LIMIT_S / TICK.secs()) as u32 {
-        world.tick(&mut NoTap);
-        let t_s = world.physics().time_since_start().secs();
-        let state = world.mission_state().state;
-        if state != entered.0 {
-            entered = (state, t_s);
+    let (mut judge, mut pending) = (Judge::default(), event);
+    rig.each(TIME_LIMIT_S, |rig| {
+        if let Some((_, _, happen)) = pending.take_if(|(state, after_s, _)| rig.is_due(*state, *after_s)) {
+            happen(rig);
         }
-        let is_due = |at: State, after_s: f64| !happened && state == at && t_s >= entered.1 + after_s;
-        match event {
-            Event::VesselRestarts(at, after_s) if is_due(at, after_s) => {
-                world.restart_vessel(&nodes);
-                happened = true;
-            }
-            Event::HeadingReset(at, after_s, by_rad) if is_due(at, after_s) => {
-                world.reset_heading(0, by_rad);
-                happened = true;
-            }
-            Event::None | Event::VesselRestarts(..) | Event::HeadingReset(..) => {}
-        }
-        if judge.observe(&world.observation(), half_deck) {
-            break;
-        }
-    }
-    assert!(happened, "seed {seed}: ended before");
+        judge.observe(&rig.world.observation(), half_deck)
+    });
+    assert!(pending.is_none(), "seed {seed}: ended before");
     judge.outcome(seed, "", "", 0.0)
 }
 
@@ -74,10 +41,8 @@ fn all_land(seeds: u64) {
     let mut lost = Vec::new();
     for k in 0..4 {
         for seed in 0..seeds {
-            let event = match seed % 2 {
-                1 => Event::VesselRestarts(State::Approach, 1.0 + 0.3 * seed as f64),
-                _ => Event::None,
-            };
+            let restart: fn(&mut Rig) = Rig::restart_vessel;
+            let event = (seed % 2 == 1).then_some((State::Approach, 1.0 + 0.3 * seed as f64, restart));
             let outcome = landed(&scene(k), 100 * k as u64 + seed, event);
             if outcome.outcome != Ending::Success {
                 lost.push((k, seed, outcome));
@@ -109,8 +74,8 @@ fn heading_resets_in_every_phase_over_the_deck() {
     ];
     let mut lost = Vec::new();
     for (n, (state, after_s)) in phases.into_iter().enumerate() {
-        let event = Event::HeadingReset(state, after_s, 12.0_f64.to_radians());
-        let outcome = landed(&scene(n % 4), 40 + n as u64, event);
+        let reset: fn(&mut Rig) = |rig| rig.world.reset_heading(0, 12.0_f64.to_radians());
+        let outcome = landed(&scene(n % 4), 40 + n as u64, Some((state, after_s, reset)));
         if outcome.outcome != Ending::Success {
             lost.push((state, after_s, outcome));
         }
@@ -125,7 +90,7 @@ fn drifting_barometer_and_steel_below_the_compass() {
         let mut scenario = scene(seed as usize % 4);
         let navigation = &mut scenario.drone.navigation;
         (navigation.barometer_drift_m, navigation.steel_heading_deg) = (4.0, 15.0);
-        let outcome = landed(&scenario, seed, Event::None);
+        let outcome = landed(&scenario, seed, None);
         if outcome.outcome != Ending::Success {
             lost.push((seed, outcome));
         }

@@ -1,4 +1,4 @@
-//! The link as the whole system feels it: what it costs, what it loses, how it comes back.
+//! Radio link of the whole system: load, loss, recovery.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -6,7 +6,7 @@ use alight_shared::msg::State;
 use alight_sim::harness::outcome::{Ending, Outcome};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
 use alight_sim::harness::tap::NoTap;
-use alight_sim::harness::trial::{Watch, fly};
+use alight_sim::harness::trial;
 use alight_sim::harness::world::World;
 use alight_sim::physics::sea::SeaConfig;
 use alight_sim::radio::Transport;
@@ -19,13 +19,7 @@ fn slight() -> Scenario {
 }
 
 fn land(scenario: &Scenario, seed: u64) -> Outcome {
-    let watch = Watch {
-        on_event: &mut |_| {},
-        trace_step_s: None,
-    };
-    fly(scenario, &NodeConfigs::default(), seed, "test", watch)
-        .unwrap()
-        .outcome
+    trial::outcome(scenario, &NodeConfigs::default(), seed, "test").unwrap()
 }
 
 /// Bytes per second to the drone and the share that a full queue swallowed, over the second half of

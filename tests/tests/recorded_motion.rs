@@ -1,4 +1,4 @@
-//! Motion that no wave explains: a platform that rocks fast about its deck, 1.3 m above the vessel's
+//! Motion without waves: a platform that rocks fast about its deck, 1.3 m above the vessel's
 //! sensors, while the heave is of an unrelated sea.
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::panic)]
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use alight_sim::harness::outcome::Ending;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::trial::{Watch, fly};
+use alight_sim::harness::trial;
 use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::sea::SeaConfig;
 use alight_sim::studies::estimator::{run, state_errors};
@@ -76,13 +76,7 @@ fn drone_lands_on_the_recorded_platform_as_it_was_and_twice_as_steep() {
 }
 
 fn assert_lands(scenario: &Scenario, seed: u64) {
-    let watch = Watch {
-        on_event: &mut |_| {},
-        trace_step_s: None,
-    };
-    let o = fly(scenario, &NodeConfigs::default(), seed, "recorded", watch)
-        .unwrap()
-        .outcome;
+    let o = trial::outcome(scenario, &NodeConfigs::default(), seed, "recorded").unwrap();
     assert_eq!(o.outcome, Ending::Success, "seed {seed}: {}", o.reason);
     assert_eq!(o.unsafe_contacts, 0, "seed {seed}");
     let tilt = o.tilt_error_deg.unwrap();

@@ -1,10 +1,11 @@
-//! The world in lock-step with the nodes, one landing in it, its judge, and what observers may see.
+//! The world in lock-step with the nodes, one landing in it, its judge, and its observers.
 
 pub mod age;
 pub mod cameras;
 pub mod link;
 pub mod outcome;
 pub mod physics;
+pub mod rig;
 pub mod scenario;
 pub mod tap;
 pub mod trace;

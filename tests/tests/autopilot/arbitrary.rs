@@ -1,4 +1,4 @@
-//! Whatever arrives: no panic, and no more memory than was agreed.
+//! Arbitrary input: no panic, bounded memory.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::node::Node;

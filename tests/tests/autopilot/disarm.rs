@@ -1,16 +1,16 @@
-//! The motors are stopped on the deck, on evidence, and nowhere else.
+//! Disarming: on the deck, on evidence, and nowhere else.
 
 use alight_shared::msg::{AutopilotMode, State};
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::autopilot::message::{CommandResult, command};
 use alight_uav::autopilot::modes::Firmware;
 
-use crate::rig::{Rig, press, stop};
+use crate::rig::{LinkRig, press, stop};
 use crate::{BOTH, config};
 
 /// Pressed on the deck by the pilot until it would detect a touchdown.
-fn pressed(firmware: Firmware, config: &AutopilotLinkConfig) -> Rig {
-    let mut p = Rig::commanding(firmware, 1.0, config);
+fn pressed(firmware: Firmware, config: &AutopilotLinkConfig) -> LinkRig {
+    let mut p = LinkRig::commanding(firmware, 1.0, config);
     p.run(4.0);
     p.mission = State::Flare;
     p.pilot = Some(press);
@@ -76,7 +76,7 @@ fn false_touchdown_in_the_air_stops_no_motors() {
             (0.8, State::Flare, false),
             (0.31, State::Tracking, true),
         ] {
-            let mut p = Rig::commanding(firmware, height, &config());
+            let mut p = LinkRig::commanding(firmware, height, &config());
             (p.mission, p.forecast) = (mission, forecast);
             p.pilot = Some(stop);
             let before = p.truth().position.0.z;
@@ -96,7 +96,7 @@ fn false_touchdown_in_the_air_stops_no_motors() {
 #[test]
 fn falling_drone_is_caught_although_the_pilot_reports_touchdown() {
     // Pressed down from 1 m, and the pilot errs in the air on the way.
-    let mut p = Rig::commanding(Firmware::Px4, 2.5, &config());
+    let mut p = LinkRig::commanding(Firmware::Px4, 2.5, &config());
     p.run(4.0);
     p.mission = State::Flare;
     p.pilot = Some(press);
@@ -120,7 +120,7 @@ fn disarm_can_be_left_to_a_person() {
 }
 
 /// For how long a person was told that the drone is landed and still armed.
-fn still_armed(p: &Rig) -> Vec<String> {
+fn still_armed(p: &LinkRig) -> Vec<String> {
     let text = |t: &String| {
         let after = t.strip_prefix("landed and still ARMED for ")?;
         Some(after.strip_suffix(": disarm by remote control")?.to_owned())
@@ -142,7 +142,7 @@ fn takeover_on_the_deck_ends_the_disarm_commands() {
 }
 
 /// On the deck, stopped by the pilot, and the autopilot denies the first disarm.
-fn stopped(firmware: Firmware, config: &AutopilotLinkConfig) -> Rig {
+fn stopped(firmware: Firmware, config: &AutopilotLinkConfig) -> LinkRig {
     let mut p = pressed(firmware, config);
     p.linked.autopilot.answer = Some(CommandResult::Denied);
     p.pilot = Some(stop);
@@ -177,7 +177,7 @@ fn disarm_without_the_pilot_needs_the_evidence_and_never_overrules_a_person() {
     for firmware in BOTH {
         // The mission says landed, wrongly.
         for height in [0.7, 0.8, 5.0] {
-            let mut p = Rig::commanding(firmware, height, &config());
+            let mut p = LinkRig::commanding(firmware, height, &config());
             p.mission = State::Landed;
             p.pilot = None;
             p.run(10.0);

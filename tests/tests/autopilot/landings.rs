@@ -5,7 +5,7 @@ use alight_shared::time::Span;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::tap::NoTap;
-use alight_sim::harness::trial::{Event, Watch, fly_with, land};
+use alight_sim::harness::trial::{self, Event, Watch, land};
 use alight_sim::harness::world::World;
 use alight_sim::physics::sea::SeaConfig;
 use alight_uav::autopilot::modes::Firmware;
@@ -17,14 +17,7 @@ fn fly(firmware: Firmware, wire_s: f64, seed: u64) -> Outcome {
     };
     let a = &mut scenario.drone.autopilot;
     (a.firmware, a.wire_s) = (firmware, wire_s);
-    let watch = Watch {
-        on_event: &mut |_| {},
-        trace_step_s: None,
-    };
-    let nodes = NodeConfigs::default();
-    fly_with(&scenario, &nodes, seed, "moderate", watch, &mut NoTap)
-        .unwrap()
-        .outcome
+    trial::outcome(&scenario, &NodeConfigs::default(), seed, "moderate").unwrap()
 }
 
 /// Lands at Moderate on six seeds: all, nothing unsafe, within 0.15 m each.

@@ -9,7 +9,6 @@ mod firmwares;
 mod ground;
 mod home;
 mod landings;
-mod restarts;
 mod rig;
 
 use alight_shared::geodesy::Datum;
@@ -19,7 +18,7 @@ use alight_sim::autopilots::simulated::mode_number;
 use alight_uav::autopilot::message::{Address, CommandResult, Heartbeat, Message, command, id};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::{AutopilotLinkConfig, ControlAuthority, Diversion};
-use rig::{Rig, hold, hover, lead, press};
+use rig::{LinkRig, hold, hover, lead, press};
 
 const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
 
@@ -30,7 +29,7 @@ fn config() -> AutopilotLinkConfig {
 #[test]
 fn odometry_comes_at_its_rate_with_the_time_at_which_it_was_true() {
     for firmware in BOTH {
-        let mut p = Rig::new(firmware, 5.0, &config());
+        let mut p = LinkRig::new(firmware, 5.0, &config());
         p.run(4.0);
         p.odometry.clear();
         p.ranges.clear();
@@ -55,7 +54,7 @@ fn odometry_comes_at_its_rate_with_the_time_at_which_it_was_true() {
 
 #[test]
 fn px4_accepts_offboard_only_after_set_points_were_streamed() {
-    let mut p = Rig::new(Firmware::Px4, 5.0, &config());
+    let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
     p.pilot = None;
     p.run(5.0);
     assert_eq!(
@@ -81,7 +80,7 @@ fn px4_accepts_offboard_only_after_set_points_were_streamed() {
 
 #[test]
 fn set_points_before_offboard_hold_the_place_and_nothing_else() {
-    let mut p = Rig::new(Firmware::Px4, 5.0, &config());
+    let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
     p.run(4.0);
     let from = p.t_s;
     // Far places and set-points of a mission that flies are not streamed.
@@ -97,7 +96,7 @@ fn set_points_before_offboard_hold_the_place_and_nothing_else() {
     p.run(1.0);
     assert!(p.sent_since(from + 0.05) <= 1, "{}", p.sent_since(from));
     // ArduCopter needs no stream.
-    let mut p = Rig::new(Firmware::ArduCopter, 5.0, &config());
+    let mut p = LinkRig::new(Firmware::ArduCopter, 5.0, &config());
     p.run(5.0);
     assert!(p.authority().may_offer() && p.sent.is_empty());
 }
@@ -107,7 +106,7 @@ fn takeover_by_a_person_ends_set_points_within_100_ms_for_good() {
     for firmware in BOTH {
         for phase in [State::Approach, State::Tracking, State::Descent, State::Flare] {
             for mode in [mode_number(firmware, AutopilotMode::Other), 0] {
-                let mut p = Rig::commanding(firmware, 5.0, &config());
+                let mut p = LinkRig::commanding(firmware, 5.0, &config());
                 p.mission = phase;
                 p.pilot = Some(if phase == State::Flare { press } else { lead });
                 p.run(0.3);
@@ -132,7 +131,7 @@ fn takeover_by_a_person_ends_set_points_within_100_ms_for_good() {
 #[test]
 fn authority_returns_only_when_a_person_gives_the_mode_again() {
     for firmware in BOTH {
-        let mut p = Rig::commanding(firmware, 5.0, &config());
+        let mut p = LinkRig::commanding(firmware, 5.0, &config());
         p.choose(AutopilotMode::Other);
         p.run(1.0);
         let quiet = p.sent.len();
@@ -149,7 +148,7 @@ fn authority_returns_only_when_a_person_gives_the_mode_again() {
 fn failsafes_of_the_autopilot_are_respected() {
     let modes = [AutopilotMode::Return, AutopilotMode::Land, AutopilotMode::Hold];
     for (firmware, mode) in BOTH.into_iter().flat_map(|f| modes.map(|m| (f, m))) {
-        let mut p = Rig::commanding(firmware, 5.0, &config());
+        let mut p = LinkRig::commanding(firmware, 5.0, &config());
         p.mission = State::Descent;
         p.run(0.1);
         p.choose(mode);
@@ -164,7 +163,7 @@ fn failsafes_of_the_autopilot_are_respected() {
 
 #[test]
 fn silent_pilot_leaves_the_drone_to_the_failsafe_and_may_return() {
-    let mut p = Rig::commanding(Firmware::Px4, 5.0, &config());
+    let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
     p.pilot = None;
     let at = p.t_s;
     p.run(2.0);
@@ -187,7 +186,7 @@ fn silent_pilot_leaves_the_drone_to_the_failsafe_and_may_return() {
 
 #[test]
 fn hold_that_a_person_chose_in_a_lapse() {
-    let mut p = Rig::commanding(Firmware::Px4, 5.0, &config());
+    let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
     p.pilot = None;
     p.run(1.0);
     assert!(p.state().lapsed);
@@ -202,7 +201,7 @@ fn hold_that_a_person_chose_in_a_lapse() {
 #[test]
 fn lapse_of_a_link_that_was_started_anew() {
     for (away_s, lapsed) in [(0.7, true), (8.0, false)] {
-        let mut p = Rig::commanding(Firmware::Px4, 5.0, &config());
+        let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
         p.pilot = None;
         p.restart_link(away_s);
         p.run(1.0);
@@ -215,7 +214,7 @@ fn lapse_of_a_link_that_was_started_anew() {
 fn battery_at_0_percent_and_without_a_gauge() {
     let mut c = config();
     c.battery.diversion = Diversion::None;
-    let mut p = Rig::new(Firmware::Px4, 5.0, &c);
+    let mut p = LinkRig::new(Firmware::Px4, 5.0, &c);
     p.linked.autopilot.battery = 0.0;
     p.run(4.0);
     assert_eq!(p.state().battery, Some(0.0));
@@ -227,7 +226,7 @@ fn battery_at_0_percent_and_without_a_gauge() {
 #[test]
 fn link_without_heartbeats_sends_no_set_points_and_reports_no_state() {
     for firmware in BOTH {
-        let mut p = Rig::commanding(firmware, 5.0, &config());
+        let mut p = LinkRig::commanding(firmware, 5.0, &config());
         p.mission = State::Tracking;
         p.run(0.1);
         p.linked.autopilot.silent = true;
@@ -250,7 +249,7 @@ fn link_without_heartbeats_sends_no_set_points_and_reports_no_state() {
 #[test]
 fn link_resynchronises_with_an_autopilot_that_restarts() {
     for firmware in BOTH {
-        let mut p = Rig::commanding(firmware, 5.0, &config());
+        let mut p = LinkRig::commanding(firmware, 5.0, &config());
         let resets = p.state().origin_resets;
         p.linked.autopilot.restart();
         p.run(6.0);
@@ -264,7 +263,7 @@ fn link_resynchronises_with_an_autopilot_that_restarts() {
 
 #[test]
 fn link_recovers_after_a_cut_of_three_seconds() {
-    let mut p = Rig::commanding(Firmware::Px4, 5.0, &config());
+    let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
     p.linked.cut = true;
     p.run(3.0);
     assert_eq!(p.authority(), ControlAuthority::LinkLost);
@@ -275,7 +274,7 @@ fn link_recovers_after_a_cut_of_three_seconds() {
 
 #[test]
 fn link_flies_nothing_without_timesync() {
-    let mut p = Rig::new(Firmware::Px4, 5.0, &config());
+    let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
     p.linked.autopilot.no_timesync = true;
     p.run(6.0);
     assert_eq!(p.authority(), ControlAuthority::NoClock);
@@ -284,7 +283,7 @@ fn link_flies_nothing_without_timesync() {
 
 #[test]
 fn ardu_copter_without_the_thrust_option_is_not_flown_and_explained() {
-    let mut p = Rig::new(Firmware::ArduCopter, 5.0, &config());
+    let mut p = LinkRig::new(Firmware::ArduCopter, 5.0, &config());
     p.linked.autopilot.parameters.insert("GUID_OPTIONS", 0.0);
     p.run(5.0);
     assert_eq!(p.authority(), ControlAuthority::OptionMissing);
@@ -312,7 +311,7 @@ fn parameters_that_do_not_suit_are_reported_by_name_until_a_person_sets_them() {
         (Firmware::Px4, "MPC_ACC_UP_MAX", 4.0, 8.0),
         (Firmware::ArduCopter, "GUID_TIMEOUT", 3.0, 0.3),
     ] {
-        let mut p = Rig::new(firmware, 5.0, &config());
+        let mut p = LinkRig::new(firmware, 5.0, &config());
         p.linked.autopilot.parameters.insert(name, wrong);
         p.run(3.0);
         let why = p.state().rejection;
@@ -347,7 +346,7 @@ fn parameter_that_an_autopilot_does_not_have_is_named_and_the_check_can_be_left_
             check_parameters,
             ..config()
         };
-        let mut p = Rig::new(Firmware::Px4, 5.0, &c);
+        let mut p = LinkRig::new(Firmware::Px4, 5.0, &c);
         p.linked.autopilot.parameters.remove("MPC_ACC_UP_MAX");
         p.run(8.0);
         assert!(
@@ -366,7 +365,7 @@ fn parameter_that_an_autopilot_does_not_have_is_named_and_the_check_can_be_left_
 
 #[test]
 fn parameter_that_warns_permits_a_landing_and_is_told() {
-    let mut p = Rig::new(Firmware::Px4, 5.0, &config());
+    let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
     p.linked.autopilot.parameters.insert("MC_AIRMODE", 0.0);
     p.run(3.0);
     assert_eq!(p.state().rejection, Reason::default());
@@ -379,14 +378,14 @@ fn parameter_that_warns_permits_a_landing_and_is_told() {
 
 #[test]
 fn link_works_without_messages_that_the_firmware_lacks() {
-    let mut p = Rig::new(Firmware::ArduCopter, 5.0, &config());
+    let mut p = LinkRig::new(Firmware::ArduCopter, 5.0, &config());
     p.run(5.0);
     // No ODOMETRY on ArduCopter: it is not requested, and odometry comes from 31 and 32.
     let asked = p.commands_of(command::MESSAGE_INTERVAL);
     assert!(asked.iter().all(|c| c.parameters[0] as u32 != id::ODOMETRY));
     assert!(p.odometry.len() > 200);
     // An autopilot that denies every rate: requested a bounded number of times, nothing flown.
-    let mut p = Rig::new(Firmware::Px4, 5.0, &config());
+    let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
     p.linked.autopilot.answer = Some(CommandResult::Denied);
     p.run(30.0);
     assert_eq!(p.authority(), ControlAuthority::NoOdometry);
@@ -400,7 +399,7 @@ fn link_works_without_messages_that_the_firmware_lacks() {
 #[test]
 fn hover_thrust_is_identified_in_flight_and_reported() {
     for firmware in BOTH {
-        let mut p = Rig::commanding(firmware, 5.0, &config());
+        let mut p = LinkRig::commanding(firmware, 5.0, &config());
         p.run(6.0);
         let s = p.state();
         assert!(
@@ -416,7 +415,7 @@ fn hover_thrust_is_identified_in_flight_and_reported() {
 fn link_arms_only_when_configured() {
     for (may_arm, denied) in [(false, false), (true, false), (true, true)] {
         let c = AutopilotLinkConfig { may_arm, ..config() };
-        let mut p = Rig::new(Firmware::ArduCopter, 0.3, &c);
+        let mut p = LinkRig::new(Firmware::ArduCopter, 0.3, &c);
         p.linked.autopilot.arm(false);
         p.waits_for_flight = true;
         p.run(5.0);
@@ -452,7 +451,7 @@ fn battery_reserve_diverts_the_drone_as_configured() {
     ] {
         let mut c = config();
         c.battery.diversion = to;
-        let mut p = Rig::commanding(firmware, 5.0, &c);
+        let mut p = LinkRig::commanding(firmware, 5.0, &c);
         p.mission = State::Tracking;
         p.linked.autopilot.battery = 0.05;
         p.run(6.0);
@@ -464,7 +463,7 @@ fn battery_reserve_diverts_the_drone_as_configured() {
     }
     let mut none = config();
     none.battery.diversion = Diversion::None;
-    let mut p = Rig::commanding(Firmware::Px4, 5.0, &none);
+    let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &none);
     p.linked.autopilot.battery = 0.05;
     p.run(10.0);
     assert!(p.authority().commands() && p.commands_of(command::SET_MODE).is_empty());
@@ -477,7 +476,7 @@ fn autopilot_returns_or_lands_where_the_mission_says_so_on_a_low_battery() {
         (BatteryPlace::Here, AutopilotMode::Land),
         (BatteryPlace::Deck, AutopilotMode::Offboard),
     ] {
-        let mut p = Rig::commanding(Firmware::Px4, 5.0, &config());
+        let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
         p.mission = State::GaveUp;
         // Below the mission's reserve, then for the deck below the link's own.
         p.linked.autopilot.battery = 0.15;
@@ -494,7 +493,7 @@ fn autopilot_returns_or_lands_where_the_mission_says_so_on_a_low_battery() {
 
 #[test]
 fn denied_diversion_is_tried_a_bounded_number_of_times_without_set_points() {
-    let mut p = Rig::commanding(Firmware::ArduCopter, 5.0, &config());
+    let mut p = LinkRig::commanding(Firmware::ArduCopter, 5.0, &config());
     p.linked.autopilot.battery = 0.05;
     p.linked.autopilot.answer = Some(CommandResult::Denied);
     p.run(20.0);
@@ -506,7 +505,7 @@ fn denied_diversion_is_tried_a_bounded_number_of_times_without_set_points() {
 #[test]
 fn battery_reserve_does_not_divert_in_descent_and_flare() {
     for state in [State::Descent, State::Flare] {
-        let mut p = Rig::commanding(Firmware::Px4, 5.0, &config());
+        let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
         p.mission = state;
         p.linked.autopilot.battery = 0.05;
         p.run(6.0);
@@ -522,7 +521,7 @@ fn battery_reserve_does_not_divert_in_descent_and_flare() {
 
 #[test]
 fn other_systems_on_the_link_are_not_taken_for_the_autopilot() {
-    let mut p = Rig::commanding(Firmware::Px4, 5.0, &config());
+    let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
     let heartbeat = |autopilot, vehicle, custom_mode| {
         Message::Heartbeat(Heartbeat {
             autopilot,
@@ -562,7 +561,7 @@ fn deck_is_published_to_the_autopilot_when_configured() {
         ..config()
     };
     for (c, some) in [(config(), false), (c, true)] {
-        let mut p = Rig::new(Firmware::Px4, 5.0, &c);
+        let mut p = LinkRig::new(Firmware::Px4, 5.0, &c);
         p.run(5.0);
         assert_eq!(p.deck_messages >= 20, some, "{}", p.deck_messages);
         assert_eq!(p.targets.is_empty(), !some);
@@ -571,7 +570,7 @@ fn deck_is_published_to_the_autopilot_when_configured() {
 
 #[test]
 fn autopilot_without_an_origin_in_our_mode_is_reported_as_not_ours_after_seconds() {
-    let mut p = Rig::new(Firmware::ArduCopter, 5.0, &config());
+    let mut p = LinkRig::new(Firmware::ArduCopter, 5.0, &config());
     p.linked.autopilot.answer = Some(CommandResult::Denied);
     p.linked.autopilot.no_origin = true;
     p.run(3.0);
@@ -593,7 +592,7 @@ fn odometry_about_the_autopilots_origin() {
         ..config()
     };
     for firmware in BOTH {
-        let mut p = Rig::new(firmware, 5.0, &c);
+        let mut p = LinkRig::new(firmware, 5.0, &c);
         p.linked.autopilot.origin = origin;
         // One receiver gives both heights, the other does not.
         p.linked.autopilot.geoid_m = (firmware == Firmware::Px4).then_some(41.0);
@@ -638,7 +637,7 @@ fn odometry_about_the_autopilots_origin() {
 #[test]
 fn before_a_landing_guided_gets_no_set_points_and_offboard_holds() {
     for (firmware, some) in [(Firmware::ArduCopter, false), (Firmware::Px4, true)] {
-        let mut p = Rig::commanding(firmware, 5.0, &config());
+        let mut p = LinkRig::commanding(firmware, 5.0, &config());
         let from = p.t_s;
         p.run(2.0);
         assert_eq!(p.sent_since(from) > 0, some, "{firmware:?}");
