@@ -1,5 +1,4 @@
-//! The battery: what its gauge and voltage have shown for long enough, how fast it empties, and what the way to the deck
-//! costs of it.
+//! Battery: lasting charge by gauge and voltage, rate of discharge, and charge needed to reach the deck.
 
 use std::collections::VecDeque;
 

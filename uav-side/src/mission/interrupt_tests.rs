@@ -1,4 +1,4 @@
-//! What interrupts every state: stale data, operators, retries, battery, time limit, lost control.
+//! Interruptions of every state: stale data, operators, retries, battery, time limit, lost control.
 
 use alight_shared::msg::ReasonCode::{
     BatteryDeck, BatteryHere, BatteryHome, BatteryLow, Commanded, CompletesLanding, DeckGrantStale, Deviated,
@@ -110,11 +110,8 @@ fn abort_climbs_unless_that_meets_the_deck_harder_than_the_landing() {
             ..low(contact_mps)
         };
         goes(&commanded(COMMITTED, command, &slides(0.8)), climbs, Operator);
-        waits(
-            &commanded(COMMITTED, command, &slides(1.1)),
-            State::Flare,
-            CompletesLanding,
-        );
+        let d = commanded(COMMITTED, command, &slides(1.1));
+        waits(&d, State::Flare, CompletesLanding);
         // Not beside the deck.
         let mut beside = low(0.8);
         beside.outside_m = 0.5;
@@ -247,11 +244,8 @@ fn mission_gives_up_after_its_last_attempt() {
         }
     }
     // However it came back above the deck, it does not begin another.
-    goes(
-        &step((MissionPhase::TrackingStable, progress), &fair()),
-        State::GaveUp,
-        OutOfRetries,
-    );
+    let d = step((MissionPhase::TrackingStable, progress), &fair());
+    goes(&d, State::GaveUp, OutOfRetries);
 }
 
 #[test]
@@ -264,18 +258,9 @@ fn landing_is_completed_for_a_moment_without_data_where_a_climb_is_worse() {
         (0.4, Some(harder), 0.4, State::Flare),
         (0.4, Some(harder), 1.1, State::Hold),
     ] {
-        let deck = |s: &mut Situation| {
-            let d = s.deck.as_mut().unwrap();
-            (d.clearance_m, d.climb_contact_mps) = (clearance_m, climb_contact_mps);
-        };
-        let without_forecast = with(|s| {
-            deck(s);
-            s.forecast_age_s = age_s;
-        });
-        let without_odometry = with(|s| {
-            deck(s);
-            s.odometry_age_s = age_s;
-        });
+        let near = with_deck(|d| (d.clearance_m, d.climb_contact_mps) = (clearance_m, climb_contact_mps));
+        let (mut without_forecast, mut without_odometry) = (near, near);
+        (without_forecast.forecast_age_s, without_odometry.odometry_age_s) = (age_s, age_s);
         for s in [without_forecast, without_odometry] {
             let d = step(COMMITTED, &s);
             assert_eq!(d.phase.state(), state, "{clearance_m} m, {age_s} s");
@@ -287,11 +272,7 @@ fn landing_is_completed_for_a_moment_without_data_where_a_climb_is_worse() {
 fn low_battery_without_a_known_or_free_deck_leads_to_the_next_place_unless_commanded_again() {
     use BatteryPlace::{Deck, Here, Home};
     let low = with(|s| s.battery = Some(0.1));
-    let stale = with(|s| (s.battery, s.own) = (Some(0.1), None));
-    let stale = Situation {
-        forecast_age_s: 9.0,
-        ..stale
-    };
+    let stale = with(|s| (s.battery, s.own, s.forecast_age_s) = (Some(0.1), None, 9.0));
     let closed = with(|s| (s.battery, s.reservation) = (Some(0.1), Reservation::Others(DECK_CLOSED)));
     let reserved = with(|s| (s.battery, s.reservation) = (Some(0.1), Reservation::Others(2)));
     let hold = holding(HoldCause::Data, &fair(), &config());
@@ -372,11 +353,8 @@ fn low_battery_above_the_deck_lands_there_within_wider_limits() {
     let d = run(TRACKING, &silent(0.1), 5.0);
     let d = run(&d, &silent(0.1), 5.0);
     goes(&run(&d, &silent(0.1), 5.0), State::Descent, Reached);
-    waits(
-        &step(MissionPhase::TrackingStable, &silent(0.9)),
-        State::TrackingStable,
-        DeckGrantStale,
-    );
+    let full = step(MissionPhase::TrackingStable, &silent(0.9));
+    waits(&full, State::TrackingStable, DeckGrantStale);
     // Not what nothing survives.
     let mut worse = rough(0.1);
     worse.deck.as_mut().unwrap().tilt_rad = 0.8;

@@ -1,4 +1,4 @@
-//! The ladder to a first landing: a mission that only looks on, and one that follows the deck and climbs.
+//! Modes on the way to a first landing: shadow, and match (follow the deck, then climb).
 
 use alight_shared::msg::ReasonCode::{
     BatteryHome, Matched, Matching, NotFlying, Operator, TooFar, TooNear, VisionLost,
@@ -53,21 +53,17 @@ fn match_holds_for_its_time_and_climbs_without_a_flare() {
 
 #[test]
 fn match_starts_its_time_anew_when_it_is_left_behind() {
-    let mut d = step_at(&descends(), &at_clearance(12.0, 2.5), None);
-    d = step_at(&d, &at_clearance(20.0, 2.5), None);
-    d = step_at(&d, &at_clearance(20.1, 3.2), None);
-    d = step_at(&d, &at_clearance(20.2, 2.5), None);
-    d = step_at(&d, &at_clearance(22.5, 2.5), None);
+    let mut d = descends();
+    for (t, clearance_m) in [(12.0, 2.5), (20.0, 2.5), (20.1, 3.2), (20.2, 2.5), (22.5, 2.5)] {
+        d = step_at(&d, &at_clearance(t, clearance_m), None);
+    }
     waits(&d, State::Descent, Matching);
 }
 
 #[test]
 fn match_breaks_off_below_its_lowest_clearance_and_blind() {
-    goes(
-        &step_at(&descends(), &at_clearance(12.0, 1.95), None),
-        State::Tracking,
-        TooNear,
-    );
+    let d = step_at(&descends(), &at_clearance(12.0, 1.95), None);
+    goes(&d, State::Tracking, TooNear);
     let blind = |t: f64| Situation {
         now: at(t),
         ..with_deck(|d| (d.clearance_m, d.vision_age_s) = (2.5, 3.0))
@@ -79,16 +75,12 @@ fn match_breaks_off_below_its_lowest_clearance_and_blind() {
 #[test]
 fn match_never_completes_a_landing() {
     let low = with_deck(|d| (d.clearance_m, d.climb_contact_mps) = (0.3, Some(2.0)));
-    goes(
-        &step_at(&descends(), &low, Some(CommandKind::Abort)),
-        State::GaveUp,
-        Operator,
-    );
-    goes(
-        &step_at(&descends(), &low, Some(CommandKind::Hold)),
-        State::Hold,
-        Operator,
-    );
+    for (order, state) in [
+        (CommandKind::Abort, State::GaveUp),
+        (CommandKind::Hold, State::Hold),
+    ] {
+        goes(&step_at(&descends(), &low, Some(order)), state, Operator);
+    }
 }
 
 #[test]

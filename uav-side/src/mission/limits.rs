@@ -1,4 +1,4 @@
-//! Figures and their limits, as reasons.
+//! Quantities and their limits, as reasons.
 
 use alight_shared::msg::{Reason, ReasonCode};
 

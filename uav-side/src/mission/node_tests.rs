@@ -1,4 +1,4 @@
-//! The node: an ideal drone lands, commands and frames are handled, random input is harmless.
+//! The mission's node: an ideal drone, commands, checkpoints, frames, random input.
 
 use alight_shared::config::parse;
 use alight_shared::msg::{AutopilotMode, Message, Phase, PlanStage};
@@ -41,6 +41,31 @@ fn deck(n: u32, t: DroneTime, z: f64) -> DeckForecast {
         wave_confidence: 1.0,
         ..forecast(header(n, t), |_| level([0.0, 0.0, z]))
     }
+}
+
+/// These commands at `t` to a drone at the approach height over the deck.
+fn ordered(t: f64, commands: Vec<Command>) -> MissionIn {
+    MissionIn {
+        commands,
+        ..fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3])
+    }
+}
+/// The state after them.
+fn told(m: &mut Mission, t: f64, commands: Vec<Command>) -> State {
+    m.step(at(t), &ordered(t, commands));
+    m.phase.state()
+}
+/// The same with another autopilot.
+fn flown(
+    m: &mut Mission,
+    t: f64,
+    commands: Vec<Command>,
+    autopilot: impl FnOnce(&mut AutopilotState),
+) -> State {
+    let mut input = ordered(t, commands);
+    autopilot(input.autopilot.as_mut().unwrap());
+    m.step(at(t), &input);
+    m.phase.state()
 }
 
 /// The minimum altitude is a height over the long-term water level: a wrong forecast may lower it by 0.2 m/s and
@@ -170,9 +195,7 @@ fn mission_lands_an_ideal_drone_and_begins_its_descent_within_three_seconds_of_a
 fn mission_accepts_a_command_once_and_while_it_is_fresh() {
     let mut m = node();
     let give = |m: &mut Mission, t: f64, given: f64, n: u32, kind| {
-        let mut input = fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3]);
-        input.commands = vec![command(header(n, at(given)), kind)];
-        m.step(at(t), &input);
+        told(m, t, vec![command(header(n, at(given)), kind)]);
         m.commands.rejected().total()
     };
     assert_eq!(give(&mut m, 20.0, 10.0, 1, CommandKind::Land), 1, "too old");
@@ -182,16 +205,6 @@ fn mission_accepts_a_command_once_and_while_it_is_fresh() {
     assert_eq!(give(&mut m, 20.2, 20.15, 3, CommandKind::Abort), 1);
     assert_eq!(give(&mut m, 20.3, 20.0, 2, CommandKind::Land), 2, "out of order");
     assert_eq!(m.phase.state(), State::GaveUp);
-}
-
-/// The state after these commands at `t`, over the deck.
-fn told(m: &mut Mission, t: f64, commands: Vec<Command>) -> State {
-    let input = MissionIn {
-        commands,
-        ..fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3])
-    };
-    m.step(at(t), &input);
-    m.phase.state()
 }
 
 /// An order to land by the operator who has this boot id.
@@ -212,13 +225,8 @@ fn repeated_landing_after_a_take_over() {
     ] {
         let mut m = node();
         assert_eq!(told(&mut m, 20.0, vec![land(7, 1, 20.0)]), State::GetAltitude);
-        let mut taken = fresh_input(2100, at(21.0), [0.0, 0.0, -16.3]);
-        taken.autopilot = taken.autopilot.map(|a| AutopilotState {
-            mode: AutopilotMode::Other,
-            ..a
-        });
-        m.step(at(21.0), &taken);
-        assert_eq!(m.phase.state(), State::Idle);
+        let taken = flown(&mut m, 21.0, Vec::new(), |a| a.mode = AutopilotMode::Other);
+        assert_eq!(taken, State::Idle);
         assert_eq!(told(&mut m, 21.7, vec![repeated]), state, "{repeated:?}");
         let ordered = told(&mut m, 22.7, vec![land(9, 1, 22.7)]);
         assert_eq!(ordered.phase(), Phase::Navigation, "{ordered:?}");
@@ -234,10 +242,8 @@ fn hold_of_a_person_ends_the_order() {
         assert_eq!(told(&mut m, 20.0, vec![land(7, 1, 20.0)]), State::GetAltitude);
         for k in 0..30 {
             let t = 21.0 + 0.1 * f64::from(k);
-            let mut held = fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3]);
-            held.autopilot = held.autopilot.map(|a| AutopilotState { mode, lapsed, ..a });
-            m.step(at(t), &held);
-            assert_eq!(m.phase.state(), State::Idle);
+            let held = flown(&mut m, t, Vec::new(), |a| (a.mode, a.lapsed) = (mode, lapsed));
+            assert_eq!(held, State::Idle);
         }
         let flown = [(25.0, Vec::new()), (25.1, vec![land(7, 2, 20.0)])].map(|(t, repeated)| {
             let state = told(&mut m, t, repeated);
@@ -275,26 +281,23 @@ fn empty_battery_diverts_when_it_lasts() {
 #[test]
 fn repeated_landing_below_the_reserve() {
     let mut m = node();
-    let low = |t: f64, commands| {
-        let mut input = fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3]);
-        input.autopilot = input.autopilot.map(|a| AutopilotState {
-            battery: Some(0.3 * config().battery_reserve),
-            ..a
-        });
-        MissionIn { commands, ..input }
+    let low = |m: &mut Mission, t: f64, commands| {
+        let battery = Some(0.3 * config().battery_reserve);
+        flown(m, t, commands, |a| a.battery = battery)
     };
     assert_eq!(told(&mut m, 20.0, vec![land(7, 1, 20.0)]), State::GetAltitude);
     for k in 0..70 {
         let t = 20.5 + 0.1 * f64::from(k);
-        m.step(at(t), &low(t, Vec::new()));
+        low(&mut m, t, Vec::new());
     }
     assert_eq!(m.phase.state(), State::GaveUp);
-    for (t, repeated) in [(27.5, land(7, 2, 20.01)), (28.0, land(7, 3, 19.99))] {
-        m.step(at(t), &low(t, vec![repeated]));
-        assert_eq!(m.phase.state(), State::GaveUp, "{repeated:?}");
+    for (t, ordered, state) in [
+        (27.5, land(7, 2, 20.01), State::GaveUp),
+        (28.0, land(7, 3, 19.99), State::GaveUp),
+        (28.5, land(7, 4, 28.5), State::Hold),
+    ] {
+        assert_eq!(low(&mut m, t, vec![ordered]), state, "{ordered:?}");
     }
-    m.step(at(28.5), &low(28.5, vec![land(7, 4, 28.5)]));
-    assert_eq!(m.phase.state(), State::Hold);
 }
 
 #[test]
@@ -316,14 +319,9 @@ fn landing_ordered_before_or_just_after_an_abort_by_somebody_else_does_not_count
         assert_eq!(step(21.5, vec![land]), state, "{land:?}");
     }
     // Of what comes in one step the abort is heard.
-    let mut m = node();
-    let mut input = fresh_input(1, at(20.0), [0.0, 0.0, -16.3]);
-    input.commands = vec![
-        command(header(1, at(19.99)), CommandKind::Abort),
-        land_at(7, 20.0),
-    ];
-    m.step(at(20.0), &input);
-    assert_eq!(m.phase.state(), State::GaveUp);
+    let abort = command(header(1, at(19.99)), CommandKind::Abort);
+    let both = vec![abort, land_at(7, 20.0)];
+    assert_eq!(told(&mut node(), 20.0, both), State::GaveUp);
 }
 
 #[test]
@@ -346,11 +344,7 @@ fn abort_that_arrives_after_a_newer_order_counts_once() {
 fn abort_is_echoed_to_the_vessel_with_its_newest_repetition() {
     let mut m = node();
     let mut echo = |t: f64, commands: Vec<Command>| {
-        let input = MissionIn {
-            commands,
-            ..fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3])
-        };
-        let out = m.step(at(t), &input);
+        let out = m.step(at(t), &ordered(t, commands));
         (m.phase.state(), out.state.and_then(|s| s.abort))
     };
     let abort = |sequence: u32, given: f64| command(header(sequence, at(given)), CommandKind::Abort);
@@ -426,19 +420,14 @@ fn successor_goes_on_where_the_mission_before_it_was() {
             assert_eq!((s.hold_position, s.with_deck), ([0.1, 0.0, -16.0], true));
         }
     }
-    assert_eq!(
-        begun(Some(checkpoint(State::Flare, 9.8)), 0.5).0.state,
-        State::Flare
-    );
-    // The pilot has left the plan since: anew, but not from the deck.
-    assert_eq!(
-        begun(Some(checkpoint(State::Flare, 9.0)), 0.5).0.state,
-        State::Tracking
-    );
-    assert_eq!(
-        begun(Some(checkpoint(State::Flare, 9.0)), 0.05).0.state,
-        State::Flare
-    );
+    for (at_s, height, state) in [
+        (9.8, 0.5, State::Flare),
+        // The pilot has left the plan since: anew, but not from the deck.
+        (9.0, 0.5, State::Tracking),
+        (9.0, 0.05, State::Flare),
+    ] {
+        assert_eq!(begun(Some(checkpoint(State::Flare, at_s)), height).0.state, state);
+    }
     assert_eq!(begun(Some(checkpoint(State::Descent, 9.8)), 3.0).0.attempts, 1);
 }
 
@@ -500,32 +489,18 @@ fn successor_without_a_sound_checkpoint_climbs_from_the_deck_and_says_why() {
         f(&mut m);
         Some(m)
     };
+    use CheckpointRejection::{Age, Damaged, OtherDrone, Version};
     for (bad, why) in [
         (None, None),
         // The keeper has none.
         (Some(MissionCheckpoint::default()), None),
-        (
-            change(|m| m.header.version -= 1),
-            Some(CheckpointRejection::Version),
-        ),
-        (
-            change(|m| m.state.header.version -= 1),
-            Some(CheckpointRejection::Damaged),
-        ),
-        (
-            change(|m| m.header.drone = 2),
-            Some(CheckpointRejection::OtherDrone),
-        ),
-        (change(|m| m.header.at = at(4.0)), Some(CheckpointRejection::Age)),
-        (change(|m| m.header.at = at(11.0)), Some(CheckpointRejection::Age)),
-        (
-            change(|m| m.state.hold_position[0] = f64::NAN),
-            Some(CheckpointRejection::Damaged),
-        ),
-        (
-            change(|m| m.mean_deck_z = Some(f64::NAN)),
-            Some(CheckpointRejection::Damaged),
-        ),
+        (change(|m| m.header.version -= 1), Some(Version)),
+        (change(|m| m.state.header.version -= 1), Some(Damaged)),
+        (change(|m| m.header.drone = 2), Some(OtherDrone)),
+        (change(|m| m.header.at = at(4.0)), Some(Age)),
+        (change(|m| m.header.at = at(11.0)), Some(Age)),
+        (change(|m| m.state.hold_position[0] = f64::NAN), Some(Damaged)),
+        (change(|m| m.mean_deck_z = Some(f64::NAN)), Some(Damaged)),
     ] {
         let (s, rejected) = begun(bad, 1.0);
         assert_eq!((s.state, rejected), (State::GaveUp, why), "{bad:?}");

@@ -1,4 +1,4 @@
-//! The state table: one function per state, what it waits for and where it goes.
+//! State table: one function per state, with its conditions and transitions.
 
 use alight_shared::msg::ReasonCode::{
     Commanded, CourseEnds, Deviated, Infeasible, Matched, Matching, Missed, NoPlace, NoPlan, NoVessel,

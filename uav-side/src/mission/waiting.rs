@@ -1,5 +1,5 @@
-//! How likely a landing has to be for waiting on not to be worth its cost: the optimal stopping of independent draws with
-//! recall of none.
+//! Value of waiting: optimal stopping of independent draws without recall gives the likelihood of a landing above which
+//! waiting does not pay.
 //!
 //! Waiting a second costs `c`, a battery's and a crew's patience as a probability. Of the likelihoods `P` of the last
 //! minute, the next one is a draw: to go on waiting is worth it while `E[(P - p)+] > c`, so a landing begins at the `p*` with
