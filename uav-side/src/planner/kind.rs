@@ -1,4 +1,4 @@
-//! The kinds of planner, each with its own law and what that remembers.
+//! Kinds of planner, each with its own law and state.
 
 use alight_shared::geometry::DroneGeometry;
 

@@ -18,7 +18,7 @@ use nalgebra::SVector;
 
 use super::condensed::{Condensed, StageCost};
 use super::config::PlannerConfig;
-use super::model::{Chain, Discrete, HoverModel, INPUTS, State};
+use super::model::{Chain, Discrete, HoverModel, INPUTS, State, state};
 use super::qp::{ChainLimits, ChainSolver, Instance, NO_CEILING, SlackCost, SparseForm};
 
 /// One problem: where the drone is, where it should be, how much that matters.
@@ -64,7 +64,7 @@ impl Side {
         ) else {
             return;
         };
-        let place = (self.offset - across * state[1 - axis] - self.normal[2] * state[2]) / n;
+        let place = (self.offset - across * state[1 - axis] - self.normal[2] * state[state::DOWN]) / n;
         if n > 0.0 {
             *low = low.max(place);
         } else {

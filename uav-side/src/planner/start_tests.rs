@@ -1,4 +1,4 @@
-//! Where a plan of the landing begins: with the drone when that is ahead, with the plan when it is behind; aside of it,
+//! Start of a plan of the landing: with the drone when that is ahead, with the plan when it is behind; aside of it,
 //! between the two.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};

@@ -3,7 +3,7 @@
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{AutopilotState, DeckStage, Header, State as Mode};
 use alight_shared::surroundings::{KeepOut, Surroundings};
-use nalgebra::{DMatrix, DVector, SVector};
+use nalgebra::{DMatrix, DVector, SVector, Vector3};
 use proptest::prelude::*;
 
 use super::condensed::{Condensed, StageCost};

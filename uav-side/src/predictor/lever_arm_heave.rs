@@ -1,4 +1,4 @@
-//! How much lower the deck's centre stands on a tilted vessel than on a level one.
+//! Lever-arm heave: how much lower the deck's centre stands on a tilted vessel than on a level one.
 //!
 //! The filters carry the height that the deck would have if the vessel were level: heave, which is
 //! a sum of waves. The deck itself is on an arm `c` above the vessel's reference point and so

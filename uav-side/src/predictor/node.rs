@@ -481,6 +481,13 @@ impl Predictor {
         };
         (plane, lever_arm_heave_m)
     }
+
+    /// Counts a message that was not admitted.
+    fn count(&mut self, admitted: Result<(), RejectionReason>) {
+        if let Err(reason) = admitted {
+            self.rejections.count(reason);
+        }
+    }
 }
 
 impl Node for Predictor {
@@ -489,15 +496,15 @@ impl Node for Predictor {
     type Out = PredictorOut;
 
     fn step(&mut self, now: Time<DroneClock>, input: &PredictorIn) -> PredictorOut {
-        let mut done = [Ok(()); 6];
         if let Some(l) = &input.link {
             match Self::admit(now, l) {
                 Ok(()) if l.clock_offset_sd_s.is_finite() => self.clock_sd_s = l.clock_offset_sd_s.min(1.0),
-                r => done[0] = r,
+                r => self.count(r),
             }
         }
         if let Some(d) = &input.drone {
-            done[1] = self.drone(now, d);
+            let admitted = self.drone(now, d);
+            self.count(admitted);
         }
         let c = &self.config;
         let modes_age_s = self.waves.newest().map_or(0.0, |at| (now - at).secs());
@@ -512,39 +519,35 @@ impl Node for Predictor {
         if let Some(p) = &input.prediction {
             match Self::admit(now, p) {
                 Ok(()) => self.waves.receive_prediction(p),
-                r => done[4] = r,
+                r => self.count(r),
             }
         }
         if let Some(m) = &input.surroundings {
             match Self::admit(now, m) {
                 // They stand where they stood for as long as nothing else is reported.
                 Ok(()) => self.surroundings = m.surroundings,
-                r => done[5] = r,
+                r => self.count(r),
             }
         }
         if let Some(w) = input.wave.as_ref().filter(|_| use_wave_model) {
-            done[2] = self.wave(now, w);
+            let admitted = self.wave(now, w);
+            self.count(admitted);
         }
         if let Some(e) = input.estimate.as_ref().filter(|_| !vision_suffices) {
-            done[3] = self.estimate(now, e);
-        }
-        for r in done.into_iter().filter_map(Result::err) {
-            self.rejections.count(r);
+            let admitted = self.estimate(now, e);
+            self.count(admitted);
         }
         for m in input.uvdar.iter().filter(|_| use_vision) {
-            if let Err(r) = self.vision(now, m, false, |p, mount, c| observation::uvdar(m, p, mount, c)) {
-                self.rejections.count(r);
-            }
+            let admitted = self.vision(now, m, false, |p, mount, c| observation::uvdar(m, p, mount, c));
+            self.count(admitted);
         }
         for m in input.tags.iter().filter(|_| use_vision) {
-            if let Err(r) = self.vision(now, m, true, |p, mount, c| observation::tag(m, p, mount, c)) {
-                self.rejections.count(r);
-            }
+            let admitted = self.vision(now, m, true, |p, mount, c| observation::tag(m, p, mount, c));
+            self.count(admitted);
         }
         for m in &input.ranges {
-            if let Err(r) = self.range(now, m) {
-                self.rejections.count(r);
-            }
+            let admitted = self.range(now, m);
+            self.count(admitted);
         }
         self.begin(now, input.checkpoint.as_ref());
         let period = Span::from_secs(1.0 / self.config.rate_hz);

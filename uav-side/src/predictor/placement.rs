@@ -1,4 +1,4 @@
-//! The vessel's estimate in the drone's frame: where the vessel is on the ellipsoid, seen from the drone's origin.
+//! Placement of the vessel's estimate in the drone's frame, by both origins on the ellipsoid.
 
 use alight_shared::frames::{DroneNed, Vector, VesselNed, wrap_angle};
 use alight_shared::geodesy::Datum;

@@ -1,4 +1,4 @@
-//! Where the drone was: its last states, for measurements that come late.
+//! Track of the drone: its last states, for measurements that come late.
 
 use std::collections::VecDeque;
 

@@ -23,7 +23,7 @@ use nalgebra::{Vector2, Vector3};
 
 use super::config::PlannerConfig;
 use super::law::{LandingStart, Law, View};
-use super::model::{State, angular_velocity};
+use super::model::{State, angular_velocity, state};
 use super::mpc_faa::Problem;
 use super::reference::{Reference, ReferenceGenerator};
 use super::weights::FaaDistance;
@@ -121,7 +121,7 @@ impl Law for Rendezvous {
             return true_tilt(state, vertical, &self.wind());
         }
         let wind = self.wind() / GRAVITY;
-        (state[3] - wind.y, state[4] + wind.x, 1.0)
+        (state[state::PHI] - wind.y, state[state::THETA] + wind.x, 1.0)
     }
 }
 
@@ -159,10 +159,10 @@ impl Rendezvous {
         // Height over the surface that the profile follows at this height.
         let over =
             |fraction: f64| mean_z + fraction * (here.position[2] - mean_z) + (contact - here.position[2]);
-        let clearance = over(self.heave_fraction(contact - start[2])) - start[2];
+        let clearance = over(self.heave_fraction(contact - start[state::DOWN])) - start[state::DOWN];
         let begin = Height {
             clearance,
-            sinking: start[8] - here.velocity[2] * self.heave_fraction(clearance),
+            sinking: start[state::V_DOWN] - here.velocity[2] * self.heave_fraction(clearance),
         };
         let permitted = mission.descent_mps > 0.0;
         let (left, floor) = if permitted {
@@ -339,8 +339,8 @@ pub(crate) fn carried(wind: &Vector2<f64>, c: &WindConfig) -> Vector2<f64> {
 pub fn true_tilt(state: &State, down: f64, wind: &Vector2<f64>) -> (f64, f64, f64) {
     let lift = (GRAVITY - down).max(0.2 * GRAVITY);
     let (x, y) = (
-        (-GRAVITY * state[4] - wind.x) / lift,
-        (GRAVITY * state[3] - wind.y) / lift,
+        (-GRAVITY * state[state::THETA] - wind.x) / lift,
+        (GRAVITY * state[state::PHI] - wind.y) / lift,
     );
     // Up axis (x, y, -1) normalised; theta first about east, then phi about the turned north axis.
     let up = Vector3::new(x, y, -1.0).normalize();

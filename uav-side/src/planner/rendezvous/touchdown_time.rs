@@ -1,4 +1,4 @@
-//! When to touch: the instant within reach at which the deck is about level, turns slowly and
+//! Touchdown time: the instant within reach at which the deck is about level, turns slowly and
 //! accelerates as a drone aligned with it would.
 
 use alight_shared::geometry::GRAVITY;
