@@ -1,4 +1,4 @@
-//! Order of the vessel's messages: which start of its computer counts, and which sequence number is next.
+//! Order of the vessel's messages: boot number of its computer, then sequence number.
 
 use std::collections::VecDeque;
 

@@ -1,5 +1,4 @@
-//! The bridge on one clock with a vessel made here: what it admits, what it refuses, and how far
-//! its clock may be believed.
+//! The bridge on one clock with a vessel made here: admission, rejection, uncertainty of its clock.
 
 #![allow(clippy::unwrap_used)] // Helpers of a test may.
 

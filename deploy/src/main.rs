@@ -1,4 +1,4 @@
-//! `alight`: lands a multirotor on a moving, rocking deck.
+//! `alight`: landings of a multirotor on a moving, rocking deck.
 //!
 //! What a vessel and a drone install, in layers, each of which uses only those before it: [`exit`] and
 //! [`terminal`]; [`config`]; [`certificates`] and [`io`]; [`record`]; [`process`], [`vessel`] and [`drone`];

@@ -1,4 +1,4 @@
-//! Parameters of PX4 and ArduCopter that a landing relies on: what each must be, and why.
+//! Parameters of PX4 and ArduCopter that a landing relies on, with limits and reasons.
 //!
 //! Without set-points (companion, pilot or cable dead) the failsafe has to stop the descent: a sink of `v` = 2.5 m/s,
 //! a timeout of `T` = 0.5 s and a braking of `a` = 8 m/s² need `v T + v² / (2 a)` = 1.6 m, the mission's decision

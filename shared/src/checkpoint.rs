@@ -1,6 +1,6 @@
-//! Checkpoints: what of a node outlives its process, so that a successor goes on where a crashed predecessor was. A node
-//! publishes its checkpoint as it runs; a [`Keeper`] holds the newest of each node; a successor waits for its answer
-//! ([`Recovery`]) and validates it before it counts ([`validate`]).
+//! Checkpoints of a crashed predecessor, from which a successor goes on. A node publishes its checkpoint as it runs; a
+//! [`Keeper`] holds the newest of each node; a successor waits for its answer ([`Recovery`]) and validates it before it
+//! counts ([`validate`]).
 
 use core::fmt;
 

@@ -1,5 +1,4 @@
-//! What stands on a vessel around its landing deck, and from where and whereto drones fly: keep-out volumes, approach
-//! sector, escape direction.
+//! Surroundings of a landing deck: keep-out volumes, approach sector, escape direction.
 
 use core::f64::consts::{PI, TAU};
 

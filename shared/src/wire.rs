@@ -1,5 +1,5 @@
 //! The wire format of the radio: bincode 2, little endian, fixed-width integers, at most
-//! [`MAX_WIRE_BYTES`]. The only module that knows bincode.
+//! [`MAX_WIRE_BYTES`]. The only module that uses bincode.
 
 use serde::{Serialize, de::DeserializeOwned};
 use thiserror::Error;

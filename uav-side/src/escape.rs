@@ -1,5 +1,4 @@
-//! The climb away from the deck: one law for who flies it (the planner) and who asks whether it clears the deck (the
-//! mission).
+//! Climb away from the deck: one law for the planner that flies it and the mission that predicts its contact.
 //!
 //! In NED, with the deck's velocity down `d(t)` by its forecast and the drone's `v`: wanted is
 //! `v*(t) = max(min(d, 0) - climb, -greatest)`, with the deck and up from it, but not down after a deck that sinks,

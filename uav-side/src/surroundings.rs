@@ -1,4 +1,4 @@
-//! What stands around the deck, as the drone passes it: above its top, or beside it.
+//! Passage of keep-out volumes: above their top, or beside them.
 //!
 //! A volume is widened by the drone and what it errs by ([`Clear::margin_m`]) and turns and heaves with the predicted
 //! deck. In the deck's frame `q = R' (p - c)` with the deck's centre `c`; the face on which a drone passes is that

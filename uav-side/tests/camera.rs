@@ -1,5 +1,4 @@
-//! Arbitrary images and damaged files at the camera: nothing panics, nothing is seen that is not there,
-//! memory stays bounded.
+//! Arbitrary images and damaged files at the camera: no panic, no false detection, bounded memory.
 //!
 //! For minutes instead of seconds: `PROPTEST_RNG_SEED=7 PROPTEST_CASES=100000 cargo test --release --workspace --test camera`.
 

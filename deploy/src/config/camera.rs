@@ -1,4 +1,4 @@
-//! Where the images of the drone's cameras come from.
+//! Sources of the images of the drone's cameras.
 
 use alight_shared::config;
 

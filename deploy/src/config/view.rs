@@ -1,4 +1,4 @@
-//! What people see of a landing while it goes on: a page for a browser, and Foxglove.
+//! Viewers of a landing: a page for a browser, and Foxglove.
 
 use std::net::SocketAddr;
 

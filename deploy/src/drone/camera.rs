@@ -1,9 +1,9 @@
-//! A camera of the drone as a process: images in; sightings of the deck's tag (belly camera) or fixes of the
-//! deck by its blinking markers (ultraviolet camera) to the topic that the predictor reads.
-//! Figures of the first: images, those with the tag, other tags, too faint, misshapen, without a pose, of
-//! another size, contrast and saturation of the tag; of the second: images, those with a fix, markers, images
-//! with one marker only, without a place, of another size. Of both: the time from exposure to sighting (median,
-//! 99 %), times its source was opened again, exposure and gain.
+//! A camera of the drone as a process: images in; detections of the deck's tag (belly camera) or fixes of the
+//! deck by its blinking markers (ultraviolet camera) to the topic that the predictor reads. Metrics of the
+//! first: images, those with the tag, other tags, too faint, misshapen, without a pose, of another size,
+//! contrast and saturation of the tag; of the second: images, those with a fix, markers, images with one marker
+//! only, without a place, of another size. Of both: the time from exposure to detection (median, 99 %), times
+//! its source was opened again, exposure and gain.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! Where the camera's images come from: the simulated camera, a V4L2 device, files, a pipe of raw images.
+//! Sources of the camera's images: the simulated camera, a V4L2 device, files, a pipe of raw images.
 
 use std::fs::File;
 use std::io::Read;

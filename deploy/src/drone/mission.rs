@@ -1,5 +1,5 @@
-//! The drone's mission as a process: wakes with odometry, with a forecast and with a command. What it must not
-//! forget goes to the supervisor, which says it again to a mission that begins.
+//! The drone's mission as a process: wakes with odometry, with a forecast and with a command. Its checkpoint
+//! goes to the supervisor, which republishes it to a mission that begins.
 
 use alight_shared::msg::{
     AutopilotState, Command, DeckForecast, DeckGrant, DroneState, MissionCheckpoint, MissionState, Plan,

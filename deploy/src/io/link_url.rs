@@ -1,4 +1,4 @@
-//! Where an autopilot is, as users of MAVSDK write it.
+//! Addresses of autopilots, as MAVSDK writes them.
 
 use std::fmt;
 use std::path::PathBuf;

@@ -1,4 +1,4 @@
-//! A flight as its computer sums it up: states, outcome and figures, for the recorder's summary.
+//! Summary of a flight on its own computer: states, outcome and metrics, for the recorder.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;

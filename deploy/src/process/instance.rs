@@ -1,4 +1,4 @@
-//! A set of processes on this computer: its files, and the lock that says it is running.
+//! Instance: a set of processes on this computer, its files and its lock.
 
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};

@@ -1,6 +1,5 @@
-//! What a process reports to people: lines on standard error, which systemd keeps in its journal. A thread of its own
-//! writes them: no process waits for a journal that is slow or a terminal that is stopped. What a queue of lines cannot
-//! hold is lost.
+//! Journal of a process: lines on standard error, which systemd keeps. A thread of its own writes them: no process
+//! waits for a journal that is slow or a terminal that is stopped. What a queue of lines cannot hold is lost.
 
 use core::fmt;
 use std::io::stderr;

@@ -1,5 +1,5 @@
-//! What every process does beside its node: a clock that never goes back, the time each step takes,
-//! a record of what was consumed, a report about itself twice a second, and an end when it is asked to.
+//! Life of a process beside its node: a clock that never goes back, the time each step takes, a record
+//! of what was consumed, a report about itself twice a second, and an end when it is asked to.
 
 use std::io::{ErrorKind, Read};
 use std::path::Path;

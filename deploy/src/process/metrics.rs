@@ -1,4 +1,4 @@
-//! Metrics of the processes in words.
+//! Names and units of the processes' metrics.
 
 use alight_shared::transport::metrics::MetricValue;
 use alight_shared::transport::process::ProcessState;

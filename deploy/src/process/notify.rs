@@ -1,6 +1,6 @@
-//! What a service reports to its manager (systemd): that it is ready, that it is alive, what it does. One
-//! datagram each to the socket named in NOTIFY_SOCKET (sd_notify(3)); nothing without that name. And the manager's
-//! end of it, for a supervisor in systemd's place.
+//! Notification of a service's manager (systemd): ready, alive, status. One datagram each to the socket named in
+//! NOTIFY_SOCKET (sd_notify(3)); nothing without that name. And the manager's end of it, for a supervisor in
+//! systemd's place.
 //!
 //! The crate sd-notify is not used: its send blocks once a manager that stands still has ten datagrams waiting,
 //! and with it the process that flies.

@@ -1,4 +1,4 @@
-//! What a process sends over the radio, by topic, as rates over the last seconds.
+//! Radio rates of a process, by topic, over the last seconds.
 
 use std::collections::VecDeque;
 

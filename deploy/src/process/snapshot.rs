@@ -1,4 +1,4 @@
-//! What a person sees of the live system: one line while it flies, tables at the end and on demand.
+//! Snapshot of the live system: one line while it flies, tables at the end and on demand.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! Carries out what [`SupervisorNode`] decides: starts processes, kills them, ends them all.
+//! Execution of the decisions of [`SupervisorNode`]: start, kill, end of all processes.
 //!
 //! Every process holds the reading end of a pipe as its standard input and ends when that closes,
 //! so that none outlives a supervisor that was killed.

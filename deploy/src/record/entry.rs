@@ -1,4 +1,4 @@
-//! What is recorded of a node's step: its time, its input bit for bit and a hash of its output.
+//! Record of a node's step: time, input bit for bit, hash of the output.
 //!
 //! Forecasts and plans are nine tenths of all bytes that flow, and each is another node's output of
 //! the same recording. An input therefore names them by their sequence number: the replay feeds the

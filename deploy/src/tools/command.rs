@@ -1,6 +1,6 @@
-//! `alight command`: an operator's command to a mission, and its answer: on the drone's own computer
-//! through shared memory, or from ashore through the vessel, with an operator's certificate. And on the vessel's
-//! computer the crew's word on the deck.
+//! `alight command`: an operator's command to a mission, and its answer: on the drone's own computer through
+//! shared memory, or from ashore through the vessel, with an operator's certificate. On the vessel's computer
+//! also the crew's order for the deck.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! `alight keys`: makes and shows certificates.
+//! `alight keys`: certificates.
 
 use std::fs;
 use std::path::{Path, PathBuf};

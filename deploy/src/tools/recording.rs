@@ -1,5 +1,5 @@
-//! One recording made of a flight: the steps of its processes in the order of the one steady clock of this computer, each
-//! computed again, with what a person looks at besides.
+//! One recording made of a flight: the steps of its processes in the order of the one steady clock of this computer,
+//! each computed again, with the views for people.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! `alight status`: what runs under an instance's name, from another terminal.
+//! `alight status`: status of an instance, from another terminal.
 //!
 //! [`page`] is what a person reads at one glance, [`drone`] and [`vessel`] fill it, [`watch`] shows it
 //! for as long as somebody looks.

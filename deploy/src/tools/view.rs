@@ -1,4 +1,4 @@
-//! `alight view`: what runs on this computer, for people with a browser or with Foxglove.
+//! `alight view`: status of this computer in a browser or Foxglove.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;

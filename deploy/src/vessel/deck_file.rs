@@ -1,4 +1,4 @@
-//! The file in which the vessel's process keeps what it must not forget of its deck, and the crew's orders.
+//! File of the deck's checkpoint, and the crew's orders.
 //!
 //! It is written to the disk at each change, whole and under another name first, and carries version and checksum: the
 //! next start finds the old state or the new one. What is not known is closed until a person opens it: where the file

@@ -1,4 +1,4 @@
-//! What is known of a flight as it goes on, and the picture of it that the page shows.
+//! Board: newest state of a running flight, and the picture of it that the page shows.
 
 use std::collections::VecDeque;
 

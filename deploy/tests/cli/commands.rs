@@ -1,4 +1,4 @@
-//! The program as a person meets it: exit codes, errors that help, JSON, determinism.
+//! Commands: exit codes, errors, JSON, determinism.
 use crate::program::{alight, assert_rejected, file, json, scratch, stderr, stdout};
 
 #[test]

@@ -1,5 +1,4 @@
-//! `alight estimate` as a person meets it: reports of what is read, exit code 2 and a reason for what is
-//! not.
+//! `alight estimate`: reports of readable recordings, exit code 2 and a reason for others.
 use crate::program::{alight, assert_rejected, file, json, scratch, stderr, stdout};
 
 /// Two minutes of a boat in a swell of 5 s as a motion sensor and a receiver tell it at 5 Hz.

@@ -1,4 +1,4 @@
-//! The order of layers, read off the sources: who imports whom.
+//! Order of layers, by the imports in the sources.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! Recording and replay as a person meets them.
+//! Recording and replay on the command line.
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;

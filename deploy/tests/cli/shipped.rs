@@ -1,4 +1,4 @@
-//! What the packages install: configurations that hold every default, and units that systemd takes.
+//! Installed files: configurations with every default, and units that systemd accepts.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -1,5 +1,5 @@
-//! What befalls the services that a vessel and a drone install, over mutual TLS: radio silence, restarts, a frozen
-//! process, a stranger's order. That they land undisturbed is rehearsed (`rehearse`).
+//! Faults of the installed services over mutual TLS: radio silence, restarts, a frozen process, an order of an
+//! unauthorised peer. Their landing without a fault is rehearsed (`rehearse`).
 //!
 //! `deploy/packages/test` lands with the installed packages: it puts their commands, with the network namespace and
 //! the user that belong before them, into ALIGHT_VESSEL and ALIGHT_DRONE.

@@ -1,5 +1,6 @@
-//! What a process outlives, and what outlives a process: a recorder that cannot be written to, a process that cannot be
-//! started, the deck's state. Nothing here asserts a time: the bounds on waiting are only against tests that never end.
+//! Survival: of a process with a recorder that cannot be written to, of a supervisor with a process that cannot be
+//! started, of the deck's state. Nothing here asserts a time: the bounds on waiting are only against tests that never
+//! end.
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! Who published a message: the name in its key, to which access control binds the publisher's certificate.
+//! Sender of a message: the name in its key, to which access control binds the publisher's certificate.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,4 @@
-//! The heading on which the deck would tilt least.
+//! Heading of least deck tilt.
 //!
 //! Waves push a vessel the way they run: her horizontal acceleration `a` and the rate of the surface, `w` up, are in phase
 //! (deep water, Fossen 2011, section 8.2), so `E[a w]` points to where they run to, and `E[a a']` holds how their

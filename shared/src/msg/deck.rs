@@ -1,4 +1,4 @@
-//! What the drone knows of the deck: detections, link, forecast.
+//! The deck as the drone knows it: detections, link, forecast.
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! What the vessel broadcasts.
+//! Broadcast of the vessel: estimate, wave model, prediction.
 //!
 //! # Byte layout on the wire
 //!

@@ -1,4 +1,5 @@
-//! Who may publish what over the radio: rules by the name in a certificate, checked by zenoh on both sides.
+//! Access control of the radio: publishing rights by the name in a certificate, checked by zenoh on both
+//! sides.
 //!
 //! Keys are `alight/NAME/TOPIC`, and NAME is the common name of the speaker's certificate. Everything
 //! is denied but this: we publish our own keys, a peer publishes keys under its own name, and

@@ -1,4 +1,4 @@
-//! One set of processes on a computer, and the names of its services.
+//! Instance: one set of processes on a computer, and the names of its services.
 
 use std::path::PathBuf;
 

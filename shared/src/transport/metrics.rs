@@ -1,4 +1,4 @@
-//! What processes count and measure beside, each under its own name.
+//! Metrics of processes, each under its own name.
 
 use serde::{Deserialize, Serialize, Serializer};
 

@@ -1,4 +1,4 @@
-//! What a test bench puts between a process and its messages, from outside. A process that flies sets none.
+//! Observation and alteration of a process's messages by a test bench. A process that flies sets none.
 
 use std::sync::{Mutex, OnceLock, PoisonError};
 

@@ -1,5 +1,5 @@
-//! Who was refused at the radio's door. The middleware tells nobody but its log (crate `tracing`): a
-//! listener of that log counts the three kinds of refusal it knows.
+//! Rejected peers, from zenoh's log (crate `tracing`), the only place where it reports them: a
+//! listener counts the three kinds of rejection.
 //!
 //! - a session whose TLS handshake (QUIC's, RFC 9001) failed: no certificate, another authority, expired;
 //! - a session whose certificate carries a name that no rule of ours is for;

@@ -1,4 +1,4 @@
-//! What a process read on a topic, counted.
+//! Statistics of a subscriber.
 
 use hdrhistogram::Histogram;
 

@@ -1,4 +1,4 @@
-//! The vessel's figures.
+//! Parameters of the vessel.
 
 use nalgebra::SMatrix;
 use serde::{Deserialize, Serialize};

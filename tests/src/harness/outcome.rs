@@ -1,4 +1,4 @@
-//! How a trial ended, judged from the truth, the same for every planner.
+//! Outcome of a trial, judged from the truth, the same for every planner.
 //!
 //! Success: at first foot contact normal and tangential speed relative to the deck at most
 //! 1.0 m/s and tilt difference at most 10 deg; later impacts at most 1.0 m/s; only feet touch and

@@ -1,4 +1,4 @@
-//! A bounded queue of things under way.
+//! Delay line: a bounded queue with arrival times.
 
 use std::collections::VecDeque;
 

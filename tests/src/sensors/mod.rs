@@ -1,4 +1,4 @@
-//! Everything that measures the world, with its noise, bias, latency and failures.
+//! Simulated sensors, with noise, bias, latency and failures.
 //!
 //! Each error has its own named random stream, and each is drawn whether or not the measurement is
 //! delivered: two planners that fly differently meet the same errors at the same time.

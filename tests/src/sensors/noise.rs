@@ -1,4 +1,4 @@
-//! Where all sensor errors come from: white noise and first-order Gauss-Markov processes.
+//! Sensor errors: white noise and first-order Gauss-Markov processes.
 
 use core::ops::RangeInclusive;
 

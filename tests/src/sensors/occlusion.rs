@@ -1,4 +1,4 @@
-//! What of the drone itself comes between its camera and the tags: its legs, and its shadow on the deck.
+//! Occlusion of the tags by the drone itself: its legs, and its shadow on the deck.
 
 use alight_shared::frames::{TrueNed, Vector};
 use alight_shared::geometry::DroneGeometry;

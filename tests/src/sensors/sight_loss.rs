@@ -1,4 +1,4 @@
-//! Why a camera that should see the tag does not, for a while: glare, spray, something that lies on the tag.
+//! Losses of vision: glare, spray, something that lies on the tag.
 //!
 //! Each cause is an alternating renewal process of its own with exponential times in both states (the chain of
 //! two states of Gilbert 1960 in continuous time), begun in its stationary distribution: absent for

@@ -1,4 +1,4 @@
-//! Who commands the drone, and why: Alight does in the mode and armed state that a person gave, and
+//! Control authority, with its reason: Alight's in the mode and armed state that a person gave, and
 //! in no other.
 //!
 //! The rules, as this state machine keeps them:

@@ -1,5 +1,5 @@
-//! What a ground station sees of a landing, through the autopilot: a text for each change of the mission's state and for
-//! each alarm, and two figures at a low rate. The heartbeat of the companion is with the periodic messages.
+//! Reports of a landing to a ground station, through the autopilot: a text for each change of the mission's state and
+//! for each alarm, and two named values at a low rate. The heartbeat of the companion is with the periodic messages.
 
 use alight_shared::admission::Periodic;
 use alight_shared::msg::{MissionState, ReasonCode, State};

@@ -1,4 +1,4 @@
-//! Whose hold it is: PX4's own, after our set-points ceased, or a person's.
+//! Lapse: distinction of PX4's own hold, after our set-points ceased, from a person's.
 //!
 //! Both look the same on the link. PX4's own begins COM_OF_LOSS_T after the last set-point and ends with the next one; any
 //! other is the will of a person, who has taken the drone over. ArduCopter never holds by itself: its Brake is chosen.

@@ -1,4 +1,4 @@
-//! Reads back the parameters of the autopilot that a landing relies on, and judges them.
+//! Read-back and judgement of the autopilot's parameters that a landing relies on.
 
 use alight_shared::autopilot_parameters::{
     Parameter, REQUESTS, Severity, THRUST_OPTION, of_ardu_copter, of_px4,

@@ -1,5 +1,5 @@
-//! Errors of estimates from samples that follow each other closely: neighbours share their error, so
-//! that a thousand samples hold less information than a thousand independent ones.
+//! Standard errors with autocorrelated samples: neighbours share their error, so that a thousand
+//! samples hold less information than a thousand independent ones.
 
 use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
 

@@ -1,4 +1,4 @@
-//! What a deck's tags look like, and from where the camera sees which of them whole.
+//! Layout of a deck's tags, and the places from which the camera sees each of them whole.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::tags::{DeckTag, MARGIN};

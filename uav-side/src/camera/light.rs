@@ -1,4 +1,4 @@
-//! Light in an image: what the exposure is metered by and what is reported of the tag.
+//! Grey levels in an image: of the metered area, and contrast and saturation of the tag.
 
 use nalgebra::Vector2;
 

@@ -1,4 +1,4 @@
-//! The thrust that hovers, identified in flight.
+//! Hover thrust, identified in flight.
 
 use alight_shared::geometry::GRAVITY;
 

@@ -1,4 +1,4 @@
-//! Odometry as the other nodes use it: the autopilot's, made smooth.
+//! Smooth odometry of the drone, from the autopilot's.
 //!
 //! An autopilot corrects position and velocity by each GNSS fix on its own: its position moves by a
 //! centimetre ten times a second, and its velocity is not the derivative of its position. Landing

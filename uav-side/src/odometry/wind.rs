@@ -1,5 +1,5 @@
-//! What pushes the drone sideways besides its rotors: wind, and the errors of attitude and accelerometers, all as
-//! the odometry shows them. One observer for mission, planner and pilot, each with its own time constant.
+//! Lateral disturbance acceleration: wind, and the errors of attitude and accelerometers, all as the odometry
+//! shows them. One observer for mission, planner and pilot, each with its own time constant.
 
 use alight_shared::msg::DroneState;
 use alight_shared::time::{DroneClock, Time};

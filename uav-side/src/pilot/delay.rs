@@ -1,4 +1,5 @@
-//! The dead time of the link to the autopilot: what the drone will be when a command gets there.
+//! Dead time of the link to the autopilot: prediction of the drone's state to the arrival of a
+//! command.
 //!
 //! Odometry is `d` old when it arrives, and a command takes about as long on its way, so the answer to a
 //! command is observed `2 d` after it. A loop that takes the old state for the present one loses `2 d w` of its

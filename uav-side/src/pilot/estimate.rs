@@ -1,5 +1,4 @@
-//! What the pilot learns in flight: the thrust that hovers, the lift that it does not explain, and
-//! the force that pushes.
+//! Estimates of the pilot in flight: hover thrust, unmodelled lift, lateral force.
 
 use alight_shared::geometry::GRAVITY;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};

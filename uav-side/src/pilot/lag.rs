@@ -1,4 +1,4 @@
-//! The lag of the autopilot's attitude loop: learnt in flight, and made up for.
+//! Lag of the autopilot's attitude loop: identified in flight, and compensated.
 //!
 //! Autopilots turn towards a commanded attitude at a rate in proportion to the angle left,
 //! `w = e / T` (PX4, ArduPilot). The lag `T` is their setting and differs from drone to drone; the

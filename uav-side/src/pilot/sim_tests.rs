@@ -1,4 +1,4 @@
-//! The pilot in a small world of its own: a drone with lags over a heaving, tilting deck.
+//! Closed loop of the pilot: a drone with lags over a heaving, tilting deck.
 
 use nalgebra::UnitQuaternion;
 use rand::SeedableRng;

@@ -1,4 +1,4 @@
-//! The pieces against their equations, safe action, and random input.
+//! Parts of the pilot against their equations, safe action, random input.
 
 use alight_shared::config::parse;
 use nalgebra::UnitQuaternion;

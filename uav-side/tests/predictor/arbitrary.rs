@@ -1,4 +1,4 @@
-//! Whatever comes in: counted, and the forecast stays sane.
+//! Arbitrary input: counted, and the forecast stays sound.
 
 use alight_shared::msg::Seq;
 use alight_shared::msg::{

@@ -1,4 +1,4 @@
-//! What an engine does to the speed: it is no wave, and the identification must not take it for one.
+//! Speed change by the engines, which the identification must not take for a wave.
 
 use super::STEP_S;
 

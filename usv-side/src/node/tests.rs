@@ -1,4 +1,4 @@
-//! The node against bad input: it is counted, nothing panics, no unsafe message is published.
+//! Bad input to the node: counted, no panic, no unsafe message.
 
 use alight_shared::admission::{RejectionReason, Rejections};
 use alight_shared::msg::Message;

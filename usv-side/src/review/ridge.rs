@@ -1,4 +1,4 @@
-//! The predictor to beat: a ridge regression on the node's own published estimates that knows no model.
+//! Reference predictor without a model: ridge regression on the node's own published estimates.
 //!
 //! Roll, pitch, heave and their rates at 24 lags over the last 5.6 s (10 Hz) predict roll, pitch and heave one horizon
 //! ahead (Hoerl and Kennard 1970); fitted to the last 120 s.

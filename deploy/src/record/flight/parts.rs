@@ -1,5 +1,5 @@
-//! Writes the parts of one start of a process: rotated by size and time, synchronised every second, tried again
-//! when the disk refuses.
+//! Parts of one start of a process: rotated by size and time, synchronised every second, tried again when the
+//! disk refuses.
 
 use std::collections::BTreeMap;
 use std::fs::File;

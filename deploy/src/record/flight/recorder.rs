@@ -1,5 +1,5 @@
-//! What a process holds of the flight recorder. It never waits: steps go in batches to a thread that writes them, and
-//! those that find the line to it full are counted and left out.
+//! Recorder of a process's steps. It never waits: steps go in batches to a thread that writes them, and those that
+//! find the line to it full are counted and left out.
 
 use std::path::Path;
 use std::sync::Arc;

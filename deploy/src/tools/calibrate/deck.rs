@@ -1,4 +1,4 @@
-//! `alight calibrate deck`: the drone stands on the deck, motors off, and looks around.
+//! `alight calibrate deck`: the deck's place from a drone that stands on it, motors off.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;

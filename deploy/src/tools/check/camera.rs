@@ -1,4 +1,4 @@
-//! Looks through a camera as its process does, or asks that process.
+//! Image of a camera, taken as its process does or asked of that process.
 
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::time::Duration;

@@ -1,5 +1,5 @@
-//! Which class of vessel its sensors make, and whether the drone fits its deck: `docs/equipment.md` has the tables that
-//! the figures here are of.
+//! Equipment class of the vessel by its sensors, and fit of the drone to its deck: `docs/equipment.md` has the tables
+//! of these figures.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_uav::camera::layout;

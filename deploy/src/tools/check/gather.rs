@@ -1,4 +1,4 @@
-//! Collects the facts about this computer; judges nothing.
+//! Collection of the facts about this computer, without judgement.
 
 use std::fs::{self, OpenOptions};
 use std::io::ErrorKind;

@@ -1,4 +1,4 @@
-//! Who can look on, and give the page's order.
+//! Access to the viewers' page and its order.
 
 use std::net::SocketAddr;
 

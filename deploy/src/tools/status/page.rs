@@ -1,5 +1,4 @@
-//! A status that a person reads at one glance: a line that names state and reason, then what else matters, each under its
-//! word, in at most 20 lines of 80 columns.
+//! Status page: a line of state and reason, then labelled lines, at most 20 of 80 columns.
 
 use crate::tools::check::finding::Level;
 

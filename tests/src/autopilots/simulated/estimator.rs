@@ -1,5 +1,4 @@
-//! The autopilot's sensors and its estimate of its own motion: what flies the drone instead of
-//! the truth.
+//! The autopilot's sensors and its estimate of its own motion, by which it flies.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use rand_chacha::ChaCha8Rng;

@@ -1,5 +1,5 @@
-//! Mixers of PX4 and ArduCopter: rotor commands for a collective thrust and moments, and what gives way when
-//! rotors saturate. All are fractions of a rotor's greatest thrust.
+//! Mixers of PX4 and ArduCopter: rotor commands for a collective thrust and moments, and priorities at
+//! saturation. All are fractions of a rotor's greatest thrust.
 
 use crate::physics::drone::{Frame, MAX_ROTORS};
 

@@ -1,5 +1,4 @@
-//! The autopilot's end of MAVLink: what it makes of messages, and what it reports, as PX4 and ArduCopter do (denials,
-//! requested rates, parameters, forced disarm).
+//! The autopilot's end of MAVLink, as of PX4 and ArduCopter (denials, requested rates, parameters, forced disarm).
 
 use std::collections::BTreeMap;
 

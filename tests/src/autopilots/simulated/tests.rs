@@ -1,4 +1,4 @@
-//! The autopilot flies the simulated drone: control, failsafes, character.
+//! Flights of the simulated autopilot: control, failsafes, differences of the firmwares.
 
 use alight_shared::frames::{Deck, Point};
 use alight_shared::geometry::{DeckGeometry, GRAVITY};

@@ -1,5 +1,5 @@
-//! What the nodes have from data sheets and tape measures, and what is really there: drawn per seed around the
-//! scenario's figures, which are those that the nodes' configurations have.
+//! Parameter errors of the nodes' configurations (data sheets, tape measures): true values drawn per seed
+//! around the scenario's, which are the nodes'.
 //!
 //! Mass, thrust, lever arms, misalignment, biases and the camera's mount are drawn without this, by their own
 //! keys. Each figure has its own random stream `draws/<name>`: one more does not shift the others.

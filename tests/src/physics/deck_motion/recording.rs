@@ -1,4 +1,4 @@
-//! A recording as it comes: read, checked, cleaned of repeated stamps, bridged over gaps.
+//! Recorded motion: read, checked, cleaned of repeated stamps, interpolated over gaps.
 
 mod quality;
 

@@ -1,6 +1,5 @@
-//! What a vessel does to the wind that blows over its deck: the boundary layer on the plate, and the wakes of what stands
-//! around it. All in the deck's axes (forward, right, down from its centre), m and m/s; the wind is that relative to the
-//! deck.
+//! Wind over the deck: the boundary layer on the plate, and the wakes of what stands around it. All in the deck's axes
+//! (forward, right, down from its centre), m and m/s; the wind is that relative to the deck.
 
 use alight_shared::surroundings::KeepOut;
 use nalgebra::{Vector2, Vector3};

@@ -1,4 +1,4 @@
-//! Wind over the water: a mean that falls towards it, Dryden gusts, and what the vessel makes of both over her deck.
+//! Wind over the water: a mean that falls towards it, Dryden gusts, and the vessel's effect on both over her deck.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::surroundings::KeepOut;

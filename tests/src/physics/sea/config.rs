@@ -1,4 +1,4 @@
-//! Which sea: the paper's three-component sea, an irregular sea by spectrum, or calm water.
+//! Kinds of sea: the paper's three-component sea, an irregular sea by spectrum, or calm water.
 
 use core::f64::consts::TAU;
 use core::str::FromStr;

@@ -1,4 +1,4 @@
-//! Two half-cylinder hulls, cut into sections: submerged area of a section and where it acts.
+//! Two half-cylinder hulls, cut into sections: submerged area of a section and its centroid.
 
 use nalgebra::Vector3;
 

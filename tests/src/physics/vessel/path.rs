@@ -1,6 +1,6 @@
-//! The mean path of a vessel on each course: where it is, how fast, and where its bow points without the waves.
-//! Twice differentiable: heading and speed change by a quintic step, or swing by sines. What a seed draws of a course
-//! comes from the stream `vessel/course`.
+//! Mean path of a vessel on each course: place, speed and heading without the waves. Twice differentiable: heading
+//! and speed change by a quintic step, or swing by sines. What a seed draws of a course comes from the stream
+//! `vessel/course`.
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 

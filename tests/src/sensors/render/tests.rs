@@ -1,4 +1,4 @@
-//! The node sees in a rendered image what was put there.
+//! Detections of the camera node in rendered images.
 
 use alight_shared::frames::{Camera, DroneBody, Point, Rotation};
 use alight_shared::msg::TagPose;

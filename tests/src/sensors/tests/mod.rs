@@ -1,4 +1,4 @@
-//! The sensors against their stated figures.
+//! The sensors against their stated parameters.
 
 mod drone;
 mod vessel;

@@ -1,6 +1,6 @@
-//! Which marker a bright spot is, by how it blinks (Walter et al. 2019, section IV): spots are followed
-//! from image to image, dark ones at the place where they should be, and the last images of each are
-//! compared with the markers' codes in every phase.
+//! Identification of markers by their blinking codes (Walter et al. 2019, section IV): bright spots
+//! are followed from image to image, dark ones at the place where they should be, and the last
+//! images of each are compared with the markers' codes in every phase.
 
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::Vector2;

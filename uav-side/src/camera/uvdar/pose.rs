@@ -1,4 +1,4 @@
-//! Where the deck is from the directions of known markers: least squares on the sphere.
+//! Pose of the deck from the directions of known markers: least squares on the sphere.
 //!
 //! Unknown are the deck's centre `t` and attitude `R` in the camera's axes. A marker at `m` in the deck's
 //! axes lies in the direction `p = R m + t`; its residual is the angle to the measured direction, in two axes,

@@ -1,5 +1,5 @@
-//! What a recording's channels carry: steps of their resolution, noise, held values and clipped peaks are
-//! recognised, and smoothed to the bandwidth that is left.
+//! Quality of a recording's channels: resolution, noise, held values and clipped peaks, and smoothing to
+//! the bandwidth that is left.
 //!
 //! A motion that is differentiated twice carries an error `e` of a sample at the interval `dt` as `e / dt²`: a
 //! heave in steps of 1 cm at 100 Hz is tens of m/s² that never were. Smoothing is a cubic fitted to the samples
