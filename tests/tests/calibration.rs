@@ -145,7 +145,7 @@ fn deck_calibration_separates_receiver_offsets_from_a_displaced_deck() {
     }
 }
 
-/// Records what the vessel's sensors say.
+/// Records the vessel's sensors.
 #[derive(Default)]
 struct Recorder(Record);
 
@@ -155,7 +155,7 @@ impl Tap for Recorder {
     }
 }
 
-/// What the recording of `seconds` of this vessel tells.
+/// Calibration by a recording of `seconds` of this vessel.
 fn recorded(scenario: &Scenario, seed: u64, seconds: f64) -> alight_usv::calibrate::VesselCalibration {
     let mut scenario = scenario.clone();
     scenario.start.warm_up_s = seconds;
@@ -303,7 +303,7 @@ fn vessel_calibration_is_not_observable_at_rest_or_in_waves() {
         found.antenna_m.is_none_or(|a| a.iter().all(|f| f.sd > 0.1)),
         "{found:?}"
     );
-    // Waves tell where the antenna is, and nothing else.
+    // Waves make the antenna's place observable, and nothing else.
     let mut scenario = at_sea("moderate");
     scenario.sensors.vessel_gnss.antenna_m = [-1.0, 0.3, -1.7];
     let found = recorded(&scenario, 2, 180.0);

@@ -126,7 +126,7 @@ fn arbiter_keeps_the_deck_for_a_drone_that_landed_without_a_radio_until_the_crew
     fleet.run(60.0);
     assert_state(&fleet, first, State::Landed);
     assert_never_descended(&fleet, second);
-    // A person carries it off, and says so.
+    // A person carries it off, and reports it.
     fleet.world.deck_order(DeckOrder::Open);
     fleet.restart_drone(first);
     fly_to(&mut fleet, 120.0, second, State::Landed);

@@ -154,7 +154,7 @@ fn drone_lands_on_a_vessel_under_way() {
 fn drone_touches_down_aligned_in_steady_wind() {
     let mut scenario = at_sea(0.0, 5.0);
     scenario.drone.wind.mean_mps = 5.0;
-    // Hover leans 4 deg there, half of which used to remain.
+    // Hover tilts 4 deg there, half of which used to remain.
     let errors: Vec<f64> = (30..34)
         .map(|seed| {
             let o = outcome(&scenario, seed);

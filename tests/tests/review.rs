@@ -180,7 +180,7 @@ fn review_follows_a_recorded_platform_and_states_its_prediction_error() {
     assert!(r.sea.significant_height_m.is_none(), "it has no heave");
     let [roll, pitch] = ["roll", "pitch"].map(|w| r.predictions.iter().find(|p| p.what == w).unwrap());
     for p in [roll, pitch] {
-        // It rocks at 1.4 Hz, which no wave does: the prediction is of little use, and says so.
+        // It rocks at 1.4 Hz, which no wave does: the prediction is of little use, as its stated error shows.
         assert!(p.rms[1] < p.hold_rms[1], "{p:?}");
         assert!(p.inside_95[1] > 0.9 && p.inside_95[2] > 0.9, "{p:?}");
     }

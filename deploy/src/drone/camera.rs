@@ -44,7 +44,7 @@ const RETRY_PERIOD: Duration = Duration::from_secs(1);
 /// The light on the tag is reported for so long after it was detected.
 const LIGHT_MEMORY: Span = Span::from_millis(1000);
 
-/// Where sightings go.
+/// Topic of the detections.
 struct Shared {
     memory: Memory,
     states: Publisher<ProcessState>,
@@ -58,7 +58,7 @@ enum Detector {
     Markers(Box<UvdarNode>, Option<Publisher<UvdarFix>>),
 }
 
-/// A sighting as people read it.
+/// A detection for people.
 struct Detection {
     at: Time<DroneClock>,
     line: Value,
@@ -378,7 +378,7 @@ fn spawn_source(
         [tag.width_px, tag.height_px]
     };
     let size = size.map(|s| s as usize);
-    // Bad input is refused at once; what breaks later is tried again.
+    // Bad input is rejected at once; what breaks later is tried again.
     let images = Images::open(config, size)?;
     let (events, received) = sync_channel(QUEUE_LENGTH);
     let (lights, metered) = sync_channel(1);

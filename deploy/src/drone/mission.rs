@@ -30,7 +30,7 @@ reads! {
     }
 }
 
-/// What the mission says, to the others and to the one after it.
+/// Publishers of the mission, its checkpoint's too.
 pub struct MissionShell {
     state: Publisher<MissionState>,
     checkpoint: OwnCheckpoint<MissionCheckpoint>,

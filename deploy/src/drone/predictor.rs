@@ -31,7 +31,7 @@ reads! {
     }
 }
 
-/// What the predictor says, to the others and to the one after it.
+/// Publishers of the predictor, its checkpoint's too.
 pub struct PredictorShell {
     forecast: Publisher<DeckForecast>,
     checkpoint: OwnCheckpoint<PredictorCheckpoint>,

@@ -20,7 +20,7 @@ use tracing_subscriber::util::SubscriberInitExt;
 /// Lines that wait.
 const MAX_LINES: usize = 1000;
 
-/// Reports go there until the value is dropped, which writes what waits; who was refused at the radio is counted
+/// Reports go there until the value is dropped, which writes what waits; rejected peers of the radio are counted
 /// besides.
 pub fn init() -> WorkerGuard {
     let (lines, guard) = NonBlockingBuilder::default()

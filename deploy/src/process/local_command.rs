@@ -45,7 +45,7 @@ impl LocalCommand {
             kind,
         })
     }
-    /// Whether the mission that says this has taken it: what it said before it was commanded is no answer.
+    /// Whether this state shows that the mission has taken it: a state from before the command is no answer.
     pub fn is_met(&self, m: &MissionState) -> bool {
         self.kind
             .is_none_or(|k| m.header.at >= self.header.at && k.is_met(m.state, m.waiting.code))

@@ -84,7 +84,7 @@ impl fmt::Display for Event {
                 )
             }
             Event::NotStarted(kind, error) => {
-                write!(f, "{} is not started, and tried again: {error}", kind.name())
+                write!(f, "{} could not start, retrying: {error}", kind.name())
             }
         }
     }

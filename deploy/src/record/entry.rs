@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 /// Encoding of the channels of this module, as MCAP calls it.
 pub const ENCODING: &str = "alight-record";
-/// Format of the entries, in recordings and in the flight recorder's files; a replay refuses any other.
+/// Format of the entries, in recordings and in the flight recorder's files; a replay rejects any other.
 pub const FORMAT: u32 = 16;
 
 /// One step of a node.
@@ -28,7 +28,7 @@ pub struct Entry<I> {
     pub now_ns: i64,
     /// What it consumed.
     pub input: I,
-    /// [`alight_shared::wire::hash_record`] of what it said.
+    /// [`alight_shared::wire::hash_record`] of its output.
     pub output: u64,
 }
 

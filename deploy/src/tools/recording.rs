@@ -289,7 +289,7 @@ pub fn write(path: &Path, directory: &Path) -> Result<Vec<String>, CliError> {
 
 /// What is said of processes that were started again.
 pub fn up_to_first_end(restarted: &[&str]) -> Vec<String> {
-    let line = |process: &&str| format!("the recording has the {process} up to its first end only");
+    let line = |process: &&str| format!("the recording of the {process} ends at its first exit");
     restarted.iter().map(line).collect()
 }
 

@@ -289,7 +289,7 @@ fn take_order(path: &Path) -> Option<DeckOrder> {
     let order = read(path).transpose()?;
     let left_at = fs::metadata(path).and_then(|file| file.modified());
     let is_old = left_at.is_ok_and(|at| at.elapsed().is_ok_and(|age| age > MAX_PROMISE_AGE));
-    // One that stays would be obeyed again and again, and free the deck of whoever lands later.
+    // One that stays would be applied again and again, and free the deck of whoever lands later.
     fs::remove_file(path).ok()?;
     match order.and_then(|bytes| serde_json::from_slice(&bytes).map_err(|e| e.to_string())) {
         Ok(DeckOrder::Steady(for_s)) if is_old => {

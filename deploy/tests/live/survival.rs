@@ -172,7 +172,7 @@ fn pilot_and_link_outlive_a_camera_that_cannot_be_started() {
         both(s).iter().all(Option::is_some) && printed(ended) >= 2
     });
     permit(0o644);
-    status_when(&name, |_| printed("camera is not started, and tried again") >= 2);
+    status_when(&name, |_| printed("camera could not start, retrying") >= 2);
     let tried = printed(ended);
     permit(0o755);
     let after = status_when(&name, |_| printed(ended) > tried);

@@ -95,7 +95,7 @@ impl<C: Clock> CommandAdmission<C> {
         }
         first
     }
-    /// Takes a command at `now`, or says why it does not count.
+    /// Takes a command at `now`, or gives the reason why it does not count.
     fn admit(&mut self, now: Time<C>, command: &OperatorCommand<C>) -> Result<(), RejectionReason> {
         let h = &command.header;
         if h.version != MESSAGE_VERSION {

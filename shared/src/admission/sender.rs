@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::RejectionReason;
 use crate::time::{Clock, Time};
 
-/// The publisher of a message, by its key `alight/NAME/TOPIC`. What the message says of itself counts only where it
+/// The publisher of a message, by its key `alight/NAME/TOPIC`. The sender that a message states counts only where it
 /// agrees: a certificate is worth nothing if its holder may speak for others.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Sender {
@@ -53,7 +53,7 @@ pub struct Arrival<C: Clock, M> {
     pub at: Time<C>,
     /// On whose key.
     pub sender: Sender,
-    /// What it says.
+    /// The message.
     pub message: M,
 }
 

@@ -23,7 +23,7 @@ use tracing_subscriber::filter::filter_fn;
 use tracing_subscriber::layer::{Context, SubscriberExt};
 use tracing_subscriber::registry::LookupSpan;
 
-/// Why somebody was refused.
+/// Why a peer was rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum AccessRejection {
@@ -94,7 +94,7 @@ static COUNTED: Mutex<AccessRejections> = Mutex::new(AccessRejections {
 });
 static LISTENING: Once = Once::new();
 
-/// What this process has refused since it listens.
+/// Rejections of this process since it listens.
 pub fn counted() -> AccessRejections {
     *COUNTED.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -124,7 +124,7 @@ fn count(refusal: AccessRejection) {
     }
 }
 
-/// Where the middleware says that it refused.
+/// Where the middleware logs a rejection.
 const HANDSHAKES: &str = "zenoh_link_commons::quic";
 const RULES: &str = "zenoh::net::routing::interceptor::access_control";
 
@@ -210,7 +210,7 @@ impl Visit for Text {
     }
 }
 
-/// Counts what the middleware's log says.
+/// Counts the rejections in the middleware's log.
 struct Counter;
 
 impl<S: Subscriber> Layer<S> for Counter {

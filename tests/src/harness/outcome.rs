@@ -192,7 +192,7 @@ pub struct Outcome {
     /// null.
     #[serde(default)]
     pub radio_age_s: Option<f64>,
-    /// Age of the newest sighting in the forecast at first contact, s.
+    /// Age of the newest detection in the forecast at first contact, s.
     #[serde(default)]
     pub vision_age_s: Option<f64>,
     /// The same when it has been watched for the scenario's `stay_s`, m; not watched: null.

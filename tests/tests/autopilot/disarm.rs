@@ -119,7 +119,7 @@ fn disarm_can_be_left_to_a_person() {
     assert_eq!(still_armed(&p), ["3 s"], "somebody has to do it");
 }
 
-/// For how long a person was told that the drone is landed and still armed.
+/// For how long it was reported that the drone is landed and still armed.
 fn still_armed(p: &LinkRig) -> Vec<String> {
     let text = |t: &String| {
         let after = t.strip_prefix("landed and still ARMED for ")?;
@@ -175,7 +175,7 @@ fn disarm_goes_on_without_the_pilot_through_the_hold_of_the_autopilot() {
 #[test]
 fn disarm_without_the_pilot_needs_the_evidence_and_never_overrules_a_person() {
     for firmware in BOTH {
-        // The mission says landed, wrongly.
+        // The mission reports landed, wrongly.
         for height in [0.7, 0.8, 5.0] {
             let mut p = LinkRig::commanding(firmware, height, &config());
             p.mission = State::Landed;

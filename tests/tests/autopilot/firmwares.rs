@@ -54,7 +54,7 @@ fn ardu_copter_is_sent_no_body_rates() {
     assert!(with > 1.2 * copter, "{with} {copter}");
 }
 
-/// A pilot that leans the drone by 0.4 rad with the thrust that hovers upright.
+/// A pilot that tilts the drone by 0.4 rad with the thrust that hovers upright.
 fn lean(d: &DroneState) -> SetPoint {
     let q = UnitQuaternion::from_euler_angles(0.4, 0.0, 0.0);
     SetPoint {
@@ -66,7 +66,7 @@ fn lean(d: &DroneState) -> SetPoint {
 
 #[test]
 fn tilted_drone_gets_the_thrust_that_the_pilot_commands() {
-    // ArduCopter would add 9 % for the lean by itself.
+    // ArduCopter would add 9 % for the tilt by itself.
     for firmware in BOTH {
         let mut p = LinkRig::commanding(firmware, 50.0, &config());
         p.mission = State::Descent;

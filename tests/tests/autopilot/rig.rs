@@ -58,7 +58,7 @@ pub struct LinkRig {
     /// When that state was entered.
     since: Time<DroneClock>,
     told: State,
-    /// The mission says nothing any more.
+    /// The mission publishes nothing any more.
     pub mission_silent: bool,
     pub low_battery: Option<BatteryPlace>,
     /// A forecast of the deck is there.

@@ -223,7 +223,7 @@ mod tests {
                 "Idle: not flying, not armed, or not in OFFBOARD",
             ),
             (
-                "Gave up: battery at 21 % (needs 30 %) and no place to land: gives the landing up",
+                "Gave up: battery at 21 % (needs 30 %) and no place to land: landing aborted",
                 "Gave up: battery at 21 % and no place to land",
             ),
             (

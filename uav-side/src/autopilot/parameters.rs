@@ -43,7 +43,7 @@ struct Item {
     next: DroneTime,
     /// The autopilot restarted since it was read.
     old: bool,
-    /// Nobody was told yet.
+    /// Not reported yet.
     new: bool,
 }
 

@@ -304,7 +304,7 @@ fn repeated_landing_below_the_reserve() {
 fn landing_ordered_before_or_just_after_an_abort_by_somebody_else_does_not_count() {
     let land_at = |boot: u32, given: f64| land(boot, 9, given);
     for (land, state) in [
-        // Pending since before the abort, and said again.
+        // Pending since before the abort, and repeated.
         (land_at(7, 19.9), State::GaveUp),
         (land_at(7, 20.2), State::GaveUp),
         // Who aborted goes on, or somebody who has seen it.
@@ -318,7 +318,7 @@ fn landing_ordered_before_or_just_after_an_abort_by_somebody_else_does_not_count
         assert_eq!(step(20.0, vec![abort]), State::GaveUp);
         assert_eq!(step(21.5, vec![land]), state, "{land:?}");
     }
-    // Of what comes in one step the abort is heard.
+    // Of what comes in one step the abort counts.
     let abort = command(header(1, at(19.99)), CommandKind::Abort);
     let both = vec![abort, land_at(7, 20.0)];
     assert_eq!(told(&mut node(), 20.0, both), State::GaveUp);
@@ -335,7 +335,7 @@ fn abort_that_arrives_after_a_newer_order_counts_once() {
     // That landing again, by an operator who cannot know.
     assert_eq!(step(21.5, vec![land(7, 2, 20.0)]), State::GaveUp);
     assert_eq!(step(23.0, vec![land(7, 3, 22.9)]), State::Hold);
-    // The abort that was obeyed, again.
+    // The abort that was applied, again.
     assert_eq!(step(23.2, vec![abort(2, 19.55)]), State::Hold);
     assert_eq!(step(23.4, vec![abort(3, 23.3)]), State::GaveUp);
 }

@@ -1,7 +1,7 @@
 //! Value of waiting: optimal stopping of independent draws without recall gives the likelihood of a landing above which
 //! waiting does not pay.
 //!
-//! Waiting a second costs `c`, a battery's and a crew's patience as a probability. Of the likelihoods `P` of the last
+//! Waiting a second costs `c`, of battery and crew, as a probability. Of the likelihoods `P` of the last
 //! minute, the next one is a draw: to go on waiting is worth it while `E[(P - p)+] > c`, so a landing begins at the `p*` with
 //! `E[(P - p*)+] = c` (DeGroot 1970, Optimal statistical decisions, section 13.4).
 

@@ -163,7 +163,7 @@ impl Odometry {
             self.smoothed = Some(fresh);
             return *reported;
         }
-        // An impact lasts for milliseconds: a sample in it, or none, tells nothing of its impulse. The autopilot, which
+        // An impact lasts for milliseconds: a sample in it, or none, does not give its impulse. The autopilot, which
         // integrates its sensors at their own rate, has it.
         let change = reported.velocity() - h.reported.velocity();
         let force = if (force * dt - change).norm() > IMPACT_MPS {

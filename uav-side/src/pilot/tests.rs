@@ -363,7 +363,7 @@ fn alone(state: State, rise_mps2: f64) -> SetPoint {
 
 #[test]
 fn pilot_without_plan_and_mission_lands_where_a_climb_would_meet_the_deck_harder() {
-    // Also one whose mission fell silent before it said flare.
+    // Also one whose mission fell silent before its flare.
     for state in [State::Descent, State::Flare] {
         let climbs = alone(state, 0.0);
         let up = climbs.velocity[2];
@@ -408,7 +408,7 @@ fn pilot_takes_a_false_touchdown_back_when_the_mission_that_knew_of_it_flies() {
     let mut next = |pilot: &mut Pilot, state, armed| answers.next(pilot, state, armed);
     assert_eq!(next(&mut pilot, State::Flare, true), Motors::Run);
     pilot.stop_from(Time::from_secs(5.01));
-    // The mission has not heard of it yet, then has, then flies.
+    // The mission has not received it yet, then has, then flies.
     assert_eq!(next(&mut pilot, State::Flare, true), Motors::Stop);
     assert_eq!(next(&mut pilot, State::Landed, true), Motors::Stop);
     assert_eq!(next(&mut pilot, State::GaveUp, true), Motors::Run);

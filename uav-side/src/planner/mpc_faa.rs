@@ -3,7 +3,7 @@
 //! - eq. 4-5: the model, linear about hover ([`super::model`]);
 //! - eq. 6: minimise over the increments of the inputs
 //!   `sum_k (x_k - r_k)' Q_k (x_k - r_k) + du_k' R du_k`, no terminal cost;
-//! - Q with flight-attitude alignment ([`super::weights`]);
+//! - Q with Forcing Attitude Alignment ([`super::weights`]);
 //! - eq. 7: limits of inputs and increments (hard), of tilt, velocity and rates (soft).
 //!
 //! Solved chain by chain: exactly without limits first ([`super::condensed`]), and only a chain

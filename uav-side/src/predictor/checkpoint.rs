@@ -31,7 +31,7 @@ pub(super) fn variances(
     core::array::from_fn(|i| aged(m.offset_sd[i].powi(2), &noise[i], age))
 }
 
-/// The odometry's origin is where it was: the drone has moved as its velocities say.
+/// The odometry's origin is where it was: the drone has moved by its velocities.
 fn same_frame(drone: &DroneState, given: &PredictorCheckpoint) -> bool {
     if drone.datum != given.datum {
         return false;

@@ -152,7 +152,7 @@ impl Filter {
     }
 
     /// Takes a state on from one time to another, from the modes that were the newest then to those of the later time:
-    /// what a newer message says otherwise than the one before is no motion of the deck, so the residual takes it.
+    /// the difference of a newer message from the one before is no motion of the deck, so the residual takes it.
     fn advance(&self, s: &mut State, waves: &Waves, from: Time<DroneClock>, to: Time<DroneClock>) {
         let dt = to - from;
         if dt <= Span::ZERO {
@@ -182,7 +182,7 @@ impl Filter {
             }
         }
     }
-    /// Forgets all but the newest state: what came before was reckoned with other oscillators.
+    /// Forgets all but the newest state: what came before was computed with other oscillators.
     fn begin_anew(&mut self) -> Option<&mut Entry> {
         let newest = self.entries.len().saturating_sub(1);
         self.spare.extend(self.entries.drain(..newest).map(|e| e.after));
@@ -221,7 +221,7 @@ impl Filter {
             a.hold(&oscillators, i, &held);
         }
     }
-    /// A newer message has come: what was known since its time of validity is reckoned again about its modes.
+    /// A newer message has come: what was known since its time of validity is computed again about its modes.
     pub fn rebase(&mut self, waves: &Waves, since: Time<DroneClock>) {
         self.replay(waves, self.entries.partition_point(|e| e.at < since).max(1));
     }

@@ -196,7 +196,7 @@ fn newer_modes_leave_the_deck_where_vision_has_seen_it() {
         [0, 1, 2, 3, 4, 5].map(|i| state[i].project(MeasurementRow::Vision).0 + modes.value[i])
     };
     let before = place(&filter, &waves);
-    // A message that is valid from the middle of these observations on, and says the opposite.
+    // A message that is valid from the middle of these observations on, with the opposite content.
     let mut newer = world::waves(&vessel, 2, 1.1);
     for mode in newer.modes.iter_mut() {
         mode.shape = mode.shape.map(|c| c.map(|x| -x));

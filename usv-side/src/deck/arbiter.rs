@@ -422,7 +422,7 @@ impl DeckArbiter {
         }
     }
 
-    /// What the crew said.
+    /// Order of the crew.
     fn obey(&mut self, now: Time<VesselClock>, order: DeckOrder) {
         match order {
             DeckOrder::Steady(for_s) => self.course.order_steady(now, for_s),
@@ -543,7 +543,7 @@ impl Node for DeckArbiter {
             }
             if owner.is_none() {
                 self.vacated = Some(now);
-                // One that gives way without having left may be on its way there and not be told: until it reports from
+                // One that gives way without having left may be on its way there without receiving it: until it reports from
                 // beyond.
                 let former = self.owner;
                 let gives_way = |d: &&mut Drone| Some(d.header.drone) == former && d.claim > Claim::Away;

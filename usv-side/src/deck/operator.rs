@@ -154,7 +154,7 @@ impl OperatorRelay {
         });
     }
 
-    /// Takes an operator's command, or says why it does not count.
+    /// Takes an operator's command, or gives the reason why it does not count.
     fn accept(
         &mut self,
         now: Time<VesselClock>,

@@ -10,7 +10,7 @@ use crate::VesselNodeConfig;
 
 /// Gate of an inertial channel on the normalised innovation squared (7 standard deviations).
 const GATE: f64 = 49.0;
-/// After this many steps with a refusal in a row the covariance is opened (half a second).
+/// After this many steps with a rejection in a row the covariance is opened (half a second).
 const MAX_REJECTED: u32 = 25;
 /// What the model of specific force leaves out (lever-arm errors, second order in the tilt), m/s².
 const FORCE_MODEL_SD: f64 = 0.03;

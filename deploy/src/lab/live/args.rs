@@ -148,7 +148,7 @@ pub struct FaultsArgs {
     /// tracking, descent and flare]
     #[arg(long, value_name = "FAULT")]
     pub fault: Vec<FaultSpec>,
-    /// Every case so many times, each with a seed of its own
+    /// Repetitions per case, each with a seed of its own
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub repeat: u32,
     /// Seed of the first case; each next case has the next seed

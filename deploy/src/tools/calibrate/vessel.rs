@@ -340,7 +340,7 @@ fn print(found: &VesselCalibration, loaded: &LoadedStiffness, config: &VesselNod
     terminal::line(
         "M is not observable from free motion and elsewhere left as configured (a known weight shows it in roll and \
          pitch: --loaded-log): D and G are in its proportion, which is all that the model uses; the inertial sensor's own \
-         place is where the reference point is reckoned from, and left",
+         place defines the reference point; unchanged",
     );
     let mut place = config.gnss.antenna_m;
     match &found.antenna_m {

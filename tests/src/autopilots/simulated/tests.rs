@@ -247,7 +247,7 @@ fn attitude_lag_as_configured() {
     }
 }
 
-/// Tilt (rad) of a drone 0.3 s after it was asked to lean by 0.2 rad, least and most over seeds; before it was sent `first`
+/// Tilt (rad) of a drone 0.3 s after it was commanded to tilt by 0.2 rad, least and most over seeds; before it was sent `first`
 /// for 3 s.
 fn lean_after(firmware: Firmware, first: &Message) -> [f64; 2] {
     let tilts = (0..12).map(|seed| {

@@ -81,7 +81,7 @@ fn setup(change: impl FnOnce(&mut RenderConfig)) -> Setup {
     }
 }
 
-/// Errors of a sighting: position, m, and attitude, rad.
+/// Errors of a detection: position, m, and attitude, rad.
 fn errors(pose: &TagPose, view: &View, deck: &RigidState<Deck>) -> (f64, f64) {
     let [w, x, y, z] = pose.attitude;
     let seen = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));

@@ -121,7 +121,7 @@ fn tag_tolerates_less_blur_the_smaller_it_is() {
     assert!(reads(12.0, 4.0) && !reads(12.0, 7.0));
 }
 
-/// Root mean square distance of sightings from the exact one in metres, their stated counterpart, and
+/// Root mean square distance of detections from the exact one in metres, their stated counterpart, and
 /// how many of the frames of `seconds` there were.
 fn scatter(config: &SensorConfig, drone: &RigidState<DroneBody>, seconds: usize) -> (f64, f64, f64) {
     let tags = watch(config, drone, &deck(), 100 * seconds).tags;

@@ -44,7 +44,7 @@ impl Rig {
         };
         self.arbiter.step(Time::from_secs(self.t_s), &input).grant
     }
-    /// The crew says something of the deck; the grant that follows.
+    /// An order of the crew for the deck; the grant that follows.
     fn order(&mut self, order: DeckOrder) -> DeckGrant<VesselClock> {
         self.t_s += 0.5;
         let input = ArbiterIn {
@@ -246,7 +246,7 @@ fn drone_switched_on_without_a_position() {
         assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 0);
         rig.restart(Some(rig.arbiter.checkpoint()));
         assert_eq!(rig.run_as(status, 60), 0, "{landed:?}");
-        // One position may be wrong; several tell where it stands.
+        // One position may be wrong; several locate it.
         let far = DroneStatus {
             deck_distance_m: Some(200.0),
             ..status
@@ -492,7 +492,7 @@ fn deck_arbiter_closes_the_deck_for_its_crew_until_they_open_it() {
     assert_eq!(rig.arbiter.published, DECK_CLOSED);
     rig.order(DeckOrder::Open);
     assert_eq!(rig.run(&waiting, 0.5), 2);
-    // Whoever reports from the deck stands there, whatever the crew says.
+    // Whoever reports from the deck stands there, whatever the crew's order.
     rig.run(&[(2, State::Landed)], 5.0);
     assert_eq!(rig.order(DeckOrder::Open).owner, 2);
 }
