@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn keeper_answers_a_successor_with_the_newest() {
+    fn keeper_answer_to_a_successor() {
         let mut k = keeper();
         assert!(
             !k.take(at(1.0), Some(&mission(7, 0.9))) && !k.take(at(1.0), Some(&MissionCheckpoint::default()))

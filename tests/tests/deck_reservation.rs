@@ -68,7 +68,7 @@ fn assert_never_descended(fleet: &Rig, k: usize) {
 }
 
 #[test]
-fn arbiter_lets_one_of_two_drones_descend_and_the_other_after_it_has_left() {
+fn two_drones_one_after_the_other() {
     let (mut fleet, first, second) = pair(21);
     fleet.until(60.0, |f| f.state(first) == State::Landed);
     fleet.run(30.0);
@@ -93,7 +93,7 @@ fn arbiter_lets_one_of_two_drones_descend_and_the_other_after_it_has_left() {
 }
 
 #[test]
-fn arbiter_restarted_with_its_vessel_during_a_descent_keeps_the_other_drone_away() {
+fn vessel_restart_during_a_descent() {
     let (mut fleet, first, second) = pair(22);
     fleet.restart_vessel();
     fleet.run(40.0);
@@ -102,7 +102,7 @@ fn arbiter_restarted_with_its_vessel_during_a_descent_keeps_the_other_drone_away
 }
 
 #[test]
-fn drone_without_radio_begins_no_descent_but_completes_one_under_way() {
+fn two_drones_without_radio() {
     let (mut fleet, first, second) = pair(23);
     fleet.until(60.0, |f| {
         place(f, second)[1] > 15.0 || f.state(first) == State::Landed
@@ -117,7 +117,7 @@ fn drone_without_radio_begins_no_descent_but_completes_one_under_way() {
 }
 
 #[test]
-fn arbiter_keeps_the_deck_for_a_drone_that_landed_without_a_radio_until_the_crew_opens_it() {
+fn deck_of_a_drone_landed_without_radio() {
     let (mut fleet, first, second) = pair(26);
     fleet.world.radio_outage(first, &FOR_GOOD);
     // Half way the vessel is started anew.
@@ -133,7 +133,7 @@ fn arbiter_keeps_the_deck_for_a_drone_that_landed_without_a_radio_until_the_crew
 }
 
 #[test]
-fn nobody_descends_to_a_deck_that_the_crew_has_closed() {
+fn deck_closed_by_the_crew() {
     let (mut fleet, first, _) = pair(27);
     fleet.world.deck_order(DeckOrder::Closed);
     fleet.until(3.0, |f| f.state(first) != State::Descent);
@@ -152,7 +152,7 @@ fn nobody_descends_to_a_deck_that_the_crew_has_closed() {
 }
 
 #[test]
-fn drone_leaves_a_deck_on_which_something_comes_to_lie_and_lands_once_it_is_free() {
+fn deck_occupied_during_a_descent() {
     let mut nodes = reserving();
     nodes.deck.occupancy_sensor = "sensor".into();
     let mut fleet = fleet(1, &nodes, 29);
@@ -181,13 +181,13 @@ fn drone_leaves_a_deck_on_which_something_comes_to_lie_and_lands_once_it_is_free
 }
 
 #[test]
-fn lone_drone_that_must_reserve_is_granted_the_deck_and_lands() {
+fn reservation_of_a_lone_drone() {
     let mut fleet = fleet(1, &reserving(), 24);
     fly_to(&mut fleet, 120.0, 0, State::Landed);
 }
 
 #[test]
-fn operators_abort_reaches_the_drone_through_the_vessel() {
+fn operator_abort_through_the_vessel() {
     let mut fleet = fleet(1, &reserving(), 25);
     fleet.until(120.0, |f| f.state(0) == State::Descent);
     fleet.world.operator_command(0, CommandKind::Abort);
@@ -196,7 +196,7 @@ fn operators_abort_reaches_the_drone_through_the_vessel() {
 }
 
 #[test]
-fn drone_that_aborts_climbs_and_leaves_the_deck_to_the_one_that_waits() {
+fn deck_after_an_abort() {
     let (mut fleet, first, second) = pair(28);
     fleet.world.operator_command(first, CommandKind::Abort);
     fly_to(&mut fleet, 60.0, second, State::Descent);
@@ -207,7 +207,7 @@ fn drone_that_aborts_climbs_and_leaves_the_deck_to_the_one_that_waits() {
 }
 
 #[test]
-fn drones_with_random_orders_aborts_and_outages_meet_neither_each_other_nor_an_occupied_deck() {
+fn fleet_with_random_orders_aborts_and_outages() {
     for (seed, drones) in [(31, 2), (32, 3)] {
         let report = fleet::fly(&Scenario::default(), &NodeConfigs::default(), seed, drones).unwrap();
         assert!(report.safe(), "seed {seed}: {report:?}");
@@ -230,7 +230,7 @@ fn low_battery_in(state: State, nodes: &NodeConfigs, seed: u64) -> Rig {
 }
 
 #[test]
-fn low_battery_above_the_deck_leads_onto_it_within_the_limits() {
+fn low_battery_above_the_deck() {
     let mut nodes = NodeConfigs::default();
     // A descent takes less than the time for which a low charge has to last.
     nodes.drone.mission.battery_lasts_s = 0.5;
@@ -264,7 +264,7 @@ fn low_battery_above_the_deck_leads_onto_it_within_the_limits() {
 }
 
 #[test]
-fn low_battery_beside_a_closed_deck_leads_home() {
+fn low_battery_beside_a_closed_deck() {
     let mut fleet = low_battery_in(State::Tracking, &reserving(), 55);
     fleet.world.deck_order(DeckOrder::Closed);
     fleet.until(60.0, |f| f.state(0) == State::GaveUp);

@@ -52,7 +52,7 @@ fn by_hand(t: f64) -> f64 {
 }
 
 #[test]
-fn shadow_commands_nothing_while_a_person_lands() {
+fn shadow_while_a_person_lands() {
     let (scenario, nodes) = (moderate(), nodes(LandingMode::Shadow));
     for seed in [71, 72] {
         let mut received = Received::default();
@@ -100,7 +100,7 @@ fn shadow_commands_nothing_while_a_person_lands() {
 }
 
 #[test]
-fn match_holds_over_the_deck_and_climbs() {
+fn match_over_the_deck() {
     let (scenario, nodes) = (moderate(), nodes(LandingMode::Match));
     let c = &nodes.drone.mission;
     let mut flown = Vec::new();

@@ -64,7 +64,7 @@ fn forty_landings_at_four_places() {
 }
 
 #[test]
-fn heading_resets_in_every_phase_over_the_deck() {
+fn heading_resets_in_every_phase() {
     let phases = [
         (State::Approach, 2.0),
         (State::Tracking, 0.3),

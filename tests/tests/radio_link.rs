@@ -42,7 +42,7 @@ fn load(scenario: &Scenario) -> (f64, f64) {
 }
 
 #[test]
-fn vessel_broadcasts_less_than_13_kb_a_second_at_full_rates() {
+fn broadcast_load_at_full_rates() {
     let (bytes_per_s, overflowed) = load(&slight());
     // The estimates alone are 7.4 kB/s: less than that would not be the full rates.
     assert!((10_000.0..13_000.0).contains(&bytes_per_s), "{bytes_per_s}");
@@ -50,7 +50,7 @@ fn vessel_broadcasts_less_than_13_kb_a_second_at_full_rates() {
 }
 
 #[test]
-fn vessel_adapts_to_a_narrow_link_and_the_drone_still_lands() {
+fn landing_over_a_narrow_link() {
     let mut scenario = slight();
     scenario.radio.rate_bps = 32_000.0;
     scenario.radio.queue_bytes = 4096;
@@ -65,7 +65,7 @@ fn vessel_adapts_to_a_narrow_link_and_the_drone_still_lands() {
 }
 
 #[test]
-fn drone_lands_after_a_long_outage_in_any_state_over_either_transport() {
+fn landing_after_a_long_outage_in_any_state() {
     let states = [
         (State::GetAltitude, Transport::Udp),
         (State::Approach, Transport::Quic),

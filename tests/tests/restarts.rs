@@ -234,32 +234,32 @@ const AFTER_THE_STOP: [When; 4] = [
 ];
 
 #[test]
-fn mission_killed_in_descent_goes_on_and_lands() {
+fn mission_killed_in_descent() {
     all_land(&over_seas(Part::Mission, &IN_DESCENT, Checkpoints::Kept));
 }
 
 #[test]
-fn mission_killed_in_flare_goes_on_and_lands() {
+fn mission_killed_in_flare() {
     all_land(&over_seas(Part::Mission, &IN_FLARE, Checkpoints::Kept));
 }
 
 #[test]
-fn mission_killed_on_the_deck_ends_with_motors_off() {
+fn mission_killed_on_the_deck() {
     all_land(&over_seas(Part::Mission, &ON_THE_DECK, Checkpoints::Kept));
 }
 
 #[test]
-fn mission_killed_in_descent_without_checkpoint_climbs_from_the_deck_and_holds() {
+fn mission_killed_in_descent_without_checkpoint() {
     all_safe(&over_seas(Part::Mission, &IN_DESCENT, Checkpoints::Lost));
 }
 
 #[test]
-fn mission_killed_in_flare_without_checkpoint_lands_or_climbs() {
+fn mission_killed_in_flare_without_checkpoint() {
     all_safe(&over_seas(Part::Mission, &IN_FLARE, Checkpoints::Lost));
 }
 
 #[test]
-fn mission_killed_on_the_deck_without_checkpoint_ends_with_motors_off() {
+fn mission_killed_on_the_deck_without_checkpoint() {
     all_land(&over_seas(Part::Mission, &ON_THE_DECK, Checkpoints::Lost));
 }
 
@@ -279,43 +279,43 @@ fn supervisor_killed_on_the_deck() {
 }
 
 #[test]
-fn mission_away_in_the_flare_until_after_the_contact_ends_disarmed() {
+fn mission_away_in_flare_until_after_contact() {
     let late = [0.3, 0.45, 0.6, 0.75].map(|s| When::In(State::Flare, s));
     all_land(&over_firmwares(Part::Mission, &late, &[0.7, 0.9, 2.0]));
 }
 
 #[test]
-fn pilot_restarted_in_descent_flare_or_at_contact_lands_or_flies_on() {
+fn pilot_restarted_in_the_air() {
     all_safe(&over_firmwares(Part::Pilot, &IN_THE_AIR, &[0.3, 1.0]));
 }
 
 #[test]
-fn pilot_restarted_after_its_stop_ends_disarmed() {
+fn pilot_restarted_after_its_stop() {
     all_land(&over_firmwares(Part::Pilot, &AFTER_THE_STOP, &[0.3, 1.0]));
 }
 
 #[test]
-fn link_restarted_in_descent_flare_or_at_contact_lands_or_flies_on() {
+fn link_restarted_in_the_air() {
     all_safe(&over_firmwares(Part::Link, &IN_THE_AIR, &[0.3, 1.0]));
 }
 
 #[test]
-fn link_restarted_after_the_stop_before_the_failsafe_ends_disarmed() {
+fn link_restarted_before_the_failsafe() {
     all_land(&over_firmwares(Part::Link, &AFTER_THE_STOP, &[0.1, 0.4]));
 }
 
 #[test]
-fn link_restarted_after_the_stop_ends_disarmed_or_climbs() {
+fn link_restarted_after_the_stop() {
     most_land(&over_firmwares(Part::Link, &AFTER_THE_STOP, &[0.3, 0.6]));
 }
 
 #[test]
-fn cable_out_in_descent_flare_or_at_contact_lands_or_flies_on() {
+fn cable_out_in_the_air() {
     all_safe(&over_firmwares(Part::Cable, &IN_THE_AIR, &[2.0]));
 }
 
 #[test]
-fn cable_out_after_the_stop_ends_disarmed_or_climbs() {
+fn cable_out_after_the_stop() {
     most_land(&over_firmwares(Part::Cable, &AFTER_THE_STOP, &[1.0]));
 }
 
@@ -339,7 +339,7 @@ fn supervisor_restarted_after_the_stop() {
 }
 
 #[test]
-fn abort_of_an_idle_mission_above_the_deck_climbs() {
+fn abort_of_an_idle_mission_above_the_deck() {
     let mut scenario = Scenario {
         sea: SeaConfig::paper(0.8, 5.0),
         ..Scenario::default()
@@ -361,7 +361,7 @@ fn abort_of_an_idle_mission_above_the_deck_climbs() {
 
 /// The pilot's process dies between its stop of the motors and the disarm: a new pilot must not start them again.
 #[test]
-fn pilot_restarted_after_its_stop_leaves_the_motors_off() {
+fn motors_off_with_a_restarted_pilot() {
     let scenario = Scenario {
         sea: SeaConfig::paper(0.5, 5.0),
         ..Scenario::default()

@@ -107,7 +107,7 @@ fn assert_sea(r: &Review, sd: [f64; 4]) {
 }
 
 #[test]
-fn review_reports_a_simulated_recording_as_it_was() {
+fn review_of_a_simulated_recording() {
     let (real, motion, sd) = recorded("0.5,5", 101, 240);
     let config = VesselNodeConfig::default();
     let r = review(&config, &real);
@@ -128,7 +128,7 @@ fn review_reports_a_simulated_recording_as_it_was() {
 }
 
 #[test]
-fn review_counts_repeated_reordered_and_far_dated_measurements_and_changes_little() {
+fn review_of_reordered_and_far_dated_measurements() {
     let (real, _, _) = recorded("0.5,5", 103, 150);
     let config = VesselNodeConfig::default();
     let clean = review(&config, &real);
@@ -170,7 +170,7 @@ fn review_counts_repeated_reordered_and_far_dated_measurements_and_changes_littl
 
 #[test]
 #[ignore = "needs ../shared/data/tank-platform.csv beside the project"]
-fn review_follows_a_recorded_platform_and_states_its_prediction_error() {
+fn review_of_a_recorded_platform() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
     let bytes = std::fs::read(&file).unwrap();
     let recorded = log::read(&bytes, "tank", &Mount::default()).unwrap();

@@ -26,7 +26,7 @@ fn reaches(rig: &mut Rig, limit_s: f64, state: State) -> bool {
 }
 
 #[test]
-fn drone_lands_within_a_promise_of_60_s_and_where_nothing_is_stated() {
+fn landing_within_a_promise_of_60_s_or_none() {
     for stated in [Some(DeckOrder::Steady(60)), None] {
         let mut rig = tracking(stated);
         assert!(!rig.world.wants_steady());
@@ -40,7 +40,7 @@ fn drone_lands_within_a_promise_of_60_s_and_where_nothing_is_stated() {
 }
 
 #[test]
-fn drone_begins_no_descent_on_a_vessel_that_turns_or_promises_too_little() {
+fn descent_with_a_turn_or_a_short_promise() {
     for (stated, why) in [
         (DeckOrder::Turning, ReasonCode::VesselTurns),
         (DeckOrder::Steady(10), ReasonCode::CourseEnds),
@@ -57,7 +57,7 @@ fn drone_begins_no_descent_on_a_vessel_that_turns_or_promises_too_little() {
 }
 
 #[test]
-fn turn_stated_in_a_descent_breaks_it_off_above_the_commit_clearance() {
+fn turn_stated_in_a_descent() {
     let mut rig = tracking(Some(DeckOrder::Steady(60)));
     assert!(reaches(&mut rig, 20.0, State::Descent));
     rig.world.deck_order(DeckOrder::Turning);

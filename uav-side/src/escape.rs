@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn climb_from_a_resting_deck_touches_only_within_the_way_that_it_takes_to_brake() {
+    fn climb_from_a_resting_deck() {
         // 0.2 s at 0.5 m/s, then v² / 2a: 0.11 m.
         assert_eq!(contact(0.14, 0.5, |_| (-1.3, 0.0)), None);
         let touch = contact(0.08, 0.5, |_| (-1.3, 0.0));
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn braking_ends_at_the_least_speed_on_the_deck() {
+    fn braking_to_the_least_speed() {
         let drone = DroneGeometry::default();
         let climb = Climb::new(-2.0, 2.0, &drone);
         let (mut v, mut h) = (2.0_f64, 0.8_f64);
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn climb_from_a_deck_that_begins_to_rise_needs_more_height() {
+    fn climb_from_a_rising_deck() {
         // Up at 4 m/s² from now on, to 2 m/s.
         let rising = |t: f64| {
             let v = (4.0 * t).min(2.0);

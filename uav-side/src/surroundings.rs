@@ -189,7 +189,7 @@ mod tests {
         /// Above the top or beyond the side on which it passes, a drone is outside the widened volume, however the deck
         /// lies by then.
         #[test]
-        fn passage_keeps_a_drone_out_of_the_widened_volume(
+        fn passage_outside_the_widened_volume(
             corner in prop::array::uniform3(-8.0..8.0f64), size in prop::array::uniform3(0.1..6.0f64),
             now in prop::array::uniform3(-15.0..15.0f64), then in prop::array::uniform3(-15.0..15.0f64),
             euler in prop::array::uniform3(-0.4..0.4f64), later in prop::array::uniform3(-0.4..0.4f64),
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn escape_waits_for_clearance_and_for_a_free_way() {
+    fn escape_with_clearance_and_a_free_way() {
         let mut around = Surroundings {
             escape: Some(core::f32::consts::PI),
             ..Surroundings::default()
@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn drone_goes_round_the_vessel_and_in_through_its_sector_only() {
+    fn passage_round_the_vessel_into_its_sector() {
         let around = Surroundings {
             sector: [2.1, 2.1],
             ..Surroundings::default()

@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn apparent_slope_is_the_tilt_of_a_slow_roll_less_the_acceleration_of_the_water() {
+    fn apparent_slope_of_a_slow_roll() {
         let now = Time::from_secs(160.0);
         let steepest = |f: &ApparentSlope| f.slopes(now).iter().skip(2).take(4).max().copied();
         let alone = rolling_vessel(0.3, 1.0, 0.0, 60.0);
@@ -153,14 +153,14 @@ mod tests {
     }
 
     #[test]
-    fn apparent_slope_averages_quick_rocking_away() {
+    fn apparent_slope_of_quick_rocking() {
         let slopes =
             rolling_vessel(0.2, 2.0 * core::f64::consts::PI, 0.0, 30.0).slopes(Time::from_secs(130.0));
         assert!(slopes[2] < 3, "{}", slopes[2]);
     }
 
     #[test]
-    fn apparent_slope_windows_last_two_minutes_and_restart_after_silence() {
+    fn apparent_slope_windows() {
         let f = rolling_vessel(0.3, 1.0, 0.0, 7.0);
         let soon = f.slopes(Time::from_secs(130.0));
         assert!(soon.len() >= 6 && soon[0] == 0 && soon.iter().any(|s| *s > 20));

@@ -40,7 +40,7 @@ mod tests {
     use alight_shared::config::{Check, Keys};
 
     #[test]
-    fn view_addresses_that_are_none_are_refused() {
+    fn invalid_view_addresses() {
         let refused = |listen: &str, foxglove: &str| {
             let config = ViewConfig {
                 listen: listen.into(),

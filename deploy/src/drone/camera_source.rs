@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn camera_source_reads_files_by_name_and_refuses_other_sources_with_advice() {
+    fn camera_source_files_and_invalid_names() {
         let directory = std::env::temp_dir().join(format!("alight-images-{}", std::process::id()));
         std::fs::create_dir_all(&directory).unwrap();
         let (size, clock) = ([40, 32], ProcessClock::default());

@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn exposure_is_taken_from_the_automatic_first() {
+    fn manual_exposure_after_automatic() {
         let device = Device::with(&WEBCAM);
         let control = ExposureControl::take(&device, &source(0.004, -1)).unwrap();
         let written = device.written.borrow();
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn exposure_metered_and_fixed_on_a_bright_tag() {
+    fn metered_and_fixed_exposure() {
         let bright = Light::Tag(TagLight {
             black: 90,
             white: 255,
@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn exposure_of_devices_that_cannot_says_why() {
+    fn exposure_without_device_controls() {
         let refusal = |controls: &[(u32, [i32; 3])]| {
             let device = Device::with(controls);
             ExposureControl::take(&device, &source(0.004, -1))

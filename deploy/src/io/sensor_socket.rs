@@ -90,7 +90,7 @@ mod tests {
     use alight_shared::msg::ImuSample;
 
     #[test]
-    fn sensor_socket_receives_readings_and_counts_invalid_datagrams() {
+    fn sensor_socket_valid_and_invalid_datagrams() {
         let mut sensors = SensorSocket::listen("127.0.0.1:0").unwrap();
         let address = sensors.socket.local_addr().unwrap().to_string();
         let sender = SensorSender::to(&address).unwrap();

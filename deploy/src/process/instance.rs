@@ -142,7 +142,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn instance_is_owned_once_and_leaves_nothing() {
+    fn instance_ownership() {
         let name = format!("test-{}", std::process::id());
         let owned = OwnedInstance::take(&name).unwrap();
         let instance = owned.instance().clone();
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn instance_removes_the_files_of_a_killed_owner() {
+    fn instance_with_files_of_a_killed_owner() {
         let name = format!("test-left-{}", std::process::id());
         let directory = Instance::new(&name).unwrap().directory();
         let elsewhere = std::env::temp_dir().join(format!("alight-elsewhere-{}", std::process::id()));
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn instance_refuses_a_symbolic_link_and_removes_nothing() {
+    fn instance_behind_a_symbolic_link() {
         let name = format!("test-link-{}", std::process::id());
         let directory = Instance::new(&name).unwrap().directory();
         let elsewhere = directory.with_extension("elsewhere");

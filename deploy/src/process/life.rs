@@ -234,7 +234,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn process_measures_its_processor_time_and_memory() {
+    fn processor_time_and_memory_of_a_process() {
         let (cpu_s, bytes) = usage();
         assert!(cpu_s >= 0.0 && bytes > 100_000, "{cpu_s} s, {bytes} bytes");
     }

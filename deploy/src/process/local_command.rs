@@ -63,7 +63,7 @@ mod tests {
     use alight_shared::time::Time;
 
     #[test]
-    fn abort_is_repeated_as_one_and_met_only_by_what_the_mission_says_after_it() {
+    fn local_abort_repetition_and_receipt() {
         let mut abort = LocalCommand::new(
             &DroneComputer::default(),
             Some(CommandKind::Abort),

@@ -58,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn radio_rates_cover_the_last_five_seconds() {
+    fn radio_rates_over_five_seconds() {
         let mut flows = RadioRates::of(&[Some(&topics::ESTIMATE), None]);
         let mut last = Seq::new();
         for k in 0..40_u64 {

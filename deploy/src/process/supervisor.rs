@@ -377,7 +377,7 @@ mod tests {
     }
 
     #[test]
-    fn supervisor_in_flight_tries_a_process_again_that_cannot_be_started() {
+    fn supervisor_in_flight_without_a_program() {
         let (mut supervisor, started) = missing(ProcessKind::Camera, Limits::default());
         started.unwrap();
         let not_started = |events: &[Event]| {
@@ -395,7 +395,7 @@ mod tests {
     }
 
     #[test]
-    fn supervisor_of_a_trial_says_what_cannot_be_started() {
+    fn supervisor_of_a_trial_without_a_program() {
         let limits = Limits {
             silence_timeout_s: None,
             max_failures: Some(3),

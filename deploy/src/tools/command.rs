@@ -493,7 +493,7 @@ mod tests {
     }
 
     #[test]
-    fn status_that_fits_by_chance() {
+    fn command_with_a_coincident_status() {
         let mut terminal = ordered(CommandKind::Abort);
         // It gave up before, as it would after the abort.
         let given_up = DroneStatus {
@@ -516,7 +516,7 @@ mod tests {
     }
 
     #[test]
-    fn order_before_the_session_is_open() {
+    fn command_before_the_session_is_open() {
         let mut terminal = ordered(CommandKind::Land);
         let early = (0..MAX_POLLS_CONTACT).filter(|k| terminal.is_due(*k)).count();
         assert_eq!((early, terminal.sent), (0, 0));
@@ -530,7 +530,7 @@ mod tests {
     }
 
     #[test]
-    fn silence_after_an_abort() {
+    fn command_abort_without_answer() {
         let mut terminal = ordered(CommandKind::Abort);
         terminal.sent = 1;
         assert!(terminal.outcome().starts_with("RECEIPT UNCONFIRMED"));
@@ -542,7 +542,7 @@ mod tests {
     }
 
     #[test]
-    fn outcomes_fit_the_terminal() {
+    fn command_outcome_width() {
         let progress = [
             None,
             Some(CommandProgress::Pending),

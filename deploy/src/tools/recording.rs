@@ -310,7 +310,7 @@ mod tests {
     use alight_shared::time::DroneClock;
 
     #[test]
-    fn true_time_is_the_clock_read_backwards() {
+    fn true_time_of_a_clock() {
         let clock = ProcessClock {
             epoch_ns: 7_000_000_000,
             offset_s: 100.25,

@@ -323,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn page_shows_the_mission_of_shared_memory_and_its_abort_reaches_it() {
+    fn view_of_shared_memory_and_its_abort() {
         let name = format!("test-view-{}", std::process::id());
         let owned = OwnedInstance::take(&name).unwrap();
         let memory = Memory::join(owned.instance(), "test").unwrap();

@@ -28,7 +28,7 @@ fn nmea() -> String {
 }
 
 #[test]
-fn estimate_reports_an_nmea_log_as_text_and_json() {
+fn estimate_of_an_nmea_log() {
     let name = file("boat.nmea", nmea() + "$GPGGA,12");
     let o = alight(format!("estimate {name}"));
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
@@ -65,7 +65,7 @@ fn estimate_reports_an_nmea_log_as_text_and_json() {
 }
 
 #[test]
-fn estimate_of_an_alight_recording_uses_its_own_configuration() {
+fn estimate_of_an_alight_recording() {
     let scenario = file("own.toml", "[start]\nwarm_up_s = 40.0\n");
     let name = scratch("own.mcap").display().to_string();
     let o = alight(format!(
@@ -81,7 +81,7 @@ fn estimate_of_an_alight_recording_uses_its_own_configuration() {
 }
 
 #[test]
-fn estimate_of_an_unreadable_file_exits_with_code_2_and_a_reason() {
+fn estimate_of_an_unreadable_file() {
     let half = nmea().into_bytes();
     let good = file("good.nmea", &half);
     let config = file("bad-vessel.toml", "[sensor]\nsauces = []\n");

@@ -62,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sender_is_the_name_in_the_key() {
+    fn sender_by_the_name_in_the_key() {
         for (key, sender) in [
             ("alight/drone-12/status", Sender::Drone(12)),
             ("alight/vessel-1/time/reply", Sender::Vessel(1)),

@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn quiet_heading_meets_the_waves_with_the_stiffer_axis() {
+    fn quiet_heading_with_the_stiffer_axis() {
         for to in [-2.5_f64, 0.0, 1.2, 3.0] {
             let bow = moments(to, 2.0).quietest(to).unwrap();
             assert!(wrap_angle(bow.heading - to).abs() > 3.05, "{to}: {bow:?}");
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn waves_from_everywhere_have_no_quiet_heading() {
+    fn quiet_heading_in_waves_from_everywhere() {
         let mut m = moments(0.0, 2.0);
         m.runs *= 0.2;
         assert_eq!(m.quietest(0.0), None);

@@ -66,7 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn access_rules_admit_each_peer_under_its_own_name_only() {
+    fn access_rules_by_name() {
         let own = vec!["alight/vessel-1/estimate".to_owned()];
         let peers = ["drone-1".to_owned(), "drone-2".to_owned()];
         let rules = rules(&own, &peers);

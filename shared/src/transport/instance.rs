@@ -115,7 +115,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn instance_whose_sockets_would_have_too_long_a_path_is_refused_with_advice() {
+    fn instance_with_too_long_socket_paths() {
         let instance = |bytes: usize| Instance::new(&"a".repeat(bytes)).map(|i| i.config());
         assert!(matches!(instance(2), Ok(Ok(_))));
         let Ok(Err(refused)) = instance(32) else {

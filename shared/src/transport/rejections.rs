@@ -228,7 +228,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn access_rejections_ignore_permissions_cached_before_an_attempt() {
+    fn access_rejections_with_cached_permissions() {
         let put = "abc on drone-1 is unauthorized to Put (ingress) on alight/vessel-1/estimate";
         assert_eq!(of(RULES, put), Some(AccessRejection::Key));
         assert_eq!(of(RULES, "ACL (ingress): caching permissions for `x` ..."), None);

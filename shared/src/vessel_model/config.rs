@@ -151,7 +151,7 @@ mod tests {
     use crate::config::Keys;
 
     #[test]
-    fn vessel_model_config_accepts_its_default_and_rejects_a_negative_inertia() {
+    fn vessel_model_config_default_and_negative_inertia() {
         assert!(VesselModelConfig::default().check(&Keys::ROOT).is_ok());
         let mut c = VesselModelConfig::default();
         c.inertia_kg_kgm2[2] = -1.0;

@@ -62,7 +62,7 @@ mod tests {
     use alight_shared::time::Span;
 
     #[test]
-    fn gnss_radio_extrapolates_at_constant_velocity_with_decaying_heave() {
+    fn gnss_radio_extrapolation() {
         let mut f = DeckForecast {
             step: Span::from_millis(100),
             ..DeckForecast::default()

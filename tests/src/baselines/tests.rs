@@ -57,7 +57,7 @@ fn resting(position: [f64; 3]) -> Start {
 }
 
 #[test]
-fn every_planner_has_a_mission_and_a_predictor_that_their_own_checks_accept() {
+fn configurations_of_every_planner() {
     for kind in [PlannerKind::MpcFaa, PlannerKind::Alight] {
         let mission = kind.mission(MissionConfig::default());
         mission
@@ -103,7 +103,7 @@ fn lands(law: &mut PrecisionLand, t: f64, north: f64, z: f64, tag_age_s: f64) ->
 }
 
 #[test]
-fn precision_land_sinks_over_the_target_and_crawls_above_it() {
+fn precision_land_sink_and_crawl() {
     let c = PrecisionLandConfig::default();
     let mut law = precision_land();
     // Off the target it holds its height; once over it, it sinks and does not ask again.
@@ -124,7 +124,7 @@ fn precision_land_sinks_over_the_target_and_crawls_above_it() {
 }
 
 #[test]
-fn precision_land_extrapolates_the_last_detection_without_heave() {
+fn precision_land_extrapolation() {
     let mut law = precision_land();
     lands(&mut law, 1.0, 0.3, -6.0, 0.02);
     // Half a second without a detection: the forecast is not used meanwhile.
@@ -139,7 +139,7 @@ fn precision_land_extrapolates_the_last_detection_without_heave() {
 }
 
 #[test]
-fn precision_land_stops_without_a_target_unless_near() {
+fn precision_land_without_a_target() {
     let mut law = precision_land();
     assert!(lands(&mut law, 1.0, 0.3, -6.0, 0.02).mission.descent_mps > 0.0);
     assert_eq!(lands(&mut law, 7.0, 2.1, -4.0, 6.0).mission.descent_mps, 0.0);
@@ -164,7 +164,7 @@ fn calm(law: &mut WaitCalm, t: f64, clearance_m: f64, tilt_deg: f64, heave_mps: 
 }
 
 #[test]
-fn wait_calm_waits_for_predicted_tilt_and_heave() {
+fn wait_calm_conditions() {
     for (tilt, heave, goes) in [(3.0, 0.4, true), (6.0, 0.0, false), (0.0, 0.9, false)] {
         let mut law = wait_calm();
         assert_eq!(
@@ -181,7 +181,7 @@ fn wait_calm_waits_for_predicted_tilt_and_heave() {
 }
 
 #[test]
-fn wait_calm_widens_its_limits_with_time_and_commits() {
+fn wait_calm_limits_over_time() {
     let mut law = wait_calm();
     // 6 deg against a limit of 4 deg that doubles in 15 s.
     assert_eq!(calm(&mut law, 0.0, 1.9, 6.0, 0.0), 0.0);
@@ -199,7 +199,7 @@ fn wait_calm_widens_its_limits_with_time_and_commits() {
 }
 
 #[test]
-fn gnss_radio_descends_below_the_estimated_deck_only_in_the_flare() {
+fn gnss_radio_descent_in_the_flare() {
     let config = GnssRadioConfig::default();
     let mut law = GnssRadio::new(&config);
     let mut z = |state| {
@@ -228,7 +228,7 @@ fn rocking(roll: f64) -> impl Fn(f64) -> DeckStage {
 }
 
 #[test]
-fn deck_modes_predict_heave_and_tilt_one_second_ahead_from_the_tag_alone() {
+fn deck_modes_prediction_from_the_tag_alone() {
     let mut modes = DeckModes::new(&MpcNeConfig::default());
     let deck = rocking(0.1);
     let mut worst: (f64, f64) = (0.0, 0.0);
@@ -281,7 +281,7 @@ fn mpc_ne_over(roll: f64, state: State, descent_mps: f64) -> (f64, f64) {
 }
 
 #[test]
-fn mpc_ne_lands_between_tilts_waits_over_a_steep_deck_and_follows_the_mission() {
+fn mpc_ne_over_tilting_and_steep_decks() {
     let (_, min) = mpc_ne_over(0.03, State::Descent, 1.0);
     assert!(min < 0.0, "never down: {min}");
     // 0.5 rad: never level for long enough.

@@ -77,7 +77,7 @@ mod tests {
     use crate::physics::body::RigidState;
 
     #[test]
-    fn tag_behind_a_leg_or_in_the_shadow_hidden() {
+    fn tag_behind_a_leg_or_in_the_shadow() {
         let drone = DroneGeometry {
             feet_span_m: [0.2, 0.2],
             ..DroneGeometry::default()

@@ -227,7 +227,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn errors_count_by_the_time_since_the_last_change() {
+    fn errors_by_time_since_the_last_change() {
         let at = |change: Change, t: f64| {
             let since = change.since(t);
             SINCE_S

@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn paired_difference_does_not_contain_the_common_sea() {
+    fn paired_difference_without_the_common_sea() {
         let mut all = Vec::new();
         for seed in 0..40 {
             let sea = 0.1 * (seed % 7) as f64;
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn paired_rates_count_a_trial_without_contact() {
+    fn paired_rates_with_a_trial_without_contact() {
         let all = [
             flown("a", "x", 1, Some(0.1), true),
             flown("b", "x", 1, None, false),
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn p95_ratio_recovers_a_known_factor() {
+    fn p95_ratio_of_a_known_factor() {
         let mut all = Vec::new();
         for seed in 1..=100 {
             all.push(flown("a", "x", seed, Some(seed as f64), true));

@@ -155,7 +155,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rao_tends_to_1_in_long_waves() {
+    fn rao_in_long_waves() {
         let config = RaoConfig {
             wavelengths_m: vec![4.0, 80.0, 160.0],
             ..RaoConfig::default()
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn rao_without_coupling_has_hardly_any_surge() {
+    fn rao_without_coupling() {
         let config = RaoConfig {
             wavelengths_m: vec![40.0],
             ..RaoConfig::default()
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn rao_table_prints_a_line_per_wave() {
+    fn rao_table_lines() {
         let config = RaoConfig {
             wavelengths_m: vec![20.0, 30.0],
             ..RaoConfig::default()

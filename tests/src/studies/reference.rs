@@ -338,7 +338,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn mean_error_of_a_run_is_reported_apart() {
+    fn mean_error_of_a_run() {
         let mut a = RunErrors::default();
         let mut b = RunErrors::default();
         for e in [0.9, 1.1] {

@@ -10,7 +10,7 @@ use crate::{BOTH, config};
 const AWAY_S: f64 = 0.2;
 
 #[test]
-fn link_that_begins_with_a_checkpoint_commands_at_once_in_the_same_frame() {
+fn link_successor_with_a_checkpoint() {
     for firmware in BOTH {
         let mut p = LinkRig::new(firmware, 5.0, &config());
         p.linked.autopilot.origin = Datum::new(43.5005, 16.2993, 5.0);
@@ -44,7 +44,7 @@ fn link_that_begins_with_a_checkpoint_commands_at_once_in_the_same_frame() {
 }
 
 #[test]
-fn link_that_begins_with_a_checkpoint_gives_way_to_who_took_the_drone_meanwhile() {
+fn link_successor_after_a_takeover() {
     for firmware in BOTH {
         let mut p = LinkRig::commanding(firmware, 5.0, &config());
         p.mission = State::Tracking;
@@ -61,7 +61,7 @@ fn link_that_begins_with_a_checkpoint_gives_way_to_who_took_the_drone_meanwhile(
 }
 
 #[test]
-fn link_begins_anew_where_the_checkpoint_does_not_count() {
+fn link_successor_with_a_void_checkpoint() {
     type Change = fn(&mut LinkCheckpoint);
     let cases: [(&str, f64, Change); 7] = [
         ("too old", 0.6, |_| {}),

@@ -20,7 +20,7 @@ fn pressed(firmware: Firmware, config: &AutopilotLinkConfig) -> LinkRig {
 }
 
 #[test]
-fn disarm_on_the_deck_does_not_wait_for_a_land_detector() {
+fn disarm_without_a_land_detector() {
     for firmware in BOTH {
         let mut p = pressed(firmware, &config());
         p.pilot = Some(stop);
@@ -46,7 +46,7 @@ fn disarm_on_the_deck_does_not_wait_for_a_land_detector() {
 }
 
 #[test]
-fn denied_disarm_is_tried_a_bounded_number_of_times_and_reported_to_a_person() {
+fn denied_disarm_attempts_and_report() {
     let c = config();
     let mut p = pressed(Firmware::Px4, &c);
     p.linked.autopilot.answer = Some(CommandResult::Denied);
@@ -67,7 +67,7 @@ fn denied_disarm_is_tried_a_bounded_number_of_times_and_reported_to_a_person() {
 }
 
 #[test]
-fn false_touchdown_in_the_air_stops_no_motors() {
+fn false_touchdown_in_the_air() {
     for firmware in BOTH {
         for (height, mission, forecast) in [
             (5.0, State::Flare, true),
@@ -94,7 +94,7 @@ fn false_touchdown_in_the_air_stops_no_motors() {
 }
 
 #[test]
-fn falling_drone_is_caught_although_the_pilot_reports_touchdown() {
+fn falling_drone_with_a_false_touchdown() {
     // Pressed down from 1 m, and the pilot errs in the air on the way.
     let mut p = LinkRig::commanding(Firmware::Px4, 2.5, &config());
     p.run(4.0);
@@ -108,7 +108,7 @@ fn falling_drone_is_caught_although_the_pilot_reports_touchdown() {
 }
 
 #[test]
-fn disarm_can_be_left_to_a_person() {
+fn disarm_left_to_a_person() {
     let mut c = config();
     c.disarm.on_deck = false;
     let mut p = pressed(Firmware::Px4, &c);
@@ -129,7 +129,7 @@ fn still_armed(p: &LinkRig) -> Vec<String> {
 }
 
 #[test]
-fn takeover_on_the_deck_ends_the_disarm_commands() {
+fn disarm_commands_after_a_takeover() {
     let mut p = pressed(Firmware::Px4, &config());
     p.linked.autopilot.answer = Some(CommandResult::Denied);
     p.pilot = Some(stop);
@@ -152,7 +152,7 @@ fn stopped(firmware: Firmware, config: &AutopilotLinkConfig) -> LinkRig {
 }
 
 #[test]
-fn disarm_goes_on_without_the_pilot_through_the_hold_of_the_autopilot() {
+fn disarm_without_the_pilot_in_hold() {
     for firmware in BOTH {
         for cut_s in [0.0, 2.0] {
             let mut p = stopped(firmware, &config());
@@ -173,7 +173,7 @@ fn disarm_goes_on_without_the_pilot_through_the_hold_of_the_autopilot() {
 }
 
 #[test]
-fn disarm_without_the_pilot_needs_the_evidence_and_never_overrules_a_person() {
+fn disarm_without_the_pilot_evidence() {
     for firmware in BOTH {
         // The mission reports landed, wrongly.
         for height in [0.7, 0.8, 5.0] {

@@ -24,7 +24,7 @@ fn rock(d: &DroneState) -> SetPoint {
 }
 
 #[test]
-fn ardu_copter_is_sent_no_body_rates() {
+fn ardu_copter_without_body_rates() {
     // How far its attitude is from the one wanted, root of the mean square over three periods, rad.
     let apart = |firmware, send_rates| {
         let c = AutopilotLinkConfig {
@@ -65,7 +65,7 @@ fn lean(d: &DroneState) -> SetPoint {
 }
 
 #[test]
-fn tilted_drone_gets_the_thrust_that_the_pilot_commands() {
+fn thrust_of_a_tilted_drone() {
     // ArduCopter would add 9 % for the tilt by itself.
     for firmware in BOTH {
         let mut p = LinkRig::commanding(firmware, 50.0, &config());
@@ -95,7 +95,7 @@ fn takes(firmware: Firmware, t: &LandingTarget) -> bool {
 }
 
 #[test]
-fn landing_target_in_the_form_that_each_firmware_takes() {
+fn landing_target_by_firmware() {
     let c = AutopilotLinkConfig {
         publish_deck: true,
         ..config()
@@ -122,7 +122,7 @@ fn landing_target_in_the_form_that_each_firmware_takes() {
 }
 
 #[test]
-fn landing_target_of_the_other_firmware_is_dropped() {
+fn landing_target_of_the_other_firmware() {
     let target = |frame, distance_m| LandingTarget {
         time_us: 1,
         frame,

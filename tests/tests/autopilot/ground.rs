@@ -35,7 +35,7 @@ fn channels(us: u16) -> Option<[u16; 18]> {
 }
 
 #[test]
-fn companion_is_a_component_of_the_vehicle() {
+fn companion_component() {
     for firmware in BOTH {
         let mut p = LinkRig::new(firmware, 5.0, &config());
         p.run(2.0);
@@ -60,7 +60,7 @@ fn companion_is_a_component_of_the_vehicle() {
 }
 
 #[test]
-fn ground_station_reads_states_and_figures() {
+fn ground_station_states_and_values() {
     for firmware in BOTH {
         let mut p = LinkRig::commanding(firmware, 5.0, &config());
         p.notes.clear();
@@ -104,7 +104,7 @@ fn ground_station_reads_states_and_figures() {
 }
 
 #[test]
-fn alarm_of_a_drone_that_stays_armed_reaches_the_ground_station() {
+fn ground_station_alarm_of_an_armed_drone() {
     let mut c = config();
     c.disarm.on_deck = false;
     let mut p = LinkRig::commanding(alight_uav::autopilot::modes::Firmware::ArduCopter, 1.0, &c);
@@ -124,7 +124,7 @@ fn alarm_of_a_drone_that_stays_armed_reaches_the_ground_station() {
 }
 
 #[test]
-fn switch_of_the_remote_control_commands_the_mission() {
+fn rc_switch_commands() {
     for firmware in BOTH {
         let mut p = LinkRig::new(firmware, 5.0, &with_switch());
         // It was left on high, and that lands nothing.
@@ -167,7 +167,7 @@ fn switch_of_the_remote_control_commands_the_mission() {
 }
 
 #[test]
-fn switch_that_is_not_configured() {
+fn rc_switch_not_configured() {
     for firmware in BOTH {
         let mut p = LinkRig::new(firmware, 5.0, &config());
         for us in [MIDDLE, LOW, HIGH] {
@@ -179,7 +179,7 @@ fn switch_that_is_not_configured() {
 }
 
 #[test]
-fn landing_is_aborted_and_commanded_again_by_the_switch() {
+fn landing_and_abort_by_rc_switch() {
     let mut nodes = NodeConfigs::default();
     nodes.autopilot.rc_switch = CHANNEL;
     let mut rig = Rig::landing(&Scenario::default(), &nodes, 1).expect("a world");
@@ -204,7 +204,7 @@ fn landing_is_aborted_and_commanded_again_by_the_switch() {
 }
 
 #[test]
-fn messages_keep_their_values_over_the_wire() {
+fn message_values_over_the_wire() {
     let target = |frame| {
         Message::LandingTarget(LandingTarget {
             time_us: 123_456_789_012,

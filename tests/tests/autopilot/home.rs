@@ -9,7 +9,7 @@ use crate::rig::{LinkRig, hold, lead};
 use crate::{BOTH, config};
 
 #[test]
-fn home_follows_the_deck() {
+fn home_on_the_deck() {
     for firmware in BOTH {
         let c = AutopilotLinkConfig {
             send_home: true,
@@ -44,7 +44,7 @@ fn home_follows_the_deck() {
 }
 
 #[test]
-fn home_is_the_autopilots_own_unless_configured() {
+fn home_not_configured() {
     for firmware in BOTH {
         let mut p = LinkRig::commanding(firmware, 5.0, &config());
         p.forecast = true;

@@ -31,21 +31,21 @@ fn lands(firmware: Firmware, wire_s: f64) {
 }
 
 #[test]
-fn drone_lands_over_px4_mavlink_at_moderate_with_5_to_40_ms_on_the_wire() {
+fn px4_landing_with_5_to_40_ms_on_the_wire() {
     for wire_s in [0.005, 0.02, 0.04] {
         lands(Firmware::Px4, wire_s);
     }
 }
 
 #[test]
-fn drone_lands_over_arducopter_mavlink_at_moderate_with_5_to_40_ms_on_the_wire() {
+fn arducopter_landing_with_5_to_40_ms_on_the_wire() {
     for wire_s in [0.005, 0.02, 0.04] {
         lands(Firmware::ArduCopter, wire_s);
     }
 }
 
 #[test]
-fn landing_that_waits_for_the_failsafe_parameter() {
+fn landing_after_the_failsafe_parameter() {
     // Its timeout is the firmware's default until a person sets it, 10 s after the landing was commanded.
     let (scenario, nodes) = (Scenario::default(), NodeConfigs::default());
     let mut world = World::new(&scenario, &nodes, 300).unwrap();

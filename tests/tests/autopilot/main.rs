@@ -27,7 +27,7 @@ fn config() -> AutopilotLinkConfig {
 }
 
 #[test]
-fn odometry_comes_at_its_rate_with_the_time_at_which_it_was_true() {
+fn odometry_rate_and_time_of_validity() {
     for firmware in BOTH {
         let mut p = LinkRig::new(firmware, 5.0, &config());
         p.run(4.0);
@@ -53,7 +53,7 @@ fn odometry_comes_at_its_rate_with_the_time_at_which_it_was_true() {
 }
 
 #[test]
-fn px4_accepts_offboard_only_after_set_points_were_streamed() {
+fn px4_offboard_after_streamed_set_points() {
     let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
     p.pilot = None;
     p.run(5.0);
@@ -79,7 +79,7 @@ fn px4_accepts_offboard_only_after_set_points_were_streamed() {
 }
 
 #[test]
-fn set_points_before_offboard_hold_the_place_and_nothing_else() {
+fn set_points_before_offboard() {
     let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
     p.run(4.0);
     let from = p.t_s;
@@ -102,7 +102,7 @@ fn set_points_before_offboard_hold_the_place_and_nothing_else() {
 }
 
 #[test]
-fn takeover_by_a_person_ends_set_points_within_100_ms_for_good() {
+fn takeover_by_a_person() {
     for firmware in BOTH {
         for phase in [State::Approach, State::Tracking, State::Descent, State::Flare] {
             for mode in [mode_number(firmware, AutopilotMode::Other), 0] {
@@ -129,7 +129,7 @@ fn takeover_by_a_person_ends_set_points_within_100_ms_for_good() {
 }
 
 #[test]
-fn authority_returns_only_when_a_person_gives_the_mode_again() {
+fn authority_after_a_takeover() {
     for firmware in BOTH {
         let mut p = LinkRig::commanding(firmware, 5.0, &config());
         p.choose(AutopilotMode::Other);
@@ -145,7 +145,7 @@ fn authority_returns_only_when_a_person_gives_the_mode_again() {
 }
 
 #[test]
-fn failsafes_of_the_autopilot_are_respected() {
+fn autopilot_failsafes() {
     let modes = [AutopilotMode::Return, AutopilotMode::Land, AutopilotMode::Hold];
     for (firmware, mode) in BOTH.into_iter().flat_map(|f| modes.map(|m| (f, m))) {
         let mut p = LinkRig::commanding(firmware, 5.0, &config());
@@ -162,7 +162,7 @@ fn failsafes_of_the_autopilot_are_respected() {
 }
 
 #[test]
-fn silent_pilot_leaves_the_drone_to_the_failsafe_and_may_return() {
+fn silent_pilot_and_its_return() {
     let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
     p.pilot = None;
     let at = p.t_s;
@@ -185,7 +185,7 @@ fn silent_pilot_leaves_the_drone_to_the_failsafe_and_may_return() {
 }
 
 #[test]
-fn hold_that_a_person_chose_in_a_lapse() {
+fn hold_by_a_person_in_a_lapse() {
     let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
     p.pilot = None;
     p.run(1.0);
@@ -199,7 +199,7 @@ fn hold_that_a_person_chose_in_a_lapse() {
 }
 
 #[test]
-fn lapse_of_a_link_that_was_started_anew() {
+fn lapse_of_a_restarted_link() {
     for (away_s, lapsed) in [(0.7, true), (8.0, false)] {
         let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
         p.pilot = None;
@@ -224,7 +224,7 @@ fn battery_at_0_percent_and_without_a_gauge() {
 }
 
 #[test]
-fn link_without_heartbeats_sends_no_set_points_and_reports_no_state() {
+fn link_without_heartbeats() {
     for firmware in BOTH {
         let mut p = LinkRig::commanding(firmware, 5.0, &config());
         p.mission = State::Tracking;
@@ -247,7 +247,7 @@ fn link_without_heartbeats_sends_no_set_points_and_reports_no_state() {
 }
 
 #[test]
-fn link_resynchronises_with_an_autopilot_that_restarts() {
+fn link_with_a_restarted_autopilot() {
     for firmware in BOTH {
         let mut p = LinkRig::commanding(firmware, 5.0, &config());
         let resets = p.state().origin_resets;
@@ -262,7 +262,7 @@ fn link_resynchronises_with_an_autopilot_that_restarts() {
 }
 
 #[test]
-fn link_recovers_after_a_cut_of_three_seconds() {
+fn link_after_a_cut_of_three_seconds() {
     let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
     p.linked.cut = true;
     p.run(3.0);
@@ -273,7 +273,7 @@ fn link_recovers_after_a_cut_of_three_seconds() {
 }
 
 #[test]
-fn link_flies_nothing_without_timesync() {
+fn link_without_timesync() {
     let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
     p.linked.autopilot.no_timesync = true;
     p.run(6.0);
@@ -282,7 +282,7 @@ fn link_flies_nothing_without_timesync() {
 }
 
 #[test]
-fn ardu_copter_without_the_thrust_option_is_not_flown_and_explained() {
+fn ardu_copter_without_the_thrust_option() {
     let mut p = LinkRig::new(Firmware::ArduCopter, 5.0, &config());
     p.linked.autopilot.parameters.insert("GUID_OPTIONS", 0.0);
     p.run(5.0);
@@ -304,7 +304,7 @@ fn ardu_copter_without_the_thrust_option_is_not_flown_and_explained() {
 }
 
 #[test]
-fn parameters_that_do_not_suit_are_reported_by_name_until_a_person_sets_them() {
+fn unsuitable_parameters_until_set() {
     for (firmware, name, wrong, good) in [
         (Firmware::Px4, "COM_OF_LOSS_T", 1.0, 0.25),
         (Firmware::Px4, "COM_OBL_RC_ACT", 0.0, 5.0),
@@ -340,7 +340,7 @@ fn parameters_that_do_not_suit_are_reported_by_name_until_a_person_sets_them() {
 }
 
 #[test]
-fn parameter_that_an_autopilot_does_not_have_is_named_and_the_check_can_be_left_out() {
+fn missing_parameter_and_disabled_check() {
     for check_parameters in [true, false] {
         let c = AutopilotLinkConfig {
             check_parameters,
@@ -364,7 +364,7 @@ fn parameter_that_an_autopilot_does_not_have_is_named_and_the_check_can_be_left_
 }
 
 #[test]
-fn parameter_that_warns_permits_a_landing_and_is_told() {
+fn parameter_with_a_warning() {
     let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
     p.linked.autopilot.parameters.insert("MC_AIRMODE", 0.0);
     p.run(3.0);
@@ -377,7 +377,7 @@ fn parameter_that_warns_permits_a_landing_and_is_told() {
 }
 
 #[test]
-fn link_works_without_messages_that_the_firmware_lacks() {
+fn firmware_without_optional_messages() {
     let mut p = LinkRig::new(Firmware::ArduCopter, 5.0, &config());
     p.run(5.0);
     // No ODOMETRY on ArduCopter: it is not requested, and odometry comes from 31 and 32.
@@ -397,7 +397,7 @@ fn link_works_without_messages_that_the_firmware_lacks() {
 }
 
 #[test]
-fn hover_thrust_is_identified_in_flight_and_reported() {
+fn hover_thrust_identified_in_flight() {
     for firmware in BOTH {
         let mut p = LinkRig::commanding(firmware, 5.0, &config());
         p.run(6.0);
@@ -412,7 +412,7 @@ fn hover_thrust_is_identified_in_flight_and_reported() {
 }
 
 #[test]
-fn link_arms_only_when_configured() {
+fn arming_when_configured() {
     for (may_arm, denied) in [(false, false), (true, false), (true, true)] {
         let c = AutopilotLinkConfig { may_arm, ..config() };
         let mut p = LinkRig::new(Firmware::ArduCopter, 0.3, &c);
@@ -442,7 +442,7 @@ fn link_arms_only_when_configured() {
 }
 
 #[test]
-fn battery_reserve_diverts_the_drone_as_configured() {
+fn battery_reserve_diversions() {
     for (firmware, to, mode) in [
         (Firmware::Px4, Diversion::Return, AutopilotMode::Return),
         (Firmware::Px4, Diversion::Land, AutopilotMode::Land),
@@ -470,7 +470,7 @@ fn battery_reserve_diverts_the_drone_as_configured() {
 }
 
 #[test]
-fn autopilot_returns_or_lands_where_the_mission_says_so_on_a_low_battery() {
+fn low_battery_return_and_landing() {
     for (place, mode) in [
         (BatteryPlace::Home, AutopilotMode::Return),
         (BatteryPlace::Here, AutopilotMode::Land),
@@ -492,7 +492,7 @@ fn autopilot_returns_or_lands_where_the_mission_says_so_on_a_low_battery() {
 }
 
 #[test]
-fn denied_diversion_is_tried_a_bounded_number_of_times_without_set_points() {
+fn denied_diversion_attempts() {
     let mut p = LinkRig::commanding(Firmware::ArduCopter, 5.0, &config());
     p.linked.autopilot.battery = 0.05;
     p.linked.autopilot.answer = Some(CommandResult::Denied);
@@ -503,7 +503,7 @@ fn denied_diversion_is_tried_a_bounded_number_of_times_without_set_points() {
 }
 
 #[test]
-fn battery_reserve_does_not_divert_in_descent_and_flare() {
+fn battery_reserve_in_descent_and_flare() {
     for state in [State::Descent, State::Flare] {
         let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
         p.mission = state;
@@ -520,7 +520,7 @@ fn battery_reserve_does_not_divert_in_descent_and_flare() {
 }
 
 #[test]
-fn other_systems_on_the_link_are_not_taken_for_the_autopilot() {
+fn other_systems_on_the_link() {
     let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
     let heartbeat = |autopilot, vehicle, custom_mode| {
         Message::Heartbeat(Heartbeat {
@@ -555,7 +555,7 @@ fn other_systems_on_the_link_are_not_taken_for_the_autopilot() {
 }
 
 #[test]
-fn deck_is_published_to_the_autopilot_when_configured() {
+fn deck_published_to_the_autopilot() {
     let c = AutopilotLinkConfig {
         publish_deck: true,
         ..config()
@@ -569,7 +569,7 @@ fn deck_is_published_to_the_autopilot_when_configured() {
 }
 
 #[test]
-fn autopilot_without_an_origin_in_our_mode_is_reported_as_not_ours_after_seconds() {
+fn autopilot_without_an_origin() {
     let mut p = LinkRig::new(Firmware::ArduCopter, 5.0, &config());
     p.linked.autopilot.answer = Some(CommandResult::Denied);
     p.linked.autopilot.no_origin = true;
@@ -635,7 +635,7 @@ fn odometry_about_the_autopilots_origin() {
 }
 
 #[test]
-fn before_a_landing_guided_gets_no_set_points_and_offboard_holds() {
+fn set_points_before_a_landing() {
     for (firmware, some) in [(Firmware::ArduCopter, false), (Firmware::Px4, true)] {
         let mut p = LinkRig::commanding(firmware, 5.0, &config());
         let from = p.t_s;

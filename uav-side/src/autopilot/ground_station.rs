@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn stop_that_completes_the_landing_is_reported_at_once() {
+    fn text_of_a_stop_that_completes_the_landing() {
         let mut reports = GroundReports::default();
         let mut m = state(State::Flare, 0.0, ReasonCode::Reached);
         assert!(reports.report(Time::from_secs(0.0), &m).is_some());
@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn texts_for_each_state_once_and_for_what_is_waited_for() {
+    fn texts_of_states_and_waiting_reasons() {
         let mut reports = GroundReports::default();
         let mut texts = Vec::new();
         for k in 0..100 {

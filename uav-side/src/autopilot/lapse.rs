@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn lapse_is_a_hold_after_offboard_in_its_time() {
+    fn lapse_as_a_hold_after_offboard() {
         use AutopilotMode::{Hold, Land, Offboard, Other};
         for (from, to, after_s, loss_s, expected) in [
             (Offboard, Hold, 0.35, Some(0.25), true),
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn lapse_that_set_points_do_not_end_is_a_persons() {
+    fn lapse_not_ended_by_set_points() {
         let mut m = LapseMonitor::default();
         let at = |s: f64| Time::from_secs(SENT_S + s);
         m.step(at(0.0), AutopilotMode::Offboard, Some(at(0.0)), Some(0.25));

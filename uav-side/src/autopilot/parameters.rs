@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_that_suit_are_read_once_and_permit() {
+    fn suitable_parameters() {
         let mut p = Parameters::new(Firmware::Px4, true, Time::from_secs(0.0));
         assert_eq!(p.rejection().code, ReasonCode::AutopilotParameterUnknown);
         let first = asked(&mut p, 0.0, 0.2);
@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_that_do_not_suit_refuse_by_name_and_are_read_again_until_they_do() {
+    fn unsuitable_parameters() {
         let mut p = Parameters::new(Firmware::ArduCopter, true, Time::from_secs(0.0));
         asked(&mut p, 0.0, 0.2);
         for (name, value) in [
@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn parameter_that_is_never_reported_is_named_and_asked_for_a_bounded_number_of_times() {
+    fn parameter_never_reported() {
         let mut p = Parameters::new(Firmware::Px4, true, Time::from_secs(0.0));
         for (name, value) in [
             ("COM_OF_LOSS_T", 0.25),
@@ -315,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_of_px4_are_integers_byte_by_byte_and_of_ardu_copter_casts() {
+    fn parameter_encoding_of_the_firmwares() {
         let value = Firmware::Px4.parameter_value(5.0, true);
         assert_eq!(value.bits, 5);
         assert_eq!(Firmware::Px4.parameter(value), 5.0);

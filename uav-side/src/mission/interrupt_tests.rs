@@ -13,7 +13,7 @@ use super::tests::*;
 use super::*;
 
 #[test]
-fn mission_holds_at_a_safe_height_while_data_are_stale() {
+fn hold_with_stale_data() {
     for (s, why) in [
         (with(|s| s.forecast_age_s = 0.4), ForecastStale),
         (with(|s| s.odometry_age_s = 0.3), OdometryStale),
@@ -37,7 +37,7 @@ fn mission_holds_at_a_safe_height_while_data_are_stale() {
 }
 
 #[test]
-fn operator_hold_lasts_until_the_next_landing_command() {
+fn hold_by_an_operator() {
     let d = commanded(COMMITTED, CommandKind::Hold, &fair());
     goes(&d, State::Hold, Operator);
     waits(&run(&d, &fair(), 20.0), State::Hold, Operator);
@@ -46,7 +46,7 @@ fn operator_hold_lasts_until_the_next_landing_command() {
 }
 
 #[test]
-fn abort_ends_every_flying_state() {
+fn abort_in_every_flying_state() {
     let spare = MissionPhase::Hold {
         cause: HoldCause::Data,
         at: Vector3::zeros(),
@@ -84,7 +84,7 @@ fn low(contact_mps: f64) -> Situation {
 }
 
 #[test]
-fn abort_climbs_unless_that_meets_the_deck_harder_than_the_landing() {
+fn abort_with_a_climb_into_the_deck() {
     for command in [CommandKind::Abort, CommandKind::Hold] {
         let climbs = if command == CommandKind::Abort {
             State::GaveUp
@@ -120,7 +120,7 @@ fn abort_climbs_unless_that_meets_the_deck_harder_than_the_landing() {
 }
 
 #[test]
-fn abort_is_not_lost_when_the_landing_that_it_completes_is_broken_off() {
+fn abort_with_a_completed_landing_broken_off() {
     let d = commanded(COMMITTED, CommandKind::Abort, &low(0.8));
     let mut missed = low(0.8);
     missed.outside_m = 0.5;
@@ -136,7 +136,7 @@ fn abort_is_not_lost_when_the_landing_that_it_completes_is_broken_off() {
 }
 
 #[test]
-fn place_to_hold_moves_with_the_deck_until_the_drone_is_as_high() {
+fn hold_position_with_the_deck() {
     let at_height = |z: f64, distance_m: f64| {
         with(|s| {
             s.own.as_mut().unwrap().position = Vector3::new(30.0, 4.0, z);
@@ -166,7 +166,7 @@ fn place_to_hold_moves_with_the_deck_until_the_drone_is_as_high() {
 }
 
 #[test]
-fn abort_of_an_idle_drone_in_the_air_climbs_and_on_the_ground_says_that_it_was_received() {
+fn abort_of_an_idle_drone() {
     let idle = (MissionPhase::Idle, Progress::default());
     waits(&step(idle, &fair()), State::Idle, NotCommanded);
     let low = with(|s| s.own.as_mut().unwrap().position.z = -2.0);
@@ -196,7 +196,7 @@ fn abort_of_an_idle_drone_in_the_air_climbs_and_on_the_ground_says_that_it_was_r
 }
 
 #[test]
-fn abort_after_a_false_touchdown_climbs_and_on_the_deck_does_not() {
+fn abort_after_a_touchdown() {
     let in_air = |stopped| {
         with(|s| {
             s.deck.as_mut().unwrap().clearance_m = 1.2;
@@ -227,7 +227,7 @@ fn abort_after_a_false_touchdown_climbs_and_on_the_deck_does_not() {
 }
 
 #[test]
-fn mission_gives_up_after_its_last_attempt() {
+fn last_attempt() {
     let mut progress = wanted();
     let bad = with_deck(|d| d.distance_m = 4.0);
     let c = config();
@@ -249,7 +249,7 @@ fn mission_gives_up_after_its_last_attempt() {
 }
 
 #[test]
-fn landing_is_completed_for_a_moment_without_data_where_a_climb_is_worse() {
+fn completion_of_a_landing_without_data() {
     let harder = 2.0 * config().flare_mps;
     for (clearance_m, climb_contact_mps, age_s, state) in [
         (0.02, None, 0.4, State::Flare),
@@ -269,7 +269,7 @@ fn landing_is_completed_for_a_moment_without_data_where_a_climb_is_worse() {
 }
 
 #[test]
-fn low_battery_without_a_known_or_free_deck_leads_to_the_next_place_unless_commanded_again() {
+fn low_battery_without_a_deck() {
     use BatteryPlace::{Deck, Here, Home};
     let low = with(|s| s.battery = Some(0.1));
     let stale = with(|s| (s.battery, s.own, s.forecast_age_s) = (Some(0.1), None, 9.0));
@@ -317,7 +317,7 @@ fn low_battery_without_a_known_or_free_deck_leads_to_the_next_place_unless_comma
 }
 
 #[test]
-fn low_battery_above_the_deck_lands_there_within_wider_limits() {
+fn low_battery_limits_above_the_deck() {
     // A deck that nobody lands on who has a choice.
     let rough = |battery: f64| {
         with(|s| {
@@ -376,7 +376,7 @@ fn low_battery_above_the_deck_lands_there_within_wider_limits() {
 }
 
 #[test]
-fn mission_gives_up_after_its_time_limit() {
+fn mission_time_limit() {
     let late = Situation {
         now: at(601.0),
         ..with_deck(|d| d.vision_age_s = f64::INFINITY)
@@ -386,7 +386,7 @@ fn mission_gives_up_after_its_time_limit() {
 }
 
 #[test]
-fn mission_returns_to_idle_when_control_is_lost() {
+fn loss_of_control_authority() {
     let s = with(|s| s.flight = ControlState::OtherControl(AutopilotMode::Other));
     let d = step(COMMITTED, &s);
     goes(&d, State::Idle, NotFlying);
@@ -399,7 +399,7 @@ fn mission_returns_to_idle_when_control_is_lost() {
 }
 
 #[test]
-fn order_outlives_a_lapse_and_ends_with_a_takeover() {
+fn order_after_a_lapse_and_a_takeover() {
     let lapsed = with(|s| s.flight = ControlState::Lapsed);
     let d = step(DESCENT, &lapsed);
     goes(&d, State::Idle, NotFlying);

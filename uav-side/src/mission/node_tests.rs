@@ -71,7 +71,7 @@ fn flown(
 /// The minimum altitude is a height over the long-term water level: a wrong forecast may lower it by 0.2 m/s and
 /// no more, by jumps of any size.
 #[test]
-fn mission_keeps_the_minimum_altitude_when_a_forecast_jumps_below_the_water() {
+fn minimum_altitude_with_a_forecast_below_the_water() {
     let mut m = node();
     let mut lowest = Vec::new();
     for k in 0..1500_u32 {
@@ -95,7 +95,7 @@ fn mission_keeps_the_minimum_altitude_when_a_forecast_jumps_below_the_water() {
 }
 
 #[test]
-fn mission_waits_above_the_volumes_and_leaves_until_it_is_away_from_them() {
+fn waiting_and_leaving_among_volumes() {
     let mut m = node();
     let state = |k: u32, m: &mut Mission, position, kind: Option<CommandKind>| {
         let t = at(1.0 + f64::from(k) * 0.02);
@@ -123,7 +123,7 @@ fn mission_waits_above_the_volumes_and_leaves_until_it_is_away_from_them() {
 
 /// A drone that goes at once where the mission wants it, and a pilot that stops at the deck.
 #[test]
-fn mission_lands_an_ideal_drone_and_begins_its_descent_within_three_seconds_of_arrival() {
+fn landing_of_an_ideal_drone() {
     let mut m = node();
     let mut p = Vector3::new(40.0, -10.0, -12.0);
     let (mut detected, mut touched) = (vec![State::Idle], false);
@@ -192,7 +192,7 @@ fn mission_lands_an_ideal_drone_and_begins_its_descent_within_three_seconds_of_a
 }
 
 #[test]
-fn mission_accepts_a_command_once_and_while_it_is_fresh() {
+fn command_freshness_and_order() {
     let mut m = node();
     let give = |m: &mut Mission, t: f64, given: f64, n: u32, kind| {
         told(m, t, vec![command(header(n, at(given)), kind)]);
@@ -214,7 +214,7 @@ fn land(boot: u32, sequence: u32, given: f64) -> Command {
 
 /// A person takes the drone over by remote control, and gives it back while the order is still repeated.
 #[test]
-fn repeated_landing_after_a_take_over() {
+fn repeated_landing_after_a_takeover() {
     for (repeated, state) in [
         (land(7, 2, 20.0), State::Idle),
         // From a relay that was started anew.
@@ -235,7 +235,7 @@ fn repeated_landing_after_a_take_over() {
 
 /// A person chooses Hold or Brake, and OFFBOARD or GUIDED minutes later: nothing descends without a new order.
 #[test]
-fn hold_of_a_person_ends_the_order() {
+fn order_after_a_hold_of_a_person() {
     let mode = AutopilotMode::Hold;
     for (lapsed, flies) in [(false, false), (true, true)] {
         let mut m = node();
@@ -255,7 +255,7 @@ fn hold_of_a_person_ends_the_order() {
 
 /// One reading of an empty battery, and one that lasts.
 #[test]
-fn empty_battery_diverts_when_it_lasts() {
+fn lasting_empty_battery() {
     let mut m = node();
     let step = |m: &mut Mission, t: f64, battery: Option<f64>, commands| {
         let mut input = fresh_input((t * 100.0) as u32, at(t), [60.0, 0.0, -16.3]);
@@ -301,7 +301,7 @@ fn repeated_landing_below_the_reserve() {
 }
 
 #[test]
-fn landing_ordered_before_or_just_after_an_abort_by_somebody_else_does_not_count() {
+fn landing_of_another_operator_about_an_abort() {
     let land_at = |boot: u32, given: f64| land(boot, 9, given);
     for (land, state) in [
         // Pending since before the abort, and repeated.
@@ -325,7 +325,7 @@ fn landing_ordered_before_or_just_after_an_abort_by_somebody_else_does_not_count
 }
 
 #[test]
-fn abort_that_arrives_after_a_newer_order_counts_once() {
+fn late_abort_after_a_newer_order() {
     let mut m = node();
     let mut step = |t: f64, commands| told(&mut m, t, commands);
     let abort = |sequence: u32, given: f64| command(header(sequence, at(given)), CommandKind::Abort);
@@ -341,7 +341,7 @@ fn abort_that_arrives_after_a_newer_order_counts_once() {
 }
 
 #[test]
-fn abort_is_echoed_to_the_vessel_with_its_newest_repetition() {
+fn abort_echo_with_its_newest_repetition() {
     let mut m = node();
     let mut echo = |t: f64, commands: Vec<Command>| {
         let out = m.step(at(t), &ordered(t, commands));
@@ -397,7 +397,7 @@ fn begun(checkpoint: Option<MissionCheckpoint>, height: f64) -> (MissionState, O
 }
 
 #[test]
-fn successor_goes_on_where_the_mission_before_it_was() {
+fn successor_with_a_checkpoint() {
     for state in [
         State::Idle,
         State::GetAltitude,
@@ -432,7 +432,7 @@ fn successor_goes_on_where_the_mission_before_it_was() {
 }
 
 #[test]
-fn mission_that_stood_still_in_its_flare_begins_the_landing_anew_but_not_from_the_deck() {
+fn standstill_in_the_flare() {
     for (height, still_s, wanted) in [
         (0.5, 0.3, State::Flare),
         (0.5, 0.8, State::Tracking),
@@ -454,7 +454,7 @@ fn mission_that_stood_still_in_its_flare_begins_the_landing_anew_but_not_from_th
 }
 
 #[test]
-fn drone_given_back_after_a_lapse_low_above_the_deck_climbs_also_without_radio_or_parameters() {
+fn lapse_low_above_the_deck() {
     for (height, unfit, wanted) in [
         (0.5, false, State::GetAltitude),
         (0.5, true, State::GetAltitude),
@@ -483,7 +483,7 @@ fn drone_given_back_after_a_lapse_low_above_the_deck_climbs_also_without_radio_o
 }
 
 #[test]
-fn successor_without_a_sound_checkpoint_climbs_from_the_deck_and_says_why() {
+fn successor_without_a_sound_checkpoint() {
     let change = |f: fn(&mut MissionCheckpoint)| {
         let mut m = checkpoint(State::Descent, 9.8);
         f(&mut m);
@@ -513,7 +513,7 @@ fn successor_without_a_sound_checkpoint_climbs_from_the_deck_and_says_why() {
 }
 
 #[test]
-fn abort_among_many_commands_to_a_waiting_successor_is_heard() {
+fn abort_among_many_commands_to_a_successor() {
     let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
     for abort_at in [0, 15, 16, 29] {
         let mut m = Mission::new(&config(), &drone, &deck, 1, 2).as_successor();
@@ -542,7 +542,7 @@ fn abort_among_many_commands_to_a_waiting_successor_is_heard() {
 }
 
 #[test]
-fn mission_discards_the_forecast_at_an_origin_reset() {
+fn mission_at_an_origin_reset() {
     let mut m = node();
     for k in 0..300_u32 {
         let t = at(1.0 + f64::from(k) * 0.01);
@@ -564,7 +564,7 @@ fn mission_discards_the_forecast_at_an_origin_reset() {
 }
 
 #[test]
-fn mission_checks_its_configuration() {
+fn mission_configuration() {
     assert!(parse::<MissionConfig>("", "test").is_ok());
     let e = parse::<MissionConfig>("tracking_height_m = 40.0", "test")
         .unwrap_err()
@@ -647,7 +647,7 @@ fn blow() -> impl Strategy<Value = Blow> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
     #[test]
-    fn mission_never_permits_an_unsafe_descent_on_random_input(blows in prop::collection::vec(blow(), 1..60)) {
+    fn mission_random_input(blows in prop::collection::vec(blow(), 1..60)) {
         let mut m = node();
         let mut now = at(1.0);
         let mut n = 0_u32;

@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn probability_that_is_no_number_is_not_likely() {
+    fn probability_that_is_no_number() {
         let stand = Stand {
             friction: f64::NAN,
             edge_m: 0.65,

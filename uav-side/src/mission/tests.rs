@@ -209,7 +209,7 @@ pub(super) fn table<const N: usize>(start: impl Into<Start>, rows: [(Situation, 
 }
 
 #[test]
-fn idle_waits_for_command_flight_and_vessel() {
+fn idle_conditions() {
     let flown = |flight| with(|s| s.flight = flight);
     let other = ControlState::OtherControl(AutopilotMode::Other);
     let unknown = with(|s| (s.deck, s.forecast_age_s) = (None, f64::INFINITY));
@@ -255,7 +255,7 @@ fn moved_origin_without_a_forecast_since() {
 }
 
 #[test]
-fn way_to_the_deck() {
+fn approach_conditions() {
     let climb = MissionPhase::GetAltitude { from: [1.0, 2.0] };
     let d = step(climb, &fair());
     assert!((d.waiting.value - 8.0).abs() < 1e-9, "{d:?}");
@@ -276,7 +276,7 @@ fn way_to_the_deck() {
 }
 
 #[test]
-fn tracking_becomes_stable_after_half_a_second_of_steadiness() {
+fn tracking_steadiness() {
     let fast = with_deck(|d| d.relative_speed_mps = 2.0);
     let deep = with(|s| s.mean_deck_z = Some(3.0));
     let rows = [
@@ -290,7 +290,7 @@ fn tracking_becomes_stable_after_half_a_second_of_steadiness() {
 }
 
 #[test]
-fn tracking_continues_without_radio_and_returns_to_approach_without_vision() {
+fn tracking_without_radio_or_vision() {
     let silent = with_deck(|d| d.radio_age_s = f64::INFINITY);
     let unseen = with_deck(|d| d.vision_age_s = 5.5);
     let nothing = with_deck(|d| (d.vision_age_s, d.radio_age_s) = (5.5, 5.5));
@@ -303,7 +303,7 @@ fn tracking_continues_without_radio_and_returns_to_approach_without_vision() {
 }
 
 #[test]
-fn tracking_stable_reports_each_reason_not_to_descend() {
+fn reasons_not_to_descend() {
     let stays = |why| Stay(TrackingStable, why);
     let each = with_odds(|p| (p.hard, p.fast, p.slides) = (0.98, 0.98, 0.97));
     let others = with(|s| s.reservation = Reservation::Others(2));
@@ -340,7 +340,7 @@ fn tracking_stable_reports_each_reason_not_to_descend() {
 }
 
 #[test]
-fn descent_becomes_flare_below_its_clearance() {
+fn flare_clearance() {
     // The deck rose to the descending drone: going on is the safer way.
     let risen = with_deck(|d| (d.clearance_m, d.distance_m) = (0.6, 0.7));
     let low = with_deck(|d| d.clearance_m = 0.85);
@@ -353,7 +353,7 @@ fn descent_becomes_flare_below_its_clearance() {
 }
 
 #[test]
-fn descent_returns_to_tracking_when_a_condition_stays_violated() {
+fn descent_with_a_lasting_violation() {
     for (s, why) in [
         (with_deck(|d| d.vision_age_s = 1.2), VisionLost),
         (with_deck(|d| d.distance_m = 4.0), Deviated),
@@ -367,7 +367,7 @@ fn descent_returns_to_tracking_when_a_condition_stays_violated() {
 }
 
 #[test]
-fn descent_pauses_at_the_decision_clearance_until_the_flare_is_possible() {
+fn descent_pause_at_the_decision_clearance() {
     let s = with_deck(|d| (d.clearance_m, d.radio_age_s, d.vision_age_s) = (1.2, 9.0, 0.8));
     let d = run(DESCENT, &s, 2.0);
     waits(&d, Descent, VisionLost);
@@ -376,7 +376,7 @@ fn descent_pauses_at_the_decision_clearance_until_the_flare_is_possible() {
 }
 
 #[test]
-fn descent_and_flare_break_off_at_once_when_the_drone_tilts_beyond_the_command_in_the_air() {
+fn tilt_beyond_the_command_in_the_air() {
     for (phase, clearance) in [(DESCENT, 4.0), (DESCENT, 1.0), (COMMITTED, 0.5)] {
         let tilted = |excess_deg: f64, clearance: f64| Situation {
             tilt_excess_rad: excess_deg.to_radians(),
@@ -391,7 +391,7 @@ fn descent_and_flare_break_off_at_once_when_the_drone_tilts_beyond_the_command_i
 }
 
 #[test]
-fn descent_ignores_soft_violations_below_the_commit_clearance() {
+fn soft_violations_below_the_commit_clearance() {
     let soft = |clearance: f64| {
         with_deck(|d| {
             (d.clearance_m, d.distance_m) = (clearance, 1.6);
@@ -408,7 +408,7 @@ fn descent_ignores_soft_violations_below_the_commit_clearance() {
 }
 
 #[test]
-fn flare_continues_through_its_end_without_vision() {
+fn flare_without_vision() {
     for radio_age_s in [fair().deck.unwrap().radio_age_s, 9.0] {
         let blind = with_deck(|d| (d.clearance_m, d.vision_age_s, d.radio_age_s) = (0.85, 2.0, radio_age_s));
         waits(&run(FREE_FLARE, &blind, 1.0), Flare, TooFar);
@@ -416,7 +416,7 @@ fn flare_continues_through_its_end_without_vision() {
 }
 
 #[test]
-fn flare_breaks_off_even_committed_when_the_deck_is_missed_or_lost() {
+fn committed_flare_with_a_missed_deck() {
     let beside = Situation {
         outside_m: 0.4,
         ..with_deck(|d| d.clearance_m = 0.3)
@@ -427,7 +427,7 @@ fn flare_breaks_off_even_committed_when_the_deck_is_missed_or_lost() {
 }
 
 #[test]
-fn mission_lands_when_the_pilot_stops_the_motors() {
+fn landed_with_motors_stopped() {
     let s = Situation {
         motors_stopped: true,
         ..with_deck(|d| d.clearance_m = 0.0)
@@ -437,7 +437,7 @@ fn mission_lands_when_the_pilot_stops_the_motors() {
 }
 
 #[test]
-fn landed_is_left_only_after_disarming_and_arming() {
+fn landed_until_disarmed_and_armed() {
     let landed = MissionPhase::LANDED;
     let on_deck = with_deck(|d| d.clearance_m = 0.05);
     let d = commanded(landed, CommandKind::Land, &on_deck);
@@ -457,7 +457,7 @@ fn landed_is_left_only_after_disarming_and_arming() {
 }
 
 #[test]
-fn closed_deck_is_closed_to_a_drone_that_reserves_nothing() {
+fn closed_deck_without_reservation() {
     let grant = |owner, at_s| DeckGrant {
         header: Header::new(1, 0, 1, 1, at(at_s)),
         owner,
@@ -475,7 +475,7 @@ fn closed_deck_is_closed_to_a_drone_that_reserves_nothing() {
 }
 
 #[test]
-fn turn_in_a_landing_breaks_it_off_only_above_the_commit_clearance() {
+fn turn_in_a_landing() {
     let violated = Some(at(9.0));
     let flare = |committed| MissionPhase::Flare { committed, violated };
     let descent = MissionPhase::Descent {
@@ -502,7 +502,7 @@ fn turn_in_a_landing_breaks_it_off_only_above_the_commit_clearance() {
 }
 
 #[test]
-fn promise_outlives_silence_until_its_end_and_a_stated_turn_does_not() {
+fn stated_course_in_silence() {
     let of = |course, age_s: f64| {
         let grant = DeckGrant {
             header: Header::new(1, 0, 1, 1, at(0.0)),

@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn threshold_at_which_waiting_gains_its_cost() {
+    fn waiting_threshold() {
         let waves = of((0..60).map(|k| 0.9 + 0.08 * (0.7 * f64::from(k)).sin()));
         for cost in [1e-4, 1e-3, 0.01, 0.03] {
             let p = waves.threshold(cost);
@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn draws_of_the_last_minute_one_a_second() {
+    fn waiting_draws_of_the_last_minute() {
         let mut w = of([0.2; 200]);
         assert_eq!(w.draws.len(), MOST);
         (0..100).for_each(|k| w.update(Time::from_secs(200.0 + 0.01 * f64::from(k)), 0.9));

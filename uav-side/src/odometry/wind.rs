@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn wind_observer_learns_wind_and_level_error_from_velocity() {
+    fn wind_observer_wind_and_level_error() {
         // Wind of 0.6 m/s² north while the attitude reads 0.01 rad too much roll: held by the true tilt.
         let mut x = WindObserver::default();
         let (mut v, dt) = (Vector3::zeros(), 0.01);
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn wind_observer_output_is_bounded() {
+    fn wind_observer_bounds() {
         let mut x = WindObserver::default();
         let tilt = UnitQuaternion::from_euler_angles(0.0, 0.7, 0.0);
         for _ in 0..1000 {

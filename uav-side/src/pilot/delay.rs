@@ -188,7 +188,7 @@ mod tests {
     /// Flies the model's own drone under a rocking command, 40 ms each way, and compares what was led ahead
     /// with what came.
     #[test]
-    fn delay_prediction_matches_the_drone_one_dead_time_later() {
+    fn delay_prediction_after_one_dead_time() {
         let (c, one_way, dt) = (DelayConfig::default(), 4_usize, 0.01);
         let mut delay = Delay::default();
         let mut estimate = FlightEstimator::new(0.4);
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn delay_predicts_nothing_without_dead_time() {
+    fn delay_prediction_without_dead_time() {
         let c = DelayConfig::default();
         let mut delay = Delay::default();
         delay.received(0.001, 0.01, &c);

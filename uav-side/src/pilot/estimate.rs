@@ -114,7 +114,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lift_estimate_is_the_force_not_explained_by_thrust() {
+    fn lift_estimate() {
         let c = TrackingConfig::default();
         let learnt = |force: Vector3<f64>, tilt: f64, hover: f64, u: Option<f64>| {
             let mut e = FlightEstimator::new(hover);

@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn hover_matrices_are_the_jacobian_of_the_rigid_body() {
+    fn hover_matrices_against_rigid_body_jacobian() {
         let d = drone();
         let (a, b) = HoverModel::new(&d).continuous();
         let (x0, u0, e) = (SVector::<f64, 12>::zeros(), Vector4::from_element(1.0), 1e-4);
@@ -327,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn discretised_chain_is_exact() {
+    fn discretised_chain() {
         // Against 100000 small Euler steps of the continuous model.
         let chain = HoverModel::new(&drone()).x_chain();
         let d = chain.discrete(0.1);
@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn four_chains_equal_the_full_model() {
+    fn four_chains_against_the_full_model() {
         let m = HoverModel::new(&drone());
         let (a, b) = m.continuous();
         let full = discretise(&a, &b, 0.1);
@@ -376,7 +376,7 @@ mod tests {
     }
 
     #[test]
-    fn tilt_of_and_up_of_are_inverse() {
+    fn tilt_of_and_up_of_inverse() {
         let (phi, theta) = tilt_of(&up_of(0.2, -0.3), 0.0);
         assert!((phi - 0.2).abs() < 1e-12 && (theta + 0.3).abs() < 1e-12);
         // Heading east, a tilt to the north is a roll to port.

@@ -627,7 +627,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn height_profile_is_smooth_through_contact_and_continues_itself() {
+    fn height_profile_through_contact() {
         let p = Profile::new(1.0, 0.5, 0.3);
         assert_eq!(p.at(1.0), (0.5, 0.5));
         let (mut before, dt) = (p.at(0.0), 0.01);

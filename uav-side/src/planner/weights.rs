@@ -141,7 +141,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn faa_weights_follow_table_4() {
+    fn faa_weights_of_table_4() {
         let (faa, far) = (Faa::default(), Weights::default().diagonal());
         assert_eq!(
             far,

@@ -288,7 +288,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tilt_of_a_tag_by_the_vessels_compass_is_that_of_its_estimate() {
+    fn tag_tilt_by_the_vessels_compass() {
         let (roll, pitch, yaw, more) = (0.15, -0.05, 1.0, 0.1);
         let seen = turn_tilt(roll, pitch, -yaw);
         let tag = Observation {

@@ -50,7 +50,7 @@ mod tests {
     }
 
     #[test]
-    fn vessel_moves_as_its_estimates_of_two_instants() {
+    fn placement_at_two_instants() {
         for [lat, lon] in [[-33.9, 18.4], [47.6, -122.4], [-16.8, 179.99], [70.1, 19.2]] {
             let datum = Datum::new(lat, lon, 30.0);
             let origin = datum.at(&Vector::<VesselNed>::new(-2900.0, 3900.0, -4.0));
@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn restarted_vessel_stays_where_it_is() {
+    fn placement_of_a_restarted_vessel() {
         let (first, origin) = (
             Datum::new(-16.8, 179.999, 30.0),
             Datum::new(-16.79, -179.999, 12.0),
@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn vessel_beyond_100_km_has_no_place() {
+    fn placement_beyond_100_km() {
         let at = |lat| {
             placed(
                 &vessel(Datum::new(lat, 7.0, 0.0), [0.0; 3]),

@@ -376,7 +376,7 @@ mod tests {
 
     /// A vessel that heads east and yaws by 0.1 rad in 5 s, with her deck 4 m aft: it swings north and south.
     #[test]
-    fn yaw_swings_a_deck_off_the_reference_point() {
+    fn yaw_of_a_deck_off_the_reference_point() {
         let mut waves = Waves::new(&PredictorConfig::default());
         waves.set_lever_arm(Vector3::new(-4.0, 0.0, -1.3), FRAC_PI_2);
         let mut shape = [Complex::default(); AXES];

@@ -196,7 +196,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn impulse_test_tells_an_outlier_from_a_growing_rate() {
+    fn impulse_test_of_outlier_and_growing_rate() {
         // The second of two samples is wild by 2 rad/s: their mean by 1, their difference by 2.
         assert!(!is_impulse(1.0, 2.0, MAX_IMPULSE[0]));
         // A rate that grows by 20 rad/s² is off by 0.4 after a step and differs by 0.2 between its samples.

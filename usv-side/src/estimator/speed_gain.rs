@@ -45,7 +45,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn speed_gain_passes_an_engine_and_leaves_what_is_usual() {
+    fn speed_gain_by_engine() {
         let mut gain = SpeedGain::default();
         let mut squares = [0.0; 2];
         for k in 0..30_000 {

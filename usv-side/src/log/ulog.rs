@@ -439,7 +439,7 @@ mod tests {
     }
 
     #[test]
-    fn ulog_is_read_by_its_declared_formats() {
+    fn ulog_declared_formats() {
         let r = read_all(&log(20)).unwrap();
         let count = |kind| r.measurements.iter().filter(|m| m.kind() == kind).count();
         assert_eq!((count(0), count(1), count(2), count(3)), (2000, 100, 100, 500));
@@ -452,7 +452,7 @@ mod tests {
     }
 
     #[test]
-    fn ulog_reader_resumes_at_the_next_sync_message_after_damage() {
+    fn ulog_resumption_after_damage() {
         let whole = log(20);
         let mut damaged = whole.clone();
         // The kind of some message in the middle.
@@ -484,7 +484,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
-        fn ulog_reader_survives_any_damage(damage in damage(200)) {
+        fn ulog_arbitrary_damage(damage in damage(200)) {
             let _read = read_all(&damaged(log(6), damage));
         }
     }

@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn ridge_predicts_lines_and_is_causal() {
+    fn ridge_prediction_of_lines() {
         let mut published = Published::default();
         for k in 0..30 * 100 {
             let t = Time::from_secs(f64::from(k) / 30.0);
@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn published_forgets_only_what_no_fit_reads() {
+    fn published_history_length() {
         let mut published = Published::default();
         for k in 0..10 * 1000 {
             let t = Time::from_secs(0.1 * f64::from(k));

@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn time_above_the_deck_and_departures_are_counted() {
+    fn time_above_the_deck_and_departures() {
         let mut followed = Followed::default();
         let states = [
             State::Approach,

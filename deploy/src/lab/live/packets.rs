@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn flows_are_separated_by_packet_headers_and_rates_cover_the_last_seconds() {
+    fn flows_by_packet_header_and_their_rates() {
         let mut flows = Flows::default();
         let mut recent = Recent::default();
         for second in 0..20_i64 {

@@ -500,7 +500,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn hop_matches_originals_and_copies_in_either_order() {
+    fn relayed_copies_in_either_order() {
         let directory = std::env::temp_dir().join(format!("alight-relay-test-{}", std::process::id()));
         std::fs::create_dir_all(&directory).unwrap();
         let path = directory.join("relay");

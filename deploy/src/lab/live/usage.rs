@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn usage_log_sums_files_of_a_prefix_recursively() {
+    fn usage_of_files_with_a_prefix() {
         let directory = std::env::temp_dir().join(format!("alight-usage-{}", std::process::id()));
         std::fs::create_dir_all(directory.join("mine-below")).unwrap();
         std::fs::write(directory.join("mine-1"), [0; 10]).unwrap();

@@ -214,7 +214,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn axis_ends_at_a_round_number_near_the_largest_value() {
+    fn axis_end_near_the_largest_value() {
         for (top, end, decimals) in [
             (0.17, 0.2, 2),
             (0.4, 0.4, 1),

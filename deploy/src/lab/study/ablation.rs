@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_switch_changes_the_shipped_configuration_and_is_accepted() {
+    fn ablation_switches() {
         let base = NodeConfigs::default();
         let all = planners(&base).unwrap();
         assert_eq!(all.len(), 1 + INGREDIENTS.len());

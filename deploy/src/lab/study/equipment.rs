@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn sizes_known_to_world_and_nodes_alike() {
+    fn sizes_of_world_and_nodes() {
         let rows = size(&row);
         for scene in &rows {
             let (world, nodes) = (&scene.world, &scene.nodes);

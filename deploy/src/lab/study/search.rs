@@ -245,7 +245,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_search_parameter_changes_a_valid_configuration() {
+    fn search_parameters() {
         for (name, at) in PARAMETERS {
             for f in [4.0, 0.25] {
                 let c = scaled(&MpcNeConfig::default(), at, f);

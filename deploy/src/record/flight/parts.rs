@@ -407,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_are_rotated_by_size_and_age_and_read_in_sequence() {
+    fn part_rotation_by_size_and_age() {
         let directory = directory("rotated");
         let mut written = begin(&directory);
         for step in 0..4 {
@@ -435,7 +435,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_reach_the_disk_within_a_second() {
+    fn part_synchronisation_within_a_second() {
         let directory = directory("synchronised");
         let mut written = begin(&directory);
         for (k, ns) in [0, S / 2, S].into_iter().enumerate() {
@@ -455,7 +455,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_on_a_blocked_disk_are_tried_again_every_10_s() {
+    fn parts_on_a_blocked_disk() {
         let directory = directory("blocked");
         // A file in the place of the directory: no permission of root writes below it.
         std::fs::write(&directory, "").unwrap();
@@ -471,7 +471,7 @@ mod tests {
     }
 
     #[test]
-    fn full_disk_costs_the_steps_of_a_second_and_recording_goes_on_in_another_part() {
+    fn parts_on_a_full_disk() {
         let directory = directory("full");
         let mut written = begin(&directory);
         written.write(0, &batch(0, 0));
@@ -495,7 +495,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_that_never_came_are_missing() {
+    fn missing_steps() {
         let directory = directory("gap");
         let mut written = begin(&directory);
         for step in [0, 1, 5, 6] {
@@ -534,7 +534,7 @@ mod tests {
     }
 
     #[test]
-    fn part_cut_at_any_byte_opens_and_loses_the_last_chunk_at_most() {
+    fn part_cut_at_any_byte() {
         let (header, bytes, lengths) = chunks();
         let directory = directory("cut");
         std::fs::create_dir_all(&directory).unwrap();
@@ -570,7 +570,7 @@ mod tests {
         #![proptest_config(proptest::test_runner::Config::with_cases(64))]
         /// What a power cut may leave behind the last synchronised chunk: nothing, zeros or what was there before.
         #[test]
-        fn part_with_a_damaged_tail_keeps_its_synchronised_chunks(
+        fn part_with_a_damaged_tail(
             (chunk, tail) in (0_usize..4, proptest::collection::vec(proptest::num::u8::ANY, 0..300)),
             zeros in 0_usize..5000,
         ) {

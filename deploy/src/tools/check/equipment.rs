@@ -161,7 +161,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn class_by_what_the_sources_give() {
+    fn equipment_class_by_sources() {
         // What each class gives while listening: imu, gnss, heading, attitude.
         assert_eq!(class([125, 12, 25, 125]), Ok(VesselClass::AutopilotAboard));
         assert_eq!(class([250, 3, 25, 0]), Ok(VesselClass::SlowReceiver));

@@ -249,7 +249,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn simulated_estimator_states_the_deviations_it_has() {
+    fn simulated_estimator_stated_deviations() {
         let dt = 0.01;
         // A GNSS error that stays the same: what the stated deviation of position leaves out.
         let config = NavigationConfig {

@@ -215,7 +215,7 @@ mod tests {
     use alight_shared::config::{Check, Keys};
 
     #[test]
-    fn draws_are_off_until_asked_for_and_stay_when_drawn() {
+    fn draws_off_and_drawn() {
         let plain = Scenario::default();
         assert_eq!(plain.drawn(3), plain);
         let (mut varied, mut nodes) = (Scenario::default(), NodeConfigs::default());
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn mast_leaves_the_deck_in_world_and_configuration() {
+    fn mast_clear_of_the_deck() {
         let (mut world, mut nodes) = (Scenario::default(), NodeConfigs::default());
         world.differ_from_belief(&mut nodes);
         let antenna = world.sensors.vessel_gnss.antenna_m;
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn draws_lie_in_their_ranges_and_differ_from_the_nodes_figures() {
+    fn draws_within_their_ranges() {
         let (mut varied, mut nodes) = (Scenario::default(), NodeConfigs::default());
         varied.differ_from_belief(&mut nodes);
         let plain = Scenario::default();

@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn wake_ends_at_its_sides_and_top() {
+    fn wake_sides_and_top() {
         assert!(aft(-2.5, 0.0, 1.0).is_none(), "ahead of the box");
         assert!(aft(2.0, 3.0, 1.0).is_none() && aft(2.0, 0.0, 4.0).is_none());
         let (middle, edge) = (aft(2.0, 0.0, 0.5).unwrap(), aft(2.0, 1.7, 0.5).unwrap());

@@ -123,7 +123,7 @@ fn rocking<B>(t: f64) -> RigidState<B> {
 }
 
 #[test]
-fn sensors_are_bit_identical_for_a_seed_and_differ_between_seeds() {
+fn sensor_determinism() {
     let run = |seed| {
         let mut s = sensors(&SensorConfig::default(), seed);
         let mut log = vec![];
@@ -152,7 +152,7 @@ fn sensors_are_bit_identical_for_a_seed_and_differ_between_seeds() {
 }
 
 #[test]
-fn sensor_defaults_pass_their_check_and_survive_toml() {
+fn sensor_defaults_toml_round_trip() {
     let c = SensorConfig::default();
     assert!(c.check(&Keys::ROOT).is_ok());
     assert!(ideal().check(&Keys::ROOT).is_ok());
@@ -164,7 +164,7 @@ fn sensor_defaults_pass_their_check_and_survive_toml() {
 }
 
 #[test]
-fn sensor_configuration_errors_name_the_key() {
+fn sensor_configuration_errors() {
     let refused = |text: &str| {
         alight_shared::config::parse::<SensorConfig>(text, "test")
             .unwrap_err()

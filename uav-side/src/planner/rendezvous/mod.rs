@@ -353,7 +353,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn strong_wind_is_split_between_drift_and_tilt_continuously() {
+    fn drift_and_tilt_in_strong_wind() {
         let c = WindConfig {
             aligned_mps2: 1.0,
             aligned_fraction: 0.5,

@@ -131,7 +131,7 @@ impl Rig {
 }
 
 #[test]
-fn one_status_from_beyond_of_a_drone_on_the_deck() {
+fn single_status_from_beyond_the_deck() {
     let far = |change: fn(&mut DroneStatus)| {
         let mut rig = Rig::with_a_landed_drone();
         let mut status = rig.flying(200.0);
@@ -203,7 +203,7 @@ fn evidence_of_a_departure_between_contrary_statuses() {
 }
 
 #[test]
-fn crew_opens_the_deck_of_a_drone_carried_off() {
+fn deck_of_a_drone_carried_off() {
     for distance_m in [Some(200.0), None] {
         let mut rig = Rig::with_a_landed_drone();
         let ashore = DroneStatus {
@@ -308,7 +308,7 @@ fn low_battery_behind_a_silent_owner() {
 }
 
 #[test]
-fn deck_arbiter_grants_the_first_request_until_take_off() {
+fn grant_of_the_first_request() {
     let mut rig = Rig::new();
     assert_eq!(rig.run(&[(1, State::TrackingStable)], 0.5), 1);
     for state in [State::Descent, State::Flare, State::Landed, State::Idle] {
@@ -329,7 +329,7 @@ fn deck_arbiter_grants_the_first_request_until_take_off() {
 }
 
 #[test]
-fn deck_arbiter_frees_the_deck_after_a_manual_take_off() {
+fn grant_after_a_manual_take_off() {
     let mut rig = Rig::new();
     rig.run(&[(1, State::TrackingStable)], 0.5);
     rig.run(&[(1, State::Landed)], 5.0);
@@ -340,7 +340,7 @@ fn deck_arbiter_frees_the_deck_after_a_manual_take_off() {
 }
 
 #[test]
-fn deck_arbiter_withdraws_the_deck_after_idling_but_never_for_silence() {
+fn grant_of_an_idle_and_of_a_silent_owner() {
     for last in [
         State::Descent,
         State::Flare,
@@ -378,7 +378,7 @@ fn deck_arbiter_withdraws_the_deck_after_idling_but_never_for_silence() {
 }
 
 #[test]
-fn deck_arbiter_takes_an_owner_that_gives_way_unheard_for_flying_in() {
+fn unheard_owner_that_gives_way() {
     for last_s in [0.5, 1.5, 2.5] {
         let mut rig = Rig::new();
         rig.run(&[(1, State::Approach)], 0.5);
@@ -398,7 +398,7 @@ fn deck_arbiter_takes_an_owner_that_gives_way_unheard_for_flying_in() {
 }
 
 #[test]
-fn deck_arbiter_lets_a_drone_that_broke_off_climb_before_another_descends() {
+fn grant_after_a_broken_off_descent() {
     let mut rig = Rig::new();
     rig.run(&[(1, State::TrackingStable)], 0.5);
     rig.run(&[(1, State::Descent)], 5.0);
@@ -411,7 +411,7 @@ fn deck_arbiter_lets_a_drone_that_broke_off_climb_before_another_descends() {
 }
 
 #[test]
-fn deck_arbiter_gives_each_drone_a_place_of_its_own_and_keeps_those_of_silent_ones() {
+fn waiting_places() {
     let mut rig = Rig::new();
     let crowd: Vec<_> = (1..=PLACES as u32 + 2).map(|id| (id, State::Approach)).collect();
     rig.run(&crowd, 1.0);
@@ -448,7 +448,7 @@ fn deck_arbiter_gives_each_drone_a_place_of_its_own_and_keeps_those_of_silent_on
 }
 
 #[test]
-fn deck_arbiter_takes_a_drone_that_reports_from_the_deck_for_standing_there() {
+fn drone_reporting_from_the_deck() {
     let parked = |rig: &Rig, distance_m: Option<f32>, landed| DroneStatus {
         landed,
         deck_distance_m: distance_m,
@@ -479,7 +479,7 @@ fn deck_arbiter_takes_a_drone_that_reports_from_the_deck_for_standing_there() {
 }
 
 #[test]
-fn deck_arbiter_closes_the_deck_for_its_crew_until_they_open_it() {
+fn deck_closed_until_the_crew_opens_it() {
     let mut rig = Rig::new();
     rig.run(&[(1, State::TrackingStable)], 2.0);
     assert_eq!(rig.order(DeckOrder::Closed).owner, DECK_CLOSED);
@@ -498,7 +498,7 @@ fn deck_arbiter_closes_the_deck_for_its_crew_until_they_open_it() {
 }
 
 #[test]
-fn deck_arbiter_remembers_a_drone_on_the_deck_and_one_on_its_way_through_a_restart() {
+fn arbiter_restart_with_drones_on_and_near_the_deck() {
     for last in [State::Landed, State::Descent, State::TrackingStable] {
         let mut rig = Rig::new();
         rig.run(&[(1, State::TrackingStable)], 0.5);
@@ -523,7 +523,7 @@ fn deck_arbiter_remembers_a_drone_on_the_deck_and_one_on_its_way_through_a_resta
 }
 
 #[test]
-fn deck_arbiter_gives_the_deck_to_neither_of_two_drones_with_one_number() {
+fn two_drones_with_one_number() {
     let mut rig = Rig::new();
     rig.run(&[(1, State::TrackingStable)], 0.5);
     rig.run(&[(1, State::Descent)], 2.0);
@@ -556,7 +556,7 @@ fn deck_arbiter_gives_the_deck_to_neither_of_two_drones_with_one_number() {
 }
 
 #[test]
-fn deck_arbiter_takes_a_drone_that_was_started_anew_for_itself() {
+fn restarted_drone() {
     let mut rig = Rig::new();
     rig.run(&[(1, State::TrackingStable)], 0.5);
     rig.run(&[(1, State::Landed)], 5.0);
@@ -578,7 +578,7 @@ fn deck_arbiter_takes_a_drone_that_was_started_anew_for_itself() {
 }
 
 #[test]
-fn deck_arbiter_restart_respects_a_drone_in_descent() {
+fn arbiter_restart_with_a_drone_in_descent() {
     let mut rig = Rig::new();
     rig.arbiter = DeckArbiter::new(&DeckConfig::default(), 1, 2);
     assert_eq!(rig.run(&[(2, State::Approach)], 2.0), 0);
@@ -587,7 +587,7 @@ fn deck_arbiter_restart_respects_a_drone_in_descent() {
 }
 
 #[test]
-fn deck_arbiter_rejects_foreign_statuses_and_surplus_drones() {
+fn foreign_statuses_and_surplus_drones() {
     let mut rig = Rig::new();
     let foreign = DroneStatus {
         header: Header::new(9, 1, 7, 1, Time::EPOCH),
@@ -619,7 +619,7 @@ fn with_inputs() -> Rig {
 }
 
 #[test]
-fn deck_arbiter_opens_the_deck_once_neither_the_crews_switch_nor_their_order_closes_it() {
+fn deck_closed_by_switch_and_order() {
     let mut rig = with_inputs();
     let waiting = [(1, State::Approach)];
     rig.inputs.closed = Some(true);
@@ -643,7 +643,7 @@ fn deck_arbiter_opens_the_deck_once_neither_the_crews_switch_nor_their_order_clo
 }
 
 #[test]
-fn deck_arbiter_closes_a_deck_whose_configured_input_is_not_read() {
+fn unread_deck_input() {
     let free = Some(false);
     for (closed, occupied, closure) in [(None, free, Closure::Switch), (free, None, Closure::Sensor)] {
         let unread = DeckInputs {
@@ -672,7 +672,7 @@ fn deck_arbiter_closes_a_deck_whose_configured_input_is_not_read() {
 }
 
 #[test]
-fn deck_arbiter_tells_a_drones_weight_on_the_sensor_from_anything_else() {
+fn occupancy_sensor_under_a_drone() {
     let mut rig = with_inputs();
     let occupied = |rig: &Rig| rig.arbiter.occupied(Time::from_secs(rig.t_s));
     rig.inputs.occupied = Some(true);
@@ -714,7 +714,7 @@ fn stated(rig: &Rig) -> Course {
 }
 
 #[test]
-fn promise_of_a_steady_course_expires_by_itself_and_a_turn_is_published_at_once() {
+fn promise_of_a_steady_course_and_a_turn() {
     let mut rig = Rig::new();
     assert_eq!(stated(&rig), Course::Unknown);
     assert_eq!(rig.order(DeckOrder::Steady(60)).course, Course::Steady(60.0));
@@ -733,7 +733,7 @@ fn promise_of_a_steady_course_expires_by_itself_and_a_turn_is_published_at_once(
 }
 
 #[test]
-fn helm_switch_promises_at_0_and_states_a_turn_at_1_or_unread() {
+fn helm_switch_levels() {
     let config = DeckConfig {
         helm_switch: "switch".into(),
         ..DeckConfig::default()
@@ -758,7 +758,7 @@ fn helm_switch_promises_at_0_and_states_a_turn_at_1_or_unread() {
 }
 
 #[test]
-fn steady_course_is_wanted_from_the_descent_to_the_touchdown_and_not_of_a_silent_drone() {
+fn wanted_steady_course() {
     let mut rig = Rig::new();
     let wants = |rig: &Rig| rig.arbiter.wants_steady(Time::from_secs(rig.t_s));
     for (state, wanted) in [

@@ -282,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn heave_in_steps_of_a_centimetre_is_smoothed_and_said() {
+    fn recording_heave_in_centimetre_steps() {
         let r = heave(100.0, 60.0, |t| (swell(t) * 100.0).round() / 100.0);
         assert_eq!(r.remarks.len(), 1, "{:?}", r.remarks);
         assert!(
@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn clean_recordings_stay_as_they_are() {
+    fn clean_recordings() {
         for hz in [5.0, 10.0, 25.0, 100.0] {
             let r = heave(hz, 60.0, swell);
             assert!(r.remarks.is_empty(), "{hz}: {:?}", r.remarks);
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_is_recognised_and_smoothed() {
+    fn recording_noise() {
         let mut noise = crate::sensors::noise::Noise::new(&Streams::new(1), "test");
         let r = heave(50.0, 60.0, |t| swell(t) + 0.02 * noise.normal());
         assert!(
@@ -325,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn held_values_are_recognised() {
+    fn recording_held_values() {
         let r = heave(100.0, 60.0, |t| swell((t * 10.0 + 1e-6).floor() / 10.0));
         assert!(
             r.remarks.len() == 1 && r.remarks[0].contains("held for 0.10 s"),
@@ -336,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn clipped_peaks_are_drawn_on() {
+    fn recording_clipped_peaks() {
         let r = heave(25.0, 60.0, |t| swell(t).clamp(-0.6, 0.6));
         assert!(
             r.remarks.len() == 1 && r.remarks[0].contains("clipped at -0.600 and 0.600 m"),
