@@ -21,14 +21,21 @@ fn scene(k: usize) -> Scenario {
     }
 }
 
-/// How a landing ends on which this happens so long (s) after the mission entered that state.
-fn landed(scenario: &Scenario, seed: u64, event: Option<(State, f64, fn(&mut Rig))>) -> Outcome {
+/// What happens on the way, so long (s) after the mission entered a state.
+struct Event {
+    state: State,
+    after_s: f64,
+    happen: fn(&mut Rig),
+}
+
+/// How a landing ends.
+fn landed(scenario: &Scenario, seed: u64, event: Option<Event>) -> Outcome {
     let mut rig = Rig::landing(scenario, &NodeConfigs::default(), seed).unwrap();
     let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
     let (mut judge, mut pending) = (Judge::default(), event);
     rig.each(TIME_LIMIT_S, |rig| {
-        if let Some((_, _, happen)) = pending.take_if(|(state, after_s, _)| rig.is_due(*state, *after_s)) {
-            happen(rig);
+        if let Some(event) = pending.take_if(|e| rig.is_due(e.state, e.after_s)) {
+            (event.happen)(rig);
         }
         judge.observe(&rig.world.observation(), half_deck)
     });
@@ -41,8 +48,11 @@ fn all_land(seeds: u64) {
     let mut lost = Vec::new();
     for k in 0..4 {
         for seed in 0..seeds {
-            let restart: fn(&mut Rig) = Rig::restart_vessel;
-            let event = (seed % 2 == 1).then_some((State::Approach, 1.0 + 0.3 * seed as f64, restart));
+            let event = (seed % 2 == 1).then(|| Event {
+                state: State::Approach,
+                after_s: 1.0 + 0.3 * seed as f64,
+                happen: Rig::restart_vessel,
+            });
             let outcome = landed(&scene(k), 100 * k as u64 + seed, event);
             if outcome.outcome != Ending::Success {
                 lost.push((k, seed, outcome));
@@ -74,8 +84,12 @@ fn heading_resets_in_every_phase() {
     ];
     let mut lost = Vec::new();
     for (n, (state, after_s)) in phases.into_iter().enumerate() {
-        let reset: fn(&mut Rig) = |rig| rig.world.reset_heading(0, 12.0_f64.to_radians());
-        let outcome = landed(&scene(n % 4), 40 + n as u64, Some((state, after_s, reset)));
+        let event = Event {
+            state,
+            after_s,
+            happen: |rig| rig.world.reset_heading(0, 12.0_f64.to_radians()),
+        };
+        let outcome = landed(&scene(n % 4), 40 + n as u64, Some(event));
         if outcome.outcome != Ending::Success {
             lost.push((state, after_s, outcome));
         }

@@ -165,6 +165,22 @@ fn sources(directory: &Path, out: &mut String) {
 }
 
 #[test]
+fn test_name_length() {
+    let mut all = String::new();
+    sources(&shipped(".."), &mut all);
+    let long: Vec<&str> = all
+        .split("#[test]\n")
+        .skip(1)
+        .filter_map(|rest| rest.split_once("fn ")?.1.split('(').next())
+        .filter(|name| name.len() > 50)
+        .collect();
+    assert!(
+        long.is_empty(),
+        "subject and condition, in 50 characters: {long:#?}"
+    );
+}
+
+#[test]
 fn hazard_table_tests() {
     let table = std::fs::read_to_string(shipped("docs/hazards.md")).expect("the hazards");
     let table = table
