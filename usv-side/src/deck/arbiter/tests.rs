@@ -93,13 +93,7 @@ impl Rig {
     }
     /// The owner after a drone in this state has reported once from so far from the deck, beside one that waits.
     fn run_at(&mut self, (id, state): (u32, State), distance_m: f32) -> u32 {
-        let flies = DroneStatus {
-            landed: LandedState::InAir,
-            armed: true,
-            deck_distance_m: Some(distance_m),
-            ..self.status((id, state))
-        };
-        self.run_as(flies, 1)
+        self.run_as(self.flying_as((id, state), distance_m), 1)
     }
     /// The owner after so many of these statuses, at 2 Hz, beside a drone that waits.
     fn run_as(&mut self, status: DroneStatus, times: u32) -> u32 {
@@ -112,20 +106,28 @@ impl Rig {
         }
         self.arbiter.owner().unwrap_or(0)
     }
+    /// The first drone has been in these states, each for so long, s.
+    fn after(states: &[(State, f64)]) -> Rig {
+        let mut rig = Rig::new();
+        for &(state, secs) in states {
+            rig.run(&[(1, state)], secs);
+        }
+        rig
+    }
     /// The first drone has landed, and is silent or not.
     fn with_a_landed_drone() -> Rig {
-        let mut rig = Rig::new();
-        rig.run(&[(1, State::TrackingStable)], 0.5);
-        rig.run(&[(1, State::Landed)], 5.0);
-        rig
+        Rig::after(&[(State::TrackingStable, 0.5), (State::Landed, 5.0)])
     }
     /// A status of the first drone, in the air at this distance.
     fn flying(&self, distance_m: f32) -> DroneStatus {
+        self.flying_as((1, State::Idle), distance_m)
+    }
+    fn flying_as(&self, drone: (u32, State), distance_m: f32) -> DroneStatus {
         DroneStatus {
             landed: LandedState::InAir,
             armed: true,
             deck_distance_m: Some(distance_m),
-            ..self.status((1, State::Idle))
+            ..self.status(drone)
         }
     }
 }
@@ -159,9 +161,7 @@ fn single_status_from_beyond_the_deck() {
         (State::GaveUp, None),
         (State::GaveUp, Some(16.0)),
     ] {
-        let mut rig = Rig::new();
-        rig.run(&[(1, State::TrackingStable)], 0.5);
-        rig.run(&[(1, State::Flare)], 1.0);
+        let mut rig = Rig::after(&[(State::TrackingStable, 0.5), (State::Flare, 1.0)]);
         let status = DroneStatus {
             deck_distance_m: distance_m,
             ..rig.status((1, state))
@@ -217,9 +217,7 @@ fn deck_of_a_drone_carried_off() {
         assert_eq!(rig.run_as(ashore, 4), 2, "{distance_m:?}");
     }
     // In the air above the deck it is not freed by an order.
-    let mut rig = Rig::new();
-    rig.run(&[(1, State::TrackingStable)], 0.5);
-    rig.run(&[(1, State::Flare)], 1.0);
+    let mut rig = Rig::after(&[(State::TrackingStable, 0.5), (State::Flare, 1.0)]);
     let mut blind = rig.flying(1.0);
     blind.deck_distance_m = None;
     rig.run_as(blind, 2);
@@ -273,8 +271,7 @@ fn drone_switched_on_without_a_position() {
 
 #[test]
 fn low_battery_behind_a_silent_owner() {
-    let mut rig = Rig::new();
-    rig.run(&[(1, State::TrackingStable)], 2.0);
+    let mut rig = Rig::after(&[(State::TrackingStable, 2.0)]);
     let waits = |rig: &mut Rig, secs: u32, battery| {
         for _ in 0..2 * secs {
             rig.t_s += 0.5;
@@ -330,9 +327,7 @@ fn grant_of_the_first_request() {
 
 #[test]
 fn grant_after_a_manual_take_off() {
-    let mut rig = Rig::new();
-    rig.run(&[(1, State::TrackingStable)], 0.5);
-    rig.run(&[(1, State::Landed)], 5.0);
+    let mut rig = Rig::after(&[(State::TrackingStable, 0.5), (State::Landed, 5.0)]);
     assert_eq!(rig.run(&[(1, State::Idle)], 5.0), 1);
     let at = |rig: &mut Rig, distance_m| rig.run_at((1, State::Idle), distance_m);
     assert_eq!([at(&mut rig, 1.0), at(&mut rig, 14.0)], [1, 1], "it climbs");
@@ -347,9 +342,7 @@ fn grant_of_an_idle_and_of_a_silent_owner() {
         State::TrackingStable,
         State::Tracking,
     ] {
-        let mut rig = Rig::new();
-        rig.run(&[(1, State::TrackingStable)], 0.5);
-        rig.run(&[(1, last)], 2.0);
+        let mut rig = Rig::after(&[(State::TrackingStable, 0.5), (last, 2.0)]);
         let waiting = [(2, State::Approach)];
         assert_eq!(rig.run(&waiting, 3600.0), 1, "{last:?}: it may have landed");
         let occupied = rig.arbiter.occupied(Time::from_secs(rig.t_s));
@@ -380,8 +373,7 @@ fn grant_of_an_idle_and_of_a_silent_owner() {
 #[test]
 fn unheard_owner_that_gives_way() {
     for last_s in [0.5, 1.5, 2.5] {
-        let mut rig = Rig::new();
-        rig.run(&[(1, State::Approach)], 0.5);
+        let mut rig = Rig::after(&[(State::Approach, 0.5)]);
         // The deck was closed meanwhile: both wait, and the owner for too long.
         let both = [(1, State::Approach), (2, State::Approach)];
         let waited = (0..80).find(|_| rig.run(&both, 0.5) == 0);
@@ -399,9 +391,7 @@ fn unheard_owner_that_gives_way() {
 
 #[test]
 fn grant_after_a_broken_off_descent() {
-    let mut rig = Rig::new();
-    rig.run(&[(1, State::TrackingStable)], 0.5);
-    rig.run(&[(1, State::Descent)], 5.0);
+    let mut rig = Rig::after(&[(State::TrackingStable, 0.5), (State::Descent, 5.0)]);
     let at = |rig: &mut Rig, distance_m| rig.run_at((1, State::GaveUp), distance_m);
     assert_eq!([at(&mut rig, 1.0), at(&mut rig, 14.0)], [1, 1], "it climbs");
     // It goes silent there: nobody knows where it is.
@@ -480,8 +470,7 @@ fn drone_reporting_from_the_deck() {
 
 #[test]
 fn deck_closed_until_the_crew_opens_it() {
-    let mut rig = Rig::new();
-    rig.run(&[(1, State::TrackingStable)], 2.0);
+    let mut rig = Rig::after(&[(State::TrackingStable, 2.0)]);
     assert_eq!(rig.order(DeckOrder::Closed).owner, DECK_CLOSED);
     let waiting = [(2, State::Approach)];
     rig.run(&waiting, 60.0);
@@ -500,9 +489,7 @@ fn deck_closed_until_the_crew_opens_it() {
 #[test]
 fn arbiter_restart_with_drones_on_and_near_the_deck() {
     for last in [State::Landed, State::Descent, State::TrackingStable] {
-        let mut rig = Rig::new();
-        rig.run(&[(1, State::TrackingStable)], 0.5);
-        rig.run(&[(1, last)], 5.0);
+        let mut rig = Rig::after(&[(State::TrackingStable, 0.5), (last, 5.0)]);
         rig.restart(Some(rig.arbiter.checkpoint()));
         let waiting = [(2, State::Approach)];
         assert_eq!(rig.run(&waiting, 600.0), 1, "{last:?}");
@@ -524,9 +511,7 @@ fn arbiter_restart_with_drones_on_and_near_the_deck() {
 
 #[test]
 fn two_drones_with_one_number() {
-    let mut rig = Rig::new();
-    rig.run(&[(1, State::TrackingStable)], 0.5);
-    rig.run(&[(1, State::Descent)], 2.0);
+    let mut rig = Rig::after(&[(State::TrackingStable, 0.5), (State::Descent, 2.0)]);
     let second = |rig: &Rig, state| {
         let at = Time::from_secs(rig.t_s);
         DroneStatus {
@@ -557,18 +542,12 @@ fn two_drones_with_one_number() {
 
 #[test]
 fn restarted_drone() {
-    let mut rig = Rig::new();
-    rig.run(&[(1, State::TrackingStable)], 0.5);
-    rig.run(&[(1, State::Landed)], 5.0);
+    let mut rig = Rig::after(&[(State::TrackingStable, 0.5), (State::Landed, 5.0)]);
     for k in 1..20 {
         rig.t_s += 0.5;
-        let at = Time::from_secs(rig.t_s);
         let status = DroneStatus {
-            header: Header::new(1, 1, 8, k, at),
-            deck_distance_m: Some(2.0 * k as f32),
-            landed: LandedState::InAir,
-            armed: true,
-            ..rig.status((1, State::Idle))
+            header: Header::new(1, 1, 8, k, Time::from_secs(rig.t_s)),
+            ..rig.flying(2.0 * k as f32)
         };
         rig.step(vec![status]);
         assert_eq!(rig.arbiter.doubles().count(), 0);
