@@ -41,7 +41,7 @@ mod tests {
 
     #[test]
     fn invalid_view_addresses() {
-        let refused = |listen: &str, foxglove: &str| {
+        let rejected = |listen: &str, foxglove: &str| {
             let config = ViewConfig {
                 listen: listen.into(),
                 foxglove: foxglove.into(),
@@ -49,9 +49,9 @@ mod tests {
             };
             config.check(&Keys::ROOT).err().map(|e| e.to_string())
         };
-        assert_eq!(refused(PAGE, ""), None);
-        assert_eq!(refused("[::1]:7450", FOXGLOVE), None);
-        assert!(refused("boat:7450", "").is_some_and(|e| e.contains("listen")));
-        assert!(refused(PAGE, "8765").is_some_and(|e| e.contains("foxglove")));
+        assert_eq!(rejected(PAGE, ""), None);
+        assert_eq!(rejected("[::1]:7450", FOXGLOVE), None);
+        assert!(rejected("boat:7450", "").is_some_and(|e| e.contains("listen")));
+        assert!(rejected(PAGE, "8765").is_some_and(|e| e.contains("foxglove")));
     }
 }

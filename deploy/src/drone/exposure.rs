@@ -239,15 +239,15 @@ mod tests {
 
     #[test]
     fn exposure_without_device_controls() {
-        let refusal = |controls: &[(u32, [i32; 3])]| {
+        let rejection = |controls: &[(u32, [i32; 3])]| {
             let device = Device::with(controls);
             ExposureControl::take(&device, &source(0.004, -1))
                 .err()
                 .unwrap_or_default()
         };
-        assert!(refusal(&WEBCAM[2..]).contains("has no control exposure_time_absolute"));
-        assert!(refusal(&[(rscam::CID_EXPOSURE_ABSOLUTE, [50, 2047, 312])]).contains("5.0 ms at least"));
+        assert!(rejection(&WEBCAM[2..]).contains("has no control exposure_time_absolute"));
+        assert!(rejection(&[(rscam::CID_EXPOSURE_ABSOLUTE, [50, 2047, 312])]).contains("5.0 ms at least"));
         // Neither an automatic nor a gain.
-        assert_eq!(refusal(&WEBCAM[1..2]), "");
+        assert_eq!(rejection(&WEBCAM[1..2]), "");
     }
 }

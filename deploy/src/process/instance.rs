@@ -149,10 +149,10 @@ mod tests {
         assert!(!is_running(&instance));
         owned.ready().unwrap();
         assert!(is_running(&instance));
-        let Err(refused) = OwnedInstance::take(&name) else {
+        let Err(rejected) = OwnedInstance::take(&name) else {
             panic!("taken twice")
         };
-        assert!(refused.0.contains("runs already"), "{refused}");
+        assert!(rejected.0.contains("runs already"), "{rejected}");
         drop(owned);
         assert!(!instance.directory().exists() && !is_running(&instance));
         assert!(Instance::new("No/such name").is_err());
@@ -193,10 +193,10 @@ mod tests {
         std::fs::create_dir_all(&elsewhere).unwrap();
         std::fs::write(elsewhere.join("file"), "somebody else's").unwrap();
         std::os::unix::fs::symlink(&elsewhere, &directory).unwrap();
-        let Err(refused) = OwnedInstance::take(&name) else {
+        let Err(rejected) = OwnedInstance::take(&name) else {
             panic!("taken through a link")
         };
-        assert!(refused.0.contains("a link leads elsewhere"), "{refused}");
+        assert!(rejected.0.contains("a link leads elsewhere"), "{rejected}");
         assert!(elsewhere.join("file").exists());
         std::fs::remove_file(&directory).unwrap();
         std::fs::remove_dir_all(elsewhere).unwrap();

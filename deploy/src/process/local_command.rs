@@ -78,14 +78,14 @@ mod tests {
             sent.windows(2)
                 .all(|w| w[0].header.sequence < w[1].header.sequence)
         );
-        let says = |ns: i64, state| MissionState {
+        let published = |ns: i64, state| MissionState {
             header: Header::new(1, 1, 7, 1, Time::from_nanos(ns)),
             state,
             ..MissionState::default()
         };
-        assert!(!abort.is_met(&says(9_999_000_000, State::GaveUp)));
-        assert!(!abort.is_met(&says(10_020_000_000, State::Descent)));
-        assert!(abort.is_met(&says(10_020_000_000, State::GaveUp)));
+        assert!(!abort.is_met(&published(9_999_000_000, State::GaveUp)));
+        assert!(!abort.is_met(&published(10_020_000_000, State::Descent)));
+        assert!(abort.is_met(&published(10_020_000_000, State::GaveUp)));
         assert!(!abort.is_over(11_999_000_000) && abort.is_over(12_000_000_000));
     }
 }

@@ -112,7 +112,7 @@ fn of(args: &StatusArgs, name: &str, disarm: &DisarmConfig) -> Result<Exit, CliE
         tries += 1;
         match join(&instance) {
             Ok(joined) => break joined,
-            Err(refused) if tries == MAX_TRIES => return Err(refused),
+            Err(rejected) if tries == MAX_TRIES => return Err(rejected),
             Err(_) => pause(RETRY_PAUSE),
         }
     };

@@ -118,10 +118,10 @@ mod tests {
     fn instance_with_too_long_socket_paths() {
         let instance = |bytes: usize| Instance::new(&"a".repeat(bytes)).map(|i| i.config());
         assert!(matches!(instance(2), Ok(Ok(_))));
-        let Ok(Err(refused)) = instance(32) else {
+        let Ok(Err(rejected)) = instance(32) else {
             panic!("32 bytes fit into no path of a socket");
         };
-        assert!(refused.to_string().contains("shorter fits"), "{refused}");
+        assert!(rejected.to_string().contains("shorter fits"), "{rejected}");
         assert!(instance(33).is_err());
     }
 }

@@ -81,8 +81,8 @@ pub struct AccessRejections {
 
 impl AccessRejections {
     /// How many for this reason.
-    pub fn of(&self, refusal: AccessRejection) -> u64 {
-        let at = AccessRejection::ALL.iter().position(|r| *r == refusal);
+    pub fn of(&self, rejection: AccessRejection) -> u64 {
+        let at = AccessRejection::ALL.iter().position(|r| *r == rejection);
         at.and_then(|k| self.each.get(k)).copied().unwrap_or(0)
     }
 }
@@ -114,11 +114,11 @@ pub fn listen() {
     });
 }
 
-fn count(refusal: AccessRejection) {
+fn count(rejection: AccessRejection) {
     let mut counted = COUNTED.lock().unwrap_or_else(PoisonError::into_inner);
     counted.count = counted.count.saturating_add(1);
-    counted.last = Some(refusal);
-    let at = AccessRejection::ALL.iter().position(|r| *r == refusal);
+    counted.last = Some(rejection);
+    let at = AccessRejection::ALL.iter().position(|r| *r == rejection);
     if let Some(n) = at.and_then(|k| counted.each.get_mut(k)) {
         *n = n.saturating_add(1);
     }

@@ -55,7 +55,7 @@ fn ardu_copter_without_body_rates() {
 }
 
 /// A pilot that tilts the drone by 0.4 rad with the thrust that hovers upright.
-fn lean(d: &DroneState) -> SetPoint {
+fn tilted(d: &DroneState) -> SetPoint {
     let q = UnitQuaternion::from_euler_angles(0.4, 0.0, 0.0);
     SetPoint {
         attitude: [q.w, q.i, q.j, q.k],
@@ -70,7 +70,7 @@ fn thrust_of_a_tilted_drone() {
     for firmware in BOTH {
         let mut p = LinkRig::commanding(firmware, 50.0, &config());
         p.mission = State::Descent;
-        p.pilot = Some(lean);
+        p.pilot = Some(tilted);
         p.run(2.0);
         assert!(
             (p.linked.autopilot.thrust() - hover()).abs() < 0.005,
@@ -106,7 +106,7 @@ fn landing_target_by_firmware() {
         p.deck_offset = [2.0, -1.0];
         p.take_command();
         p.mission = State::Descent;
-        p.pilot = Some(lean);
+        p.pilot = Some(tilted);
         p.run(0.8);
         let a = &p.linked.autopilot;
         let roll = p.odometry.last().expect("odometry").1.euler().x;

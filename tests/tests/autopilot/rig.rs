@@ -57,7 +57,7 @@ pub struct LinkRig {
     pub mission: State,
     /// When that state was entered.
     since: Time<DroneClock>,
-    told: State,
+    published: State,
     /// The mission publishes nothing any more.
     pub mission_silent: bool,
     pub low_battery: Option<BatteryPlace>,
@@ -155,7 +155,7 @@ impl LinkRig {
             pilot: Some(hold),
             mission: State::Idle,
             since: Time::EPOCH,
-            told: State::Idle,
+            published: State::Idle,
             mission_silent: false,
             low_battery: None,
             forecast: true,
@@ -257,8 +257,8 @@ impl LinkRig {
         let mut input = AutopilotIn::default();
         self.sequence += 1;
         let header = Header::new(1, 1, 1, self.sequence, now);
-        if self.told != self.mission {
-            (self.told, self.since) = (self.mission, now);
+        if self.published != self.mission {
+            (self.published, self.since) = (self.mission, now);
         }
         if self.sequence.is_multiple_of(2) {
             input.set_point = self

@@ -183,11 +183,13 @@ impl Parameters {
     pub(super) fn news(&mut self) -> impl Iterator<Item = String> + '_ {
         let firmware = self.firmware.name();
         self.items.iter_mut().filter_map(move |i| {
-            let told = core::mem::take(&mut i.new);
-            i.reason().filter(|_| told).map(|why| match i.parameter.severity {
-                Severity::Refuse => format!("{firmware}, against a landing: {why}"),
-                Severity::Warn => format!("{firmware}, a warning: {why}"),
-            })
+            let is_new = core::mem::take(&mut i.new);
+            i.reason()
+                .filter(|_| is_new)
+                .map(|why| match i.parameter.severity {
+                    Severity::Refuse => format!("{firmware}, against a landing: {why}"),
+                    Severity::Warn => format!("{firmware}, a warning: {why}"),
+                })
         })
     }
 }

@@ -51,8 +51,8 @@ fn sees(tags: &[DeckTag], camera: &CameraSettings, drone: &DroneGeometry, height
     let feet = [[x, y], [x, -y], [-x, y], [-x, -y]].map(|[x, y]| Vector3::new(x, y, drone.feet_below_m));
     let size = [camera.lens.width_px, camera.lens.height_px].map(f64::from);
     let from = |heading: f64, tilt: f64, about: f64, offset: Vector3<f64>| {
-        let lean = Rotation3::from_scaled_axis(Vector3::new(about.cos(), about.sin(), 0.0) * tilt);
-        let body = lean * Rotation3::from_axis_angle(&Vector3::z_axis(), heading);
+        let tilted = Rotation3::from_scaled_axis(Vector3::new(about.cos(), about.sin(), 0.0) * tilt);
+        let body = tilted * Rotation3::from_axis_angle(&Vector3::z_axis(), heading);
         let lowest = feet.iter().map(|foot| (body * foot).z).fold(f64::MIN, f64::max);
         let middle = body * Vector3::z() * drone.feet_below_m;
         let centre = Vector3::new(offset.x - middle.x, offset.y - middle.y, -height_m - lowest);

@@ -51,7 +51,7 @@ fn ordered(t: f64, commands: Vec<Command>) -> MissionIn {
     }
 }
 /// The state after them.
-fn told(m: &mut Mission, t: f64, commands: Vec<Command>) -> State {
+fn state_after(m: &mut Mission, t: f64, commands: Vec<Command>) -> State {
     m.step(at(t), &ordered(t, commands));
     m.phase.state()
 }
@@ -195,7 +195,7 @@ fn landing_of_an_ideal_drone() {
 fn command_freshness_and_order() {
     let mut m = node();
     let give = |m: &mut Mission, t: f64, given: f64, n: u32, kind| {
-        told(m, t, vec![command(header(n, at(given)), kind)]);
+        state_after(m, t, vec![command(header(n, at(given)), kind)]);
         m.commands.rejected().total()
     };
     assert_eq!(give(&mut m, 20.0, 10.0, 1, CommandKind::Land), 1, "too old");
@@ -224,11 +224,14 @@ fn repeated_landing_after_a_takeover() {
         (land(7, 2, 21.6), State::GetAltitude),
     ] {
         let mut m = node();
-        assert_eq!(told(&mut m, 20.0, vec![land(7, 1, 20.0)]), State::GetAltitude);
+        assert_eq!(
+            state_after(&mut m, 20.0, vec![land(7, 1, 20.0)]),
+            State::GetAltitude
+        );
         let taken = flown(&mut m, 21.0, Vec::new(), |a| a.mode = AutopilotMode::Other);
         assert_eq!(taken, State::Idle);
-        assert_eq!(told(&mut m, 21.7, vec![repeated]), state, "{repeated:?}");
-        let ordered = told(&mut m, 22.7, vec![land(9, 1, 22.7)]);
+        assert_eq!(state_after(&mut m, 21.7, vec![repeated]), state, "{repeated:?}");
+        let ordered = state_after(&mut m, 22.7, vec![land(9, 1, 22.7)]);
         assert_eq!(ordered.phase(), Phase::Navigation, "{ordered:?}");
     }
 }
@@ -239,14 +242,17 @@ fn order_after_a_hold_of_a_person() {
     let mode = AutopilotMode::Hold;
     for (lapsed, flies) in [(false, false), (true, true)] {
         let mut m = node();
-        assert_eq!(told(&mut m, 20.0, vec![land(7, 1, 20.0)]), State::GetAltitude);
+        assert_eq!(
+            state_after(&mut m, 20.0, vec![land(7, 1, 20.0)]),
+            State::GetAltitude
+        );
         for k in 0..30 {
             let t = 21.0 + 0.1 * f64::from(k);
             let held = flown(&mut m, t, Vec::new(), |a| (a.mode, a.lapsed) = (mode, lapsed));
             assert_eq!(held, State::Idle);
         }
         let flown = [(25.0, Vec::new()), (25.1, vec![land(7, 2, 20.0)])].map(|(t, repeated)| {
-            let state = told(&mut m, t, repeated);
+            let state = state_after(&mut m, t, repeated);
             state.phase() == Phase::Navigation
         });
         assert_eq!(flown, [flies; 2], "lapsed: {lapsed}");
@@ -285,7 +291,10 @@ fn repeated_landing_below_the_reserve() {
         let battery = Some(0.3 * config().battery_reserve);
         flown(m, t, commands, |a| a.battery = battery)
     };
-    assert_eq!(told(&mut m, 20.0, vec![land(7, 1, 20.0)]), State::GetAltitude);
+    assert_eq!(
+        state_after(&mut m, 20.0, vec![land(7, 1, 20.0)]),
+        State::GetAltitude
+    );
     for k in 0..70 {
         let t = 20.5 + 0.1 * f64::from(k);
         low(&mut m, t, Vec::new());
@@ -312,7 +321,7 @@ fn landing_of_another_operator_about_an_abort() {
         (land_at(7, 21.2), State::Hold),
     ] {
         let mut m = node();
-        let mut step = |t: f64, commands| told(&mut m, t, commands);
+        let mut step = |t: f64, commands| state_after(&mut m, t, commands);
         step(19.5, vec![command(header(1, at(19.5)), CommandKind::Land)]);
         let abort = command(header(2, at(20.0)), CommandKind::Abort);
         assert_eq!(step(20.0, vec![abort]), State::GaveUp);
@@ -321,13 +330,13 @@ fn landing_of_another_operator_about_an_abort() {
     // Of what comes in one step the abort counts.
     let abort = command(header(1, at(19.99)), CommandKind::Abort);
     let both = vec![abort, land_at(7, 20.0)];
-    assert_eq!(told(&mut node(), 20.0, both), State::GaveUp);
+    assert_eq!(state_after(&mut node(), 20.0, both), State::GaveUp);
 }
 
 #[test]
 fn late_abort_after_a_newer_order() {
     let mut m = node();
-    let mut step = |t: f64, commands| told(&mut m, t, commands);
+    let mut step = |t: f64, commands| state_after(&mut m, t, commands);
     let abort = |sequence: u32, given: f64| command(header(sequence, at(given)), CommandKind::Abort);
     step(20.0, vec![land(7, 1, 20.0)]);
     // Given before that landing, and late.

@@ -164,7 +164,7 @@ impl Filter {
         for (i, a) in s.iter_mut().enumerate() {
             a.propagate(&noise[i], &oscillators, i, &step);
         }
-        bend(s, dt.secs());
+        propagate_turn(s, dt.secs());
         if let Some(change) = waves.change(from, to) {
             for (i, a) in s.iter_mut().enumerate() {
                 let course = i < 2;
@@ -375,7 +375,7 @@ fn turning(s: &State) -> Option<Turning> {
 
 /// A turning vessel's mean velocity has turned with it over the last `dt` (s): `v' = omega x v`,
 /// the coordinated turn (Bar-Shalom, Li and Kirubarajan 2001, section 11.7), in the means only.
-fn bend(s: &mut State, dt: f64) {
+fn propagate_turn(s: &mut State, dt: f64) {
     let Some(turn) = turning(s) else {
         return;
     };
@@ -394,7 +394,7 @@ fn bend(s: &mut State, dt: f64) {
 
 /// Vision's rotation by the tag's attitude: measured less predicted tilt. `common` (rad) is the error of
 /// the vessel's own tilt and is in all of them: no number of tags makes it smaller.
-fn turned(s: &mut State, o: &Observation, common: f64) {
+fn update_camera_rotation(s: &mut State, o: &Observation, common: f64) {
     for (i, j) in [(0, 4), (1, 3)] {
         let Some((measured, r)) = o.value[j] else { continue };
         let (level, var) = s[j].project(MeasurementRow::Level);
@@ -434,7 +434,7 @@ fn apply(s: &mut State, o: &Observation, gate: f64, common: f64) -> u32 {
             continue;
         }
         if o.kind == Kind::Tag && group == GROUPS[1] {
-            turned(s, o, common);
+            update_camera_rotation(s, o, common);
         }
         for &i in group {
             if let Some((v, r)) = o.value[i] {

@@ -423,7 +423,7 @@ impl DeckArbiter {
     }
 
     /// Order of the crew.
-    fn obey(&mut self, now: Time<VesselClock>, order: DeckOrder) {
+    fn apply(&mut self, now: Time<VesselClock>, order: DeckOrder) {
         match order {
             DeckOrder::Steady(for_s) => self.course.order_steady(now, for_s),
             DeckOrder::Turning => self.course.order_turning(),
@@ -527,7 +527,7 @@ impl Node for DeckArbiter {
             self.observe(now, status);
         }
         for order in &input.orders {
-            self.obey(now, *order);
+            self.apply(now, *order);
         }
         let reading = |level: Option<bool>| level.map(|level| Reading { level, at: now });
         self.switch = reading(input.inputs.closed).or(self.switch);

@@ -373,11 +373,11 @@ mod tests {
                 .iter()
                 .all(|r| r.header.vessel == 1 && r.header.drone == 3)
         );
-        let told = out
+        let reported = out
             .receipts
             .iter()
             .map(|r| (r.operator[0], r.operator[1], r.progress));
-        told.collect()
+        reported.collect()
     }
 
     #[test]

@@ -177,9 +177,9 @@ impl Filter {
             self.row = row;
             self.record_innovation(Channel::Accelerometer, axis, update);
             let gated = matches!(update, Update::Gated { .. });
-            let jolt =
+            let impulsive =
                 apart.is_some_and(|(_, force)| is_impulse(z, (rotation * force)[axis], MAX_IMPULSE[1]));
-            if gated && jolt {
+            if gated && impulsive {
                 // It has grown over the step.
                 self.impulse(axis, z, 0.0, 0.5 * z * STEP_S);
             } else {

@@ -316,7 +316,7 @@ mod tests {
             "{:?}",
             r.notes
         );
-        for (bad, says) in [
+        for (bad, message) in [
             ("t_s,roll_deg\n0,1\n", "pitch_deg"),
             ("t_s,roll\n0,1\n", "unknown column `roll`"),
             ("roll_deg,pitch_deg\n0,1\n", "t_s"),
@@ -327,7 +327,7 @@ mod tests {
             let e = read(bad.as_bytes(), "t", &Mount::default())
                 .unwrap_err()
                 .to_string();
-            assert!(e.contains(says), "{bad}: {e}");
+            assert!(e.contains(message), "{bad}: {e}");
         }
     }
 }

@@ -182,7 +182,7 @@ pub struct Parts {
     /// Steps that are not on the disk and will not be.
     missing: u64,
     /// The disk refused, and that was said.
-    refused: bool,
+    failed: bool,
     retry_ns: i64,
     /// Steps that came too fast since the last warning, and when that may be said again.
     dropped: u64,
@@ -202,7 +202,7 @@ impl Parts {
             tried: 0,
             next: 0,
             missing: 0,
-            refused: false,
+            failed: false,
             retry_ns: steady_ns,
             dropped: 0,
             warning_ns: steady_ns,
@@ -262,7 +262,7 @@ impl Parts {
         let path = part.path.clone();
         // Its steps are on the disk already.
         if let Err(e) = part.finish() {
-            self.refuse(steady_ns, &path, &e);
+            self.report_failure(steady_ns, &path, &e);
         }
     }
     fn rotate(&mut self, steady_ns: i64) {
@@ -283,17 +283,17 @@ impl Parts {
             enough_room(&self.directory).and_then(|()| PartWriter::create(&path, &self.header, steady_ns));
         match begun {
             Ok(part) => {
-                if self.refused {
+                if self.failed {
                     let missing = self.missing;
                     info!(
                         "{process} is recorded again, in {}; {missing} steps are missing",
                         path.display()
                     );
                 }
-                self.refused = false;
+                self.failed = false;
                 self.part = Some(part);
             }
-            Err(e) => self.refuse(steady_ns, &path, &e),
+            Err(e) => self.report_failure(steady_ns, &path, &e),
         }
     }
     /// The open part cannot be written: what is not on the disk is lost with it.
@@ -303,11 +303,11 @@ impl Parts {
         let path = part.path.clone();
         // Its writer tries to end it; what is on the disk can be read without an end.
         drop(part);
-        self.refuse(steady_ns, &path, error);
+        self.report_failure(steady_ns, &path, error);
     }
-    fn refuse(&mut self, steady_ns: i64, path: &Path, error: &McapError) {
+    fn report_failure(&mut self, steady_ns: i64, path: &Path, error: &McapError) {
         // Once for each time, and not at each of the tries in it.
-        if !self.refused {
+        if !self.failed {
             warn!(
                 "{} goes on without its recorder: writing {}: {}; free space, or make the directory writable: it \
                  is tried again every {} s",
@@ -317,7 +317,7 @@ impl Parts {
                 RETRY_PERIOD_NS / S
             );
         }
-        self.refused = true;
+        self.failed = true;
         self.retry_ns = steady_ns.saturating_add(RETRY_PERIOD_NS);
     }
 }

@@ -295,11 +295,11 @@ fn print_loaded(loaded: &Stiffness) {
     for (name, of) in ["roll", "pitch"].iter().zip(loaded) {
         let text = match of {
             Ok(g) => format!("G {:.0} +- {:.0}", g.value, g.sd),
-            Err(Some(lean)) => format!(
+            Err(Some(tilt)) => format!(
                 "heels by {:.2} +- {:.2} deg, which is too little or the wrong way: use a heavier weight, farther \
                  from the middle, on calm water",
-                lean.value.to_degrees(),
-                lean.sd.to_degrees()
+                tilt.value.to_degrees(),
+                tilt.sd.to_degrees()
             ),
             Err(None) => "no attitude for 20 s with and without it".into(),
         };

@@ -165,7 +165,7 @@ impl SimulatedAutopilot {
                         _ => Message::Origin(self.origin),
                     });
                 }
-                let result = self.answer.unwrap_or_else(|| self.obey(c));
+                let result = self.answer.unwrap_or_else(|| self.apply(c));
                 self.outbox.push(Message::CommandAck {
                     command: c.command,
                     result,
@@ -254,7 +254,7 @@ impl SimulatedAutopilot {
         }
     }
 
-    fn obey(&mut self, c: &CommandLong) -> CommandResult {
+    fn apply(&mut self, c: &CommandLong) -> CommandResult {
         let p = c.parameters;
         match c.command {
             command::MESSAGE_INTERVAL => {

@@ -253,8 +253,8 @@ fn lean_after(firmware: Firmware, first: &Message) -> [f64; 2] {
     let tilts = (0..12).map(|seed| {
         let mut f = Flown::offboard(&ideal(firmware), seed, Vector3::new(0.0, 0.0, -10.0));
         f.fly(3.0, |_| Some(first.clone()));
-        let lean = attitude(0.2, f.a.hover_thrust());
-        f.fly(0.3, |_| Some(lean.clone()));
+        let tilted = attitude(0.2, f.a.hover_thrust());
+        f.fly(0.3, |_| Some(tilted.clone()));
         f.drone.truth().attitude.0.angle()
     });
     tilts.fold([f64::INFINITY, 0.0], |[least, most], t| {

@@ -11,7 +11,7 @@ fn play(text: &str, config: &DeckMotionConfig, sea: &Sea) -> Result<RecordedMoti
     let recording = Recording::parse(text.as_bytes(), "test.csv")?;
     RecordedMotion::new(config, recording, &DeckGeometry::default(), sea, &Streams::new(1))
 }
-fn refusal(text: &str) -> String {
+fn rejection(text: &str) -> String {
     play(text, &DeckMotionConfig::default(), &calm())
         .err()
         .map(|e| e.to_string())
@@ -109,14 +109,14 @@ fn rocking_deck_amplitude_and_frequency() {
         "{peak:?}"
     );
     assert!((35..=37).contains(&crossings), "{crossings} in 40 s at 0.9 Hz");
-    let refused = |c: &DeckMotionConfig| c.check(&Keys::ROOT).is_err();
-    assert!(!refused(&config));
+    let rejected = |c: &DeckMotionConfig| c.check(&Keys::ROOT).is_err();
+    assert!(!rejected(&config));
     let both = DeckMotionConfig {
         file: "both.csv".into(),
         ..config.clone()
     };
     let steep = DeckMotionConfig { scale: 3.0, ..config };
-    assert!(refused(&both) && refused(&steep) && refused(&DeckMotionConfig::default()));
+    assert!(rejected(&both) && rejected(&steep) && rejected(&DeckMotionConfig::default()));
 }
 
 #[test]
@@ -276,22 +276,22 @@ fn recording_with_a_bad_row() {
         ("1.5,1,2", "before"),
         ("3,95,2", "allowed"),
     ] {
-        let e = refusal(&format!("{good}{row}\n4,1,1\n"));
+        let e = rejection(&format!("{good}{row}\n4,1,1\n"));
         assert!(e.contains("test.csv, line 5") && e.contains(why), "{row}: {e}");
     }
     // Empty lines count too.
-    let e = refusal("t_s,roll_deg,pitch_deg\n\n0,1,2\n\n1,bad,2\n");
+    let e = rejection("t_s,roll_deg,pitch_deg\n\n0,1,2\n\n1,bad,2\n");
     assert!(e.contains("line 5"), "{e}");
 }
 
 #[test]
 fn recording_with_a_bad_header_or_too_few_rows() {
-    assert!(refusal("").contains("t_s"));
-    assert!(refusal("t_s,roll_deg\n0,1\n").contains("pitch_deg` is missing"));
-    assert!(refusal("t_s,roll_deg,pitch_deg,heave\n").contains("unknown column `heave`"));
-    assert!(refusal("t_s,roll_deg,pitch_deg,roll_deg\n").contains("twice"));
-    assert!(refusal("t_s,roll_deg,pitch_deg\n0,1,1\n1,1,1\n").contains("too few"));
-    assert!(refusal("t_s,roll_deg,pitch_deg\n1,1,1\n1,2,1\n1,1,1\n1,1,2\n1,1,2\n").contains("too few"));
+    assert!(rejection("").contains("t_s"));
+    assert!(rejection("t_s,roll_deg\n0,1\n").contains("pitch_deg` is missing"));
+    assert!(rejection("t_s,roll_deg,pitch_deg,heave\n").contains("unknown column `heave`"));
+    assert!(rejection("t_s,roll_deg,pitch_deg,roll_deg\n").contains("twice"));
+    assert!(rejection("t_s,roll_deg,pitch_deg\n0,1,1\n1,1,1\n").contains("too few"));
+    assert!(rejection("t_s,roll_deg,pitch_deg\n1,1,1\n1,2,1\n1,1,1\n1,1,2\n1,1,2\n").contains("too few"));
     let steep = DeckMotionConfig {
         scale: 15.0,
         ..DeckMotionConfig::default()

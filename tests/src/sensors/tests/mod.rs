@@ -165,18 +165,18 @@ fn sensor_defaults_toml_round_trip() {
 
 #[test]
 fn sensor_configuration_errors() {
-    let refused = |text: &str| {
+    let rejected = |text: &str| {
         alight_shared::config::parse::<SensorConfig>(text, "test")
             .unwrap_err()
             .to_string()
     };
-    let e = refused("[vessel_gnss.error]\nbias_sd_m = -1.0");
+    let e = rejected("[vessel_gnss.error]\nbias_sd_m = -1.0");
     assert!(
         e.contains("vessel_gnss.error.bias_sd_m") && e.contains("-1"),
         "{e}"
     );
-    assert!(refused("[tag]\nfov_deg = 200.0").contains("tag.fov_deg"));
-    assert!(refused("[tag]\nfov = 90.0").contains("unknown field"));
-    assert!(refused("[clocks]\ndrift_ppm = nan").contains("clocks.drift_ppm"));
-    assert!(refused("[uvdar]\noutages_s = [[3.0, 1.0]]").contains("uvdar.outages_s[0]"));
+    assert!(rejected("[tag]\nfov_deg = 200.0").contains("tag.fov_deg"));
+    assert!(rejected("[tag]\nfov = 90.0").contains("unknown field"));
+    assert!(rejected("[clocks]\ndrift_ppm = nan").contains("clocks.drift_ppm"));
+    assert!(rejected("[uvdar]\noutages_s = [[3.0, 1.0]]").contains("uvdar.outages_s[0]"));
 }

@@ -41,11 +41,11 @@ fn smooth_channel(knots: &mut Knots<'_>, c: usize) -> Option<String> {
         _ => (1.0, "m"),
     };
     let steps = Steps::of(&values);
-    let mut said = Vec::new();
+    let mut notes = Vec::new();
     let (clipped, places, limits) = unclipped(knots, &values, steps.size);
     if places > 0 {
         let limits: Vec<String> = limits.iter().map(|l| format!("{:.3}", l * factor)).collect();
-        said.push(format!(
+        notes.push(format!(
             "clipped at {} {unit} in {places} places, whose peaks are drawn on from their flanks",
             limits.join(" and ")
         ));
@@ -56,20 +56,20 @@ fn smooth_channel(knots: &mut Knots<'_>, c: usize) -> Option<String> {
     if held {
         let every = knots.step / steps.changed.max(1e-6);
         window = 5.0 * every;
-        said.push(format!("values held for {every:.2} s"));
+        notes.push(format!("values held for {every:.2} s"));
     } else if steps.size > 0.0
         && needed(steps.size / 12_f64.sqrt(), knots.step, steps.size) > 3.0 * knots.step
     {
         window = needed(steps.size / 12_f64.sqrt(), knots.step, steps.size);
-        said.push(format!("steps of {:.3} {unit}", steps.size * factor));
+        notes.push(format!("steps of {:.3} {unit}", steps.size * factor));
     }
     if let Some(noise) = white_noise(&clipped)
         && needed(noise, knots.step, 0.0) > window.max(3.0 * knots.step)
     {
         window = needed(noise, knots.step, 0.0);
-        said.push(format!("noise of {:.3} {unit}", noise * factor));
+        notes.push(format!("noise of {:.3} {unit}", noise * factor));
     }
-    if said.is_empty() {
+    if notes.is_empty() {
         return None;
     }
     let mut text = format!("{}: {}", COLUMNS[c].0, said.join(", "));
