@@ -48,7 +48,7 @@ fn all_land(seeds: u64) {
     let mut lost = Vec::new();
     for k in 0..4 {
         for seed in 0..seeds {
-            let event = (seed % 2 == 1).then(|| Event {
+            let event = (seed % 2 == 1).then_some(Event {
                 state: State::Approach,
                 after_s: 1.0 + 0.3 * seed as f64,
                 happen: Rig::restart_vessel,

@@ -117,6 +117,7 @@ impl ApparentSlope {
 mod tests {
     use super::*;
     use alight_shared::msg::Header;
+    use alight_shared::vessel_model::{ROLL, SWAY};
 
     /// A vessel that rolls by `amplitude` sin(omega t) and is accelerated sideways like the sloping water under it
     /// (`with` 1) or not (0); the deck is at its reference point.
@@ -129,10 +130,10 @@ mod tests {
                 header: Header::new(1, 0, 1, k, Time::from_secs(100.0 + t)),
                 ..VesselEstimate::default()
             };
-            e.eta[3] = amplitude * s;
-            e.eta_dot[3] = (amplitude * omega * c) as f32;
+            e.eta[ROLL] = amplitude * s;
+            e.eta_dot[ROLL] = (amplitude * omega * c) as f32;
             // Starboard down: the water there accelerates to starboard, g tan(roll).
-            e.eta_dot[1] = (-with * GRAVITY * amplitude * c / omega) as f32;
+            e.eta_dot[SWAY] = (-with * GRAVITY * amplitude * c / omega) as f32;
             f.update(&e);
         }
         f

@@ -12,7 +12,7 @@ use alight_shared::node::Node;
 use alight_shared::surroundings::Surroundings;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
-use alight_shared::vessel_model::turn_tilt;
+use alight_shared::vessel_model::{YAW, turn_tilt};
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -227,7 +227,7 @@ impl Predictor {
         if self.radio_at.is_none_or(|t| e.header.at > t) {
             self.radio_at = Some(e.header.at);
             self.radio_sequence = Some(known);
-            self.waves.set_lever_arm(e.deck_centre(), e.eta[5]);
+            self.waves.set_lever_arm(e.deck_centre(), e.eta[YAW]);
             self.stated = observation::stated(e);
         }
         Ok(())

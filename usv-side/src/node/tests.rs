@@ -2,6 +2,7 @@
 
 use alight_shared::admission::{RejectionReason, Rejections};
 use alight_shared::msg::Message;
+use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, SURGE, SWAY};
 use alight_shared::wire::{decode, encode};
 use proptest::prelude::*;
 use rand::SeedableRng;
@@ -106,10 +107,10 @@ fn estimate_of_a_vessel_at_rest() {
     }
     let e = last.unwrap();
     assert!(
-        (e.eta[0] - 10.0).abs() < 0.05 && (e.eta[1] - 20.0).abs() < 0.05,
+        (e.eta[SURGE] - 10.0).abs() < 0.05 && (e.eta[SWAY] - 20.0).abs() < 0.05,
         "{e:?}"
     );
-    assert!(e.eta[2].abs() < 0.05 && e.eta[3].abs() < 0.005 && e.eta[4].abs() < 0.005);
+    assert!(e.eta[HEAVE].abs() < 0.05 && e.eta[ROLL].abs() < 0.005 && e.eta[PITCH].abs() < 0.005);
     // 20 s at 30, 5 and 1 Hz.
     assert!((580..=600).contains(&estimates), "{estimates}");
     assert!((95..=100).contains(&waves) && (19..=20).contains(&predictions));
@@ -133,9 +134,9 @@ fn lateral_push_observed_by_gnss_only() {
         last = n.step(time(k), &input).estimate.or(last);
     }
     let e = last.unwrap();
-    assert!((e.eta[1] - 20.0 - 4.0).abs() < 0.5, "place {:?}", e.eta);
+    assert!((e.eta[SWAY] - 20.0 - 4.0).abs() < 0.5, "place {:?}", e.eta);
     assert!(
-        (f64::from(e.eta_dot[1]) - speed).abs() < 0.3,
+        (f64::from(e.eta_dot[SWAY]) - speed).abs() < 0.3,
         "velocity {:?}",
         e.eta_dot
     );
@@ -209,7 +210,7 @@ fn start_with_a_slow_and_late_receiver() {
     }
     let e = last.unwrap();
     assert!(
-        (e.eta[0] - 10.0).abs() < 0.1 && (e.eta[1] - 20.0).abs() < 0.1,
+        (e.eta[SURGE] - 10.0).abs() < 0.1 && (e.eta[SWAY] - 20.0).abs() < 0.1,
         "{:?}",
         e.eta
     );
@@ -383,7 +384,7 @@ proptest! {
             last = n.step(time(k), &rest(k)).estimate.or(last);
         }
         let e = last.unwrap();
-        prop_assert!((e.eta[0] - 10.0).abs() < 1.0 && (e.eta[1] - 20.0).abs() < 1.0, "{:?}", e.eta);
-        prop_assert!(e.eta[3].abs() < 0.1 && e.eta[4].abs() < 0.1, "{:?}", e.eta);
+        prop_assert!((e.eta[SURGE] - 10.0).abs() < 1.0 && (e.eta[SWAY] - 20.0).abs() < 1.0, "{:?}", e.eta);
+        prop_assert!(e.eta[ROLL].abs() < 0.1 && e.eta[PITCH].abs() < 0.1, "{:?}", e.eta);
     }
 }

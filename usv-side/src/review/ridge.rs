@@ -5,6 +5,7 @@
 
 use alight_shared::msg::VesselEstimate;
 use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::vessel_model::{HEAVE, PITCH, ROLL};
 use nalgebra::{DMatrix, DVector};
 
 /// Time between two samples, s.
@@ -42,7 +43,14 @@ impl Published {
         let rate = |d: usize| f64::from(e.eta_dot[d]);
         self.push_motion(
             e.header.at,
-            [e.eta[3], e.eta[4], e.eta[2] - level, rate(3), rate(4), rate(2)],
+            [
+                e.eta[ROLL],
+                e.eta[PITCH],
+                e.eta[HEAVE] - level,
+                rate(ROLL),
+                rate(PITCH),
+                rate(HEAVE),
+            ],
         );
     }
     /// Takes a motion, later than those before.

@@ -1,5 +1,6 @@
 use super::*;
 use crate::fixtures::sentence;
+use alight_shared::vessel_model::{PITCH, ROLL, SURGE, SWAY, YAW};
 use proptest::prelude::*;
 
 fn node(sources: usize) -> SensorNode {
@@ -156,10 +157,10 @@ proptest! {
         let (k, e) = last.unwrap();
         prop_assert!(k >= 610, "silent since {k}");
         let roll = (0.1 * k as f64).sin().to_radians();
-        prop_assert!((e.eta[3] - roll).abs() < 0.01, "roll {} {roll}", e.eta[3]);
-        prop_assert!((e.eta[4] - 1_f64.to_radians()).abs() < 0.01, "pitch {}", e.eta[4]);
-        prop_assert!((e.eta[5] - core::f64::consts::FRAC_PI_2).abs() < 0.02, "heading {}", e.eta[5]);
-        prop_assert!(e.eta[0].abs() < 0.3 && e.eta[1].abs() < 0.3, "{:?}", e.eta);
+        prop_assert!((e.eta[ROLL] - roll).abs() < 0.01, "roll {} {roll}", e.eta[ROLL]);
+        prop_assert!((e.eta[PITCH] - 1_f64.to_radians()).abs() < 0.01, "pitch {}", e.eta[PITCH]);
+        prop_assert!((e.eta[YAW] - core::f64::consts::FRAC_PI_2).abs() < 0.02, "heading {}", e.eta[YAW]);
+        prop_assert!(e.eta[SURGE].abs() < 0.3 && e.eta[SWAY].abs() < 0.3, "{:?}", e.eta);
         prop_assert_eq!(vessel.gated().restarts, 0);
     }
 }

@@ -72,7 +72,7 @@ fn smooth_channel(knots: &mut Knots<'_>, c: usize) -> Option<String> {
     if notes.is_empty() {
         return None;
     }
-    let mut text = format!("{}: {}", COLUMNS[c].0, said.join(", "));
+    let mut text = format!("{}: {}", COLUMNS[c].0, notes.join(", "));
     let smoothed = if window > 0.0 {
         let window = window.min(MAX_WINDOW_S).max(5.0 * knots.step);
         text += &format!("; smoothed to {:.1} Hz", BANDWIDTH / window);
