@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn clock_offset_is_exact_under_symmetric_delays() {
+    fn clock_offset_with_symmetric_delays() {
         let mut c = ClockOffset::new(&ClockConfig::default());
         for k in 0..10 {
             run(&mut c, 0.5 * f64::from(k), 0.05, 0.05, 0.437).unwrap();
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn clock_offset_follows_a_drift_of_20_ppm() {
+    fn clock_offset_drifting_by_20_ppm() {
         let mut c = ClockOffset::new(&ClockConfig::default());
         for k in 0..1200 {
             let now = 0.5 * f64::from(k);
@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn clock_offset_accepts_a_step_at_its_second_exchange() {
+    fn clock_offset_step_confirmed_by_second_exchange() {
         let mut c = ClockOffset::new(&ClockConfig::default());
         for k in 0..20 {
             run(&mut c, 0.5 * f64::from(k), 0.05, 0.05, 0.4).unwrap();
@@ -320,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn clock_offset_detects_a_step_shorter_than_the_round_trip() {
+    fn clock_offset_step_shorter_than_round_trip() {
         let mut c = ClockOffset::new(&ClockConfig::default());
         for k in 0..60 {
             let now = 0.5 * f64::from(k);
@@ -332,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn clock_offset_uses_only_possible_one_way_messages() {
+    fn clock_offset_from_one_way_messages() {
         let mut c = ClockOffset::new(&ClockConfig::default());
         c.one_way(t(0.0), t(0.5));
         assert_eq!(c.at(t(0.0)), None, "no offset from one direction alone");
@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn clock_offset_is_unbiased_where_one_direction_carries_more() {
+    fn clock_offset_with_uneven_traffic() {
         let mut c = ClockOffset::new(&ClockConfig::default());
         // Delays between 60 and 140 ms; thirty estimates for every two exchanges.
         let delay = |k: u32, phase: f64| 0.1 + 0.04 * (f64::from(k) * 2.4 + phase).sin();
@@ -371,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn clock_offset_accepts_exchanges_without_delay() {
+    fn clock_offset_without_delay() {
         let mut c = ClockOffset::new(&ClockConfig::default());
         for k in 0..5 {
             let start = f64::from(k);
@@ -387,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn clock_offset_rejects_impossible_round_trips() {
+    fn clock_offset_impossible_round_trips() {
         let mut c = ClockOffset::new(&ClockConfig::default());
         assert_eq!(
             c.exchange(t(1.0), t(0.0), t(0.5), t(1.1)),

@@ -1,4 +1,4 @@
-//! The drone's end of the radio: what may come in, on whose clock it is, and how the link does.
+//! Drone's end of the radio: admission of the vessel's messages, clock offset, link statistics.
 //!
 //! Pure: packets in, messages on the drone's clock out; the sockets belong to the process around
 //! it. Read [`node`] first: [`node::Bridge`]'s `step` is the whole way of a packet. [`order`]

@@ -111,7 +111,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn link_statistics_follow_the_arrivals() {
+    fn link_statistics_of_known_arrivals() {
         let mut s = LinkStatistics::new(5.0);
         let t = |ms: i64| Time::from_nanos(ms * 1_000_000);
         assert_eq!(s.age_s(t(0)), f64::INFINITY);

@@ -1,4 +1,4 @@
-//! Order of the vessel's messages: which start of its computer counts, and which sequence number is next.
+//! Order of the vessel's messages: boot number of its computer, then sequence number.
 
 use std::collections::VecDeque;
 
@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn boots_never_return_to_a_superseded_one() {
+    fn superseded_boot() {
         let mut b = Boots::default();
         assert_eq!(b.classify(7), Boot::First);
         b.adopt(7);

@@ -1,5 +1,4 @@
-//! The bridge on one clock with a vessel made here: what it admits, what it refuses, and how far
-//! its clock may be believed.
+//! The bridge on one clock with a vessel made here: admission, rejection, uncertainty of its clock.
 
 #![allow(clippy::unwrap_used)] // Helpers of a test may.
 
@@ -89,7 +88,7 @@ fn settled(there: f64, back: f64, seconds: u32) -> (Bridge, f64) {
 }
 
 #[test]
-fn bridge_restamps_an_estimate_on_the_drone_clock() {
+fn bridge_estimate_on_the_drone_clock() {
     let (mut b, now) = settled(0.05, 0.05, 5);
     let m = estimate(1, 0, vessel(now - 0.04));
     let e = admitted(&mut b, now, &m).unwrap();
@@ -103,7 +102,7 @@ fn bridge_restamps_an_estimate_on_the_drone_clock() {
 }
 
 #[test]
-fn bridge_passes_wave_model_and_prediction() {
+fn bridge_wave_model_and_prediction() {
     let (mut b, now) = settled(0.05, 0.05, 5);
     let wave = WaveModel::<VesselClock> {
         header: Header::new(1, 0, 1, 3, vessel(now - 0.1)),
@@ -135,7 +134,7 @@ fn bridge_passes_wave_model_and_prediction() {
 }
 
 #[test]
-fn bridge_admits_nothing_before_the_clock_offset_is_known() {
+fn bridge_without_clock_offset() {
     let mut b = Bridge::new(&BridgeConfig::default(), 9);
     let m = estimate(1, 0, vessel(1.0));
     let out = step(&mut b, 1.0, vec![packet(1.0, PacketKind::Estimate, &m)]);
@@ -145,7 +144,7 @@ fn bridge_admits_nothing_before_the_clock_offset_is_known() {
 }
 
 #[test]
-fn bridge_passes_an_old_abort_with_its_own_time_and_any_without_a_clock() {
+fn bridge_abort_old_or_without_clock_offset() {
     let abort = |sequence: u32, given: Time<VesselClock>| OperatorCommand {
         header: Header::new(1, BridgeConfig::default().drone_id, 1, sequence, given),
         kind: CommandKind::Abort,
@@ -165,7 +164,7 @@ fn bridge_passes_an_old_abort_with_its_own_time_and_any_without_a_clock() {
 }
 
 #[test]
-fn bridge_names_the_reason_of_each_rejection() {
+fn bridge_rejection_reasons() {
     let (mut b, now) = settled(0.05, 0.05, 5);
     let good = estimate(1, 10, vessel(now - 0.05));
     let edit = |f: &dyn Fn(&mut VesselEstimate<VesselClock>)| {
@@ -223,7 +222,7 @@ fn bridge_names_the_reason_of_each_rejection() {
 }
 
 #[test]
-fn bridge_accepts_a_restart_once_and_the_old_boot_never_again() {
+fn bridge_restarted_vessel() {
     let (mut b, now) = settled(0.05, 0.05, 5);
     let old = estimate(1, 500, vessel(now - 0.2));
     assert!(admitted(&mut b, now, &old).is_some());
@@ -235,7 +234,7 @@ fn bridge_accepts_a_restart_once_and_the_old_boot_never_again() {
 }
 
 #[test]
-fn bridge_finds_a_restarted_vessel_whose_clock_went_back_by_its_reply() {
+fn bridge_restarted_vessel_with_earlier_clock() {
     let (mut b, now) = settled(0.05, 0.05, 5);
     // Given a vessel that restarts with its clock 100 s behind.
     let behind = |s: f64| vessel(s - 100.0);
@@ -261,7 +260,7 @@ fn bridge_finds_a_restarted_vessel_whose_clock_went_back_by_its_reply() {
 }
 
 #[test]
-fn bridge_reports_loss_and_age_at_10_hz() {
+fn bridge_link_state_at_10_hz() {
     let (mut b, start) = settled(0.05, 0.05, 5);
     let mut links = Vec::new();
     for k in 0..300_u32 {
@@ -289,7 +288,7 @@ fn uniform(k: u32) -> f64 {
 }
 
 #[test]
-fn clock_offset_sd_covers_an_asymmetry_of_100_ms() {
+fn clock_offset_sd_with_100_ms_asymmetry() {
     for (there, back) in [(0.05, 0.15), (0.15, 0.05), (0.01, 0.11), (0.11, 0.01), (0.0, 0.1)] {
         let (b, now) = settled(there, back, 20);
         let o = b.offset(drone(now)).unwrap();
@@ -306,7 +305,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn clock_offset_stays_within_two_sd_for_any_delays(
+    fn clock_offset_sd_with_arbitrary_delays(
         there in 0.0..0.2f64, back in 0.0..0.2f64, jitter in 0.0..0.1f64, seed in any::<u32>(),
     ) {
         let noise = |k: u32| jitter * uniform(seed.wrapping_add(k));
@@ -316,7 +315,7 @@ proptest! {
     }
 
     #[test]
-    fn bridge_rejects_and_counts_random_bytes(
+    fn bridge_random_bytes(
         bytes in prop::collection::vec(any::<u8>(), 0..600), kind in 0..4usize,
     ) {
         let (mut b, now) = settled(0.05, 0.05, 1);
@@ -331,7 +330,7 @@ proptest! {
     }
 
     #[test]
-    fn bridge_passes_damaged_estimates_only_within_limits(
+    fn bridge_damaged_estimates(
         cut in 0..300usize, flip in 0..2000usize, which in 0..2u8,
     ) {
         let (mut b, now) = settled(0.05, 0.05, 1);
@@ -350,7 +349,7 @@ proptest! {
     }
 
     #[test]
-    fn bridge_passes_only_newer_estimates_in_any_order_of_arrival(order in Just((0..40u32).collect::<Vec<_>>()).prop_shuffle()) {
+    fn bridge_estimates_in_any_order(order in Just((0..40u32).collect::<Vec<_>>()).prop_shuffle()) {
         let (mut b, start) = settled(0.05, 0.05, 1);
         let mut newest: Option<(u32, Time<DroneClock>)> = None;
         let (mut passed, mut sent) = (0, 0);
@@ -373,7 +372,7 @@ proptest! {
     }
 
     #[test]
-    fn bridge_survives_extreme_time_stamps(at in any::<i64>(), t2 in any::<i64>(), t3 in any::<i64>()) {
+    fn bridge_extreme_time_stamps(at in any::<i64>(), t2 in any::<i64>(), t3 in any::<i64>()) {
         let mut b = Bridge::new(&BridgeConfig::default(), 9);
         let q = step(&mut b, 0.0, vec![]).time_request.unwrap();
         let r = TimeReply::<VesselClock, DroneClock> {

@@ -233,7 +233,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn help_in_groups() {
+    fn help_groups() {
         let cli = Cli::command();
         cli.clone().debug_assert();
         let grouped = |name: &str| GROUPS.iter().filter(|(_, names)| names.contains(&name)).count();

@@ -1,4 +1,4 @@
-//! How a command ends.
+//! Exit codes of commands, and errors for people.
 
 use std::fmt;
 

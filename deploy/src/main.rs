@@ -1,8 +1,8 @@
-//! `alight`: lands a multirotor on a moving, rocking deck.
+//! `alight`: landings of a multirotor on a moving, rocking deck.
 //!
 //! What a vessel and a drone install, in layers, each of which uses only those before it: [`exit`] and
 //! [`terminal`]; [`config`]; [`certificates`] and [`io`]; [`record`]; [`process`], [`vessel`] and [`drone`];
-//! [`view`]; [`tools`]. [`lab`] is what flies nothing, and is no part of the packages; [`cli`] names every command.
+//! [`view`]; [`tools`]. [`lab`] is simulation and experiments, and is no part of the packages; [`cli`] names every command.
 
 // Some of what only the laboratory uses is unused without it.
 #![cfg_attr(not(feature = "lab"), allow(dead_code))]

@@ -200,7 +200,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn table_shows_the_same_cells_on_a_terminal_in_markdown_and_in_html() {
+    fn table_on_a_terminal_in_markdown_and_html() {
         let mut table = Table::new(1.., ["sea", "error m"]);
         table.row(cells![
             "a<b",

@@ -1,4 +1,4 @@
-//! Parameters of PX4 and ArduCopter that a landing relies on: what each must be, and why.
+//! Parameters of PX4 and ArduCopter that a landing relies on, with limits and reasons.
 //!
 //! Without set-points (companion, pilot or cable dead) the failsafe has to stop the descent: a sink of `v` = 2.5 m/s,
 //! a timeout of `T` = 0.5 s and a braking of `a` = 8 m/s² need `v T + v² / (2 a)` = 1.6 m, the mission's decision
@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_suit_at_their_limits_in_single_precision_and_not_beyond() {
+    fn parameter_limits_in_single_precision() {
         for (name, good, bad) in [
             (
                 "COM_OF_LOSS_T",
@@ -330,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn parameter_is_described_with_its_value_and_the_wanted_one() {
+    fn parameter_description() {
         let text = |name: &str, value| named(name).describe(value).to_string();
         assert_eq!(
             text("COM_OF_LOSS_T", 1.0),
@@ -346,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_have_names_that_fit_a_message_and_belong_to_one_firmware() {
+    fn parameter_names() {
         assert!(PX4.iter().chain(ARDU_COPTER).all(|p| p.name.len() <= 16));
         assert!(of_px4().any(|(_, p)| p.name == "MC_AIRMODE"));
         assert!(of_ardu_copter().all(|(k, p)| p.name != "MC_AIRMODE" && numbered(k as f64) == Some(p)));
@@ -356,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_that_suit_stop_the_sink_above_the_deck() {
+    fn parameters_that_stop_the_sink_above_the_deck() {
         let least = |name: &str| match named(name).wanted {
             Wanted::Within(low, high) => (low, high),
             other => panic!("{other:?}"),

@@ -1,6 +1,6 @@
-//! Checkpoints: what of a node outlives its process, so that a successor goes on where a crashed predecessor was. A node
-//! publishes its checkpoint as it runs; a [`Keeper`] holds the newest of each node; a successor waits for its answer
-//! ([`Recovery`]) and validates it before it counts ([`validate`]).
+//! Checkpoints of a crashed predecessor, from which a successor goes on. A node publishes its checkpoint as it runs; a
+//! [`Keeper`] holds the newest of each node; a successor waits for its answer ([`Recovery`]) and validates it before it
+//! counts ([`validate`]).
 
 use core::fmt;
 
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn keeper_answers_a_successor_with_the_newest() {
+    fn keeper_answer_to_a_successor() {
         let mut k = keeper();
         assert!(
             !k.take(at(1.0), Some(&mission(7, 0.9))) && !k.take(at(1.0), Some(&MissionCheckpoint::default()))

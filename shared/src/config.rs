@@ -338,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn config_error_names_key_value_and_range() {
+    fn config_error_with_key_value_and_range() {
         assert!(error("power_w = 1e4").contains("`power_w` is 10000: allowed is 0 to 2000"));
         assert!(error("power_w = nan").contains("NaN"));
         let nested = error("[spare]\nspeed_rpm = 5");
@@ -351,7 +351,7 @@ mod tests {
     }
 
     #[test]
-    fn declared_table_prints_its_defaults_with_what_they_mean() {
+    fn declared_table_with_defaults_and_meanings() {
         let heater = Heater::default();
         assert_eq!((heater.fan.speed_rpm, heater.spare.speed_rpm), (700, 900));
         let text = commented(&heater).unwrap();

@@ -237,14 +237,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn euler_rates_invert_body_rates() {
+    fn euler_and_body_rates_inverse() {
         let e = Vector3::new(0.3, -0.2, 0.5);
         let back = euler_rates(0.4, -0.3, body_rates(0.4, -0.3, e));
         assert!((back - e).norm() < 1e-12);
     }
 
     #[test]
-    fn rotation_maps_its_second_frame_to_its_first() {
+    fn rotation_from_second_to_first_frame() {
         // A vessel heading east: its bow points east.
         let r = Rotation::<VesselNed, VesselBody>::from_euler(0.0, 0.0, core::f64::consts::FRAC_PI_2);
         let bow = r * Vector::new(1.0, 0.0, 0.0);
@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn angles_wrap_to_half_open_interval() {
+    fn angle_wrap_half_open_interval() {
         use core::f64::consts::PI;
         assert!((wrap_angle(3.0 * PI) - PI).abs() < 1e-12);
         assert!((wrap_angle(-PI) - PI).abs() < 1e-12);

@@ -231,7 +231,7 @@ mod tests {
         }
 
         #[test]
-        fn frames_of_two_places_differ_by_the_convergence(
+        fn frames_of_two_places_by_the_convergence(
             k in 0..PLACES.len(),
             bearing in 0.0..TAU,
             distance in 0.0..5e3_f64,

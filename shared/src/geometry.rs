@@ -1,4 +1,4 @@
-//! Measured shapes that vessel and drone agree on.
+//! Geometry of deck and drone, as measured.
 
 use nalgebra::Vector3;
 

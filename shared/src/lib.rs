@@ -1,4 +1,4 @@
-//! The vocabulary of Alight: what vessel and drone agree on, without any middleware.
+//! Types and models that vessel and drone share, without any middleware.
 //!
 //! Read in this order: [`time`], [`frames`], [`geodesy`], [`msg`], [`topics`], [`node`], [`config`], [`admission`], then
 //! what both computers estimate with: [`vessel_model`], [`motion_model`] and [`estimation`].

@@ -1,4 +1,4 @@
-//! The one interface of everything that computes.
+//! Node: the one interface of everything that computes, `step(now, &In) -> Out`.
 
 use crate::time::{Clock, Time};
 

@@ -1,5 +1,4 @@
-//! What stands on a vessel around its landing deck, and from where and whereto drones fly: keep-out volumes, approach
-//! sector, escape direction.
+//! Surroundings of a landing deck: keep-out volumes, approach sector, escape direction.
 
 use core::f64::consts::{PI, TAU};
 
@@ -228,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn surroundings_in_the_way_of_a_landing_are_a_configuration_error_that_names_key_and_value() {
+    fn surroundings_in_the_way_of_a_landing() {
         assert_eq!(error(MAST), None);
         assert_eq!(error("approach_sector_deg = [90, 270]\nescape_deg = 180"), None);
         let box_ = "[[2.2, -0.2, -9.3], [2.6, 0.2, 0.0]]";
@@ -257,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn surroundings_message_fits_its_topic_and_rejects_what_is_not_finite() {
+    fn surroundings_message_size_and_finiteness() {
         use crate::msg::{Message, VesselSurroundings};
         use crate::time::VesselClock;
         let mut m = VesselSurroundings::<VesselClock>::default();
@@ -274,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn approach_sector_gives_the_shorter_way_into_it() {
+    fn shorter_way_into_the_approach_sector() {
         let aft = parse::<SurroundingsConfig>("approach_sector_deg = [120, 240]", "test");
         let aft = aft.unwrap().around(&DeckGeometry::default());
         for (bearing, margin, turn) in [

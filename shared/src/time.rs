@@ -195,7 +195,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn time_arithmetic_saturates() {
+    fn time_saturation() {
         let end = Time::<TrueTime>::from_nanos(i64::MAX);
         assert_eq!(end + Span::from_secs(1.0), end);
         assert_eq!(
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn time_round_trips_seconds_to_the_nanosecond() {
+    fn time_round_trip_to_the_nanosecond() {
         assert_eq!(Span::from_secs(0.1).nanos(), 100_000_000);
         assert!((Time::<VesselClock>::from_secs(12.5).secs() - 12.5).abs() < 1e-9);
     }

@@ -127,14 +127,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn topic_names_are_unique() {
+    fn unique_topic_names() {
         for (i, a) in ALL.iter().enumerate() {
             assert!(ALL.iter().skip(i + 1).all(|b| b.name != a.name), "{}", a.name);
         }
     }
 
     #[test]
-    fn topic_staleness_allows_three_periods() {
+    fn topic_staleness_of_three_periods() {
         for t in ALL.iter().filter(|t| t.rate_hz >= 1.0) {
             assert!(t.stale_after.secs() * t.rate_hz >= 3.0, "{}", t.name);
         }

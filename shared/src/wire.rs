@@ -1,5 +1,5 @@
 //! The wire format of the radio: bincode 2, little endian, fixed-width integers, at most
-//! [`MAX_WIRE_BYTES`]. The only module that knows bincode.
+//! [`MAX_WIRE_BYTES`]. The only module that uses bincode.
 
 use serde::{Serialize, de::DeserializeOwned};
 use thiserror::Error;
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn estimate_fits_in_300_bytes_and_round_trips() {
+    fn estimate_within_300_bytes_round_trip() {
         let bytes = encode(&estimate()).unwrap();
         // The layout table of `alight_shared::msg`.
         assert_eq!(bytes.len(), 198);
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn full_wave_model_and_prediction_fit_in_1200_bytes() {
+    fn wave_model_and_prediction_within_1200_bytes() {
         let waves = WaveModel::<VesselClock> {
             header: Default::default(),
             significant_height_m: 1.0,
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn decode_rejects_truncated_and_padded_bytes() {
+    fn decoding_of_truncated_and_padded_bytes() {
         let mut bytes = encode(&estimate()).unwrap();
         assert!(decode::<VesselEstimate<VesselClock>>(&bytes[..bytes.len() - 1]).is_err());
         bytes.push(0);
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn record_round_trips_and_any_flipped_bit_changes_its_hash() {
+    fn record_round_trip_and_hash() {
         let bytes = encode_record(&estimate()).unwrap();
         assert_eq!(
             decode_record::<VesselEstimate<VesselClock>>(&bytes).unwrap(),

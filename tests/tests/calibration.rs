@@ -102,7 +102,7 @@ fn within(found: &ValueWithSd, truth: f64, what: &str) {
 }
 
 #[test]
-fn deck_calibration_finds_the_displaced_deck_that_the_drone_stands_on() {
+fn deck_calibration_of_a_displaced_deck() {
     let mut scenario = scene();
     scenario.deck.centre_m = [0.25, -0.1, -1.42];
     let mut nodes = NodeConfigs::default();
@@ -126,7 +126,7 @@ fn deck_calibration_finds_the_displaced_deck_that_the_drone_stands_on() {
 }
 
 #[test]
-fn deck_calibration_separates_receiver_offsets_from_a_displaced_deck() {
+fn deck_calibration_with_receiver_offsets() {
     let mut scenario = at_sea("slight");
     scenario.deck.centre_m = [0.25, -0.1, -1.42];
     scenario.deck.tag_side_m = Some(1.0);
@@ -145,7 +145,7 @@ fn deck_calibration_separates_receiver_offsets_from_a_displaced_deck() {
     }
 }
 
-/// Records what the vessel's sensors say.
+/// Records the vessel's sensors.
 #[derive(Default)]
 struct Recorder(Record);
 
@@ -155,7 +155,7 @@ impl Tap for Recorder {
     }
 }
 
-/// What the recording of `seconds` of this vessel tells.
+/// Calibration by a recording of `seconds` of this vessel.
 fn recorded(scenario: &Scenario, seed: u64, seconds: f64) -> alight_usv::calibrate::VesselCalibration {
     let mut scenario = scenario.clone();
     scenario.start.warm_up_s = seconds;
@@ -220,7 +220,7 @@ fn pushed(strength: f64) -> Scenario {
 }
 
 #[test]
-fn vessel_calibration_recovers_damping_stiffness_and_antenna_from_pushes() {
+fn vessel_calibration_from_pushes() {
     let mut scenario = pushed(1.0);
     scenario.sensors.vessel_gnss.antenna_m = [-1.0, 0.3, -1.7];
     for seed in [1, 2] {
@@ -254,7 +254,7 @@ fn vessel_calibration_recovers_damping_stiffness_and_antenna_from_pushes() {
 }
 
 #[test]
-fn vessel_calibration_recovers_mass_and_stiffness_from_a_known_weight() {
+fn vessel_calibration_from_a_known_weight() {
     let scenario = pushed(1.0);
     let weight = Weight {
         mass_kg: 60.0,
@@ -290,7 +290,7 @@ fn vessel_calibration_recovers_mass_and_stiffness_from_a_known_weight() {
 }
 
 #[test]
-fn vessel_calibration_is_not_observable_at_rest_or_in_waves() {
+fn vessel_calibration_at_rest_or_in_waves() {
     let found = recorded(&pushed(0.0), 1, 60.0);
     assert!(
         found
@@ -303,7 +303,7 @@ fn vessel_calibration_is_not_observable_at_rest_or_in_waves() {
         found.antenna_m.is_none_or(|a| a.iter().all(|f| f.sd > 0.1)),
         "{found:?}"
     );
-    // Waves tell where the antenna is, and nothing else.
+    // Waves make the antenna's place observable, and nothing else.
     let mut scenario = at_sea("moderate");
     scenario.sensors.vessel_gnss.antenna_m = [-1.0, 0.3, -1.7];
     let found = recorded(&scenario, 2, 180.0);

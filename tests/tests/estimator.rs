@@ -27,7 +27,7 @@ fn rms(squares: &[f64]) -> f64 {
 }
 
 #[test]
-fn estimate_meets_the_paper_accuracy_and_its_own_covariance() {
+fn estimate_accuracy_and_covariance() {
     let runs: Vec<Run> = (0..3).map(|s| run(s, "moderate", Course::Drift, 60.0)).collect();
     for r in &runs {
         assert!(r.estimates.len() > 1700, "30 Hz for 60 s");
@@ -51,7 +51,7 @@ fn estimate_meets_the_paper_accuracy_and_its_own_covariance() {
 }
 
 #[test]
-fn prediction_beats_constant_state_and_constant_velocity() {
+fn prediction_against_constant_state_and_velocity() {
     let runs: Vec<Run> = (10..13)
         .map(|s| run(s, "moderate", Course::Drift, 60.0))
         .collect();
@@ -73,7 +73,7 @@ fn prediction_beats_constant_state_and_constant_velocity() {
 /// harmonics of tilt made the identification hold on to the last half minute only, in which waves this near
 /// each other cannot be distinguished.
 #[test]
-fn estimator_identifies_waves_and_follows_motion_where_the_hull_slams() {
+fn estimate_of_a_slamming_hull() {
     let mut scenario = Scenario {
         sea: "0.8,5".parse().unwrap(),
         ..Scenario::default()
@@ -107,7 +107,7 @@ fn among_sharp_crests() -> [f64; 2] {
 }
 
 #[test]
-fn prediction_of_tilt_holds_for_a_hull_that_meets_sharp_crests() {
+fn tilt_prediction_in_sharp_crests() {
     // 0.070 rad as a sum of three waves, 0.055 rad by ridge regression.
     let [_, tilt] = among_sharp_crests();
     assert!(tilt < 0.04, "{tilt} rad");
@@ -115,14 +115,14 @@ fn prediction_of_tilt_holds_for_a_hull_that_meets_sharp_crests() {
 
 #[test]
 #[ignore = "0.23 m: such crests lift the mean of heave by 0.16 m, and of what is left a ridge regression has 0.26 m"]
-fn prediction_of_heave_holds_for_a_hull_that_meets_sharp_crests() {
+fn heave_prediction_in_sharp_crests() {
     // 0.33 m as a sum of three waves.
     let [heave, _] = among_sharp_crests();
     assert!(heave < 0.16, "{heave} m");
 }
 
 #[test]
-fn heave_prediction_at_1_s_is_within_5_cm() {
+fn heave_prediction_at_1_s() {
     let scenario = Scenario {
         sea: "0.5,5".parse().unwrap(),
         ..Scenario::default()
@@ -136,7 +136,7 @@ fn heave_prediction_at_1_s_is_within_5_cm() {
 }
 
 #[test]
-fn prediction_covariance_at_1_s_matches_the_errors() {
+fn prediction_covariance_at_1_s() {
     // Where the waves keep their phase better than the filter's process noise lets them, where a steep
     // sea has harmonics that nobody identifies, and where there are no waves.
     let mut wrong = Vec::new();
@@ -167,7 +167,7 @@ fn prediction_covariance_at_1_s_matches_the_errors() {
 }
 
 #[test]
-fn estimator_follows_a_square_course_at_2_mps() {
+fn estimate_on_a_square_course_at_2_mps() {
     let runs = [run(20, "moderate", Course::Square, 60.0)];
     let mut tilt = Vec::new();
     for (k, e) in &runs[0].estimates {
@@ -183,7 +183,7 @@ fn estimator_follows_a_square_course_at_2_mps() {
 }
 
 #[test]
-fn estimator_is_bit_identical_for_a_seed() {
+fn estimator_determinism() {
     let (a, b) = (
         run(5, "moderate", Course::Drift, 2.0),
         run(5, "moderate", Course::Drift, 2.0),
@@ -194,7 +194,7 @@ fn estimator_is_bit_identical_for_a_seed() {
 
 #[test]
 #[ignore = "needs ../shared/data/tank-platform.csv beside the project"]
-fn estimator_restarts_when_its_start_in_violent_motion_fails() {
+fn estimator_start_in_violent_motion() {
     // Seeds of a deck that rocks at 0.7 Hz from the first sample on: every run speaks in the end.
     let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
     for seed in [404, 405, 406] {

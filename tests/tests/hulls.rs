@@ -6,18 +6,14 @@ use alight_shared::node::Node;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::physics::{Physics, TICK};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::trial::{Watch, fly};
+use alight_sim::harness::trial;
 use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::vessel::Course;
 use alight_sim::physics::vessel::response::HULLS;
 use alight_usv::VesselNode;
 
 fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Outcome {
-    let watch = Watch {
-        on_event: &mut |_| {},
-        trace_step_s: None,
-    };
-    fly(scenario, nodes, seed, "hull", watch).unwrap().outcome
+    trial::outcome(scenario, nodes, seed, "hull").unwrap()
 }
 
 fn world(hull: &str, sea: &str) -> (Scenario, NodeConfigs) {
@@ -28,7 +24,7 @@ fn world(hull: &str, sea: &str) -> (Scenario, NodeConfigs) {
 }
 
 #[test]
-fn nodes_know_the_hull_as_an_installer_measured_it() {
+fn hull_as_an_installer_measured_it() {
     let (scenario, nodes) = world("work-12m", "jonswap:1,5");
     assert_eq!(nodes.vessel.deck, scenario.deck);
     assert_eq!(nodes.drone.deck, scenario.deck);
@@ -51,7 +47,7 @@ fn nodes_know_the_hull_as_an_installer_measured_it() {
 }
 
 #[test]
-fn drone_lands_on_every_hull_and_a_seed_gives_the_same_bits() {
+fn landing_on_every_hull() {
     for hull in HULLS {
         let (scenario, nodes) = world(hull, "jonswap:0.5,4");
         let o = flown(&scenario, &nodes, 3);
@@ -64,7 +60,7 @@ fn drone_lands_on_every_hull_and_a_seed_gives_the_same_bits() {
 }
 
 #[test]
-fn drone_whose_attitude_loop_is_hardly_damped_keeps_its_attitude_and_lands() {
+fn landing_with_a_hardly_damped_attitude_loop() {
     let (mut scenario, nodes) = world("mono-5m", "jonswap:1.5,6");
     // A quick attitude loop above slow rotors oscillates; at little thrust PX4's mixer then cuts its torque.
     scenario.drone.autopilot.attitude_lag_s = 0.083;
@@ -74,7 +70,7 @@ fn drone_whose_attitude_loop_is_hardly_damped_keeps_its_attitude_and_lands() {
 }
 
 #[test]
-fn calm_water_leaves_a_hull_at_its_trim() {
+fn hull_trim_on_calm_water() {
     let (mut scenario, _) = world("mono-5m", "calm");
     scenario.vessel.course = Course::Straight;
     let mut physics = Physics::new(&scenario, 1).unwrap();
@@ -110,7 +106,7 @@ fn tilt_on(scenario: &Scenario, heading_deg: f64, seed: u64) -> f64 {
 }
 
 #[test]
-fn quietest_heading_tilts_the_deck_least() {
+fn deck_tilt_on_the_quietest_heading() {
     for (hull, heading_deg) in [("mono-5m", 60.0), ("work-12m", 110.0)] {
         let (mut scenario, nodes) = world(hull, "jonswap:1,5");
         scenario.sea.mean_direction_deg = Some(0.0);

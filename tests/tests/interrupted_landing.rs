@@ -1,4 +1,4 @@
-//! Near the deck of a vessel under way an operator stops the landing, or the planner's process dies for good: the drone
+//! Interruptions near the deck of a vessel under way, by an operator or by the end of the planner's process: the drone
 //! completes the landing or leaves with the deck, which must not pass beneath a drone that stays at a fixed place.
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::panic)]
@@ -33,13 +33,13 @@ fn unsafe_flights(
 }
 
 #[test]
-fn drone_without_plans_near_a_deck_at_7_mps_stays_with_the_deck() {
+fn plans_lost_near_a_deck_at_7_mps() {
     let wrong = unsafe_flights(Interruption::PlanLost, &[3.0, 1.5, 0.5], 60..64);
     assert!(wrong.is_empty(), "{} of 12:\n{}", wrong.len(), wrong.join("\n"));
 }
 
 #[test]
-fn drone_that_is_stopped_near_a_deck_at_7_mps_leaves_with_the_deck_or_lands() {
+fn abort_and_hold_near_a_deck_at_7_mps() {
     for interruption in [Interruption::Abort, Interruption::Hold] {
         let wrong = unsafe_flights(interruption, &[1.5, 0.3], 61..64);
         assert!(wrong.is_empty(), "{} of 6:\n{}", wrong.len(), wrong.join("\n"));

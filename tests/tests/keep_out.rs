@@ -1,5 +1,5 @@
-//! A vessel with a mast forward of her landing deck and an A-frame abeam, under way in a moderate sea: drones that know of
-//! them pass both with room, come through the approach sector and leave along the escape direction.
+//! Keep-out volumes: a mast forward of the landing deck and an A-frame abeam, under way in a moderate sea. Drones that
+//! know of them pass both with clearance, come through the approach sector and leave along the escape direction.
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
@@ -47,7 +47,7 @@ fn land((scenario, nodes): &(Scenario, NodeConfigs), seed: u64) -> (Outcome, Vec
 }
 
 #[test]
-fn drone_that_knows_of_a_mast_passes_it_with_room_and_lands() {
+fn landing_beside_a_mast() {
     let without = vessel(2.0, SurroundingsConfig::default());
     let with = vessel(2.0, known());
     // These come from the mast's side.
@@ -61,7 +61,7 @@ fn drone_that_knows_of_a_mast_passes_it_with_room_and_lands() {
 }
 
 #[test]
-fn drone_comes_in_through_the_approach_sector_only() {
+fn approach_through_the_sector() {
     let sector = SurroundingsConfig {
         approach_sector_deg: [120.0, 240.0],
         ..known()
@@ -86,7 +86,7 @@ fn drone_comes_in_through_the_approach_sector_only() {
 }
 
 #[test]
-fn drone_that_holds_over_a_deck_under_way_is_not_met_by_a_mast_astern() {
+fn hold_ahead_of_a_mast_under_way() {
     let astern = vec![[[-3.4, -0.3, -9.3], [-3.0, 0.3, 0.0]]];
     for informed in [false, true] {
         let mut around = SurroundingsConfig::default();
@@ -105,7 +105,7 @@ fn drone_that_holds_over_a_deck_under_way_is_not_met_by_a_mast_astern() {
 }
 
 #[test]
-fn drone_that_leaves_along_the_escape_direction_meets_no_volume() {
+fn escape_clear_of_every_volume() {
     let around = SurroundingsConfig {
         escape_deg: Some(180.0),
         ..known()

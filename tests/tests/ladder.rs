@@ -5,9 +5,9 @@
 use alight_shared::msg::{AutopilotState, CommandKind, LandingMode, ReasonCode, State};
 use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_sim::harness::physics::TICK;
+use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::tap::{NoTap, Tap};
-use alight_sim::harness::world::World;
+use alight_sim::harness::tap::Tap;
 use alight_sim::physics::sea::SeaConfig;
 use alight_uav::mission::{MissionIn, MissionOut};
 use nalgebra::Vector3;
@@ -24,19 +24,13 @@ fn nodes(mode: LandingMode) -> NodeConfigs {
     nodes
 }
 
-/// What the mission saw of the autopilot, and where it was.
+/// What the mission received of the autopilot.
 #[derive(Default)]
-struct Seen {
-    autopilot: Vec<AutopilotState>,
-    states: Vec<State>,
-}
+struct Received(Vec<AutopilotState>);
 
-impl Tap for Seen {
-    fn mission(&mut self, _: Time<TrueTime>, _: Time<DroneClock>, input: &MissionIn, output: &MissionOut) {
-        self.autopilot.extend(input.autopilot);
-        let state = output.state.map(|m| m.state);
-        self.states
-            .extend(state.filter(|s| self.states.last() != Some(s)));
+impl Tap for Received {
+    fn mission(&mut self, _: Time<TrueTime>, _: Time<DroneClock>, input: &MissionIn, _: &MissionOut) {
+        self.0.extend(input.autopilot);
     }
 }
 
@@ -58,17 +52,16 @@ fn by_hand(t: f64) -> f64 {
 }
 
 #[test]
-fn shadow_commands_nothing_while_a_person_lands() {
+fn shadow_while_a_person_lands() {
     let (scenario, nodes) = (moderate(), nodes(LandingMode::Shadow));
     for seed in [71, 72] {
-        let mut world = World::new(&scenario, &nodes, seed).unwrap();
-        let mut seen = Seen::default();
-        world.warm_up(&mut seen);
-        world.command(CommandKind::Land);
+        let mut received = Received::default();
+        let mut rig = Rig::tapped(&scenario, &nodes, seed, &mut received).unwrap();
+        rig.world.command(CommandKind::Land);
         let mut landed_for = 0;
         for _ in 0..(90.0 / TICK.secs()) as u32 {
-            world.tick(&mut seen);
-            let t = world.physics().time_since_start().secs();
+            rig.tick(&mut received);
+            let (t, world) = (rig.t_s(), &mut rig.world);
             let over = world.physics().deck().position.0 - Vector3::z() * by_hand(t);
             let apart = over - world.physics().drone(0).unwrap().position.0;
             let on_deck = world.observation().feet_height_m() < 0.05;
@@ -80,11 +73,10 @@ fn shadow_commands_nothing_while_a_person_lands() {
                 autopilot.arm(false);
             }
         }
-        assert!(
-            !world.linked(0).unwrap().autopilot.armed(),
-            "seed {seed}: never landed"
-        );
-        assert_eq!(world.linked(0).unwrap().commanded, 0, "seed {seed}");
+        let linked = rig.world.linked(0).unwrap();
+        assert!(!linked.autopilot.armed(), "seed {seed}: never landed");
+        assert_eq!(linked.commanded, 0, "seed {seed}");
+        let visited = rig.visited(0);
         // It would have flown the whole way, and the person's disarm ends it.
         for state in [
             State::GetAltitude,
@@ -92,15 +84,10 @@ fn shadow_commands_nothing_while_a_person_lands() {
             State::TrackingStable,
             State::Descent,
         ] {
-            assert!(seen.states.contains(&state), "seed {seed}: {:?}", seen.states);
+            assert!(visited.contains(&state), "seed {seed}: {visited:?}");
         }
-        assert_eq!(
-            seen.states.last(),
-            Some(&State::Idle),
-            "seed {seed}: {:?}",
-            seen.states
-        );
-        let compared: Vec<_> = seen.autopilot.iter().filter_map(|a| a.shadow).collect();
+        assert_eq!(visited.last(), Some(&State::Idle), "seed {seed}: {visited:?}");
+        let compared: Vec<_> = received.0.iter().filter_map(|a| a.shadow).collect();
         assert!(compared.len() > 300, "seed {seed}: {}", compared.len());
         assert!(compared.iter().all(|s| !s.stops), "seed {seed}");
         // Above the deck both hover.
@@ -113,19 +100,15 @@ fn shadow_commands_nothing_while_a_person_lands() {
 }
 
 #[test]
-fn match_holds_over_the_deck_and_climbs() {
+fn match_over_the_deck() {
     let (scenario, nodes) = (moderate(), nodes(LandingMode::Match));
     let c = &nodes.drone.mission;
     let mut flown = Vec::new();
     for seed in 81..87 {
-        let mut world = World::new(&scenario, &nodes, seed).unwrap();
-        world.warm_up(&mut NoTap);
-        world.command(CommandKind::Land);
+        let mut rig = Rig::landing(&scenario, &nodes, seed).unwrap();
         let (mut least_m, mut near_s, mut matched_at, mut climbed_m) = (f64::INFINITY, 0.0, None, 0.0_f64);
-        for _ in 0..(180.0 / TICK.secs()) as u32 {
-            world.tick(&mut NoTap);
-            let t = world.physics().time_since_start().secs();
-            let o = world.observation();
+        rig.each(180.0, |rig| {
+            let (t, o, m) = (rig.t_s(), rig.world.observation(), rig.mission(0));
             assert!(o.contacts.is_empty(), "seed {seed}: a contact");
             // The lowest foot.
             let height_m = o.feet.iter().map(|f| f[2]).fold(f64::INFINITY, f64::min);
@@ -135,16 +118,13 @@ fn match_holds_over_the_deck_and_climbs() {
             } else {
                 0.0
             };
-            let m = world.mission_state();
             if m.state == State::GaveUp {
                 assert_eq!(m.entered.code, ReasonCode::Matched, "seed {seed}: {}", m.entered);
                 matched_at.get_or_insert(t);
                 climbed_m = climbed_m.max(height_m);
             }
-            if matched_at.is_some_and(|at| t > at + 12.0) {
-                break;
-            }
-        }
+            matched_at.is_some_and(|at| t > at + 12.0)
+        });
         flown.push(format!(
             "seed {seed}: lowest {least_m:.2} m, near for {near_s:.1} s, matched at {matched_at:?} s, \
              then up to {climbed_m:.1} m"

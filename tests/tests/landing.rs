@@ -1,4 +1,4 @@
-//! Stories in the simulated world, from the start to rest on the deck.
+//! Landings in the simulated world, from the start to rest on the deck.
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
@@ -35,7 +35,7 @@ fn at_sea(amplitude_m: f64, period_s: f64) -> Scenario {
 }
 
 #[test]
-fn drone_lands_in_a_moderate_sea_through_every_phase_in_order() {
+fn phases_of_a_landing_in_a_moderate_sea() {
     let (flight, names) = flown(&at_sea(0.5, 5.0), &NodeConfigs::default(), 11);
     let o = &flight.outcome;
     assert_eq!(o.outcome, Ending::Success, "{}", o.reason);
@@ -71,7 +71,7 @@ impl Tap for Kinds {
 }
 
 #[test]
-fn set_points_of_one_kind_from_start_to_contact() {
+fn set_point_kinds_from_start_to_contact() {
     let (scenario, nodes) = (at_sea(0.5, 5.0), NodeConfigs::default());
     let watch = Watch {
         on_event: &mut |_| (),
@@ -85,7 +85,7 @@ fn set_points_of_one_kind_from_start_to_contact() {
 }
 
 #[test]
-fn drone_lands_softly_and_level_on_calm_water() {
+fn landing_on_calm_water() {
     let o = outcome(&at_sea(0.0, 5.0), 12);
     assert!(o.success, "{}", o.reason);
     assert!(o.touchdown_speed_mps.unwrap() < 0.8 && o.tilt_error_deg.unwrap() < 3.0);
@@ -93,7 +93,7 @@ fn drone_lands_softly_and_level_on_calm_water() {
 
 /// In a calm no model predicts what is left of the motion, and it is known all the same.
 #[test]
-fn drone_does_not_wait_above_a_deck_that_hardly_moves() {
+fn waiting_time_above_a_quiet_deck() {
     let mut under_way = at_sea(0.0, 5.0);
     under_way.vessel.course = Course::Straight;
     under_way.vessel.speed_mps = 3.0;
@@ -105,13 +105,13 @@ fn drone_does_not_wait_above_a_deck_that_hardly_moves() {
 }
 
 #[test]
-fn drone_lands_in_the_roughest_row_of_table_2() {
+fn landing_in_the_roughest_row_of_table_2() {
     let o = outcome(&at_sea(0.8, 5.0), 13);
     assert!(o.success, "{}", o.reason);
 }
 
 #[test]
-fn drone_lands_from_vision_without_radio_from_tracking_on() {
+fn landing_without_radio_from_tracking_on() {
     let scenario = Scenario {
         radio_outage: Some(StateOutage {
             state: State::Tracking,
@@ -125,7 +125,7 @@ fn drone_lands_from_vision_without_radio_from_tracking_on() {
 }
 
 #[test]
-fn drone_whose_battery_runs_low_above_the_deck_lands_there() {
+fn landing_with_a_low_battery_above_the_deck() {
     let mut scenario = at_sea(0.5, 5.0);
     // It reaches the reserve of 0.2 after 50 s, while it waits above the deck.
     scenario.drone.autopilot.battery = 0.25;
@@ -142,7 +142,7 @@ fn drone_whose_battery_runs_low_above_the_deck_lands_there() {
 }
 
 #[test]
-fn drone_lands_on_a_vessel_under_way() {
+fn landing_on_a_vessel_under_way() {
     let mut scenario = at_sea(0.3, 5.0);
     scenario.vessel.course = Course::Straight;
     scenario.vessel.speed_mps = 1.5;
@@ -151,10 +151,10 @@ fn drone_lands_on_a_vessel_under_way() {
 }
 
 #[test]
-fn drone_touches_down_aligned_in_steady_wind() {
+fn touchdown_alignment_in_steady_wind() {
     let mut scenario = at_sea(0.0, 5.0);
     scenario.drone.wind.mean_mps = 5.0;
-    // Hover leans 4 deg there, half of which used to remain.
+    // Hover tilts 4 deg there, half of which used to remain.
     let errors: Vec<f64> = (30..34)
         .map(|seed| {
             let o = outcome(&scenario, seed);
@@ -167,7 +167,7 @@ fn drone_touches_down_aligned_in_steady_wind() {
 }
 
 #[test]
-fn drone_lands_with_half_and_twice_the_assumed_attitude_lag() {
+fn landing_with_half_and_twice_the_attitude_lag() {
     for (seed, lag_s) in [(34, 0.1), (35, 0.4)] {
         let mut scenario = at_sea(0.5, 5.0);
         scenario.drone.autopilot.attitude_lag_s = lag_s;
@@ -178,7 +178,7 @@ fn drone_lands_with_half_and_twice_the_assumed_attitude_lag() {
 }
 
 #[test]
-fn trial_is_bit_identical_for_a_seed_and_differs_between_seeds() {
+fn trial_determinism() {
     let scenario = at_sea(0.5, 5.0);
     let (a, b, c) = (
         outcome(&scenario, 16),
@@ -190,7 +190,7 @@ fn trial_is_bit_identical_for_a_seed_and_differs_between_seeds() {
 }
 
 #[test]
-fn two_planners_meet_the_same_sea() {
+fn same_sea_for_two_planners() {
     // The vessel is not touched before contact: its true path must not depend on the planner.
     let scenario = at_sea(0.5, 5.0);
     let mut nodes = NodeConfigs::default();

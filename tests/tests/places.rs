@@ -3,12 +3,10 @@
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use alight_shared::msg::{CommandKind, State};
+use alight_shared::msg::State;
 use alight_sim::harness::outcome::{Ending, Judge, Outcome, TIME_LIMIT_S};
-use alight_sim::harness::physics::TICK;
+use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, PlaceConfig, Scenario};
-use alight_sim::harness::tap::NoTap;
-use alight_sim::harness::world::World;
 
 /// The scene at the place number `k` of the four seas.
 fn scene(k: usize) -> Scenario {
@@ -23,49 +21,25 @@ fn scene(k: usize) -> Scenario {
     }
 }
 
-/// What happens on the way, this long (s) after the mission entered this state.
-#[derive(Clone, Copy)]
-enum Event {
-    None,
-    /// The vessel's computer starts anew.
-    VesselRestarts(State, f64),
-    /// The heading that the autopilot believes jumps by so much, rad.
-    HeadingReset(State, f64, f64),
+/// What happens on the way, so long (s) after the mission entered a state.
+struct Event {
+    state: State,
+    after_s: f64,
+    happen: fn(&mut Rig),
 }
 
 /// How a landing ends.
-fn landed(scenario: &Scenario, seed: u64, event: Event) -> Outcome {
-    let nodes = NodeConfigs::default();
-    let mut world = World::new(scenario, &nodes, seed).unwrap();
-    world.warm_up(&mut NoTap);
-    world.command(CommandKind::Land);
+fn landed(scenario: &Scenario, seed: u64, event: Option<Event>) -> Outcome {
+    let mut rig = Rig::landing(scenario, &NodeConfigs::default(), seed).unwrap();
     let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
-    let mut judge = Judge::default();
-    let (mut entered, mut happened) = ((State::Idle, 0.0), matches!(event, Event::None));
-    for _ in 0..(TIME_LIMIT_S / TICK.secs()) as u32 {
-        world.tick(&mut NoTap);
-        let t_s = world.physics().time_since_start().secs();
-        let state = world.mission_state().state;
-        if state != entered.0 {
-            entered = (state, t_s);
+    let (mut judge, mut pending) = (Judge::default(), event);
+    rig.each(TIME_LIMIT_S, |rig| {
+        if let Some(event) = pending.take_if(|e| rig.is_due(e.state, e.after_s)) {
+            (event.happen)(rig);
         }
-        let is_due = |at: State, after_s: f64| !happened && state == at && t_s >= entered.1 + after_s;
-        match event {
-            Event::VesselRestarts(at, after_s) if is_due(at, after_s) => {
-                world.restart_vessel(&nodes);
-                happened = true;
-            }
-            Event::HeadingReset(at, after_s, by_rad) if is_due(at, after_s) => {
-                world.reset_heading(0, by_rad);
-                happened = true;
-            }
-            Event::None | Event::VesselRestarts(..) | Event::HeadingReset(..) => {}
-        }
-        if judge.observe(&world.observation(), half_deck) {
-            break;
-        }
-    }
-    assert!(happened, "seed {seed}: ended before");
+        judge.observe(&rig.world.observation(), half_deck)
+    });
+    assert!(pending.is_none(), "seed {seed}: ended before");
     judge.outcome(seed, "", "", 0.0)
 }
 
@@ -74,10 +48,11 @@ fn all_land(seeds: u64) {
     let mut lost = Vec::new();
     for k in 0..4 {
         for seed in 0..seeds {
-            let event = match seed % 2 {
-                1 => Event::VesselRestarts(State::Approach, 1.0 + 0.3 * seed as f64),
-                _ => Event::None,
-            };
+            let event = (seed % 2 == 1).then_some(Event {
+                state: State::Approach,
+                after_s: 1.0 + 0.3 * seed as f64,
+                happen: Rig::restart_vessel,
+            });
             let outcome = landed(&scene(k), 100 * k as u64 + seed, event);
             if outcome.outcome != Ending::Success {
                 lost.push((k, seed, outcome));
@@ -99,7 +74,7 @@ fn forty_landings_at_four_places() {
 }
 
 #[test]
-fn heading_resets_in_every_phase_over_the_deck() {
+fn heading_resets_in_every_phase() {
     let phases = [
         (State::Approach, 2.0),
         (State::Tracking, 0.3),
@@ -109,8 +84,12 @@ fn heading_resets_in_every_phase_over_the_deck() {
     ];
     let mut lost = Vec::new();
     for (n, (state, after_s)) in phases.into_iter().enumerate() {
-        let event = Event::HeadingReset(state, after_s, 12.0_f64.to_radians());
-        let outcome = landed(&scene(n % 4), 40 + n as u64, event);
+        let event = Event {
+            state,
+            after_s,
+            happen: |rig| rig.world.reset_heading(0, 12.0_f64.to_radians()),
+        };
+        let outcome = landed(&scene(n % 4), 40 + n as u64, Some(event));
         if outcome.outcome != Ending::Success {
             lost.push((state, after_s, outcome));
         }
@@ -125,7 +104,7 @@ fn drifting_barometer_and_steel_below_the_compass() {
         let mut scenario = scene(seed as usize % 4);
         let navigation = &mut scenario.drone.navigation;
         (navigation.barometer_drift_m, navigation.steel_heading_deg) = (4.0, 15.0);
-        let outcome = landed(&scenario, seed, Event::None);
+        let outcome = landed(&scenario, seed, None);
         if outcome.outcome != Ending::Success {
             lost.push((seed, outcome));
         }

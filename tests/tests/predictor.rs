@@ -173,7 +173,7 @@ fn flights(cut_s: f64) -> Vec<PredictorFlight> {
 }
 
 #[test]
-fn predictor_knows_the_deck_at_moderate_as_well_as_a_landing_needs() {
+fn forecast_accuracy_at_moderate() {
     let flights = flights(1e9);
     let high = HorizonErrors::of(&flights, 10.0, 20.0, 0.2);
     let near = HorizonErrors::of(&flights, 26.0, 38.0, 0.2);
@@ -190,7 +190,7 @@ fn predictor_knows_the_deck_at_moderate_as_well_as_a_landing_needs() {
 }
 
 #[test]
-fn predictor_from_vision_alone_is_accurate_enough_to_land() {
+fn forecast_accuracy_from_vision_alone() {
     let flights = flights(5.0);
     let near = HorizonErrors::of(&flights, 26.0, 38.0, 0.2);
     let far = HorizonErrors::of(&flights, 26.0, 38.0, 1.0);

@@ -1,4 +1,4 @@
-//! The link as the whole system feels it: what it costs, what it loses, how it comes back.
+//! Radio link of the whole system: load, loss, recovery.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -6,7 +6,7 @@ use alight_shared::msg::State;
 use alight_sim::harness::outcome::{Ending, Outcome};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
 use alight_sim::harness::tap::NoTap;
-use alight_sim::harness::trial::{Watch, fly};
+use alight_sim::harness::trial;
 use alight_sim::harness::world::World;
 use alight_sim::physics::sea::SeaConfig;
 use alight_sim::radio::Transport;
@@ -19,13 +19,7 @@ fn slight() -> Scenario {
 }
 
 fn land(scenario: &Scenario, seed: u64) -> Outcome {
-    let watch = Watch {
-        on_event: &mut |_| {},
-        trace_step_s: None,
-    };
-    fly(scenario, &NodeConfigs::default(), seed, "test", watch)
-        .unwrap()
-        .outcome
+    trial::outcome(scenario, &NodeConfigs::default(), seed, "test").unwrap()
 }
 
 /// Bytes per second to the drone and the share that a full queue swallowed, over the second half of
@@ -48,7 +42,7 @@ fn load(scenario: &Scenario) -> (f64, f64) {
 }
 
 #[test]
-fn vessel_broadcasts_less_than_13_kb_a_second_at_full_rates() {
+fn broadcast_load_at_full_rates() {
     let (bytes_per_s, overflowed) = load(&slight());
     // The estimates alone are 7.4 kB/s: less than that would not be the full rates.
     assert!((10_000.0..13_000.0).contains(&bytes_per_s), "{bytes_per_s}");
@@ -56,7 +50,7 @@ fn vessel_broadcasts_less_than_13_kb_a_second_at_full_rates() {
 }
 
 #[test]
-fn vessel_adapts_to_a_narrow_link_and_the_drone_still_lands() {
+fn landing_over_a_narrow_link() {
     let mut scenario = slight();
     scenario.radio.rate_bps = 32_000.0;
     scenario.radio.queue_bytes = 4096;
@@ -71,7 +65,7 @@ fn vessel_adapts_to_a_narrow_link_and_the_drone_still_lands() {
 }
 
 #[test]
-fn drone_lands_after_a_long_outage_in_any_state_over_either_transport() {
+fn landing_after_a_long_outage_in_any_state() {
     let states = [
         (State::GetAltitude, Transport::Udp),
         (State::Approach, Transport::Quic),

@@ -1,4 +1,4 @@
-//! Motion that no wave explains: a platform that rocks fast about its deck, 1.3 m above the vessel's
+//! Motion without waves: a platform that rocks fast about its deck, 1.3 m above the vessel's
 //! sensors, while the heave is of an unrelated sea.
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::panic)]
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use alight_sim::harness::outcome::Ending;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::trial::{Watch, fly};
+use alight_sim::harness::trial;
 use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::sea::SeaConfig;
 use alight_sim::studies::estimator::{run, state_errors};
@@ -42,7 +42,7 @@ fn platform(name: &str) -> PathBuf {
 }
 
 #[test]
-fn estimator_tilt_is_unbiased_under_horizontal_acceleration() {
+fn estimated_tilt_under_horizontal_acceleration() {
     let file = platform("estimator");
     let scenario = scene(file.clone(), 1.0, 0.0);
     let runs: Vec<_> = (0..2)
@@ -57,7 +57,7 @@ fn estimator_tilt_is_unbiased_under_horizontal_acceleration() {
 }
 
 #[test]
-fn drone_lands_on_a_platform_that_rocks_fast() {
+fn landing_on_a_fast_rocking_platform() {
     let file = platform("landing");
     for seed in [1, 2] {
         let scenario = scene(file.clone(), 1.0, 7.0 * seed as f64);
@@ -68,7 +68,7 @@ fn drone_lands_on_a_platform_that_rocks_fast() {
 
 #[test]
 #[ignore = "needs ../shared/data/tank-platform.csv beside the project"]
-fn drone_lands_on_the_recorded_platform_as_it_was_and_twice_as_steep() {
+fn landing_on_the_recorded_platform() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
     for (scale, seed) in [(1.0, 101), (1.0, 107), (2.0, 103), (2.0, 109)] {
         assert_lands(&scene(file.clone(), scale, 29.0 * (seed - 100) as f64), seed);
@@ -76,13 +76,7 @@ fn drone_lands_on_the_recorded_platform_as_it_was_and_twice_as_steep() {
 }
 
 fn assert_lands(scenario: &Scenario, seed: u64) {
-    let watch = Watch {
-        on_event: &mut |_| {},
-        trace_step_s: None,
-    };
-    let o = fly(scenario, &NodeConfigs::default(), seed, "recorded", watch)
-        .unwrap()
-        .outcome;
+    let o = trial::outcome(scenario, &NodeConfigs::default(), seed, "recorded").unwrap();
     assert_eq!(o.outcome, Ending::Success, "seed {seed}: {}", o.reason);
     assert_eq!(o.unsafe_contacts, 0, "seed {seed}");
     let tilt = o.tilt_error_deg.unwrap();

@@ -1,4 +1,4 @@
-//! `alight_usv::review` over recordings whose truth is known: what it reports is what was there.
+//! `alight_usv::review` over recordings whose truth is known.
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
@@ -107,7 +107,7 @@ fn assert_sea(r: &Review, sd: [f64; 4]) {
 }
 
 #[test]
-fn review_reports_a_simulated_recording_as_it_was() {
+fn review_of_a_simulated_recording() {
     let (real, motion, sd) = recorded("0.5,5", 101, 240);
     let config = VesselNodeConfig::default();
     let r = review(&config, &real);
@@ -128,7 +128,7 @@ fn review_reports_a_simulated_recording_as_it_was() {
 }
 
 #[test]
-fn review_counts_repeated_reordered_and_far_dated_measurements_and_changes_little() {
+fn review_of_reordered_and_far_dated_measurements() {
     let (real, _, _) = recorded("0.5,5", 103, 150);
     let config = VesselNodeConfig::default();
     let clean = review(&config, &real);
@@ -170,7 +170,7 @@ fn review_counts_repeated_reordered_and_far_dated_measurements_and_changes_littl
 
 #[test]
 #[ignore = "needs ../shared/data/tank-platform.csv beside the project"]
-fn review_follows_a_recorded_platform_and_states_its_prediction_error() {
+fn review_of_a_recorded_platform() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
     let bytes = std::fs::read(&file).unwrap();
     let recorded = log::read(&bytes, "tank", &Mount::default()).unwrap();
@@ -180,7 +180,7 @@ fn review_follows_a_recorded_platform_and_states_its_prediction_error() {
     assert!(r.sea.significant_height_m.is_none(), "it has no heave");
     let [roll, pitch] = ["roll", "pitch"].map(|w| r.predictions.iter().find(|p| p.what == w).unwrap());
     for p in [roll, pitch] {
-        // It rocks at 1.4 Hz, which no wave does: the prediction is of little use, and says so.
+        // It rocks at 1.4 Hz, which no wave does: the prediction is of little use, as its stated error shows.
         assert!(p.rms[1] < p.hold_rms[1], "{p:?}");
         assert!(p.inside_95[1] > 0.9 && p.inside_95[2] > 0.9, "{p:?}");
     }

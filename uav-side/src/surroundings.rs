@@ -1,4 +1,4 @@
-//! What stands around the deck, as the drone passes it: above its top, or beside it.
+//! Passage of keep-out volumes: above their top, or beside them.
 //!
 //! A volume is widened by the drone and what it errs by ([`Clear::margin_m`]) and turns and heaves with the predicted
 //! deck. In the deck's frame `q = R' (p - c)` with the deck's centre `c`; the face on which a drone passes is that
@@ -163,7 +163,7 @@ mod tests {
         /// Above the top or beyond the side on which it passes, a drone is outside the widened volume, however the deck
         /// lies by then.
         #[test]
-        fn passage_keeps_a_drone_out_of_the_widened_volume(
+        fn passage_outside_the_widened_volume(
             corner in prop::array::uniform3(-8.0..8.0f64), size in prop::array::uniform3(0.1..6.0f64),
             now in prop::array::uniform3(-15.0..15.0f64), then in prop::array::uniform3(-15.0..15.0f64),
             euler in prop::array::uniform3(-0.4..0.4f64), later in prop::array::uniform3(-0.4..0.4f64),
@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn drone_goes_round_the_vessel_and_in_through_its_sector_only() {
+    fn passage_round_the_vessel_into_its_sector() {
         let around = Surroundings {
             sector: [2.1, 2.1],
             ..Surroundings::default()

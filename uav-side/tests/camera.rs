@@ -1,5 +1,4 @@
-//! Arbitrary images and damaged files at the camera: nothing panics, nothing is seen that is not there,
-//! memory stays bounded.
+//! Arbitrary images and damaged files at the camera: no panic, no false detection, bounded memory.
 //!
 //! For minutes instead of seconds: `PROPTEST_RNG_SEED=7 PROPTEST_CASES=100000 cargo test --release --workspace --test camera`.
 
@@ -151,13 +150,13 @@ fn detects(node: &mut CameraNode, image: &GreyImage) -> bool {
 
 proptest! {
     #[test]
-    fn camera_output_is_valid_for_any_drawing(ground in any::<u8>(), strokes in strokes()) {
+    fn camera_with_any_drawing(ground in any::<u8>(), strokes in strokes()) {
         let image = draw(320, 240, ground, &strokes);
         NODE.with_borrow_mut(|node| detects(node, &image));
     }
 
     #[test]
-    fn camera_ignores_images_of_another_size(width in 32_usize..330, height in 32_usize..250, ground in any::<u8>(), strokes in strokes()) {
+    fn camera_with_images_of_another_size(width in 32_usize..330, height in 32_usize..250, ground in any::<u8>(), strokes in strokes()) {
         let image = draw(width, height, ground, &strokes);
         detects(&mut node(width, height), &image);
         // The one that expects another size looks at none of it.
@@ -168,7 +167,7 @@ proptest! {
     }
 
     #[test]
-    fn pgm_reader_survives_damaged_files(strokes in strokes(), changes in prop::collection::vec((any::<usize>(), any::<u8>()), 0..12),
+    fn pgm_damaged_files(strokes in strokes(), changes in prop::collection::vec((any::<usize>(), any::<u8>()), 0..12),
         head in prop::collection::vec((0_usize..16, any::<u8>()), 0..4), cut in any::<usize>()) {
         let mut bytes = draw(320, 240, 90, &strokes).to_pgm();
         for (at, to) in changes {
@@ -188,7 +187,7 @@ proptest! {
 }
 
 #[test]
-fn camera_detects_a_drawn_tag_and_none_in_noise() {
+fn camera_with_a_drawn_tag_and_noise() {
     let mut node = node(320, 240);
     assert!(detects(
         &mut node,
@@ -211,7 +210,7 @@ fn resident() -> Option<u64> {
 }
 
 #[test]
-fn camera_memory_is_bounded_over_a_thousand_images() {
+fn camera_memory_over_a_thousand_images() {
     let mut node = node(320, 240);
     let image = draw(
         320,

@@ -117,6 +117,7 @@ impl ApparentSlope {
 mod tests {
     use super::*;
     use alight_shared::msg::Header;
+    use alight_shared::vessel_model::{ROLL, SWAY};
 
     /// A vessel that rolls by `amplitude` sin(omega t) and is accelerated sideways like the sloping water under it
     /// (`with` 1) or not (0); the deck is at its reference point.
@@ -129,17 +130,17 @@ mod tests {
                 header: Header::new(1, 0, 1, k, Time::from_secs(100.0 + t)),
                 ..VesselEstimate::default()
             };
-            e.eta[3] = amplitude * s;
-            e.eta_dot[3] = (amplitude * omega * c) as f32;
+            e.eta[ROLL] = amplitude * s;
+            e.eta_dot[ROLL] = (amplitude * omega * c) as f32;
             // Starboard down: the water there accelerates to starboard, g tan(roll).
-            e.eta_dot[1] = (-with * GRAVITY * amplitude * c / omega) as f32;
+            e.eta_dot[SWAY] = (-with * GRAVITY * amplitude * c / omega) as f32;
             f.update(&e);
         }
         f
     }
 
     #[test]
-    fn apparent_slope_is_the_tilt_of_a_slow_roll_less_the_acceleration_of_the_water() {
+    fn apparent_slope_of_a_slow_roll() {
         let now = Time::from_secs(160.0);
         let steepest = |f: &ApparentSlope| f.slopes(now).iter().skip(2).take(4).max().copied();
         let alone = rolling_vessel(0.3, 1.0, 0.0, 60.0);
@@ -153,14 +154,14 @@ mod tests {
     }
 
     #[test]
-    fn apparent_slope_averages_quick_rocking_away() {
+    fn apparent_slope_of_quick_rocking() {
         let slopes =
             rolling_vessel(0.2, 2.0 * core::f64::consts::PI, 0.0, 30.0).slopes(Time::from_secs(130.0));
         assert!(slopes[2] < 3, "{}", slopes[2]);
     }
 
     #[test]
-    fn apparent_slope_windows_last_two_minutes_and_restart_after_silence() {
+    fn apparent_slope_windows() {
         let f = rolling_vessel(0.3, 1.0, 0.0, 7.0);
         let soon = f.slopes(Time::from_secs(130.0));
         assert!(soon.len() >= 6 && soon[0] == 0 && soon.iter().any(|s| *s > 20));

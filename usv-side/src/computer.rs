@@ -377,7 +377,7 @@ mod tests {
     }
 
     #[test]
-    fn vessel_computer_reports_each_change_once() {
+    fn vessel_computer_changes() {
         let mut computer = VesselComputer::new(&VesselNodeConfig::default(), &DeckConfig::default(), 1, 9);
         let mut received = |t_s, statuses| {
             let input = ComputerIn {
@@ -407,7 +407,7 @@ mod tests {
 
     /// A drone with a sound certificate speaks for another, which lands.
     #[test]
-    fn message_for_another_drone_counts_nowhere() {
+    fn message_for_another_drone() {
         let config = VesselNodeConfig::default();
         let mut computer = VesselComputer::new(&config, &DeckConfig::default(), 1, 9);
         let abort = OperatorCommand {

@@ -110,7 +110,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn vessel_configuration_refuses_a_volume_over_its_own_deck() {
+    fn keep_out_volume_over_the_own_deck() {
         let text =
             "[deck]\ncentre_m = [-4.0, 0.0, -1.0]\n[surroundings]\nkeep_out_m = [[[-3, 0, -4], [-2, 1, 0]]]";
         let e = config::parse::<VesselNodeConfig>(text, "test")

@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn rate_control_reaches_full_rates_on_a_free_link_within_seconds() {
+    fn rate_control_on_a_free_link() {
         let mut rate_control = RateControl::new(&RateControlConfig::default());
         assert_eq!(rate_control.rate_fraction(), 1.0);
         let fractions = run(&mut rate_control, 0.0, 12.0, 10.0, 1.0);
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn rate_control_settles_near_the_capacity_of_a_narrow_link_and_recovers() {
+    fn rate_control_on_a_narrow_link() {
         let mut rate_control = RateControl::new(&RateControlConfig::default());
         let fractions = run(&mut rate_control, 0.0, 120.0, 0.4, 1.0);
         let settled = &fractions[60..];
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn rate_control_lets_a_newcomer_cut_no_rate_of_a_drone_on_its_way_down() {
+    fn rate_control_with_a_newcomer() {
         let mut rate_control = RateControl::new(&RateControlConfig::default());
         run(&mut rate_control, 0.0, 15.0, 10.0, 1.0);
         rate_control.landing = Some(7);
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn rate_control_ignores_one_late_sample_and_implausible_times() {
+    fn rate_control_with_implausible_times() {
         let mut rate_control = RateControl::new(&RateControlConfig::default());
         run(&mut rate_control, 0.0, 15.0, 10.0, 1.0);
         let t = Time::from_secs(15.0);

@@ -1,4 +1,4 @@
-//! Where the images of the drone's cameras come from.
+//! Sources of the images of the drone's cameras.
 
 use alight_shared::config;
 
@@ -9,7 +9,7 @@ config! {
     /// Where images come from.
     pub struct CameraSource {
         /// A V4L2 device (/dev/video0), a PGM file or a directory of them, a named pipe of raw grey images,
-        /// "simulation"; empty: no camera process, another program publishes sightings.
+        /// "simulation"; empty: no camera process, another program publishes detections.
         pub source: String = String::new();
         /// Pixel format that a V4L2 device is asked for: GREY, YUYV, NV12 or YU12.
         /// Source: What most USB cameras speak.
@@ -22,7 +22,7 @@ config! {
         pub delay_s: f64 = 0.02, in 0.0..=1.0;
         /// Longest exposure of a V4L2 device, s, up to which it is metered on the tag; 0: the device's own automatic
         /// exposes. Longer than that with which the tag can still be decoded from `tracking_height_m` at the
-        /// planner's greatest rate (`limits.rates_rps`) is refused.
+        /// planner's greatest rate (`limits.rates_rps`) is rejected.
         /// Chosen: motion during 4 ms is 2.6 px at 2 rad/s and 320 px of focal length; the tag is decoded with 11 px.
         pub exposure_s: f64 = 0.004, in 0.0..=0.1;
         /// Fixed gain of a V4L2 device in its own unit (v4l2-ctl --list-ctrls), which fixes the exposure at `exposure_s`;

@@ -123,7 +123,7 @@ mod tests {
     use alight_shared::config::{Check, Keys, commented};
 
     #[test]
-    fn computer_configurations_round_trip_through_toml() {
+    fn computer_configuration_toml_round_trip() {
         let text = commented(&VesselComputer::default()).unwrap();
         assert_eq!(
             config::parse::<VesselComputer>(&text, "vessel").unwrap(),
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn exposure_longer_than_the_lens_permits_is_refused() {
+    fn exposure_beyond_motion_blur_limit() {
         let check = |exposure_s: f64, focal: f64| {
             let mut config = DroneComputer::default();
             config.camera.source = "/dev/video0".into();
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn configuration_refuses_a_radio_that_neither_listens_nor_connects() {
+    fn radio_without_endpoints() {
         let config = DroneComputer {
             radio: RadioConfig::default(),
             ..DroneComputer::default()

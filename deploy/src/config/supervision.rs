@@ -1,4 +1,4 @@
-//! How the drone's processes are run.
+//! Supervision of the drone's processes: restart, silence, scheduling.
 
 use alight_shared::config;
 

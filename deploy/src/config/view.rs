@@ -1,4 +1,4 @@
-//! What people see of a landing while it goes on: a page for a browser, and Foxglove.
+//! Viewers of a landing: a page for a browser, and Foxglove.
 
 use std::net::SocketAddr;
 
@@ -40,8 +40,8 @@ mod tests {
     use alight_shared::config::{Check, Keys};
 
     #[test]
-    fn view_addresses_that_are_none_are_refused() {
-        let refused = |listen: &str, foxglove: &str| {
+    fn invalid_view_addresses() {
+        let rejected = |listen: &str, foxglove: &str| {
             let config = ViewConfig {
                 listen: listen.into(),
                 foxglove: foxglove.into(),
@@ -49,9 +49,9 @@ mod tests {
             };
             config.check(&Keys::ROOT).err().map(|e| e.to_string())
         };
-        assert_eq!(refused(PAGE, ""), None);
-        assert_eq!(refused("[::1]:7450", FOXGLOVE), None);
-        assert!(refused("boat:7450", "").is_some_and(|e| e.contains("listen")));
-        assert!(refused(PAGE, "8765").is_some_and(|e| e.contains("foxglove")));
+        assert_eq!(rejected(PAGE, ""), None);
+        assert_eq!(rejected("[::1]:7450", FOXGLOVE), None);
+        assert!(rejected("boat:7450", "").is_some_and(|e| e.contains("listen")));
+        assert!(rejected(PAGE, "8765").is_some_and(|e| e.contains("foxglove")));
     }
 }

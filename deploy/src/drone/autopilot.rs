@@ -1,8 +1,8 @@
-//! The link to a real autopilot as a process, in place of the simulated one: bytes of the link to the
-//! node and back, the node's output to the topics that predictor, mission, planner and pilot read. What it must
-//! not forget goes to the supervisor, which says it again to a link that begins.
-//! Its metrics: uncertainty of the autopilot's clock (s), samples rejected, resets of its clock, hover thrust,
-//! set-points sent, times the link was reopened.
+//! The link to a real autopilot as a process, in place of the simulated one: bytes of the link to the node and
+//! back, the node's output to the topics that predictor, mission, planner and pilot read. Its checkpoint goes
+//! to the supervisor, which republishes it to a link that begins. Its metrics: uncertainty of the autopilot's
+//! clock (s), samples rejected, resets of its clock, hover thrust, set-points sent, times the link was
+//! reopened.
 
 use std::time::Duration;
 

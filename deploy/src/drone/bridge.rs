@@ -64,7 +64,7 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut autopilot = memory.subscriber::<AutopilotState>()?;
     let (mut decided, mut flight) = (None::<MissionState>, AutopilotState::default());
     let mut age_s = f64::INFINITY;
-    let (mut heard_bytes, mut refused, mut sequence) = (0_u64, 0_u64, 0_u32);
+    let (mut received_bytes, mut rejected, mut sequence) = (0_u64, 0_u64, 0_u32);
 
     let publication = |name: &str, urgency| Publication::new(drone_key(&own, name), urgency);
     let publications = vec![
@@ -85,7 +85,7 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
         let mut packets = Vec::new();
         let mut received = radio.receive(Duration::ZERO);
         while let Some(packet) = received {
-            heard_bytes += packet.bytes.len() as u64;
+            received_bytes += packet.bytes.len() as u64;
             let bytes = packet.bytes;
             match SUBSCRIPTIONS.get(packet.subscription) {
                 Some((kind, _)) => {
@@ -96,7 +96,7 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
                     };
                     packets.push((packet.at_ns, packet_in));
                 }
-                None => refused += u64::from(!show_vessel(&mut state, &bytes)),
+                None => rejected += u64::from(!show_vessel(&mut state, &bytes)),
             }
             received = radio.receive(Duration::ZERO);
         }
@@ -120,10 +120,10 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
         decided = mission.newest(now.nanos()).or(decided);
         flight = autopilot.newest(now.nanos()).unwrap_or(flight);
         let counts = radio.counts();
-        process.life.metrics = metrics(process.node().rejections(), heard_bytes, refused, &counts);
-        if let Some(said) = process.state(Vec::new, counts.unsent) {
-            let flows = flows.since(&radio, said.at_ns);
-            state.send(&ProcessState { flows, ..said });
+        process.life.metrics = metrics(process.node().rejections(), received_bytes, rejected, &counts);
+        if let Some(report) = process.state(Vec::new, counts.unsent) {
+            let flows = flows.since(&radio, report.at_ns);
+            state.send(&ProcessState { flows, ..report });
             radio.watch(age_s);
             sequence = sequence.wrapping_add(1);
             let now = process.now();
@@ -181,19 +181,19 @@ fn metrics(
 
 /// Passes the report of the vessel's process on to observers; false when it is no such report.
 fn show_vessel(state: &mut Publisher<ProcessState>, bytes: &[u8]) -> bool {
-    let Ok(said) = wire::decode::<ProcessState>(bytes) else {
+    let Ok(report) = wire::decode::<ProcessState>(bytes) else {
         return false;
     };
-    if said.kind != ProcessKind::Vessel {
+    if report.kind != ProcessKind::Vessel {
         return false;
     }
     // Its times are the other computer's; their difference is the same here.
-    let (at_ns, up_ns) = (steady_ns(), said.at_ns.saturating_sub(said.began_ns));
+    let (at_ns, up_ns) = (steady_ns(), report.at_ns.saturating_sub(report.began_ns));
     let began_ns = at_ns.saturating_sub(up_ns);
     state.send(&ProcessState {
         at_ns,
         began_ns,
-        ..said
+        ..report
     });
     true
 }

@@ -1,9 +1,9 @@
-//! A camera of the drone as a process: images in; sightings of the deck's tag (belly camera) or fixes of the
-//! deck by its blinking markers (ultraviolet camera) to the topic that the predictor reads.
-//! Figures of the first: images, those with the tag, other tags, too faint, misshapen, without a pose, of
-//! another size, contrast and saturation of the tag; of the second: images, those with a fix, markers, images
-//! with one marker only, without a place, of another size. Of both: the time from exposure to sighting (median,
-//! 99 %), times its source was opened again, exposure and gain.
+//! A camera of the drone as a process: images in; detections of the deck's tag (belly camera) or fixes of the
+//! deck by its blinking markers (ultraviolet camera) to the topic that the predictor reads. Metrics of the
+//! first: images, those with the tag, other tags, too faint, misshapen, without a pose, of another size,
+//! contrast and saturation of the tag; of the second: images, those with a fix, markers, images with one marker
+//! only, without a place, of another size. Of both: the time from exposure to detection (median, 99 %), times
+//! its source was opened again, exposure and gain.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::time::Duration;
@@ -44,7 +44,7 @@ const RETRY_PERIOD: Duration = Duration::from_secs(1);
 /// The light on the tag is reported for so long after it was detected.
 const LIGHT_MEMORY: Span = Span::from_millis(1000);
 
-/// Where sightings go.
+/// Topic of the detections.
 struct Shared {
     memory: Memory,
     states: Publisher<ProcessState>,
@@ -58,7 +58,7 @@ enum Detector {
     Markers(Box<UvdarNode>, Option<Publisher<UvdarFix>>),
 }
 
-/// A sighting as people read it.
+/// A detection for people.
 struct Detection {
     at: Time<DroneClock>,
     line: Value,
@@ -378,7 +378,7 @@ fn spawn_source(
         [tag.width_px, tag.height_px]
     };
     let size = size.map(|s| s as usize);
-    // Bad input is refused at once; what breaks later is tried again.
+    // Bad input is rejected at once; what breaks later is tried again.
     let images = Images::open(config, size)?;
     let (events, received) = sync_channel(QUEUE_LENGTH);
     let (lights, metered) = sync_channel(1);

@@ -1,4 +1,4 @@
-//! Where the camera's images come from: the simulated camera, a V4L2 device, files, a pipe of raw images.
+//! Sources of the camera's images: the simulated camera, a V4L2 device, files, a pipe of raw images.
 
 use std::fs::File;
 use std::io::Read;
@@ -261,12 +261,12 @@ mod tests {
     }
 
     #[test]
-    fn camera_source_reads_files_by_name_and_refuses_other_sources_with_advice() {
+    fn camera_source_files_and_invalid_names() {
         let directory = std::env::temp_dir().join(format!("alight-images-{}", std::process::id()));
         std::fs::create_dir_all(&directory).unwrap();
         let (size, clock) = ([40, 32], ProcessClock::default());
-        let refusal = |e: Result<Images, CliError>| e.err().unwrap().to_string();
-        assert!(refusal(Images::open(&source(&directory), size)).contains("no .pgm file"));
+        let rejection = |e: Result<Images, CliError>| e.err().unwrap().to_string();
+        assert!(rejection(Images::open(&source(&directory), size)).contains("no .pgm file"));
         for (name, level) in [("b.pgm", 20), ("a.pgm", 10)] {
             let image = GreyImage::new(40, 32, vec![level; 40 * 32]).unwrap();
             std::fs::write(directory.join(name), image.to_pgm()).unwrap();
@@ -280,13 +280,13 @@ mod tests {
         let mut images = Images::open(&source(&directory), size).unwrap();
         assert!(images.next_frame(&clock).is_err());
         std::fs::remove_dir_all(&directory).unwrap();
-        assert!(refusal(Images::open(&source(Path::new("/dev/video99")), size)).contains("V4L2"));
+        assert!(rejection(Images::open(&source(Path::new("/dev/video99")), size)).contains("V4L2"));
         assert!(Images::open(&source(Path::new("/dev/null")), size).is_err());
         let file = std::env::temp_dir();
         let fixed = CameraSource {
             gain: 4,
             ..source(&file)
         };
-        assert!(refusal(Images::open(&fixed, size)).contains("only a V4L2 device"));
+        assert!(rejection(Images::open(&fixed, size)).contains("only a V4L2 device"));
     }
 }

@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn exposure_is_taken_from_the_automatic_first() {
+    fn manual_exposure_after_automatic() {
         let device = Device::with(&WEBCAM);
         let control = ExposureControl::take(&device, &source(0.004, -1)).unwrap();
         let written = device.written.borrow();
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn exposure_metered_and_fixed_on_a_bright_tag() {
+    fn metered_and_fixed_exposure() {
         let bright = Light::Tag(TagLight {
             black: 90,
             white: 255,
@@ -238,16 +238,16 @@ mod tests {
     }
 
     #[test]
-    fn exposure_of_devices_that_cannot_says_why() {
-        let refusal = |controls: &[(u32, [i32; 3])]| {
+    fn exposure_without_device_controls() {
+        let rejection = |controls: &[(u32, [i32; 3])]| {
             let device = Device::with(controls);
             ExposureControl::take(&device, &source(0.004, -1))
                 .err()
                 .unwrap_or_default()
         };
-        assert!(refusal(&WEBCAM[2..]).contains("has no control exposure_time_absolute"));
-        assert!(refusal(&[(rscam::CID_EXPOSURE_ABSOLUTE, [50, 2047, 312])]).contains("5.0 ms at least"));
+        assert!(rejection(&WEBCAM[2..]).contains("has no control exposure_time_absolute"));
+        assert!(rejection(&[(rscam::CID_EXPOSURE_ABSOLUTE, [50, 2047, 312])]).contains("5.0 ms at least"));
         // Neither an automatic nor a gain.
-        assert_eq!(refusal(&WEBCAM[1..2]), "");
+        assert_eq!(rejection(&WEBCAM[1..2]), "");
     }
 }

@@ -1,5 +1,5 @@
-//! The drone's mission as a process: wakes with odometry, with a forecast and with a command. What it must not
-//! forget goes to the supervisor, which says it again to a mission that begins.
+//! The drone's mission as a process: wakes with odometry, with a forecast and with a command. Its checkpoint
+//! goes to the supervisor, which republishes it to a mission that begins.
 
 use alight_shared::msg::{
     AutopilotState, Command, DeckForecast, DeckGrant, DroneState, MissionCheckpoint, MissionState, Plan,
@@ -30,7 +30,7 @@ reads! {
     }
 }
 
-/// What the mission says, to the others and to the one after it.
+/// Publishers of the mission, its checkpoint's too.
 pub struct MissionShell {
     state: Publisher<MissionState>,
     checkpoint: OwnCheckpoint<MissionCheckpoint>,

@@ -162,7 +162,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn supervision_raises_only_pilot_and_planner_and_only_where_permitted() {
+    fn real_time_priority_of_pilot_and_planner() {
         let supervision = Supervision {
             processors: vec![2, 3],
             planner_priority: 0,

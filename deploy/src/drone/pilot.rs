@@ -27,7 +27,7 @@ reads! {
     }
 }
 
-/// What the pilot says, and the ages of what it said it from.
+/// Publishers of the pilot, and the ages of its inputs.
 pub struct PilotShell {
     set_point: Publisher<SetPoint>,
     /// Newest forecast's time, and the age of the vessel's measurement at that time, s.

@@ -19,7 +19,7 @@ reads! {
     }
 }
 
-/// What the planner says.
+/// Publishers of the planner.
 pub struct PlannerShell(Publisher<Plan>);
 
 impl Shell for PlannerShell {

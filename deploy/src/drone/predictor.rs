@@ -1,5 +1,5 @@
-//! The drone's predictor as a process: wakes with the autopilot's odometry. What it must not forget goes to the
-//! supervisor, which says it again to a predictor that begins.
+//! The drone's predictor as a process: wakes with the autopilot's odometry. Its checkpoint goes to the
+//! supervisor, which republishes it to a predictor that begins.
 
 use alight_shared::msg::{
     DeckForecast, DroneState, LinkState, PredictorCheckpoint, RangeSample, TagPose, UvdarFix, VesselEstimate,
@@ -31,7 +31,7 @@ reads! {
     }
 }
 
-/// What the predictor says, to the others and to the one after it.
+/// Publishers of the predictor, its checkpoint's too.
 pub struct PredictorShell {
     forecast: Publisher<DeckForecast>,
     checkpoint: OwnCheckpoint<PredictorCheckpoint>,

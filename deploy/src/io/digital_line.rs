@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn digital_line_file_of_0_or_1() {
+    fn digital_line_file() {
         let path = std::env::temp_dir().join(format!("alight-line-{}", std::process::id()));
         let mut line = DigitalLine::new(&path.display().to_string());
         assert!(line.read().is_err(), "missing");

@@ -1,4 +1,4 @@
-//! Where an autopilot is, as users of MAVSDK write it.
+//! Addresses of autopilots, as MAVSDK writes them.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -103,7 +103,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn link_url_parses_with_and_without_slashes() {
+    fn link_url_with_and_without_slashes() {
         let url = |t: &str| t.parse::<LinkUrl>().unwrap();
         let listen = LinkUrl::UdpIn("0.0.0.0:14540".into());
         for t in ["udpin://0.0.0.0:14540", "udpin:0.0.0.0:14540", "udpin://0.0.0.0"] {
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn link_url_error_names_the_accepted_forms() {
+    fn link_url_error() {
         for t in [
             "",
             "udpin",

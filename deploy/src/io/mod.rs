@@ -1,4 +1,4 @@
-//! Bytes and levels to and from what is no computer of ours: sockets, serial ports, digital lines.
+//! Bytes and levels of other equipment: sockets, serial ports, digital lines.
 
 pub mod byte_link;
 pub mod byte_links;

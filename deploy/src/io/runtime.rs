@@ -1,4 +1,4 @@
-//! The tokio runtime of a process whose bytes wait.
+//! Tokio runtime of a process that awaits bytes.
 
 use std::future::Future;
 

@@ -16,7 +16,7 @@ const MAX_PER_READ: usize = 32;
 /// The receiving end.
 pub struct SensorSocket {
     socket: UdpSocket,
-    refused: u64,
+    rejected: u64,
 }
 
 impl SensorSocket {
@@ -24,7 +24,7 @@ impl SensorSocket {
     pub fn listen(address: &str) -> io::Result<SensorSocket> {
         Ok(SensorSocket {
             socket: UdpSocket::bind(address)?,
-            refused: 0,
+            rejected: 0,
         })
     }
     /// Every reading that waits; waits at most `max_wait` for the first.
@@ -44,7 +44,7 @@ impl SensorSocket {
             };
             match wire::decode::<Readings>(buffer.get(..length).unwrap_or_default()) {
                 Ok(readings) => all.append(readings),
-                Err(_) => self.refused += 1,
+                Err(_) => self.rejected += 1,
             }
         }
         all
@@ -55,7 +55,7 @@ impl SensorSocket {
     }
     /// Datagrams that were not readings.
     pub fn rejected(&self) -> u64 {
-        self.refused
+        self.rejected
     }
 }
 
@@ -90,7 +90,7 @@ mod tests {
     use alight_shared::msg::ImuSample;
 
     #[test]
-    fn sensor_socket_receives_readings_and_counts_invalid_datagrams() {
+    fn sensor_socket_valid_and_invalid_datagrams() {
         let mut sensors = SensorSocket::listen("127.0.0.1:0").unwrap();
         let address = sensors.socket.local_addr().unwrap().to_string();
         let sender = SensorSender::to(&address).unwrap();

@@ -109,7 +109,7 @@ pub struct CameraArgs {
     /// Where images come from, in the place of camera.source or uvdar.source
     #[arg(long, value_name = "SOURCE")]
     pub source: Option<String>,
-    /// Look at what the source has without the drone's other processes, and print each sighting (JSON)
+    /// Look at what the source has without the drone's other processes, and print each detection (JSON)
     #[arg(long)]
     pub print: bool,
 }

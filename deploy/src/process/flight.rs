@@ -1,4 +1,4 @@
-//! A flight as its computer sums it up: states, outcome and figures, for the recorder's summary.
+//! Summary of a flight on its own computer: states, outcome and metrics, for the recorder.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn flight_summary_of_a_landing_and_a_second_that_gives_up() {
+    fn flight_summary_of_two_landings() {
         let mut log = FlightLog::of("drone-1", 0);
         let enter = |log: &mut FlightLog, s: i64, state| {
             log.state(
@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn flight_summary_of_a_vessel_names_its_drones_and_is_bounded() {
+    fn flight_summary_of_a_vessel() {
         let mut log = FlightLog::of("vessel-1", 0);
         for drone in 0..1000 {
             let (entered, waiting) = (reason(ReasonCode::Touchdown), Reason::default());

@@ -1,4 +1,4 @@
-//! A set of processes on this computer: its files, and the lock that says it is running.
+//! Instance: a set of processes on this computer, its files and its lock.
 
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
@@ -142,24 +142,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn instance_is_owned_once_and_leaves_nothing() {
+    fn instance_ownership() {
         let name = format!("test-{}", std::process::id());
         let owned = OwnedInstance::take(&name).unwrap();
         let instance = owned.instance().clone();
         assert!(!is_running(&instance));
         owned.ready().unwrap();
         assert!(is_running(&instance));
-        let Err(refused) = OwnedInstance::take(&name) else {
+        let Err(rejected) = OwnedInstance::take(&name) else {
             panic!("taken twice")
         };
-        assert!(refused.0.contains("runs already"), "{refused}");
+        assert!(rejected.0.contains("runs already"), "{rejected}");
         drop(owned);
         assert!(!instance.directory().exists() && !is_running(&instance));
         assert!(Instance::new("No/such name").is_err());
     }
 
     #[test]
-    fn instance_removes_the_files_of_a_killed_owner() {
+    fn instance_with_files_of_a_killed_owner() {
         let name = format!("test-left-{}", std::process::id());
         let directory = Instance::new(&name).unwrap().directory();
         let elsewhere = std::env::temp_dir().join(format!("alight-elsewhere-{}", std::process::id()));
@@ -186,17 +186,17 @@ mod tests {
     }
 
     #[test]
-    fn instance_refuses_a_symbolic_link_and_removes_nothing() {
+    fn instance_behind_a_symbolic_link() {
         let name = format!("test-link-{}", std::process::id());
         let directory = Instance::new(&name).unwrap().directory();
         let elsewhere = directory.with_extension("elsewhere");
         std::fs::create_dir_all(&elsewhere).unwrap();
         std::fs::write(elsewhere.join("file"), "somebody else's").unwrap();
         std::os::unix::fs::symlink(&elsewhere, &directory).unwrap();
-        let Err(refused) = OwnedInstance::take(&name) else {
+        let Err(rejected) = OwnedInstance::take(&name) else {
             panic!("taken through a link")
         };
-        assert!(refused.0.contains("a link leads elsewhere"), "{refused}");
+        assert!(rejected.0.contains("a link leads elsewhere"), "{rejected}");
         assert!(elsewhere.join("file").exists());
         std::fs::remove_file(&directory).unwrap();
         std::fs::remove_dir_all(elsewhere).unwrap();

@@ -1,6 +1,5 @@
-//! What a process reports to people: lines on standard error, which systemd keeps in its journal. A thread of its own
-//! writes them: no process waits for a journal that is slow or a terminal that is stopped. What a queue of lines cannot
-//! hold is lost.
+//! Journal of a process: lines on standard error, which systemd keeps. A thread of its own writes them: no process
+//! waits for a journal that is slow or a terminal that is stopped. What a queue of lines cannot hold is lost.
 
 use core::fmt;
 use std::io::stderr;
@@ -21,7 +20,7 @@ use tracing_subscriber::util::SubscriberInitExt;
 /// Lines that wait.
 const MAX_LINES: usize = 1000;
 
-/// Reports go there until the value is dropped, which writes what waits; who was refused at the radio is counted
+/// Reports go there until the value is dropped, which writes what waits; rejected peers of the radio are counted
 /// besides.
 pub fn init() -> WorkerGuard {
     let (lines, guard) = NonBlockingBuilder::default()

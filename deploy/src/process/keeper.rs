@@ -1,5 +1,5 @@
-//! Keeps the nodes' checkpoints while their processes are restarted. The supervisor does this: it lives as long as the
-//! flight, and what it keeps outlives it in a small file.
+//! Keeper of the nodes' checkpoints while their processes are restarted. The supervisor does this: it lives as long as
+//! the flight, and what it keeps outlives it in a small file.
 
 use std::fs;
 use std::io::Read;

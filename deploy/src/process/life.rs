@@ -1,5 +1,5 @@
-//! What every process does beside its node: a clock that never goes back, the time each step takes,
-//! a record of what was consumed, a report about itself twice a second, and an end when it is asked to.
+//! Life of a process beside its node: a clock that never goes back, the time each step takes, a record
+//! of what was consumed, a report about itself twice a second, and an end when it is asked to.
 
 use std::io::{ErrorKind, Read};
 use std::path::Path;
@@ -234,7 +234,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn process_measures_its_processor_time_and_memory() {
+    fn processor_time_and_memory_of_a_process() {
         let (cpu_s, bytes) = usage();
         assert!(cpu_s >= 0.0 && bytes > 100_000, "{cpu_s} s, {bytes} bytes");
     }

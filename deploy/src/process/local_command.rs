@@ -45,7 +45,7 @@ impl LocalCommand {
             kind,
         })
     }
-    /// Whether the mission that says this has taken it: what it said before it was commanded is no answer.
+    /// Whether this state shows that the mission has taken it: a state from before the command is no answer.
     pub fn is_met(&self, m: &MissionState) -> bool {
         self.kind
             .is_none_or(|k| m.header.at >= self.header.at && k.is_met(m.state, m.waiting.code))
@@ -63,7 +63,7 @@ mod tests {
     use alight_shared::time::Time;
 
     #[test]
-    fn abort_is_repeated_as_one_and_met_only_by_what_the_mission_says_after_it() {
+    fn local_abort_repetition_and_receipt() {
         let mut abort = LocalCommand::new(
             &DroneComputer::default(),
             Some(CommandKind::Abort),
@@ -78,14 +78,14 @@ mod tests {
             sent.windows(2)
                 .all(|w| w[0].header.sequence < w[1].header.sequence)
         );
-        let says = |ns: i64, state| MissionState {
+        let published = |ns: i64, state| MissionState {
             header: Header::new(1, 1, 7, 1, Time::from_nanos(ns)),
             state,
             ..MissionState::default()
         };
-        assert!(!abort.is_met(&says(9_999_000_000, State::GaveUp)));
-        assert!(!abort.is_met(&says(10_020_000_000, State::Descent)));
-        assert!(abort.is_met(&says(10_020_000_000, State::GaveUp)));
+        assert!(!abort.is_met(&published(9_999_000_000, State::GaveUp)));
+        assert!(!abort.is_met(&published(10_020_000_000, State::Descent)));
+        assert!(abort.is_met(&published(10_020_000_000, State::GaveUp)));
         assert!(!abort.is_over(11_999_000_000) && abort.is_over(12_000_000_000));
     }
 }

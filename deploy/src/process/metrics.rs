@@ -1,4 +1,4 @@
-//! Metrics of the processes in words.
+//! Names and units of the processes' metrics.
 
 use alight_shared::transport::metrics::MetricValue;
 use alight_shared::transport::process::ProcessState;
@@ -33,7 +33,7 @@ mod tests {
     use alight_shared::transport::rejections::AccessRejection;
 
     #[test]
-    fn metrics_read_with_name_and_unit_and_without_counts_of_zero() {
+    fn metric_names_and_units() {
         let vessel = ProcessState {
             metrics: Seq::filled([
                 M::SensorDatagramsRejected.count(0_u32),

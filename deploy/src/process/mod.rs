@@ -1,5 +1,5 @@
-//! What every process does around its node: it wakes with messages, steps, publishes, records, reports itself
-//! twice a second, and ends when it is asked to. And what starts processes and starts them again.
+//! Processes: the shell around a node (wake with messages, step, publish, record, report twice a second, end
+//! when asked to), and the supervisor that starts and restarts them.
 
 pub mod args;
 pub mod flight;

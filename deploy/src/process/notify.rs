@@ -1,6 +1,6 @@
-//! What a service reports to its manager (systemd): that it is ready, that it is alive, what it does. One
-//! datagram each to the socket named in NOTIFY_SOCKET (sd_notify(3)); nothing without that name. And the manager's
-//! end of it, for a supervisor in systemd's place.
+//! Notification of a service's manager (systemd): ready, alive, status. One datagram each to the socket named in
+//! NOTIFY_SOCKET (sd_notify(3)); nothing without that name. And the manager's end of it, for a supervisor in
+//! systemd's place.
 //!
 //! The crate sd-notify is not used: its send blocks once a manager that stands still has ten datagrams waiting,
 //! and with it the process that flies.
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn service_reports_ready_once_and_life_no_more_often_than_its_period() {
+    fn service_notifications() {
         let path = std::env::temp_dir().join(format!("alight-notify-{}", std::process::id()));
         let _none = std::fs::remove_file(&path);
         let by_path = UnixDatagram::bind(&path).unwrap();
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn manager_knows_when_its_service_reported_last() {
+    fn service_manager_last_report() {
         let path = std::env::temp_dir().join(format!("alight-notified-{}", std::process::id()));
         let mut notified = Notified::bind(&path).unwrap();
         assert_eq!(notified.poll(1), None);
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn service_goes_on_when_its_manager_reads_nothing() {
+    fn service_with_a_manager_that_reads_nothing() {
         let name = format!("alight-notify-full-{}", std::process::id());
         let address = SocketAddr::from_abstract_name(&name).unwrap();
         let _unread = UnixDatagram::bind_addr(&address).unwrap();

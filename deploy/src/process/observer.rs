@@ -1,4 +1,4 @@
-//! Receives the reports of an instance's processes.
+//! Observer of the reports of an instance's processes.
 
 use alight_shared::msg::{AutopilotState, DeckForecast, DroneState, LinkState, MissionState, Plan};
 use alight_shared::transport::clock::steady_ns;

@@ -1,4 +1,4 @@
-//! What a process sends over the radio, by topic, as rates over the last seconds.
+//! Radio rates of a process, by topic, over the last seconds.
 
 use std::collections::VecDeque;
 
@@ -58,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn radio_rates_cover_the_last_five_seconds() {
+    fn radio_rates_over_five_seconds() {
         let mut flows = RadioRates::of(&[Some(&topics::ESTIMATE), None]);
         let mut last = Seq::new();
         for k in 0..40_u64 {

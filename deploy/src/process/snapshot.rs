@@ -1,4 +1,4 @@
-//! What a person sees of the live system: one line while it flies, tables at the end and on demand.
+//! Snapshot of the live system: one line while it flies, tables at the end and on demand.
 
 use std::collections::BTreeMap;
 
@@ -211,7 +211,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn status_line_fits_100_columns_and_durations_are_short() {
+    fn status_line_width() {
         assert_eq!(time(0.000_042), "42 us");
         assert_eq!(time(0.0217), "21.7 ms");
         assert_eq!(time(12.34), "12.3 s");

@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn viewers_server_that_keeps_failing_ends_no_flight() {
+    fn failing_viewers_server() {
         let limits = Limits {
             silence_timeout_s: Some(5.0),
             max_failures: Some(3),
@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn supervisor_doubles_the_delay_of_restarts_up_to_a_bound_and_forgets_it_after_a_stable_run() {
+    fn restart_delays_and_a_stable_run() {
         let mut node = SupervisorNode::new(Limits::default());
         let mut starts = Vec::new();
         for ms in (0..8000).step_by(10) {
@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn supervisor_kills_a_silent_process_once_per_timeout_but_not_a_vessel_that_it_never_received() {
+    fn silent_process_and_vessel_never_received() {
         let limits = Limits {
             silence_timeout_s: Some(3.0),
             max_failures: None,
@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn supervisor_never_restarts_the_world_and_gives_up_only_where_a_limit_is_set() {
+    fn restart_limits_and_the_world() {
         let mut node = SupervisorNode::new(Limits {
             silence_timeout_s: None,
             max_failures: Some(3),

@@ -1,4 +1,4 @@
-//! Carries out what [`SupervisorNode`] decides: starts processes, kills them, ends them all.
+//! Execution of the decisions of [`SupervisorNode`]: start, kill, end of all processes.
 //!
 //! Every process holds the reading end of a pipe as its standard input and ends when that closes,
 //! so that none outlives a supervisor that was killed.
@@ -84,7 +84,7 @@ impl fmt::Display for Event {
                 )
             }
             Event::NotStarted(kind, error) => {
-                write!(f, "{} is not started, and tried again: {error}", kind.name())
+                write!(f, "{} could not start, retrying: {error}", kind.name())
             }
         }
     }
@@ -377,7 +377,7 @@ mod tests {
     }
 
     #[test]
-    fn supervisor_in_flight_tries_a_process_again_that_cannot_be_started() {
+    fn supervisor_in_flight_without_a_program() {
         let (mut supervisor, started) = missing(ProcessKind::Camera, Limits::default());
         started.unwrap();
         let not_started = |events: &[Event]| {
@@ -395,7 +395,7 @@ mod tests {
     }
 
     #[test]
-    fn supervisor_of_a_trial_says_what_cannot_be_started() {
+    fn supervisor_of_a_trial_without_a_program() {
         let limits = Limits {
             silence_timeout_s: None,
             max_failures: Some(3),

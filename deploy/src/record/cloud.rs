@@ -136,7 +136,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn deck_cloud_lies_on_the_deck_and_is_bounded() {
+    fn deck_cloud_bounds() {
         let now = Timestamp::new(0, 0);
         let long = DeckGeometry {
             length_m: 1e9,

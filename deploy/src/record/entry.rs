@@ -1,4 +1,4 @@
-//! What is recorded of a node's step: its time, its input bit for bit and a hash of its output.
+//! Record of a node's step: time, input bit for bit, hash of the output.
 //!
 //! Forecasts and plans are nine tenths of all bytes that flow, and each is another node's output of
 //! the same recording. An input therefore names them by their sequence number: the replay feeds the
@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 /// Encoding of the channels of this module, as MCAP calls it.
 pub const ENCODING: &str = "alight-record";
-/// Format of the entries, in recordings and in the flight recorder's files; a replay refuses any other.
+/// Format of the entries, in recordings and in the flight recorder's files; a replay rejects any other.
 pub const FORMAT: u32 = 16;
 
 /// One step of a node.
@@ -28,7 +28,7 @@ pub struct Entry<I> {
     pub now_ns: i64,
     /// What it consumed.
     pub input: I,
-    /// [`alight_shared::wire::hash_record`] of what it said.
+    /// [`alight_shared::wire::hash_record`] of its output.
     pub output: u64,
 }
 

@@ -1,5 +1,5 @@
-//! What is recorded, all of it in MCAP: the flight recorder's files, which every process writes by itself
-//! ([`flight`]), and recordings, a flight in one file, to look at and to compute again.
+//! Records, all in MCAP: the flight recorder's files, which every process writes by itself ([`flight`]),
+//! and recordings, a flight in one file, to look at and to compute again.
 //!
 //! A recording holds, with the world's time as log time,
 //! - `/node/*`: each step of each node, bit for bit ([`entry`]); the configurations are

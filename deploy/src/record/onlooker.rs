@@ -1,4 +1,4 @@
-//! Who looks on while a flight goes on or is computed again: shown every step, changes none.
+//! Observer of a flight that goes on or is computed again: shown every step, changes none.
 
 use alight_bridge::BridgeOut;
 use alight_shared::time::{DroneClock, Time, TrueTime};

@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn outline_accepts_whole_files_and_rejects_false_lengths() {
+    fn outline_of_whole_files_and_false_lengths() {
         assert!(check(&file(1, 3, b"abc")).is_ok());
         assert!(check(&file(1, u64::MAX, b"abc")).is_err());
         assert!(check(b"not a recording").is_err());
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn outline_of_a_cut_file_ends_with_its_last_whole_record() {
+    fn outline_of_a_cut_file() {
         let whole = file(1, 3, b"abc");
         let end = whole.len() - MAGIC.len();
         for cut in MAGIC.len()..whole.len() {

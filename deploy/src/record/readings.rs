@@ -1,4 +1,4 @@
-//! What the vessel's node was given in a recording, for `alight estimate`.
+//! Inputs of the vessel's node in a recording, for `alight estimate`.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! The recorder: every node's step to its own channel, and what a person looks at besides.
+//! The recorder: every node's step to its own channel, and views for people.
 
 use std::path::Path;
 

@@ -1,5 +1,5 @@
-//! Message types of a recording's plots, for what no well-known schema has. SI units; angles in
-//! degrees where the name says so. A field without a value is not written.
+//! Message types of a recording's plots that no well-known schema has. SI units; angles in degrees
+//! where the name says so. A field without a value is not written.
 
 // The derived schemas list files by a hash set, whose order is not seen.
 #![allow(clippy::disallowed_types)]

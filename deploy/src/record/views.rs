@@ -1,4 +1,4 @@
-//! What a person looks at of a node's steps: transforms, paths, states and numbers at display rates.
+//! Views of a node's steps: transforms, paths, states and numbers at display rates.
 
 use core::marker::PhantomData;
 

@@ -1,6 +1,6 @@
-//! `alight command`: an operator's command to a mission, and its answer: on the drone's own computer
-//! through shared memory, or from ashore through the vessel, with an operator's certificate. And on the vessel's
-//! computer the crew's word on the deck.
+//! `alight command`: an operator's command to a mission, and its answer: on the drone's own computer through
+//! shared memory, or from ashore through the vessel, with an operator's certificate. On the vessel's computer
+//! also the crew's order for the deck.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -61,9 +61,9 @@ pub enum Order {
     Turning,
 }
 
-/// What the crew says of the deck.
+/// Order of the crew for the deck.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
-pub enum DeckWord {
+pub enum CrewOrder {
     /// Nobody descends; a descent that is still high is broken off.
     Closed,
     /// It is free, but for drones that report from it.
@@ -97,7 +97,7 @@ pub struct CommandArgs {
     pub order: Order,
     /// With `deck`: closed or open
     #[arg(value_enum, required_if_eq("order", "deck"))]
-    pub deck: Option<DeckWord>,
+    pub deck: Option<CrewOrder>,
     /// With `steady`: for so long, s; 0: nothing is stated any more
     #[arg(long = "for", value_name = "SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u32).range(0..=3600))]
     pub for_s: u32,
@@ -190,11 +190,11 @@ fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
 }
 
 /// To the vessel's process on this computer.
-fn deck(args: &CommandArgs, word: DeckWord) -> Result<Exit, CliError> {
+fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
     let computer = on_board(args, "the deck is closed and opened")?;
     let order = match word {
-        DeckWord::Closed => DeckOrder::Closed,
-        DeckWord::Open => DeckOrder::Open,
+        CrewOrder::Closed => DeckOrder::Closed,
+        CrewOrder::Open => DeckOrder::Open,
     };
     let left = deck_file::leave(&computer, order).map_err(CliError)?;
     let mut newest = None;
@@ -207,9 +207,9 @@ fn deck(args: &CommandArgs, word: DeckWord) -> Result<Exit, CliError> {
                 | Closure::CheckpointDamaged
                 | Closure::CheckpointMissing
                 | Closure::CheckpointUnwritable,
-            ) => DeckWord::Closed,
+            ) => CrewOrder::Closed,
             // These close it beside an order.
-            Some(Closure::Switch | Closure::Sensor) | None => DeckWord::Open,
+            Some(Closure::Switch | Closure::Sensor) | None => CrewOrder::Open,
         });
         !left.exists() && ordered == Some(word)
     });
@@ -218,18 +218,18 @@ fn deck(args: &CommandArgs, word: DeckWord) -> Result<Exit, CliError> {
         terminal::line(json!({ "taken": taken, "deck": newest.map(|s| s.deck) }));
     } else if taken {
         terminal::line(match word {
-            DeckWord::Closed => "the deck is closed",
-            DeckWord::Open if closed => {
+            CrewOrder::Closed => "the deck is closed",
+            CrewOrder::Open if closed => {
                 "the order is taken, but switch or sensor keep the deck closed: alight status"
             }
-            DeckWord::Open => "the deck is open",
+            CrewOrder::Open => "the deck is open",
         });
     } else {
         terminal::line(
             "the vessel's process has not taken it, and will when it runs: systemctl status alight-vessel",
         );
     }
-    Ok(Exit::of(taken && closed == (word == DeckWord::Closed)))
+    Ok(Exit::of(taken && closed == (word == CrewOrder::Closed)))
 }
 
 /// Through the shared memory of the drone's computer.
@@ -493,7 +493,7 @@ mod tests {
     }
 
     #[test]
-    fn status_that_fits_by_chance() {
+    fn command_with_a_coincident_status() {
         let mut terminal = ordered(CommandKind::Abort);
         // It gave up before, as it would after the abort.
         let given_up = DroneStatus {
@@ -516,7 +516,7 @@ mod tests {
     }
 
     #[test]
-    fn order_before_the_session_is_open() {
+    fn command_before_the_session_is_open() {
         let mut terminal = ordered(CommandKind::Land);
         let early = (0..MAX_POLLS_CONTACT).filter(|k| terminal.is_due(*k)).count();
         assert_eq!((early, terminal.sent), (0, 0));
@@ -530,7 +530,7 @@ mod tests {
     }
 
     #[test]
-    fn silence_after_an_abort() {
+    fn command_abort_without_answer() {
         let mut terminal = ordered(CommandKind::Abort);
         terminal.sent = 1;
         assert!(terminal.outcome().starts_with("RECEIPT UNCONFIRMED"));
@@ -542,7 +542,7 @@ mod tests {
     }
 
     #[test]
-    fn outcomes_fit_the_terminal() {
+    fn command_outcome_width() {
         let progress = [
             None,
             Some(CommandProgress::Pending),

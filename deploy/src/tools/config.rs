@@ -1,4 +1,4 @@
-//! `alight config`: prints a configuration.
+//! `alight config`: a configuration with its declarations.
 
 use alight_shared::config::commented;
 use clap::Args;

@@ -1,4 +1,4 @@
-//! `alight flights`: the flights that a computer recorded, with what came of them.
+//! `alight flights`: the flights that a computer recorded, with their outcomes.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! `alight keys`: makes and shows certificates.
+//! `alight keys`: certificates.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -147,7 +147,7 @@ mod tests {
     use crate::certificates::{KEY_FILE, files};
 
     #[test]
-    fn certificate_expires_no_later_than_its_authority_and_replaces_no_file() {
+    fn certificate_expiry_and_existing_files() {
         let dir = std::env::temp_dir().join(format!("alight-keys-{}", std::process::id()));
         init(&dir, 10).unwrap();
         assert!(init(&dir, 10).is_err(), "an authority is never replaced");

@@ -1,4 +1,4 @@
-//! Commands for people: what runs, what was flown, what is wrong, certificates, configurations, calibration.
+//! Commands for people: status, flights, checks, certificates, configurations, calibration.
 
 pub mod calibrate;
 pub mod check;

@@ -1,5 +1,5 @@
-//! One recording made of a flight: the steps of its processes in the order of the one steady clock of this computer, each
-//! computed again, with what a person looks at besides.
+//! One recording made of a flight: the steps of its processes in the order of the one steady clock of this computer,
+//! each computed again, with the views for people.
 
 use std::path::Path;
 
@@ -289,7 +289,7 @@ pub fn write(path: &Path, directory: &Path) -> Result<Vec<String>, CliError> {
 
 /// What is said of processes that were started again.
 pub fn up_to_first_end(restarted: &[&str]) -> Vec<String> {
-    let line = |process: &&str| format!("the recording has the {process} up to its first end only");
+    let line = |process: &&str| format!("the recording of the {process} ends at its first exit");
     restarted.iter().map(line).collect()
 }
 
@@ -310,7 +310,7 @@ mod tests {
     use alight_shared::time::DroneClock;
 
     #[test]
-    fn true_time_is_the_clock_read_backwards() {
+    fn true_time_of_a_clock() {
         let clock = ProcessClock {
             epoch_ns: 7_000_000_000,
             offset_s: 100.25,

@@ -1,4 +1,4 @@
-//! `alight status`: what runs under an instance's name, from another terminal.
+//! `alight status`: status of an instance, from another terminal.
 //!
 //! [`page`] is what a person reads at one glance, [`drone`] and [`vessel`] fill it, [`watch`] shows it
 //! for as long as somebody looks.
@@ -112,7 +112,7 @@ fn of(args: &StatusArgs, name: &str, disarm: &DisarmConfig) -> Result<Exit, CliE
         tries += 1;
         match join(&instance) {
             Ok(joined) => break joined,
-            Err(refused) if tries == MAX_TRIES => return Err(refused),
+            Err(rejected) if tries == MAX_TRIES => return Err(rejected),
             Err(_) => pause(RETRY_PAUSE),
         }
     };

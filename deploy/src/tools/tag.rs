@@ -309,7 +309,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn printed_list_is_the_shipped_configuration() {
+    fn tag_list_of_the_shipped_configuration() {
         let tags = DeckGeometry::default().tags();
         let shipped: DroneComputer =
             config::parse(include_str!("../../drone/drone.toml"), "shipped").unwrap();
@@ -319,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn sheets_at_true_scale_in_tiles() {
+    fn tag_sheets_at_true_scale() {
         let deck = DeckGeometry::default();
         let one = |side_m| {
             Tags::filled([DeckTag {

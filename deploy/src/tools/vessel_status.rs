@@ -489,7 +489,7 @@ mod tests {
     }
 
     #[test]
-    fn vessel_status_judges_each_fault_by_itself() {
+    fn vessel_status_of_each_fault() {
         assert_eq!(worst(&status(), 100).0, Level::Fine);
         assert_eq!(worst(&status(), 110), (Level::Broken, vec!["process"]));
         let case = |change: Change<'_>| {
@@ -566,7 +566,7 @@ mod tests {
     }
 
     #[test]
-    fn page_of_a_vessel_fits_and_names_each_fault() {
+    fn vessel_page_with_each_fault() {
         let lines = |status: &VesselStatus| -> Vec<String> {
             let findings = judge(status, 100 * 1_000_000_000);
             page(status, &findings)
@@ -602,7 +602,7 @@ mod tests {
     }
 
     #[test]
-    fn vessel_status_file_round_trips() {
+    fn vessel_status_file_round_trip() {
         let text = serde_json::to_string(&status()).unwrap();
         assert_eq!(serde_json::from_str::<VesselStatus>(&text).unwrap(), status());
     }

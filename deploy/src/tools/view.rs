@@ -1,4 +1,4 @@
-//! `alight view`: what runs on this computer, for people with a browser or with Foxglove.
+//! `alight view`: status of this computer in a browser or Foxglove.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -176,7 +176,7 @@ fn drone(
         let Some((pid, mut joined)) = joined else {
             let why = format!("nothing runs under the name {}", computer.instance);
             watcher.show_nothing(Time::from_nanos(steady_ns() + wall_ns), why);
-            refuse(watcher.server.order());
+            reject(watcher.server.order());
             pause(ABSENT_PAUSE);
             continue;
         };
@@ -191,7 +191,7 @@ fn drone(
     Ok(Exit::Success)
 }
 
-fn refuse(order: Option<Order>) {
+fn reject(order: Option<Order>) {
     if let Some(order) = order {
         // Who gave it may have gone.
         let _gone = order.reply.send(Err("no mission runs".into()));
@@ -314,7 +314,7 @@ mod tests {
 
     use crate::process::instance::OwnedInstance;
 
-    fn said(at: Time<DroneClock>, state: State) -> MissionState {
+    fn published(at: Time<DroneClock>, state: State) -> MissionState {
         MissionState {
             header: Header::new(1, 1, 7, 1, at),
             state,
@@ -323,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn page_shows_the_mission_of_shared_memory_and_its_abort_reaches_it() {
+    fn view_of_shared_memory_and_its_abort() {
         let name = format!("test-view-{}", std::process::id());
         let owned = OwnedInstance::take(&name).unwrap();
         let memory = Memory::join(owned.instance(), "test").unwrap();
@@ -343,7 +343,7 @@ mod tests {
         let mut watcher = Watcher::start(served, Known::default(), &None, false).unwrap();
         let mut show = |joined: &mut Joined, state| {
             let now = computer.clock.now();
-            missions.send(&said(now, state));
+            missions.send(&published(now, state));
             let mission = joined.feed.poll(Time::from_nanos(now.nanos()), now, &mut watcher);
             let picture = watcher.board.picture(Time::from_nanos(now.nanos()));
             (mission, picture.state.map(|s| s.name))

@@ -1,4 +1,4 @@
-//! The file in which the vessel's process keeps what it must not forget of its deck, and the crew's orders.
+//! File of the deck's checkpoint, and the crew's orders.
 //!
 //! It is written to the disk at each change, whole and under another name first, and carries version and checksum: the
 //! next start finds the old state or the new one. What is not known is closed until a person opens it: where the file
@@ -289,7 +289,7 @@ fn take_order(path: &Path) -> Option<DeckOrder> {
     let order = read(path).transpose()?;
     let left_at = fs::metadata(path).and_then(|file| file.modified());
     let is_old = left_at.is_ok_and(|at| at.elapsed().is_ok_and(|age| age > MAX_PROMISE_AGE));
-    // One that stays would be obeyed again and again, and free the deck of whoever lands later.
+    // One that stays would be applied again and again, and free the deck of whoever lands later.
     fs::remove_file(path).ok()?;
     match order.and_then(|bytes| serde_json::from_slice(&bytes).map_err(|e| e.to_string())) {
         Ok(DeckOrder::Steady(for_s)) if is_old => {
@@ -410,7 +410,7 @@ mod tests {
     }
 
     #[test]
-    fn deck_file_not_writable_at_the_start() {
+    fn unwritable_deck_file_at_start() {
         let path = scratch("start");
         replace(&path, &encode(1, &occupied()).unwrap()).unwrap();
         let blocked = block(&path);
@@ -430,7 +430,7 @@ mod tests {
     }
 
     #[test]
-    fn deck_file_not_writable_after_a_landing() {
+    fn unwritable_deck_file_after_a_landing() {
         let path = scratch("landing");
         replace(&path, &encode(1, &VesselCheckpoint::default()).unwrap()).unwrap();
         let (mut file, kept) = open(&path);
@@ -445,7 +445,7 @@ mod tests {
     }
 
     #[test]
-    fn order_to_a_process_whose_disk_takes_none() {
+    fn deck_order_with_a_full_disk() {
         let path = scratch("elsewhere");
         let (file, _) = open(&path);
         let directory = path.parent().unwrap();
@@ -461,7 +461,7 @@ mod tests {
     }
 
     #[test]
-    fn deck_file_gives_the_next_start_the_newest_state() {
+    fn deck_file_at_the_next_start() {
         let path = scratch("newest");
         let (mut file, _) = open(&path);
         file.keep(VesselCheckpoint::default());
@@ -472,7 +472,7 @@ mod tests {
     }
 
     #[test]
-    fn deck_file_that_is_damaged_closes_the_deck() {
+    fn damaged_deck_file() {
         let path = scratch("damaged");
         let whole = encode(1, &occupied()).unwrap();
         let text = String::from_utf8(whole.clone()).unwrap();
@@ -500,7 +500,7 @@ mod tests {
     }
 
     #[test]
-    fn deck_file_that_cannot_be_written_says_why() {
+    fn unwritable_deck_file_error() {
         let path = scratch("blocked");
         let blocked = path.join("vessel.deck");
         fs::write(&path, "a file in the place of the directory").unwrap();
@@ -521,7 +521,7 @@ mod tests {
     }
 
     #[test]
-    fn deck_file_takes_an_order_of_the_crew_once() {
+    fn deck_order_of_the_crew_once() {
         let path = scratch("order");
         let (file, _) = open(&path);
         let order = path.with_extension("order");

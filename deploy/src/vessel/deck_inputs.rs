@@ -115,7 +115,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn deck_input_that_is_missing_yields_no_level_and_names_key_and_path() {
+    fn missing_deck_input() {
         let path = std::env::temp_dir().join(format!("alight-inputs-{}", std::process::id()));
         fs::write(&path, "1\n").unwrap();
         let deck = DeckConfig {

@@ -98,7 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn helm_lamp_follows_and_is_out_after_its_end() {
+    fn helm_lamp_on_off_and_end() {
         let path = std::env::temp_dir().join(format!("alight-lamp-{}", std::process::id()));
         let text = path.display().to_string();
         fs::write(&path, "1").unwrap();

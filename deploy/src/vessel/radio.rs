@@ -1,4 +1,4 @@
-//! The vessel's radio: what it publishes and receives.
+//! The vessel's radio: publishers and subscribers.
 
 use std::time::Duration;
 

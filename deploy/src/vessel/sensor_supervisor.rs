@@ -42,7 +42,7 @@ pub struct SensorSupervisor {
 }
 
 impl SensorSupervisor {
-    /// Starts the process where sensors are configured; a malformed address is refused here.
+    /// Starts the process where sensors are configured; a malformed address is rejected here.
     pub fn start(
         computer: &VesselComputer,
         args: &ProcessArgs,

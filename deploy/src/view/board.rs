@@ -1,4 +1,4 @@
-//! What is known of a flight as it goes on, and the picture of it that the page shows.
+//! Board: newest state of a running flight, and the picture of it that the page shows.
 
 use std::collections::VecDeque;
 
@@ -495,7 +495,7 @@ impl Board {
             match m.state {
                 _ if stale => add(
                     Tone::Alarm,
-                    format!("the mission has said nothing for {}", minutes(age_s)),
+                    format!("no message from the mission for {}", minutes(age_s)),
                 ),
                 State::GaveUp => add(Tone::Alarm, with_reason("gave up", &m.entered.to_string())),
                 State::Hold => add(Tone::Warning, with_reason("holds", &m.entered.to_string())),

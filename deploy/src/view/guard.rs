@@ -1,4 +1,4 @@
-//! Connections of viewers: bounded in number, in what waits for each, and in how long one may neither read nor ask.
+//! Bounds on viewers' connections: number, queue of each, time without reading or asking.
 
 use std::future::Future;
 use std::io;

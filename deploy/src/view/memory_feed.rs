@@ -1,4 +1,4 @@
-//! What the processes of a drone's computer say, out of their shared memory: looked at, never waited for.
+//! Messages of the processes of a drone's computer, read from their shared memory without waiting.
 
 use std::collections::BTreeMap;
 

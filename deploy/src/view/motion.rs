@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn motion_of_the_last_minute_has_gaps_where_nothing_was_known() {
+    fn gaps_in_the_motion_of_the_last_minute() {
         let mut history = MotionHistory::default();
         let at = |ms: i64| Time::from_nanos(ms * 1_000_000);
         for k in 0..1200_i64 {

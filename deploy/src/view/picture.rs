@@ -1,4 +1,4 @@
-//! What the page shows, once: a JSON object that needs none before it, so that a viewer that missed some shows the newest.
+//! Picture of the page: a JSON object that needs none before it, so that a viewer that missed some shows the newest.
 
 use serde::Serialize;
 

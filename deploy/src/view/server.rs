@@ -228,9 +228,9 @@ fn run(
 async fn listen(served: &Served, context: Option<Arc<Context>>) -> Result<(Guard, Addresses), String> {
     use axum::serve::Listener;
     let (address, other) = (served.page, "name another with --listen or view.listen");
-    let refused = |e: std::io::Error| format!("showing the page on {address}: {e}; {other}");
-    let guard = Guard::listen(address).map_err(refused)?;
-    let page = guard.local_addr().map_err(refused)?;
+    let failed = |e: std::io::Error| format!("showing the page on {address}: {e}; {other}");
+    let guard = Guard::listen(address).map_err(failed)?;
+    let page = guard.local_addr().map_err(failed)?;
     let mut foxglove = None;
     if let (Some(context), Some(address)) = (context, served.foxglove) {
         let server = WebSocketServer::new()

@@ -1,4 +1,4 @@
-//! One who looks on for all: takes what the nodes say into the board, and shows it to the viewers.
+//! Watcher: messages of the nodes into the board, the board to the viewers.
 
 use std::time::Duration;
 

@@ -36,7 +36,7 @@ fn links(text: &str) -> impl Iterator<Item = &str> {
 }
 
 #[test]
-fn book_lists_every_page() {
+fn book_contents() {
     let docs = root().join("deploy/docs");
     let summary = read(&docs.join("SUMMARY.md"));
     let listed: Vec<PathBuf> = links(&summary).map(|l| docs.join(l)).collect();
@@ -47,7 +47,7 @@ fn book_lists_every_page() {
 }
 
 #[test]
-fn relative_links_resolve() {
+fn book_relative_links() {
     for page in files(&root(), &[".md"]) {
         for link in links(&read(&page)).filter(|l| !l.contains("://")) {
             let path = link.split(['#', ' ']).next().unwrap_or_default();
@@ -69,7 +69,7 @@ fn relative_links_resolve() {
 }
 
 #[test]
-fn troubleshooting_has_every_reason_and_topic() {
+fn troubleshooting_reasons_and_topics() {
     let page = read(&root().join("deploy/docs/troubleshooting.md"));
     let code = |k: u32| ReasonCode::deserialize(IntoDeserializer::<Error>::into_deserializer(k)).ok();
     let codes: Vec<ReasonCode> = (0..1000).map_while(code).collect();

@@ -1,8 +1,8 @@
-//! The program as a person meets it: exit codes, errors that help, JSON, determinism.
+//! Commands: exit codes, errors, JSON, determinism.
 use crate::program::{alight, assert_rejected, file, json, scratch, stderr, stdout};
 
 #[test]
-fn bad_input_exits_with_code_2_and_names_the_input() {
+fn bad_input_exit_code_2() {
     let bad_key = file("bad-key.toml", "[sea]\nheight = 3\n");
     let bad_range = file("bad-range.toml", "solve_delay_s = 7.5\n");
     let not_finite = file("not-finite.toml", "solve_delay_s = nan\n");
@@ -51,7 +51,7 @@ fn bad_input_exits_with_code_2_and_names_the_input() {
 }
 
 #[test]
-fn trial_prints_one_json_object_and_writes_a_plot() {
+fn trial_json_and_plot() {
     let plot = scratch("landing.svg");
     let o = alight(format!("trial --seed 3 --json --plot {}", plot.display()));
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
@@ -87,7 +87,7 @@ fn trial_prints_one_json_object_and_writes_a_plot() {
 }
 
 #[test]
-fn trials_are_bit_identical_for_one_or_two_jobs_and_across_processes() {
+fn trials_with_one_or_two_jobs() {
     let digests = |jobs: &str, name: &str| {
         let rows = scratch(name);
         let o = alight(format!(
@@ -107,7 +107,7 @@ fn trials_are_bit_identical_for_one_or_two_jobs_and_across_processes() {
 }
 
 #[test]
-fn config_prints_configurations_that_are_accepted() {
+fn printed_configurations() {
     let drone = file("drone.toml", alight("config drone --all").stdout);
     let scenario = file("scenario.toml", alight("config scenario").stdout);
     let o = alight(format!(
@@ -117,7 +117,7 @@ fn config_prints_configurations_that_are_accepted() {
 }
 
 #[test]
-fn help_names_the_first_commands() {
+fn help_on_first_commands() {
     let o = alight("--help");
     let text = stdout(&o);
     assert!(text.contains("alight trial") && text.contains("Exit codes"));
@@ -128,7 +128,7 @@ fn help_names_the_first_commands() {
 }
 
 #[test]
-fn study_shards_merge_to_the_same_rows_and_an_interrupted_study_resumes() {
+fn study_shards_and_resumption() {
     let dir = |name: &str| scratch(name).to_string_lossy().into_owned();
     let (whole, one, two, all) = (dir("whole"), dir("shard-1"), dir("shard-2"), dir("all"));
     let own = file(
@@ -161,7 +161,7 @@ fn study_shards_merge_to_the_same_rows_and_an_interrupted_study_resumes() {
 }
 
 #[test]
-fn envelope_resumes_with_more_landings() {
+fn envelope_resumption_with_more_landings() {
     let out = scratch("envelope");
     let envelope = |trials: u32| {
         let words = "envelope --winds 4 --directions 1 --sea-states 2 --json --trials";
@@ -182,7 +182,7 @@ fn envelope_resumes_with_more_landings() {
 }
 
 #[test]
-fn study_pairs_two_planners_and_prints_replays_of_the_worst_seeds() {
+fn study_of_paired_planners() {
     let out = scratch("paired");
     let study = |more: &str| {
         let words = "study table2 --trials 1 --seed0 70 --planners alight,mpc --json --out";

@@ -1,5 +1,4 @@
-//! `alight estimate` as a person meets it: reports of what is read, exit code 2 and a reason for what is
-//! not.
+//! `alight estimate`: reports of readable recordings, exit code 2 and a reason for others.
 use crate::program::{alight, assert_rejected, file, json, scratch, stderr, stdout};
 
 /// Two minutes of a boat in a swell of 5 s as a motion sensor and a receiver tell it at 5 Hz.
@@ -29,7 +28,7 @@ fn nmea() -> String {
 }
 
 #[test]
-fn estimate_reports_an_nmea_log_as_text_and_json() {
+fn estimate_of_an_nmea_log() {
     let name = file("boat.nmea", nmea() + "$GPGGA,12");
     let o = alight(format!("estimate {name}"));
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
@@ -66,7 +65,7 @@ fn estimate_reports_an_nmea_log_as_text_and_json() {
 }
 
 #[test]
-fn estimate_of_an_alight_recording_uses_its_own_configuration() {
+fn estimate_of_an_alight_recording() {
     let scenario = file("own.toml", "[start]\nwarm_up_s = 40.0\n");
     let name = scratch("own.mcap").display().to_string();
     let o = alight(format!(
@@ -82,7 +81,7 @@ fn estimate_of_an_alight_recording_uses_its_own_configuration() {
 }
 
 #[test]
-fn estimate_of_an_unreadable_file_exits_with_code_2_and_a_reason() {
+fn estimate_of_an_unreadable_file() {
     let half = nmea().into_bytes();
     let good = file("good.nmea", &half);
     let config = file("bad-vessel.toml", "[sensor]\nsauces = []\n");

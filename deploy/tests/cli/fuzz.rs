@@ -169,18 +169,18 @@ fn reads<C: DeserializeOwned + Check + Serialize>(text: &str) {
 
 proptest! {
     #[test]
-    fn radio_messages_of_arbitrary_bytes_harm_no_node(bytes in prop::collection::vec(any::<u8>(), 0..2 * MAX_WIRE_BYTES)) {
+    fn arbitrary_radio_messages(bytes in prop::collection::vec(any::<u8>(), 0..2 * MAX_WIRE_BYTES)) {
         all_hear(&bytes);
     }
 
     #[test]
-    fn damaged_radio_messages_harm_no_node(which in 0_usize..9, all in prop::collection::vec(damage(), 1..8)) {
+    fn damaged_radio_messages(which in 0_usize..9, all in prop::collection::vec(damage(), 1..8)) {
         let good = sound();
         all_hear(&damaged(good[which % good.len()].clone(), &all));
     }
 
     #[test]
-    fn damaged_configurations_are_refused_without_a_panic(which in 0_usize..3, all in prop::collection::vec(damage(), 1..6)) {
+    fn damaged_configurations(which in 0_usize..3, all in prop::collection::vec(damage(), 1..6)) {
         let good = [
             toml::to_string(&VesselNodeConfig::default()).unwrap(),
             toml::to_string(&DroneSettings::default()).unwrap(),
@@ -193,7 +193,7 @@ proptest! {
     }
 
     #[test]
-    fn arbitrary_numbers_in_a_configuration_cause_no_panic(key in 0_usize..500, value in prop_oneof![
+    fn arbitrary_numbers_in_a_configuration(key in 0_usize..500, value in prop_oneof![
         any::<f64>().prop_map(|v| v.to_string()), any::<i64>().prop_map(|v| v.to_string()),
         Just("nan".to_owned()), Just("inf".to_owned()), Just("-0.0".to_owned()), Just("[]".to_owned())
     ]) {
@@ -323,7 +323,7 @@ fn with_wrong_steps(path: &Path, all: &[(usize, Wrong)]) -> Result<(), mcap::Mca
 /// A checksum of the file's refuses other bytes before a step is read (310 of 313 files with damaged bytes);
 /// here the nodes get them.
 #[test]
-fn corrupted_steps_of_a_recording_harm_no_node() {
+fn corrupted_steps_of_a_recording() {
     let reached = AtomicU32::new(0);
     let config = ProptestConfig {
         // What failed is printed; the runner knows no file to keep it in.
@@ -359,7 +359,7 @@ proptest! {
     // Each case is a run of the program.
     #![proptest_config(runs())]
     #[test]
-    fn damaged_recordings_are_replayed_or_refused(all in prop::collection::vec(damage(), 1..4)) {
+    fn damaged_recordings(all in prop::collection::vec(damage(), 1..4)) {
         let path = program::scratch("damaged.mcap");
         std::fs::write(&path, damaged(recorded().to_vec(), &all)).unwrap();
         let out = program::alight(format!("replay {}", path.display()));

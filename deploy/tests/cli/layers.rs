@@ -1,4 +1,4 @@
-//! The order of layers, read off the sources: who imports whom.
+//! Order of layers, by the imports in the sources.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -145,7 +145,7 @@ fn package(name: &str) -> Imports {
 }
 
 #[test]
-fn no_package_has_an_import_loop() {
+fn import_loops() {
     let mut looped = Vec::new();
     for name in ["shared", "usv-side", "bridge", "uav-side", "tests", "deploy"] {
         let all = package(name);
@@ -159,7 +159,7 @@ fn no_package_has_an_import_loop() {
 }
 
 #[test]
-fn modules_of_the_program_import_only_lower_layers() {
+fn module_layers() {
     let rank = |module: &str| {
         let top = module.split("::").next().unwrap_or_default();
         let at = LAYERS.iter().position(|l| *l == top);

@@ -1,4 +1,4 @@
-//! The program as a person runs it, and what it takes from outside.
+//! The program's command line and its inputs from outside.
 
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]

@@ -1,4 +1,4 @@
-//! The program as a person runs it.
+//! Runs of the program.
 
 use std::path::PathBuf;
 use std::process::{Command, Output};

@@ -1,4 +1,4 @@
-//! Recording and replay as a person meets them.
+//! Recording and replay on the command line.
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -53,7 +53,7 @@ fn changed(from: &Path, to: &Path, change: impl Fn(&str, u32, &mut Vec<u8>)) {
 }
 
 #[test]
-fn recording_replays_bit_identically() {
+fn replay_of_a_recording() {
     let (file, _) = recorded();
     let replay = alight(format!("replay {} --json", file.display()));
     assert_eq!(replay.status.code(), Some(0), "{}", stderr(&replay));
@@ -65,7 +65,7 @@ fn recording_replays_bit_identically() {
 }
 
 #[test]
-fn replay_reports_a_flipped_input_byte_at_its_node() {
+fn replay_with_a_flipped_input_byte() {
     let (file, _) = recorded();
     for (topic, node, offset) in [
         // Time (8), number of inertial samples (8), header (26), then the first gyro rate.
@@ -98,7 +98,7 @@ fn replay_reports_a_flipped_input_byte_at_its_node() {
 }
 
 #[test]
-fn replay_reports_a_changed_output_at_its_node_and_time() {
+fn replay_with_a_changed_output() {
     let (file, _) = recorded();
     let other = scratch("output.mcap");
     changed(file, &other, |topic, number, bytes| {
@@ -119,7 +119,7 @@ fn replay_reports_a_changed_output_at_its_node_and_time() {
 }
 
 #[test]
-fn replay_rejects_damaged_foreign_and_missing_files_with_code_2() {
+fn replay_of_damaged_foreign_and_missing_files() {
     let good = std::fs::read(&recorded().0).unwrap();
     // One byte in every 4 kB of the middle: some of them lie in chunks, which have check sums, and not
     // only in the index records between them, which a replay does not need.
@@ -147,7 +147,7 @@ fn replay_rejects_damaged_foreign_and_missing_files_with_code_2() {
 }
 
 #[test]
-fn flights_and_replay_reject_directories_that_are_none() {
+fn invalid_directories_of_flights() {
     let empty = scratch("no-flight");
     std::fs::create_dir_all(&empty).unwrap();
     let (empty, none) = (empty.display().to_string(), "/nonexistent/flights");
@@ -171,7 +171,7 @@ fn flights_and_replay_reject_directories_that_are_none() {
 }
 
 #[test]
-fn recording_contains_every_displayed_topic() {
+fn displayed_topics_of_a_recording() {
     let (file, outcome) = recorded();
     let bytes = std::fs::read(file).unwrap();
     let summary = Summary::read(&bytes).unwrap().unwrap();
@@ -216,7 +216,7 @@ fn recording_contains_every_displayed_topic() {
 }
 
 #[test]
-fn deck_calibration_accepts_only_a_recording_that_ends_on_the_deck() {
+fn deck_calibration_of_a_recording() {
     let refused = format!("calibrate deck {}", recorded().0.display());
     assert_rejected(&[(refused, "leave the drone on the deck")]);
     // Nothing is seen of a tag of 1 m from where the drone stands.

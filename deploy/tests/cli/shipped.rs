@@ -1,4 +1,4 @@
-//! What the packages install: configurations that hold every default, and units that systemd takes.
+//! Installed files: configurations with every default, and units that systemd accepts.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -74,7 +74,7 @@ fn assert_explained(side: &str, text: &str) {
 }
 
 #[test]
-fn shipped_configurations_are_short_and_explained_and_hold_defaults() {
+fn shipped_configurations() {
     for side in ["vessel", "drone"] {
         let text = printed(&format!("config {side}"));
         let file = std::fs::read_to_string(shipped(&format!("{side}/{side}.toml")));
@@ -98,7 +98,7 @@ fn shipped_configurations_are_short_and_explained_and_hold_defaults() {
 }
 
 #[test]
-fn config_all_explains_every_key() {
+fn explanations_of_every_key() {
     for (side, least) in [("vessel", 58), ("drone", 342)] {
         let text = printed(&format!("config {side} --all"));
         assert_explained(side, &text);
@@ -114,7 +114,7 @@ fn unit(side: &str) -> String {
 }
 
 #[test]
-fn systemd_units_start_the_installed_configuration() {
+fn systemd_units_with_the_installed_configuration() {
     for side in ["vessel", "drone"] {
         let program = env!("CARGO_BIN_EXE_alight");
         let line = format!("ExecStart={program} {side} --config /etc/alight/{side}.toml");
@@ -132,7 +132,7 @@ fn analyze(args: &[&str], unit: &Path) -> (bool, String) {
 
 #[test]
 #[ignore = "needs systemd-analyze"]
-fn systemd_units_verify_and_are_little_exposed() {
+fn systemd_units_verification_and_exposure() {
     let directory = std::env::temp_dir().join(format!("alight-units-{}", std::process::id()));
     std::fs::create_dir_all(&directory).expect("a directory");
     for side in ["vessel", "drone"] {
@@ -165,7 +165,23 @@ fn sources(directory: &Path, out: &mut String) {
 }
 
 #[test]
-fn hazard_table_names_existing_tests() {
+fn test_name_length() {
+    let mut all = String::new();
+    sources(&shipped(".."), &mut all);
+    let long: Vec<&str> = all
+        .split("#[test]\n")
+        .skip(1)
+        .filter_map(|rest| rest.split_once("fn ")?.1.split('(').next())
+        .filter(|name| name.len() > 50)
+        .collect();
+    assert!(
+        long.is_empty(),
+        "subject and condition, in 50 characters: {long:#?}"
+    );
+}
+
+#[test]
+fn hazard_table_tests() {
     let table = std::fs::read_to_string(shipped("docs/hazards.md")).expect("the hazards");
     let table = table
         .split("\n## Failures and their tests\n")

@@ -121,7 +121,7 @@ fn assert_counted(why: AccessRejection) {
 }
 
 #[test]
-fn vessel_accepts_an_admitted_certificate_on_its_own_key() {
+fn admitted_certificate_on_its_own_key() {
     assert!(accepted("right", |at, keys| {
         common::keys(keys, "drone 2");
         vec![Intruder::dial(
@@ -133,7 +133,7 @@ fn vessel_accepts_an_admitted_certificate_on_its_own_key() {
 }
 
 #[test]
-fn vessel_rejects_plain_tcp_and_a_peer_without_certificate() {
+fn peer_without_certificate() {
     assert!(!accepted("none", |at, keys| {
         let trust = vec![("root_ca_certificate", keys.join("authority.pem"))];
         vec![
@@ -146,7 +146,7 @@ fn vessel_rejects_plain_tcp_and_a_peer_without_certificate() {
 }
 
 #[test]
-fn vessel_rejects_a_certificate_of_another_authority() {
+fn certificate_of_another_authority() {
     assert!(!accepted("other", |at, keys| {
         let other = keys.join("other");
         common::keys(&other, "init");
@@ -160,7 +160,7 @@ fn vessel_rejects_a_certificate_of_another_authority() {
 }
 
 #[test]
-fn vessel_rejects_a_name_that_is_not_admitted() {
+fn certificate_with_a_name_not_admitted() {
     assert!(!accepted("name", |at, keys| {
         common::keys(keys, "drone 9");
         vec![
@@ -176,7 +176,7 @@ fn vessel_rejects_a_name_that_is_not_admitted() {
 }
 
 #[test]
-fn vessel_rejects_an_admitted_name_on_the_key_of_another_drone() {
+fn admitted_name_on_the_key_of_another_drone() {
     assert!(!accepted("key", |at, keys| {
         common::keys(keys, "drone 2");
         let own = files(&keys.join("drone-2"));
@@ -188,7 +188,7 @@ fn vessel_rejects_an_admitted_name_on_the_key_of_another_drone() {
 }
 
 #[test]
-fn drone_rejects_the_vessel_on_a_key_outside_its_rule() {
+fn vessel_on_a_key_outside_its_rule() {
     rejections::listen();
     let keys = common::certificates("vessel-key");
     let own = keys.join("vessel-1");
@@ -231,7 +231,7 @@ fn drone_rejects_the_vessel_on_a_key_outside_its_rule() {
 }
 
 #[test]
-fn vessel_rejects_an_expired_certificate() {
+fn expired_certificate() {
     assert!(!accepted("expired", |at, keys| {
         let key = std::fs::read_to_string(keys.join("authority-key.pem")).expect("the authority's key");
         let key = KeyPair::from_pem(&key).expect("a key");

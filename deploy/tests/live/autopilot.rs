@@ -169,7 +169,7 @@ impl Scene {
 }
 
 #[test]
-fn pilot_on_the_ground_hands_the_drone_over_and_takes_it_back_over_udp() {
+fn handover_and_takeover_over_udp() {
     for firmware in [Firmware::Px4, Firmware::ArduCopter] {
         let mut s = Scene::begin(firmware);
         s.until("odometry", |s| s.received > 100);
@@ -197,7 +197,7 @@ fn pilot_on_the_ground_hands_the_drone_over_and_takes_it_back_over_udp() {
 }
 
 #[test]
-fn autopilot_process_refuses_a_malformed_address() {
+fn autopilot_process_malformed_address() {
     let name = format!("mav-wrong-{}", std::process::id());
     let config = std::env::temp_dir().join(format!("{name}.toml"));
     std::fs::write(&config, format!("instance = {name:?}\n")).unwrap();

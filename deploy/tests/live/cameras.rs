@@ -85,7 +85,7 @@ fn places(out: &Output, truth: &Vector3<f64>) -> (Vec<f64>, Value) {
 }
 
 #[test]
-fn uvdar_process_identifies_blinking_markers_in_files() {
+fn uvdar_process_on_files() {
     let directory = Directory::new("uvdar");
     let settings = UvdarSettings::default();
     let mut camera = Ultraviolet::new(&settings, 10, &Streams::new(5));
@@ -106,7 +106,7 @@ fn uvdar_process_identifies_blinking_markers_in_files() {
 }
 
 #[test]
-fn camera_process_finds_the_tag_in_files() {
+fn camera_process_on_files() {
     let directory = Directory::new("camera");
     let scenario = Scenario::default();
     let mut camera = Renderer::new(&scenario.sensors.render, &scenario.deck, &Streams::new(5));
@@ -127,7 +127,7 @@ fn camera_process_finds_the_tag_in_files() {
 }
 
 #[test]
-fn camera_process_refuses_impossible_sources_with_advice() {
+fn camera_process_with_impossible_sources() {
     let directory = Directory::new("cameras");
     for (verb, text, advice) in [
         ("uvdar", "", "set source in [uvdar]"),

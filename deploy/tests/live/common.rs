@@ -1,4 +1,4 @@
-//! What tests of processes share: the program, its certificates, ports, signals.
+//! Parts of process tests: the program, its certificates, ports, signals.
 
 use std::cell::RefCell;
 use std::net::UdpSocket;

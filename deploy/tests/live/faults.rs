@@ -100,12 +100,12 @@ fn assert_lands_with(name: &str, firmware: Firmware, fault: &str) {
 }
 
 #[test]
-fn mission_killed_in_flare_lands_on_its_one_order() {
+fn live_mission_killed_in_flare() {
     assert_lands_with("flare", Firmware::ArduCopter, "mission:kill:flare");
 }
 
 #[test]
-fn mission_killed_in_descent_hears_an_abort_to_its_successor() {
+fn abort_to_the_successor_of_a_killed_mission() {
     let name = instance("successor");
     let flight = with_fault(Firmware::Px4, MODERATE, Some("mission:kill:descent"), 4);
     let (flown, out) = in_time("successor", || {
@@ -124,27 +124,27 @@ fn mission_killed_in_descent_hears_an_abort_to_its_successor() {
 }
 
 #[test]
-fn link_killed_after_the_stop_disarms_a_px4_that_denied_it() {
+fn link_killed_after_the_stop_px4() {
     assert_lands_with("disarm-px4", Firmware::Px4, "autopilot:kill:landed");
 }
 
 #[test]
-fn link_killed_after_the_stop_disarms_an_arducopter_that_denied_it() {
+fn link_killed_after_the_stop_arducopter() {
     assert_lands_with("disarm-ap", Firmware::ArduCopter, "autopilot:kill:landed");
 }
 
 #[test]
-fn pilot_killed_after_the_stop_ends_disarmed() {
+fn live_pilot_killed_after_the_stop() {
     assert_lands_with("disarm-pilot", Firmware::Px4, "pilot:kill:landed");
 }
 
 #[test]
-fn predictor_killed_in_flare_knows_the_deck_again() {
+fn live_predictor_killed_in_flare() {
     assert_lands_with("predictor", Firmware::ArduCopter, "predictor:kill:flare");
 }
 
 #[test]
-fn cable_silent_at_the_touchdown_ends_disarmed() {
+fn live_cable_silent_at_the_touchdown() {
     let mut flight = with_fault(Firmware::Px4, MODERATE, None, 5);
     flight.cable_out = true;
     let flown = assert_safe("cable", &flight);
@@ -195,7 +195,7 @@ fn matrix() -> Vec<(Firmware, Option<String>)> {
 
 #[test]
 #[ignore = "66 live landings, four at a time: takes 17 minutes"]
-fn faults_at_every_moment_are_survived_over_both_firmwares() {
+fn faults_at_every_moment_over_both_firmwares() {
     let flights: Vec<_> = (300_usize..)
         .zip(matrix())
         .map(|(seed, (firmware, fault))| {
@@ -209,7 +209,7 @@ fn faults_at_every_moment_are_survived_over_both_firmwares() {
 
 #[test]
 #[ignore = "40 live landings on the decks beside the project, four at a time: takes 12 minutes"]
-fn decks_beside_the_project_are_landed_on_over_both_firmwares() {
+fn decks_beside_the_project_over_both_firmwares() {
     let decks = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/decks");
     let decks = ["mono-5m-js15-6", "twin-5m-cross", "work-12m-js25-7"].map(|d| decks.join(d));
     let faults = [

@@ -431,11 +431,11 @@ fn land(firmware: Firmware) {
 }
 
 #[test]
-fn ardupilot_stand_in_is_handed_over_landed_and_disarmed() {
+fn landing_of_an_ardupilot_stand_in() {
     land(Firmware::ArduCopter);
 }
 
 #[test]
-fn px4_stand_in_is_handed_over_landed_and_disarmed() {
+fn landing_of_a_px4_stand_in() {
     land(Firmware::Px4);
 }

@@ -1,4 +1,4 @@
-//! Who looks on from beside: a ground station at the autopilot's other link, and a person at another terminal.
+//! Observers: a ground station at the autopilot's other link, and a person at another terminal.
 
 use std::net::{SocketAddr, UdpSocket};
 use std::process::{Child, Stdio};

@@ -178,7 +178,7 @@ fn count(status: &Value, process: &str, metric: &str) -> f64 {
 }
 
 #[test]
-fn landing_continues_while_hostile_packets_are_counted_and_shown() {
+fn landing_among_hostile_packets() {
     let name = instance("hostile");
     // Without certificates, so that the hostile client is admitted at all.
     let child = land(&name, "--warm-up 30 --seed 5 --transport udp");

@@ -1,5 +1,5 @@
-//! What befalls the services that a vessel and a drone install, over mutual TLS: radio silence, restarts, a frozen
-//! process, a stranger's order. That they land undisturbed is rehearsed (`rehearse`).
+//! Faults of the installed services over mutual TLS: radio silence, restarts, a frozen process, an order of an
+//! unauthorised peer. Their landing without a fault is rehearsed (`rehearse`).
 //!
 //! `deploy/packages/test` lands with the installed packages: it puts their commands, with the network namespace and
 //! the user that belong before them, into ALIGHT_VESSEL and ALIGHT_DRONE.
@@ -367,10 +367,10 @@ fn open_to_all(directory: &Path) {
     }
 }
 
-// The same of this program: `rehearsal_of_the_shipped_files_lands`, with the sensors' bytes and the camera's images.
+// The same of this program: `rehearsal_of_the_shipped_files`, with the sensors' bytes and the camera's images.
 #[test]
 #[ignore = "of the installed packages, which deploy/packages/test makes"]
-fn shipped_configurations_land_in_a_moderate_sea_over_mutual_tls() {
+fn landing_of_the_shipped_configurations() {
     let mut all = Installed::prepare("installed", 103, |_, _| {});
     all.begin_landing();
     all.status_when("lands", |s| s["mission"]["state"] == "Descent");
@@ -450,7 +450,7 @@ impl Drop for Air {
 }
 
 #[test]
-fn abort_given_in_radio_silence_outlives_the_vessels_process_and_an_older_order_to_land() {
+fn abort_in_radio_silence_with_a_vessel_restart() {
     let port = free_port();
     let mut all = Installed::prepare("silence", 108, |_, drone| {
         let mission = table(table(drone, "drone"), "mission");
@@ -496,7 +496,7 @@ fn following(name: &str, seed: u64, steady_s: f64) -> Installed {
 }
 
 #[test]
-fn drone_holds_after_its_computer_restarted_and_lands_on_a_new_command() {
+fn restarted_computer_and_a_new_order() {
     let mut all = following("reboot", 106, 6.0);
     let before = all.status();
     all.stop("drone");
@@ -512,7 +512,7 @@ fn drone_holds_after_its_computer_restarted_and_lands_on_a_new_command() {
 }
 
 #[test]
-fn supervisor_killed_in_descent() {
+fn live_supervisor_killed_in_descent() {
     let mut all = Installed::prepare("crash", 109, |_, _| {});
     all.begin_landing();
     all.status_when("descends", |s| s["mission"]["state"] == "Descent");
@@ -522,7 +522,7 @@ fn supervisor_killed_in_descent() {
 }
 
 #[test]
-fn landed_drone_calibrates_the_deck_under_it() {
+fn deck_calibration_of_a_landed_drone() {
     let mut all = Installed::prepare("park", 107, |_, _| {});
     let world = all.file("world.toml");
     let mut scene: Table = std::fs::read_to_string(&world)
@@ -554,7 +554,7 @@ fn landed_drone_calibrates_the_deck_under_it() {
 }
 
 #[test]
-fn abort_wins_and_a_frozen_process_is_restarted() {
+fn abort_precedence_and_a_frozen_process() {
     // It stays above the deck until it is commanded otherwise.
     let all = following("abort", 105, 100.0);
     let out = all.run(format!("calibrate deck --config {}", all.file("drone.toml")));

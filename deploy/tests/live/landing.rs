@@ -154,7 +154,7 @@ fn logs(directory: &Path) -> usize {
 }
 
 #[test]
-fn flight_and_recording_of_a_live_landing_replay_bit_for_bit() {
+fn replay_of_a_live_landing() {
     let name = instance("lands");
     let log = std::env::temp_dir().join(format!("alight-live-log-{name}"));
     let (recording, plot) = (log.with_extension("mcap"), log.with_extension("svg"));
@@ -207,7 +207,7 @@ fn flight_and_recording_of_a_live_landing_replay_bit_for_bit() {
 }
 
 #[test]
-fn killed_or_frozen_process_is_restarted_and_an_interrupt_leaves_nothing_behind() {
+fn killed_and_frozen_processes_and_an_interrupt() {
     let name = instance("killed");
     let child = land(&name, "--warm-up 600 --link clean");
     let mut seen = running(&name);
@@ -246,7 +246,7 @@ fn killed_or_frozen_process_is_restarted_and_an_interrupt_leaves_nothing_behind(
 }
 
 #[test]
-fn processes_end_with_a_killed_supervisor() {
+fn processes_of_a_killed_supervisor() {
     let name = instance("orphans");
     let mut child = land(&name, "--warm-up 600");
     let seen = running(&name);
@@ -271,7 +271,7 @@ fn processes_end_with_a_killed_supervisor() {
 }
 
 #[test]
-fn fifty_starts_and_stops_leave_nothing_behind() {
+fn fifty_starts_and_stops() {
     let name = instance("fifty");
     for k in 0..50_u64 {
         let child = land(&name, "--warm-up 600");

@@ -41,7 +41,7 @@ fn wait_for(mut wanted: impl FnMut() -> bool) {
 
 #[test]
 #[ignore = "needs root: network namespaces and TUN devices"]
-fn landing_over_the_emulated_storm_leaves_nothing_behind() {
+fn landing_over_the_emulated_storm() {
     let name = format!("storm-{}", std::process::id());
     let child = start(&format!(
         "land --json --sea calm --warm-up 20 --link storm --emulate always --instance {name}"
@@ -71,7 +71,7 @@ fn landing_over_the_emulated_storm_leaves_nothing_behind() {
 
 #[test]
 #[ignore = "needs root: network namespaces and TUN devices"]
-fn emulator_removes_the_namespaces_of_a_killed_predecessor() {
+fn namespaces_of_a_killed_emulator() {
     let name = format!("left-{}", std::process::id());
     let words = format!("link --profile wifi-near --name {name}");
     let reaches = || {

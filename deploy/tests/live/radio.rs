@@ -85,24 +85,24 @@ fn over(transport: &str, certificates: Option<&Path>) {
 }
 
 #[test]
-fn radio_carries_messages_both_ways_over_udp() {
+fn radio_over_udp() {
     over("udp", None);
 }
 
 #[test]
-fn radio_carries_messages_both_ways_over_tcp() {
+fn radio_over_tcp() {
     over("tcp", None);
 }
 
 #[test]
-fn radio_carries_messages_both_ways_over_quic() {
+fn radio_over_quic() {
     let directory = common::certificates("quic");
     over("quic", Some(&directory));
     std::fs::remove_dir_all(&directory).expect("removed");
 }
 
 #[test]
-fn check_of_a_drone_finds_a_listening_vessel_and_misses_an_absent_one() {
+fn check_of_a_present_and_an_absent_vessel() {
     let directory = common::certificates("check");
     let endpoint = endpoint("quic");
     let check = || {
@@ -123,7 +123,7 @@ fn check_of_a_drone_finds_a_listening_vessel_and_misses_an_absent_one() {
 }
 
 #[test]
-fn radio_refuses_a_tls_endpoint_and_names_the_quic_form() {
+fn radio_tls_endpoint() {
     let text = "listen = [\"tls/127.0.0.1:7447\"]";
     let refused = config::parse::<RadioConfig>(text, "test.toml")
         .expect_err("refused")
@@ -135,7 +135,7 @@ fn radio_refuses_a_tls_endpoint_and_names_the_quic_form() {
 }
 
 #[test]
-fn radio_reopens_a_session_that_went_silent() {
+fn radio_session_that_went_silent() {
     let endpoint = endpoint("udp");
     let mut first = vessel(&endpoint, None);
     let mut drone = drone(&endpoint, None);
@@ -146,7 +146,7 @@ fn radio_reopens_a_session_that_went_silent() {
 }
 
 #[test]
-fn radio_reopens_a_session_that_never_received() {
+fn radio_session_that_never_received() {
     let endpoint = endpoint("udp");
     let mut drone = drone(&endpoint, None);
     assert_reopens(&mut drone);

@@ -333,12 +333,12 @@ fn land(firmware: Firmware, variable: &str) {
 
 #[test]
 #[ignore = "needs ALIGHT_ARDUCOPTER=/path/to/arducopter"]
-fn ardupilot_firmware_is_handed_over_landed_and_disarmed() {
+fn landing_of_the_ardupilot_firmware() {
     land(Firmware::ArduCopter, "ALIGHT_ARDUCOPTER");
 }
 
 #[test]
 #[ignore = "needs ALIGHT_PX4=/path/to/bin/px4, with its etc beside bin"]
-fn px4_firmware_is_handed_over_landed_and_disarmed() {
+fn landing_of_the_px4_firmware() {
     land(Firmware::Px4, "ALIGHT_PX4");
 }

@@ -198,13 +198,13 @@ fn kill(rounds: u64) -> Vec<f64> {
 }
 
 #[test]
-fn killed_recording_opens_replays_and_can_be_mended() {
+fn killed_recording() {
     assert_eq!(kill(3).len(), 3);
 }
 
 #[test]
 #[ignore = "takes four minutes, and measures a time"]
-fn hundred_kills_of_a_recording_process_cost_two_seconds_each_at_most() {
+fn hundred_kills_of_a_recording_process() {
     let mut missing_s = kill(100);
     missing_s.sort_by(f64::total_cmp);
     let at = |q: usize| missing_s[(missing_s.len() - 1) * q / 100];
@@ -218,7 +218,7 @@ fn hundred_kills_of_a_recording_process_cost_two_seconds_each_at_most() {
 }
 
 #[test]
-fn flight_of_a_vessel_is_listed_while_it_runs_and_afterwards() {
+fn list_of_a_vessels_flight() {
     let vessel = Vessel::prepare("flights");
     let process = Running(vessel.start());
     vessel.feed_until_synchronised(1);

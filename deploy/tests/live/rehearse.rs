@@ -38,7 +38,7 @@ fn landed(out: &Output) -> Value {
 }
 
 #[test]
-fn rehearsal_of_the_shipped_files_lands() {
+fn rehearsal_of_the_shipped_files() {
     alone();
     let child = alight("rehearse --seed 103 --restart vessel --json")
         .stdin(Stdio::null())
@@ -73,7 +73,7 @@ fn rehearsal_of_the_shipped_files_lands() {
 }
 
 #[test]
-fn rehearsal_with_a_firmware_outside_lands() {
+fn rehearsal_with_a_firmware_outside() {
     alone();
     let name = format!("rehearsed-{}", std::process::id());
     let firmware = StandIn::start(&name, &Flight::new(Firmware::ArduCopter, ""));
@@ -89,7 +89,7 @@ fn rehearsal_with_a_firmware_outside_lands() {
 }
 
 #[test]
-fn rehearsal_that_is_interrupted_leaves_nothing() {
+fn interrupted_rehearsal() {
     let mut child = alight("rehearse --json")
         .stdin(Stdio::null())
         .stdout(Stdio::null())
@@ -116,7 +116,7 @@ fn rehearsal_that_is_interrupted_leaves_nothing() {
 }
 
 #[test]
-fn rehearsal_of_a_file_that_is_wrong_says_so() {
+fn rehearsal_of_a_wrong_file() {
     let file = scratch("rehearse-wrong.toml");
     for (text, says) in [
         ("nonsense = 1\n", "nonsense"),

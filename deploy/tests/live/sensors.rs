@@ -18,7 +18,7 @@ fn sentence(body: &str) -> String {
     format!("${body}*{sum:02X}\r\n")
 }
 #[test]
-fn sensor_process_dates_nmea_sentences_over_udp_and_tcp() {
+fn sensor_process_nmea_over_udp_and_tcp() {
     let vessel = UdpSocket::bind("127.0.0.1:0").unwrap();
     vessel.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
     let (udp, tcp) = (free_udp(), TcpListener::bind("127.0.0.1:0").unwrap());
@@ -146,7 +146,7 @@ fn status_when(config: &Path, what: &str, wanted: impl Fn(&Value) -> bool) -> Va
 }
 
 #[test]
-fn vessel_process_runs_its_sensors_and_status_shows_each() {
+fn vessel_process_with_its_sensors() {
     let (udp, vessel, radio) = (free_udp(), free_udp(), free_udp());
     let config = scratch("sensors-vessel.toml");
     let text = format!(
@@ -229,7 +229,7 @@ fn vessel_process_runs_its_sensors_and_status_shows_each() {
 }
 
 #[test]
-fn sensor_process_without_sources_or_with_a_malformed_address_exits_with_code_2() {
+fn sensor_process_exit_code_2() {
     for (name, text, says) in [
         ("none", "", "[[sensor.sources]]"),
         (

@@ -1,5 +1,6 @@
-//! What a process outlives, and what outlives a process: a recorder that cannot be written to, a process that cannot be
-//! started, the deck's state. Nothing here asserts a time: the bounds on waiting are only against tests that never end.
+//! Survival: of a process with a recorder that cannot be written to, of a supervisor with a process that cannot be
+//! started, of the deck's state. Nothing here asserts a time: the bounds on waiting are only against tests that never
+//! end.
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
@@ -108,7 +109,7 @@ fn finding<'a>(status: &'a Value, topic: &str) -> Option<&'a Value> {
 }
 
 #[test]
-fn process_flies_on_without_a_recorder_that_cannot_be_written_and_records_again_when_it_can() {
+fn process_with_an_unwritable_recorder() {
     let name = instance("log");
     let log = scratch("log-blocked");
     let child = land(&name, &format!("--warm-up 600 --log {}", log.display()));
@@ -133,7 +134,7 @@ fn process_flies_on_without_a_recorder_that_cannot_be_written_and_records_again_
 }
 
 #[test]
-fn pilot_and_link_outlive_a_camera_that_cannot_be_started() {
+fn flight_with_a_camera_that_cannot_be_started() {
     let name = instance("unstartable");
     let directory = scratch("unstartable-files");
     let _none = std::fs::remove_dir_all(&directory);
@@ -171,7 +172,7 @@ fn pilot_and_link_outlive_a_camera_that_cannot_be_started() {
         both(s).iter().all(Option::is_some) && printed(ended) >= 2
     });
     permit(0o644);
-    status_when(&name, |_| printed("camera is not started, and tried again") >= 2);
+    status_when(&name, |_| printed("camera could not start, retrying") >= 2);
     let tried = printed(ended);
     permit(0o755);
     let after = status_when(&name, |_| printed(ended) > tried);
@@ -181,7 +182,7 @@ fn pilot_and_link_outlive_a_camera_that_cannot_be_started() {
 }
 
 #[test]
-fn vessel_outlives_a_limit_on_the_size_of_its_recorder_and_says_so() {
+fn vessel_with_a_recorder_size_limit() {
     let vessel = Vessel::prepare("log-limit");
     let log = vessel.directory.join("log");
     // 64 blocks of 512 or 1024 bytes.
@@ -207,7 +208,7 @@ fn vessel_outlives_a_limit_on_the_size_of_its_recorder_and_says_so() {
 }
 
 #[test]
-fn occupied_and_closed_deck_outlive_a_vessel_that_is_killed() {
+fn occupied_and_closed_deck_of_a_killed_vessel() {
     let vessel = Vessel::prepare("deck");
     let mut process = vessel.start();
     let mut drone = vessel.drone(1);
@@ -262,7 +263,7 @@ fn occupied_and_closed_deck_outlive_a_vessel_that_is_killed() {
 }
 
 #[test]
-fn deck_is_a_drones_that_stands_on_it_from_the_start_and_nobodys_when_two_have_its_number() {
+fn deck_owner_at_start_and_duplicate_numbers() {
     let vessel = Vessel::prepare("parked");
     let _process = vessel.start();
     let mut drone = vessel.drone(1);
@@ -290,7 +291,7 @@ fn deck_is_a_drones_that_stands_on_it_from_the_start_and_nobodys_when_two_have_i
 }
 
 #[test]
-fn deck_is_closed_by_the_crews_switch_beside_their_order_and_while_the_switch_cannot_be_read() {
+fn deck_closed_by_switch_order_or_unread_switch() {
     let vessel = Vessel::prepare("switch");
     let switch = vessel.directory.join("value");
     let text = std::fs::read_to_string(&vessel.config).expect("read");

@@ -95,7 +95,7 @@ impl<C: Clock> CommandAdmission<C> {
         }
         first
     }
-    /// Takes a command at `now`, or says why it does not count.
+    /// Takes a command at `now`, or gives the reason why it does not count.
     fn admit(&mut self, now: Time<C>, command: &OperatorCommand<C>) -> Result<(), RejectionReason> {
         let h = &command.header;
         if h.version != MESSAGE_VERSION {
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn late_abort_counts_once() {
+    fn late_abort() {
         let mut admission = CommandAdmission::default();
         let mut first_of = |now_s, given: &[Given]| {
             let commands: Vec<_> = given.iter().copied().map(command).collect();
@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn take_over_voids_what_was_given_before() {
+    fn orders_before_a_takeover() {
         let mut admission = CommandAdmission::default();
         let at = Time::from_secs;
         admission.supersede(at(10.0));
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn kept_commands_are_aborts_and_the_newest() {
+    fn kept_commands() {
         let mut kept = Vec::new();
         for k in 0..9_u32 {
             let kind = if k == 1 { Abort } else { Land };

@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn latest_takes_only_newer_valid_messages_and_counts_the_rest() {
+    fn latest_newer_valid_messages() {
         let now = Time::<DroneClock>::from_secs(1.0);
         let mut latest = Latest::default();
         assert!(latest.offer(now, &sample(900, 1, 5)));
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn latest_by_sequence_accepts_another_boot_and_rejects_old_messages() {
+    fn latest_by_sequence_and_boot() {
         let rule = Rule {
             lead: Span::from_millis(20),
             max_age: Span::from_millis(500),

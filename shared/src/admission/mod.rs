@@ -1,5 +1,5 @@
-//! Admission of inputs, the same for every node: why one is rejected and how often, the newest of each
-//! kind, what is due when, who published it, and which command counts.
+//! Admission of inputs, the same for every node: counted reasons of rejection, latest value, periods,
+//! sender, precedence of commands.
 
 pub mod command;
 mod latest;

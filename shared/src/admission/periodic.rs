@@ -44,7 +44,7 @@ mod tests {
     use crate::time::DroneClock;
 
     #[test]
-    fn periodic_keeps_its_grid_and_does_not_catch_up_after_a_pause() {
+    fn periodic_after_a_pause() {
         let mut p = Periodic::<DroneClock>::default();
         let at = |ms: i64| Time::from_nanos(ms * 1_000_000);
         let mut due = |ms| p.is_due(at(ms), Span::from_millis(100));

@@ -102,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rejections_count_each_reason_on_its_own() {
+    fn rejection_counts_by_reason() {
         let mut r = Rejections::default();
         for (i, reason) in RejectionReason::ALL.iter().enumerate() {
             assert_eq!(*reason as usize, i);

@@ -1,11 +1,11 @@
-//! Who published a message: the name in its key, to which access control binds the publisher's certificate.
+//! Sender of a message: the name in its key, to which access control binds the publisher's certificate.
 
 use serde::{Deserialize, Serialize};
 
 use super::RejectionReason;
 use crate::time::{Clock, Time};
 
-/// The publisher of a message, by its key `alight/NAME/TOPIC`. What the message says of itself counts only where it
+/// The publisher of a message, by its key `alight/NAME/TOPIC`. The sender that a message states counts only where it
 /// agrees: a certificate is worth nothing if its holder may speak for others.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Sender {
@@ -53,7 +53,7 @@ pub struct Arrival<C: Clock, M> {
     pub at: Time<C>,
     /// On whose key.
     pub sender: Sender,
-    /// What it says.
+    /// The message.
     pub message: M,
 }
 
@@ -62,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sender_is_the_name_in_the_key() {
+    fn sender_by_the_name_in_the_key() {
         for (key, sender) in [
             ("alight/drone-12/status", Sender::Drone(12)),
             ("alight/vessel-1/time/reply", Sender::Vessel(1)),

@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn sequential_scalars_equal_the_information_form() {
+    fn sequential_update_against_information_form() {
         let mut noise = Noise(11);
         let n = 5;
         let p = spd(n, &mut noise);
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn sparse_prediction_equals_the_dense_product() {
+    fn sparse_prediction_against_dense_product() {
         let mut noise = Noise(3);
         let n = 7;
         let a = DMatrix::from_fn(n, n, |i, j| if (i + 2 * j) % 3 == 0 { noise.next() } else { 0.0 });
@@ -293,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn nees_and_nis_are_consistent_on_a_simulated_system() {
+    fn nees_and_nis_on_a_simulated_system() {
         // Constant velocity with white acceleration, position measured.
         let (dt, q, r) = (0.1, 0.5_f64, 0.04_f64);
         let a = DMatrix::from_row_slice(2, 2, &[1.0, dt, 0.0, 1.0]);

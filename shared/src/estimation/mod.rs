@@ -1,4 +1,4 @@
-//! Estimation: the Kalman filter that the vessel model rests on.
+//! Estimation: Kalman filter.
 
 mod kalman;
 mod statistics;

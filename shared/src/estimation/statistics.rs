@@ -1,4 +1,4 @@
-//! Figures of samples.
+//! Statistics of samples.
 
 use serde::Serialize;
 

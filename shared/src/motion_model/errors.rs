@@ -1,4 +1,4 @@
-//! The error of the predictions, measured: each is kept until the motion that it predicted has come.
+//! Measured prediction error: each prediction is kept until its time has come.
 
 use std::collections::VecDeque;
 

@@ -1,4 +1,4 @@
-//! The heading on which the deck would tilt least.
+//! Heading of least deck tilt.
 //!
 //! Waves push a vessel the way they run: her horizontal acceleration `a` and the rate of the surface, `w` up, are in phase
 //! (deep water, Fossen 2011, section 8.2), so `E[a w]` points to where they run to, and `E[a a']` holds how their
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn quiet_heading_meets_the_waves_with_the_stiffer_axis() {
+    fn quiet_heading_with_the_stiffer_axis() {
         for to in [-2.5_f64, 0.0, 1.2, 3.0] {
             let bow = moments(to, 2.0).quietest(to).unwrap();
             assert!(wrap_angle(bow.heading - to).abs() > 3.05, "{to}: {bow:?}");
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn waves_from_everywhere_have_no_quiet_heading() {
+    fn quiet_heading_in_waves_from_everywhere() {
         let mut m = moments(0.0, 2.0);
         m.runs *= 0.2;
         assert_eq!(m.quietest(0.0), None);

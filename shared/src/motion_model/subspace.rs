@@ -1,4 +1,5 @@
-//! From the sums to the modes, in parts that each take less than two milliseconds.
+//! Subspace identification: modes from the regression's sums, in parts that each take less than two
+//! milliseconds.
 
 use crate::msg::MAX_MODES;
 use crate::vessel_model::{DOFS, HEAVE, Mode, SURGE, SWAY, YAW};

@@ -71,7 +71,7 @@ fn error_on_a_square(turns_with_vessel: bool) -> f64 {
 }
 
 #[test]
-fn both_kinds_of_hull_are_predicted_through_turns() {
+fn motion_model_of_both_hulls_in_turns() {
     for turns_with_vessel in [false, true] {
         let error = error_on_a_square(turns_with_vessel);
         assert!(
@@ -105,7 +105,7 @@ fn after(seconds: f64, noise: f64) -> MotionModel<VesselClock> {
 }
 
 #[test]
-fn motion_model_finds_the_frequencies_and_predicts_the_waves() {
+fn motion_model_frequencies_and_prediction() {
     let model = after(120.0, 0.003);
     let modes = model.modes().unwrap();
     for omega in [1.15, 1.26, 2.4] {
@@ -126,7 +126,7 @@ fn motion_model_finds_the_frequencies_and_predicts_the_waves() {
 }
 
 #[test]
-fn motion_model_starts_its_record_anew_after_a_gap_and_ignores_nan() {
+fn motion_model_after_a_gap_and_nan() {
     let mut model = after(60.0, 0.003);
     assert!(model.modes().is_some());
     let sample = |at: f64, v: f64| MotionSample {

@@ -1,4 +1,4 @@
-//! What the drone knows of the deck: detections, link, forecast.
+//! The deck as the drone knows it: detections, link, forecast.
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -14,7 +14,7 @@ use crate::time::{DroneClock, Span};
 /// Stages of a deck forecast.
 pub const FORECAST_STAGES: usize = 41;
 
-/// Moments that [`DeckForecast::predicted_slopes`] tells of.
+/// Stages of [`DeckForecast::predicted_slopes`].
 pub const PREDICTED_SLOPES: usize = 48;
 /// Time between two of them, s; together twelve seconds.
 pub const PREDICTED_SLOPE_STEP_S: f64 = 0.25;

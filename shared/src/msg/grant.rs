@@ -1,4 +1,4 @@
-//! Whose the deck is, and where drones wait for it.
+//! Reservation of the deck: its owner, and where drones wait.
 
 use core::f64::consts::TAU;
 

@@ -259,7 +259,9 @@ impl fmt::Display for Reason {
             ReasonCode::VisionLost => write!(f, "deck not seen for {v:.2} s (limit {l:.2})"),
             ReasonCode::TooFar => write!(f, "{v:.2} m beside the deck (limit {l:.2} m)"),
             ReasonCode::TooFast => write!(f, "{v:.2} m/s relative to the deck (limit {l:.2})"),
-            ReasonCode::Infeasible => write!(f, "deck moves too hard to follow: {v:.2} (limit {l:.2})"),
+            ReasonCode::Infeasible => {
+                write!(f, "predicted deck motion exceeds limits: {v:.2} (limit {l:.2})")
+            }
             ReasonCode::TooSteep => {
                 write!(
                     f,
@@ -273,7 +275,7 @@ impl fmt::Display for Reason {
             ReasonCode::Deviated => write!(f, "{v:.2} m off the deck's centre (limit {l:.2})"),
             ReasonCode::Missed => write!(f, "deck missed: feet {v:.2} m below it (limit {l:.2})"),
             ReasonCode::Touchdown => write!(f, "touchdown"),
-            ReasonCode::BatteryLow => battery(f, " and no place to land: gives the landing up"),
+            ReasonCode::BatteryLow => battery(f, " and no place to land: landing aborted"),
             ReasonCode::BatteryDeck => battery(f, ": lands on the deck, within wider limits"),
             ReasonCode::BatteryHome => battery(f, ": the autopilot returns home"),
             ReasonCode::BatteryHere => battery(f, ": the autopilot lands here"),
@@ -551,7 +553,7 @@ impl CommandKind {
                 | State::Flare
                 | State::Landed => true,
             },
-            // On the deck there is nothing to break off; a mission that waits says when it has received it.
+            // On the deck there is nothing to break off; a waiting mission reports when it has received it.
             CommandKind::Abort => {
                 matches!(state, State::GaveUp | State::Landed)
                     || state == State::Idle && waiting == ReasonCode::Operator
@@ -566,7 +568,7 @@ impl CommandKind {
     }
 }
 
-/// What the drone tells the vessel about itself, for the deck's operator.
+/// Status of the drone for the vessel, for the deck's operator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
 pub struct DroneStatus {

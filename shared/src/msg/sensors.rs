@@ -1,4 +1,4 @@
-//! What the vessel's sensors measure, on the vessel's clock, in the sensor's own axes turned to
+//! Measurements of the vessel's sensors, on the vessel's clock, in the sensor's own axes turned to
 //! the vessel's FRD. Lever arms are configuration.
 
 use serde::{Deserialize, Serialize};

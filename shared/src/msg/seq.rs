@@ -96,7 +96,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn full_seq_returns_the_item() {
+    fn push_to_a_full_seq() {
         let mut s = Seq::<u8, 2>::new();
         assert_eq!(s.push(1), Ok(()));
         assert_eq!(s.push(2), Ok(()));

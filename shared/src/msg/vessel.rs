@@ -1,4 +1,4 @@
-//! What the vessel broadcasts.
+//! Broadcast of the vessel: estimate, wave model, prediction.
 //!
 //! # Byte layout on the wire
 //!
@@ -113,7 +113,7 @@ pub struct WaveMode {
 pub struct WaveModel<C: Clock> {
     /// Identity and time of validity of the oscillator states.
     pub header: Header<C>,
-    /// Significant wave height as the vessel's heave tells it, m.
+    /// Significant wave height by the vessel's heave, m.
     pub significant_height_m: f32,
     /// Share of the motion's variance that the modes predict a second ahead, 0 to 1: in a calm, where only noise is left
     /// of the motion, 0.

@@ -1,4 +1,5 @@
-//! Who may publish what over the radio: rules by the name in a certificate, checked by zenoh on both sides.
+//! Access control of the radio: publishing rights by the name in a certificate, checked by zenoh on both
+//! sides.
 //!
 //! Keys are `alight/NAME/TOPIC`, and NAME is the common name of the speaker's certificate. Everything
 //! is denied but this: we publish our own keys, a peer publishes keys under its own name, and
@@ -65,7 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn access_rules_admit_each_peer_under_its_own_name_only() {
+    fn access_rules_by_name() {
         let own = vec!["alight/vessel-1/estimate".to_owned()];
         let peers = ["drone-1".to_owned(), "drone-2".to_owned()];
         let rules = rules(&own, &peers);

@@ -48,7 +48,7 @@ mod tests {
     use crate::time::DroneClock;
 
     #[test]
-    fn process_clock_adds_offset_and_drift() {
+    fn process_clock_with_offset_and_drift() {
         let clock = ProcessClock {
             epoch_ns: 5_000_000_000,
             offset_s: 100.25,
@@ -59,7 +59,7 @@ mod tests {
     }
 
     #[test]
-    fn steady_clock_never_goes_back() {
+    fn monotonic_steady_clock() {
         let (a, b) = (steady_ns(), steady_ns());
         assert!(0 < a && a <= b);
     }

@@ -1,4 +1,4 @@
-//! One set of processes on a computer, and the names of its services.
+//! Instance: one set of processes on a computer, and the names of its services.
 
 use std::path::PathBuf;
 
@@ -115,13 +115,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn instance_whose_sockets_would_have_too_long_a_path_is_refused_with_advice() {
+    fn instance_with_too_long_socket_paths() {
         let instance = |bytes: usize| Instance::new(&"a".repeat(bytes)).map(|i| i.config());
         assert!(matches!(instance(2), Ok(Ok(_))));
-        let Ok(Err(refused)) = instance(32) else {
+        let Ok(Err(rejected)) = instance(32) else {
             panic!("32 bytes fit into no path of a socket");
         };
-        assert!(refused.to_string().contains("shorter fits"), "{refused}");
+        assert!(rejected.to_string().contains("shorter fits"), "{rejected}");
         assert!(instance(33).is_err());
     }
 }

@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn subscribers_keep_the_newest_state_and_sixteen_events_and_leave_no_files() {
+    fn subscriber_queues_and_leftover_files() {
         let instance = Instance::new(&format!("memory-test-{}", std::process::id())).unwrap();
         instance.wipe().unwrap();
         let memory = Memory::join(&instance, "test").unwrap();
@@ -355,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn image_arrives_whole_and_an_oversized_one_is_counted() {
+    fn image_transfer_and_oversized_image() {
         let instance = Instance::new(&format!("images-test-{}", std::process::id())).unwrap();
         instance.wipe().unwrap();
         let memory = Memory::join(&instance, "test").unwrap();

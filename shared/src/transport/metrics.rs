@@ -1,4 +1,4 @@
-//! What processes count and measure beside, each under its own name.
+//! Metrics of processes, each under its own name.
 
 use serde::{Deserialize, Serialize, Serializer};
 
@@ -186,7 +186,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn metrics_have_keys_with_units_and_plain_values() {
+    fn metric_keys_and_values() {
         let shown = |m: Metric| (m.key(), m.json());
         assert_eq!(
             shown(MetricName::OdometryToSetPointP50.seconds(0.25)),

@@ -1,4 +1,4 @@
-//! What a test bench puts between the radio and a process, from outside. A process that flies sets none.
+//! Observation and alteration of a process's messages by a test bench. A process that flies sets none.
 
 use std::sync::{Mutex, PoisonError};
 

@@ -1,4 +1,5 @@
-//! What may lie in shared memory, and on which topic. Beside a descriptor's number in `memory` the only `unsafe` of Alight.
+//! Plain data that may lie in shared memory, and its topics. Beside a descriptor's number in `memory` the only `unsafe`
+//! of Alight.
 #![allow(unsafe_code)]
 
 use core::fmt::Debug;

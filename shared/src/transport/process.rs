@@ -1,5 +1,4 @@
-//! What a process reports about itself, for a person who looks on; and the signals that a test of
-//! faults sends it.
+//! Reports of a process about itself, and the signals that a fault test sends it.
 
 use iceoryx2_bb_posix::process::{Process, ProcessId};
 use iceoryx2_bb_posix::signal::Signal as OsSignal;

@@ -90,7 +90,7 @@ config! {
             this.tls.authority.is_empty() || !peers.is_empty() && peers.len() <= access::PEERS,
             "tls.peers",
             format!("{} names", peers.len()),
-            "with certificates, the names of those whom to hear, such as [\"drone-1\"]; 64 at most",
+            "with certificates, the names of the admitted peers, such as [\"drone-1\"]; 64 at most",
         )?;
         at.require(
             peers.iter().all(|p| access::is_name(p)),
@@ -487,7 +487,7 @@ impl Radio {
     /// Whether the session of a listener can be trusted after its process stood still for `gap_s`: held
     /// up for about a lease, the middleware's reader of a datagram socket stays blocked for good and
     /// keeps the port (measured: SIGSTOP for 2 s, 9 of 9 never read again; closing the session does not
-    /// free it). Only a new process hears again.
+    /// free it). Only a new process receives again.
     pub fn survives_pause(&self, gap_s: f64) -> bool {
         !self.config.connect.is_empty() || gap_s < 0.9 * self.config.link_lease_s()
     }

@@ -1,5 +1,5 @@
-//! Who was refused at the radio's door. The middleware tells nobody but its log (crate `tracing`): a
-//! listener of that log counts the three kinds of refusal it knows.
+//! Rejected peers, from zenoh's log (crate `tracing`), the only place where it reports them: a
+//! listener counts the three kinds of rejection.
 //!
 //! - a session whose TLS handshake (QUIC's, RFC 9001) failed: no certificate, another authority, expired;
 //! - a session whose certificate carries a name that no rule of ours is for;
@@ -23,7 +23,7 @@ use tracing_subscriber::filter::filter_fn;
 use tracing_subscriber::layer::{Context, SubscriberExt};
 use tracing_subscriber::registry::LookupSpan;
 
-/// Why somebody was refused.
+/// Why a peer was rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum AccessRejection {
@@ -81,8 +81,8 @@ pub struct AccessRejections {
 
 impl AccessRejections {
     /// How many for this reason.
-    pub fn of(&self, refusal: AccessRejection) -> u64 {
-        let at = AccessRejection::ALL.iter().position(|r| *r == refusal);
+    pub fn of(&self, rejection: AccessRejection) -> u64 {
+        let at = AccessRejection::ALL.iter().position(|r| *r == rejection);
         at.and_then(|k| self.each.get(k)).copied().unwrap_or(0)
     }
 }
@@ -94,7 +94,7 @@ static COUNTED: Mutex<AccessRejections> = Mutex::new(AccessRejections {
 });
 static LISTENING: Once = Once::new();
 
-/// What this process has refused since it listens.
+/// Rejections of this process since it listens.
 pub fn counted() -> AccessRejections {
     *COUNTED.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -114,17 +114,17 @@ pub fn listen() {
     });
 }
 
-fn count(refusal: AccessRejection) {
+fn count(rejection: AccessRejection) {
     let mut counted = COUNTED.lock().unwrap_or_else(PoisonError::into_inner);
     counted.count = counted.count.saturating_add(1);
-    counted.last = Some(refusal);
-    let at = AccessRejection::ALL.iter().position(|r| *r == refusal);
+    counted.last = Some(rejection);
+    let at = AccessRejection::ALL.iter().position(|r| *r == rejection);
     if let Some(n) = at.and_then(|k| counted.each.get_mut(k)) {
         *n = n.saturating_add(1);
     }
 }
 
-/// Where the middleware says that it refused.
+/// Where the middleware logs a rejection.
 const HANDSHAKES: &str = "zenoh_link_commons::quic";
 const RULES: &str = "zenoh::net::routing::interceptor::access_control";
 
@@ -210,7 +210,7 @@ impl Visit for Text {
     }
 }
 
-/// Counts what the middleware's log says.
+/// Counts the rejections in the middleware's log.
 struct Counter;
 
 impl<S: Subscriber> Layer<S> for Counter {
@@ -228,7 +228,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn access_rejections_ignore_permissions_cached_before_an_attempt() {
+    fn access_rejections_with_cached_permissions() {
         let put = "abc on drone-1 is unauthorized to Put (ingress) on alight/vessel-1/estimate";
         assert_eq!(of(RULES, put), Some(AccessRejection::Key));
         assert_eq!(of(RULES, "ACL (ingress): caching permissions for `x` ..."), None);

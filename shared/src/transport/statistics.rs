@@ -1,4 +1,4 @@
-//! What a process read on a topic, counted.
+//! Statistics of a subscriber.
 
 use hdrhistogram::Histogram;
 
@@ -96,7 +96,7 @@ mod tests {
     use crate::topics;
 
     #[test]
-    fn input_statistics_count_gaps_but_not_restarts_or_repetitions() {
+    fn input_statistics_gaps_and_restarts() {
         let mut statistics = InputStatistics::new(&topics::PLAN);
         for (boot, sequence) in [(1, 1), (1, 2), (1, 5), (1, 4), (1, 5), (2, 90), (2, 91)] {
             statistics.count(Some((boot, sequence)), 0, 3_000_000);
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn quantiles_are_exact_to_two_digits() {
+    fn quantiles_to_two_digits() {
         let mut q = Quantiles::default();
         assert_eq!(q.quantile(0.5), 0.0);
         (1..=1000).for_each(|k| q.add(f64::from(k) * 1e-4));

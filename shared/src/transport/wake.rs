@@ -1,4 +1,4 @@
-//! Waiting for messages without burning a core: an iceoryx2 wait set over listeners.
+//! Blocking wait for messages: an iceoryx2 wait set over listeners.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, LazyLock};

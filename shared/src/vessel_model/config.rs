@@ -1,4 +1,4 @@
-//! The vessel's figures.
+//! Parameters of the vessel.
 
 use nalgebra::SMatrix;
 use serde::{Deserialize, Serialize};
@@ -59,7 +59,7 @@ config! {
         /// Random walk of the slow state after 1 s: m/s (surge, sway), m, rad, rad, rad/s.
         /// Chosen: Small for the stiff ones: the hull follows at once, and accelerometers would
         /// have measured it. The wander of a GNSS height is no motion and no business of this model:
-        /// heave is reckoned from the mean water level, to which a hull of constant load returns.
+        /// heave is measured from the mean water level, to which a hull of constant load returns.
         pub slow_walk_mps_m_rad_radps: [f64; 6] = [0.05, 0.05, 5e-4, 5e-4, 5e-4, 0.01], in 0.0..=10.0;
         /// Initial standard deviation of the slow state, same units.
         pub slow_sd_mps_m_rad_radps: [f64; 6] = [2.0, 2.0, 3.0, 0.03, 0.03, 0.1], in 0.0..=100.0;
@@ -151,7 +151,7 @@ mod tests {
     use crate::config::Keys;
 
     #[test]
-    fn vessel_model_config_accepts_its_default_and_rejects_a_negative_inertia() {
+    fn vessel_model_config_default_and_negative_inertia() {
         assert!(VesselModelConfig::default().check(&Keys::ROOT).is_ok());
         let mut c = VesselModelConfig::default();
         c.inertia_kg_kgm2[2] = -1.0;

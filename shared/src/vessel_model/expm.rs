@@ -72,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn expm_of_a_rotation_generator_is_the_rotation() {
+    fn expm_of_a_rotation_generator() {
         let m = Mat::from_fn(2, 2, |i, j| match (i, j) {
             (0, 1) => 3.0,
             (1, 0) => -3.0,
@@ -84,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn van_loan_gives_the_textbook_double_integrator() {
+    fn van_loan_double_integrator() {
         let f = DMatrix::from_row_slice(2, 2, &[0.0, 1.0, 0.0, 0.0]);
         let w = DMatrix::from_row_slice(2, 2, &[0.0, 0.0, 0.0, 2.0]);
         let dt = 0.7;

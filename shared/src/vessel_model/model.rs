@@ -1,4 +1,4 @@
-//! From the vessel's figures and a list of wave components to exact discrete matrices.
+//! Exact discrete matrices from the vessel's parameters and a list of wave components.
 
 use nalgebra::{DMatrix, Rotation2, SMatrix, Vector2, Vector3};
 

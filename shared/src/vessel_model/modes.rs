@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn motion_is_the_derivative_of_the_path_and_of_itself() {
+    fn mode_motion_derivatives() {
         let (m, h) = (modes(), 1e-5);
         for t in [0.0, 0.7, 3.0] {
             let (before, now, after) = (m.motion(t - h), m.motion(t), m.motion(t + h));
@@ -188,7 +188,7 @@ mod tests {
         }
     }
     #[test]
-    fn slow_mode_has_no_path() {
+    fn path_of_a_slow_mode() {
         let mut m = modes();
         m.modes = vec![Mode {
             pole: Complex::default(),

@@ -104,7 +104,7 @@ fn dense(model: &VesselModel, dofs: &[usize]) -> (DMatrix<f64>, DMatrix<f64>) {
 }
 
 #[test]
-fn discretisation_by_parts_equals_van_loan_of_the_whole() {
+fn discretisation_by_parts_against_van_loan() {
     let config = coupled();
     assert!(config.check(&Keys::ROOT).is_ok());
     let model = VesselModel::new(&config, &waves());
@@ -120,7 +120,7 @@ fn discretisation_by_parts_equals_van_loan_of_the_whole() {
 }
 
 #[test]
-fn heave_follows_a_long_wave() {
+fn heave_in_a_long_wave() {
     // Given a stiff follower and a 5 s wave alone.
     let mut wave = waves()[0];
     wave.drive = [0.0; 6];
@@ -141,7 +141,7 @@ fn heave_follows_a_long_wave() {
 }
 
 #[test]
-fn belief_turned_there_and_back_keeps_its_mean() {
+fn belief_turned_there_and_back() {
     let model = VesselModel::new(&VesselModelConfig::default(), &waves());
     let before = filled(&model);
     let mut b = before.clone();
@@ -166,7 +166,7 @@ fn belief_turned_there_and_back_keeps_its_mean() {
 }
 
 #[test]
-fn turn_tilt_keeps_the_normal_and_agrees_with_the_linear_rotation() {
+fn turn_tilt_against_linear_rotation() {
     let (roll, pitch, delta) = (0.2, -0.15, 1.1);
     let (r, p) = turn_tilt(roll, pitch, delta);
     let normal = |r: f64, p: f64, y: f64| {
@@ -179,7 +179,7 @@ fn turn_tilt_keeps_the_normal_and_agrees_with_the_linear_rotation() {
 }
 
 #[test]
-fn update_leaves_the_state_on_a_gated_outlier() {
+fn update_with_a_gated_outlier() {
     let model = VesselModel::new(&VesselModelConfig::default(), &waves()[..1]);
     let mut belief = Belief::new(&model, &spec());
     let before = belief.clone();
@@ -195,7 +195,7 @@ fn update_leaves_the_state_on_a_gated_outlier() {
 }
 
 #[test]
-fn update_across_blocks_gives_exact_marginals() {
+fn update_across_blocks() {
     let model = VesselModel::new(&VesselModelConfig::default(), &waves()[..1]);
     let row = [Term::new(HEAVE, ETA, 1.0), Term::new(YAW, ETA, 0.5)];
     let mut split = Belief::new(&model, &spec());

@@ -1,5 +1,5 @@
-//! The simulated drone as the plant of a real firmware (PX4, ArduPilot): what its sensors feel out, its
-//! motors in. Pure: bytes are made and read here, sockets belong to the process around it.
+//! The simulated drone as the plant of a real firmware (PX4, ArduPilot): sensor readings out, motor
+//! commands in. Pure: bytes are made and read here, sockets belong to the process around it.
 //!
 //! [`px4`] speaks PX4's simulator API (MAVLink HIL messages), [`ardupilot`] ArduPilot's JSON backend. [`simulated`] is
 //! an autopilot of our own with the character of either, in the place of a firmware.

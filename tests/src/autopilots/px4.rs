@@ -51,7 +51,7 @@ impl Px4Plant {
             every_us: 0,
         }
     }
-    /// What the sensors say, `rate_hz` times a second: the GNSS first, for the sample that follows is
+    /// Messages of the sensors, `rate_hz` times a second: the GNSS first, for the sample that follows is
     /// what PX4 goes on with.
     pub fn encode_sensors(&mut self, truth: &PlantState, rate_hz: f64) -> Vec<u8> {
         let fix = self.sensors.fix(truth).map(Message::HilGps);
@@ -98,7 +98,7 @@ impl Px4Plant {
     pub fn is_overdue(&self) -> bool {
         self.sampled_us.saturating_sub(self.answered_us) >= MAX_ANSWER_PERIOD * self.period_us
     }
-    /// Motors as heard last.
+    /// Motors as received last.
     pub fn motors(&self) -> Option<[f64; MAX_ROTORS]> {
         self.outputs.and_then(|o| motors(&self.config, &o))
     }

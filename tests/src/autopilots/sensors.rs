@@ -142,7 +142,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn standard_atmosphere_pressure_inverts_to_its_height() {
+    fn standard_atmosphere_inverse() {
         for h in [-10.0, 0.0, 30.0, 500.0] {
             assert!((altitude_m(pressure_hpa(h)) - h).abs() < 1e-3);
         }

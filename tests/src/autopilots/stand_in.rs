@@ -1,5 +1,4 @@
-//! The firmware's end of both protocols, for stand-ins of a firmware: what it sends, and what it makes of
-//! the plant's words.
+//! The firmware's end of both protocols, for stand-ins of a firmware: encoding and decoding.
 
 use alight_shared::frames::TrueNed;
 use alight_shared::geodesy::Datum;

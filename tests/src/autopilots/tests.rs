@@ -103,7 +103,7 @@ fn fly(
 }
 
 #[test]
-fn ardupilot_plant_carries_a_take_off_hover_and_landing() {
+fn ardupilot_plant_take_off_hover_and_landing() {
     let physics = Physics::new(&calm(), 3).expect("a world");
     let c = FirmwareConfig::default();
     let (mut frame, mut grounded) = (0_u32, false);
@@ -126,7 +126,7 @@ fn ardupilot_plant_carries_a_take_off_hover_and_landing() {
 }
 
 #[test]
-fn px4_plant_carries_a_take_off_hover_and_landing() {
+fn px4_plant_take_off_hover_and_landing() {
     let scenario = calm();
     let streams = crate::physics::streams::Streams::new(3);
     // Good sensors: the stand-in's estimator is a poor one.
@@ -183,7 +183,7 @@ fn px4_plant_carries_a_take_off_hover_and_landing() {
 }
 
 #[test]
-fn px4_that_begins_to_answer_every_second_sample() {
+fn px4_plant_with_every_second_sample_answered() {
     let (c, streams) = (
         FirmwareConfig::default(),
         crate::physics::streams::Streams::new(1),
@@ -220,7 +220,7 @@ fn px4_that_begins_to_answer_every_second_sample() {
 }
 
 #[test]
-fn drone_without_a_firmware_stands_on_its_pad_while_the_sea_goes_on() {
+fn drone_without_a_firmware_on_its_pad() {
     let mut physics = Physics::new(&calm(), 5).expect("a world");
     physics.place_drone_on_pad(0);
     let before = physics.drone(0).unwrap_or_default().position.0;
@@ -241,7 +241,7 @@ fn drone_without_a_firmware_stands_on_its_pad_while_the_sea_goes_on() {
 }
 
 #[test]
-fn px4_plant_waits_for_the_samples_that_px4_answers() {
+fn px4_plant_lock_step_samples() {
     let config = FirmwareConfig::default();
     let streams = crate::physics::streams::Streams::new(1);
     let sensors = FirmwareSensors::new(
@@ -275,7 +275,7 @@ fn px4_plant_waits_for_the_samples_that_px4_answers() {
 }
 
 #[test]
-fn firmware_configuration_gives_each_firmware_its_exchange_rate() {
+fn exchange_rates_of_the_firmwares() {
     let hz = |exchange_hz| FirmwareConfig {
         exchange_hz,
         ..FirmwareConfig::default()
@@ -291,7 +291,7 @@ fn firmware_configuration_gives_each_firmware_its_exchange_rate() {
 }
 
 #[test]
-fn ardupilot_plant_rejects_malformed_packets() {
+fn ardupilot_plant_malformed_packets() {
     let good = |magic: u16, n: usize| {
         let mut p = magic.to_le_bytes().to_vec();
         p.extend([0_u8; 6]);
@@ -321,7 +321,7 @@ proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn firmware_outputs_of_any_kind_turn_rotors_within_their_bounds(
+    fn arbitrary_firmware_outputs(
         all in prop::collection::vec(prop_oneof![any::<f64>(), -0.5..1.5_f64, Just(f64::NAN)], 0..20),
         curve in 0.0..1.0_f64,
     ) {
@@ -332,7 +332,7 @@ proptest! {
     }
 
     #[test]
-    fn firmware_bytes_of_any_kind_are_decoded_without_panic(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+    fn arbitrary_firmware_bytes(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
         let _any = ardupilot::servos(&bytes);
         let c = FirmwareConfig::default();
         let streams = crate::physics::streams::Streams::new(1);

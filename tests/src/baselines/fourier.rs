@@ -96,7 +96,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn spectrum_finds_two_sines_with_their_amplitudes() {
+    fn spectrum_of_two_sines() {
         let rate = 30.0;
         let record: Vec<f64> = (0..600)
             .map(|i| f64::from(i) / rate)

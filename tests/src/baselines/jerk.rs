@@ -221,7 +221,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn barrier_has_the_published_shape_and_right_derivatives() {
+    fn barrier_shape_and_derivatives() {
         assert!(shape(3.0, 1.2).0 < 1e-4 && shape(0.5, 1.2).0 > 0.98);
         assert!((shape(1.2, 1.2).0 - 0.5).abs() < 1e-12 && (shape(0.1, 1.2).0 - 0.5).abs() < 1e-12);
         assert!(shape(0.0, 1.2).0 < 1e-4 && shape(-5.0, 1.2).0 < 1e-20 + 1e-12);
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn jerk_axis_gradient_is_that_of_its_cost() {
+    fn jerk_axis_gradient() {
         let axis = JerkAxis::new(0.1);
         let (problem, barrier) = falling(300.0, 1.5);
         let u: PerStage = core::array::from_fn(|i| 25.0 - 4.0 * i as f64);
@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn jerk_axis_waits_above_a_tilted_deck_and_lands_on_a_level_one() {
+    fn jerk_axis_above_tilted_and_level_decks() {
         let tilted = fly(610.0, 20);
         assert!(
             (-2.2..-1.5).contains(&tilted),

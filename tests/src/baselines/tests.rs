@@ -49,7 +49,7 @@ fn resting(position: [f64; 3]) -> Start {
 }
 
 #[test]
-fn every_planner_has_a_mission_and_a_predictor_that_their_own_checks_accept() {
+fn configurations_of_every_planner() {
     for kind in [PlannerKind::MpcFaa, PlannerKind::Alight] {
         let mission = kind.mission(MissionConfig::default());
         mission
@@ -79,7 +79,7 @@ fn rocking(roll: f64) -> impl Fn(f64) -> DeckStage {
 }
 
 #[test]
-fn deck_modes_predict_heave_and_tilt_one_second_ahead_from_the_tag_alone() {
+fn deck_modes_prediction_from_the_tag_alone() {
     let mut modes = DeckModes::default();
     let deck = rocking(0.1);
     let mut worst: (f64, f64) = (0.0, 0.0);
@@ -132,7 +132,7 @@ fn mpc_ne_over(roll: f64, state: State, descent_mps: f64) -> (f64, f64) {
 }
 
 #[test]
-fn mpc_ne_lands_between_tilts_waits_over_a_steep_deck_and_follows_the_mission() {
+fn mpc_ne_over_tilting_and_steep_decks() {
     let (_, min) = mpc_ne_over(0.03, State::Descent, 1.0);
     assert!(min < 0.0, "never down: {min}");
     // 0.5 rad: never level for long enough.

@@ -1,6 +1,6 @@
-//! Age of information at the drone: how old the newest state of the vessel is, looked at in every
-//! tick. (Ten times a second, as the bridge says it, is in step with the vessel's 30 Hz and shows
-//! one phase of the saw-tooth only.)
+//! Age of information at the drone: age of the newest state of the vessel, sampled in every tick.
+//! (Ten times a second, as the bridge reports it, is in step with the vessel's 30 Hz and shows one
+//! phase of the saw-tooth only.)
 
 use alight_bridge::{BridgeIn, BridgeOut};
 use alight_shared::time::{DroneClock, Time, TrueTime};

@@ -92,7 +92,7 @@ impl SimulatedCameras {
             }),
         })
     }
-    /// Adds to `readings` what the nodes say of the images that have arrived by `t`.
+    /// Adds to `readings` the nodes' output on the images that have arrived by `t`.
     pub fn step(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, readings: &mut DroneReadings) {
         if let Some((renderer, delay, node)) = &mut self.belly {
             let input = delay.frames(t, &readings.shots, |shot| renderer.image(shot));

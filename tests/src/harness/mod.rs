@@ -1,4 +1,4 @@
-//! The world in lock-step with the nodes, one landing in it, its judge, and what observers may see.
+//! The world in lock-step with the nodes, one landing in it, its judge, and its observers.
 
 pub mod age;
 pub mod cameras;
@@ -6,6 +6,7 @@ mod foresight;
 pub mod link;
 pub mod outcome;
 pub mod physics;
+pub mod rig;
 pub mod scenario;
 pub mod tap;
 pub mod trace;

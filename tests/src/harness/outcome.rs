@@ -1,4 +1,4 @@
-//! How a trial ended, judged from the truth, the same for every planner.
+//! Outcome of a trial, judged from the truth, the same for every planner.
 //!
 //! Success: at first foot contact normal and tangential speed relative to the deck at most
 //! 1.0 m/s and tilt difference at most 10 deg; later impacts at most 1.0 m/s; only feet touch and
@@ -192,7 +192,7 @@ pub struct Outcome {
     /// null.
     #[serde(default)]
     pub radio_age_s: Option<f64>,
-    /// Age of the newest sighting in the forecast at first contact, s.
+    /// Age of the newest detection in the forecast at first contact, s.
     #[serde(default)]
     pub vision_age_s: Option<f64>,
     /// The same when it has been watched for the scenario's `stay_s`, m; not watched: null.
@@ -524,14 +524,14 @@ mod tests {
     }
 
     #[test]
-    fn judge_accepts_a_soft_landing() {
+    fn judge_of_a_soft_landing() {
         let o = run(touch(0.4, 0.2), 0.05, 0.5, DOWN);
         assert_eq!(o.outcome, Ending::Success, "{}", o.reason);
         assert_eq!(o.unsafe_contacts, 0);
     }
 
     #[test]
-    fn judge_names_each_exceeded_limit() {
+    fn judge_of_each_exceeded_limit() {
         assert_eq!(run(touch(1.1, 0.0), 0.0, 0.5, DOWN).outcome, Ending::Hard);
         assert_eq!(run(touch(0.4, 1.1), 0.0, 0.5, DOWN).outcome, Ending::Fast);
         assert_eq!(run(touch(0.4, 0.0), 0.2, 0.5, DOWN).outcome, Ending::Tilted);
@@ -550,7 +550,7 @@ mod tests {
     }
 
     #[test]
-    fn judge_counts_water_and_fast_contacts_apart() {
+    fn judge_of_water_and_fast_contacts() {
         let o = run(touch(1.5, 1.5), 0.0, 0.5, DOWN);
         assert_eq!(
             (o.unsafe_contacts, o.contacts_above_2_mps, o.water_contacts),
@@ -571,7 +571,7 @@ mod tests {
     }
 
     #[test]
-    fn refused_is_late_and_without_a_bad_contact() {
+    fn judge_of_a_refused_landing() {
         let landing = |first_s: f64, motors_on: bool, normal_mps: f64| {
             let mut judge = Judge::default();
             for k in 0..2000 {
@@ -612,7 +612,7 @@ mod tests {
     }
 
     #[test]
-    fn judge_counts_each_entry_into_a_keep_out_volume() {
+    fn judge_of_keep_out_volumes() {
         let mut judge = Judge::default();
         for (k, gap) in [2.0, 0.3, -0.1, -0.2, 0.1, -0.05].into_iter().enumerate() {
             let keep_out_gap_m = Some(gap);
@@ -631,7 +631,7 @@ mod tests {
     }
 
     #[test]
-    fn judge_calls_motors_stopped_before_contact_a_false_stop() {
+    fn judge_of_a_false_stop() {
         let mut judge = Judge::default();
         judge.observe(
             &Observation {

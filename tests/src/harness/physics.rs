@@ -281,7 +281,7 @@ impl Physics {
     }
 
     /// The vessel's course turns or changes its speed a drawn time from now, where it is such a course: its helmsman knows
-    /// of no drone, so the nodes are not told.
+    /// of no drone, so the nodes have none of it.
     pub fn ask_change(&mut self) {
         self.carrier.ask_change(self.t);
     }

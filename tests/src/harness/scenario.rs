@@ -1,4 +1,4 @@
-//! What is flown: the world's figures and the nodes' configurations.
+//! Scenario: the world's parameters and the nodes' configurations.
 
 pub mod draws;
 

@@ -1,5 +1,5 @@
-//! What an observer of the world may see: the truth, and every node's input and output. A tap is
-//! shown everything and changes nothing.
+//! Tap: an observer of the world, shown the truth and every node's input and output, which changes
+//! nothing.
 
 use alight_bridge::{BridgeIn, BridgeOut};
 use alight_shared::frames::{DroneBody, VesselBody};

@@ -1,4 +1,4 @@
-//! What a plot or a recording needs of a trial, from the truth.
+//! Trace of a trial for plots and recordings, from the truth.
 
 /// One instant.
 #[derive(Clone, Copy, Debug, Default)]

@@ -51,7 +51,21 @@ pub fn fly(
     fly_with(scenario, nodes, seed, sea, watch, &mut NoTap)
 }
 
-/// The same, shown to a tap.
+/// Flies it unwatched.
+pub fn outcome(
+    scenario: &Scenario,
+    nodes: &NodeConfigs,
+    seed: u64,
+    sea: &str,
+) -> Result<Outcome, SetupError> {
+    let watch = Watch {
+        on_event: &mut |_| {},
+        trace_step_s: None,
+    };
+    Ok(fly(scenario, nodes, seed, sea, watch)?.outcome)
+}
+
+/// The same as [`fly`], shown to a tap.
 pub fn fly_with(
     scenario: &Scenario,
     nodes: &NodeConfigs,

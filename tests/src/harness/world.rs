@@ -127,7 +127,7 @@ impl World {
             message: OperatorCommand { header, kind },
         });
     }
-    /// The vessel's crew says something of the deck.
+    /// An order of the vessel's crew for the deck.
     pub fn deck_order(&mut self, order: DeckOrder) {
         self.given.deck_orders.push(order);
     }

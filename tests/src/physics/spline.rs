@@ -105,7 +105,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn spline_passes_its_knots_with_consistent_derivatives() {
+    fn spline_knots_and_derivatives() {
         let x: Vec<f64> = (0..200)
             .map(|i| f64::from(i) * 0.1 + 0.03 * f64::from(i % 3))
             .collect();
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn smooth_step_is_twice_differentiable() {
+    fn smooth_step_derivatives() {
         for i in -50..150 {
             let x = f64::from(i) * 0.02;
             let (l, m, r) = (
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn spline_rejects_knots_that_do_not_ascend() {
+    fn spline_with_knots_out_of_order() {
         assert!(Splines::through(vec![0.0, 0.0], vec![[0.0], [1.0]]).is_none());
         assert!(Splines::through(vec![0.0], vec![[0.0]]).is_none());
     }

@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn burst_loss_has_the_configured_fraction_and_length() {
+    fn burst_loss_fraction_and_length() {
         let (fraction, length) = bursts(200_000, 0.01);
         // 5000 bursts: the standard error of the mean length is 8 / sqrt(5000) = 0.11.
         assert!((fraction - 0.2).abs() < 0.012, "{fraction}");
@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn burst_loss_ends_in_time_for_a_rare_sender() {
+    fn burst_loss_with_a_rare_sender() {
         // Two a second: 20 steps apart, bursts of 8 are over.
         let (fraction, length) = bursts(40_000, 0.5);
         assert!((fraction - 0.2).abs() < 0.012, "{fraction}");
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn burst_loss_adds_to_random_loss_and_leaves_it_unchanged() {
+    fn burst_loss_beside_random_loss() {
         let random = RadioConfig { loss: 0.1, ..clean() };
         let both = RadioConfig {
             burst_loss: 0.1,
@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn slow_link_passes_its_rate_and_its_queue_bounds_the_delay() {
+    fn slow_link_rate_and_queue() {
         let config = RadioConfig {
             rate_bps: 32_000.0,
             queue_bytes: 2_000,
@@ -297,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn link_keeps_order_only_when_configured() {
+    fn link_order() {
         let jitter = RadioConfig {
             delay_sd_s: 0.02,
             ..clean()
@@ -322,7 +322,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn link_delivers_nothing_before_the_minimum_delay(
+        fn link_minimum_delay(
             loss in 0.0..1.0_f64, burst_loss in 0.0..0.9_f64, delay_s in 0.0..0.3_f64,
             delay_sd_s in 0.0..0.1_f64, rate_bps in 1e3..1e6_f64, keep_order: bool, bytes in 1_usize..1500,
         ) {

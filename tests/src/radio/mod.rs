@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn radio_delay_and_loss_match_the_configuration() {
+    fn radio_delay_and_loss() {
         let n = 20_000;
         let config = RadioConfig {
             duplicate: 0.0,
@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn radio_asymmetry_outages_and_duplicates_match_the_configuration() {
+    fn radio_asymmetry_outages_and_duplicates() {
         let config = RadioConfig {
             to_vessel_extra_s: 0.1,
             duplicate: 0.25,
@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn radio_outage_leaves_the_other_packets_unchanged() {
+    fn radio_outage_and_other_packets() {
         let clear = run(&RadioConfig::default(), Direction::ToDrone, 500);
         let config = RadioConfig {
             outages_s: Windows(vec![[1.0, 2.0]]),

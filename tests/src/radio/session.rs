@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn session_stays_open_on_a_usual_link_over_every_transport() {
+    fn session_on_a_usual_link() {
         for transport in [Transport::Udp, Transport::Tcp, Transport::Quic] {
             let (ages, reopened) = ages(&config(transport), 120);
             let usual = ages.iter().skip(100).filter(|a| **a < 0.3).count();
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn session_delivers_fresh_data_after_an_outage_longer_than_its_lease() {
+    fn session_after_an_outage_longer_than_its_lease() {
         for transport in [Transport::Udp, Transport::Tcp, Transport::Quic] {
             let config = RadioConfig {
                 outages_s: crate::sensors::noise::Windows(vec![[20.0, 25.0]]),

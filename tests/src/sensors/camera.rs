@@ -131,7 +131,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn belly_camera_looks_down_with_forward_up() {
+    fn belly_camera_axes() {
         let r = body_from_camera();
         let to_body = |x, y, z| (r * Vector::<Camera>::new(x, y, z)).0;
         assert!((to_body(1.0, 0.0, 0.0) - Vector3::y()).norm() < 1e-15);
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn view_drift_is_the_derivative_of_the_camera_coordinates() {
+    fn view_drift_against_camera_coordinates() {
         let mount = CameraMount {
             position: Vector3::new(0.05, -0.02, 0.08),
             attitude: body_from_camera() * Rotation::from_euler(0.02, -0.01, 0.03),

@@ -94,7 +94,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn clocks_differ_as_configured_and_invert() {
+    fn simulated_clocks_as_configured() {
         let config = ClockConfig::default();
         let mut signs = [0, 0];
         for seed in 0..200 {
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn clock_never_goes_back() {
+    fn monotonic_simulated_clock() {
         let c = ClockModel::new(0.3, -500e-6);
         let read = |k: i64| c.read::<VesselClock>(Time::from_nanos(k * 10_000_000));
         assert!((0..1000).all(|k| read(k + 1) > read(k)));

@@ -1,4 +1,4 @@
-//! A bounded queue of things under way.
+//! Delay line: a bounded queue with arrival times.
 
 use std::collections::VecDeque;
 
@@ -74,7 +74,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn delay_line_delivers_everything_once_in_order_and_never_early(delays in proptest::collection::vec(0_i64..50, 1..60)) {
+        fn delay_line_order_and_delay(delays in proptest::collection::vec(0_i64..50, 1..60)) {
             let mut line = DelayLine::new(100);
             for (k, d) in delays.iter().enumerate() {
                 prop_assert!(line.push(Time::from_nanos(k as i64 + d), k));
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn delay_line_drops_and_counts_when_full() {
+    fn full_delay_line() {
         let mut line = DelayLine::new(2);
         assert!(line.push(Time::EPOCH, 1) && line.push(Time::EPOCH, 2) && !line.push(Time::EPOCH, 3));
         assert_eq!((line.len(), line.dropped()), (2, 1));

@@ -1,4 +1,4 @@
-//! Everything that measures the world, with its noise, bias, latency and failures.
+//! Simulated sensors, with noise, bias, latency and failures.
 //!
 //! Each error has its own named random stream, and each is drawn whether or not the measurement is
 //! delivered: two planners that fly differently meet the same errors at the same time.
@@ -74,9 +74,9 @@ config! {
 /// What the drone's deck sensors delivered in one tick.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DroneReadings {
-    /// Tag sightings.
+    /// Tag detections.
     pub tags: Vec<TagPose>,
-    /// Images that were begun, where they take the sightings' place.
+    /// Images that were begun, where they take the detections' place.
     pub shots: Vec<render::Shot>,
     /// The same of the ultraviolet camera.
     pub uv_shots: Vec<render::Shot>,

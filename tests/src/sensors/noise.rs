@@ -1,4 +1,4 @@
-//! Where all sensor errors come from: white noise and first-order Gauss-Markov processes.
+//! Sensor errors: white noise and first-order Gauss-Markov processes.
 
 use core::ops::RangeInclusive;
 
@@ -139,7 +139,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gauss_markov_process_has_the_configured_spread_and_correlation() {
+    fn gauss_markov_spread_and_correlation() {
         let (tau, sd, dt) = (300.0, 1.0, 30.0);
         let (mut var, mut lag, mut n) = (0.0, 0.0, 0.0);
         for seed in 0..40 {
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn gauss_markov_process_spreads_equally_in_one_step_and_in_many() {
+    fn gauss_markov_in_one_step_and_in_many() {
         let spread = |steps: usize| {
             let mut sum = 0.0;
             for seed in 0..600 {
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn schedule_keeps_its_mean_rate() {
+    fn schedule_mean_rate() {
         for (hz, expected) in [(100.0, 1000), (50.0, 500), (30.0, 300), (20.0, 200), (10.0, 100)] {
             let mut s = Schedule::new(hz);
             let n = (0..1000)

@@ -1,4 +1,4 @@
-//! What of the drone itself comes between its camera and the tags: its legs, and its shadow on the deck.
+//! Occlusion of the tags by the drone itself: its legs, and its shadow on the deck.
 
 use alight_shared::frames::{TrueNed, Vector};
 use alight_shared::geometry::DroneGeometry;
@@ -77,7 +77,7 @@ mod tests {
     use crate::physics::body::RigidState;
 
     #[test]
-    fn tag_behind_a_leg_or_in_the_shadow_hidden() {
+    fn tag_behind_a_leg_or_in_the_shadow() {
         let drone = DroneGeometry {
             feet_span_m: [0.2, 0.2],
             ..DroneGeometry::default()

@@ -1,4 +1,4 @@
-//! What every sensor has: a rate, a latency, outages, and headers with its sender's identity and clock.
+//! Outlet of every sensor: rate, latency, outages, and headers with its sender's identity and clock.
 
 use core::marker::PhantomData;
 

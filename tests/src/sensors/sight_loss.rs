@@ -1,4 +1,4 @@
-//! Why a camera that should see the tag does not, for a while: glare, spray, something that lies on the tag.
+//! Losses of vision: glare, spray, something that lies on the tag.
 //!
 //! Each cause is an alternating renewal process of its own with exponential times in both states (the chain of
 //! two states of Gilbert 1960 in continuous time), begun in its stationary distribution: absent for
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn sight_is_lost_in_bursts_of_the_configured_length() {
+    fn vision_loss_bursts() {
         for (config, share, length_s) in [
             (only(0.6, 0.0, 0.0), 0.6 / 20.6, 0.6),
             (only(0.0, 0.3, 0.0), 0.3 / 30.3, 0.3),
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn covered_tag_is_decoded_with_its_chance() {
+    fn covered_tag_detection_rate() {
         let lost = lost(&only(0.0, 0.0, 3.0), 4, 2_000_000, 1.0 / 30.0);
         let share = lost.iter().filter(|l| **l).count() as f64 / lost.len() as f64;
         let expected = 0.7 * 3.0 / 63.0;
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn sight_loss_is_more_than_one_image_in_thirty() {
+    fn vision_loss_rate() {
         // The first images count as much as the last: 3000 starts.
         let config = SightLossConfig::default();
         let images = (0..3000).flat_map(|seed| lost(&config, seed, 30, 1.0 / 30.0));
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn sight_is_lost_at_the_same_times_at_any_rate() {
+    fn vision_loss_times_at_any_rate() {
         let config = only(0.6, 0.3, 0.0);
         let (slow, fast) = (lost(&config, 5, 3_000, 0.1), lost(&config, 5, 30_000, 0.01));
         assert!(slow.iter().any(|l| *l));

@@ -33,7 +33,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn square_pose_without_noise_is_recovered(
+        fn square_pose_without_noise(
             x in -0.5..0.5_f64, y in -0.5..0.5_f64, z in 0.7..15.0_f64,
             tilt in 0.0..1.1_f64, about in -3.1..3.1_f64, yaw in -3.1..3.1_f64,
         ) {
@@ -48,7 +48,7 @@ mod tests {
         }
 
         #[test]
-        fn square_pose_of_any_image_is_finite_or_none(c in proptest::array::uniform8(prop_oneof![
+        fn square_pose_of_any_image(c in proptest::array::uniform8(prop_oneof![
             -2.0..2.0_f64, Just(0.0), Just(f64::NAN), Just(f64::INFINITY), -1e300..1e300_f64,
         ])) {
             let image = [0, 2, 4, 6].map(|i| Vector2::new(c[i], c[i + 1]));
@@ -61,7 +61,7 @@ mod tests {
     }
 
     #[test]
-    fn square_pose_variance_matches_the_empirical_one() {
+    fn square_pose_variance() {
         let sd = 1.0 / 320.0;
         for (t, q) in [
             (
@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn square_pose_takes_the_wrong_tilt_far_away_sometimes_and_near_never() {
+    fn square_pose_wrong_tilt_by_distance() {
         let flips = |z: f64| {
             let q = UnitQuaternion::from_euler_angles(0.35, 0.0, 0.0);
             let exact = image(1.0, Vector3::new(0.0, 0.0, z), q);
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn square_pose_distance_is_unbiased_near_and_short_far_away() {
+    fn square_pose_distance_bias() {
         let mean_error = |z: f64| {
             let t = Vector3::new(0.1 * z, -0.05 * z, z);
             let exact = image(1.0, t, UnitQuaternion::from_euler_angles(0.1, 0.0, 0.4));

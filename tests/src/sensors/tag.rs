@@ -1,7 +1,7 @@
 //! The detector of the deck's fiducial tags: corners, noise, pose. Each tag is decoded or not by itself; one that is partly
 //! outside of the image, behind a leg or touched by the drone's shadow is not.
 //!
-//! Chance of a sighting and noise of the corners follow the camera node on rendered images
+//! Chance of a detection and noise of the corners follow the camera node on rendered images
 //! (`studies::camera`): 4000 of them at random over range, incidence and motion. Two measures of the
 //! image tell it: the tag's narrowest width in it `w` (area over longest side) and its motion during the
 //! exposure `b`, both in px. Incidence needs nothing of its own, because an oblique tag is a narrow one.
@@ -131,7 +131,7 @@ impl TagDetector {
             ..self
         }
     }
-    /// The sighting of the image of `t`.
+    /// The detection in the image of `t`.
     pub(crate) fn detect(
         &mut self,
         t: Time<TrueTime>,

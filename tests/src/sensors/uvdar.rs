@@ -10,7 +10,7 @@
 //! bearing² = (b g)² + (a/r)²,  distance / r = d g,  g = max(1, r/far)^8
 //! ```
 //!
-//! What a fix says of itself is the node's, which is four times as cautious up to `far`.
+//! The stated deviation of a fix is the node's, which is four times as cautious up to `far`.
 
 use alight_shared::config;
 use alight_shared::frames::{Deck, DroneBody, Vector};
@@ -50,7 +50,7 @@ config! {
         pub distance_sd: f64 = 0.022, in 1e-4..=1.0;
         /// Distance from which on both grow with its eighth power, m: `far`.
         pub far_m: f64 = 24.0, in 0.1..=500.0;
-        /// Least standard deviation of the bearing that a fix says of itself, deg.
+        /// Least standard deviation of the bearing that a fix states, deg.
         /// Source: The node's.
         pub stated_bearing_sd_deg: f64 = 0.5, in 1e-3..=45.0;
         /// The same of the distance, relative to it.

@@ -377,20 +377,20 @@ mod tests {
     }
 
     #[test]
-    fn camera_node_reads_other_tags_and_takes_none_for_the_decks() {
+    fn other_tags_at_the_camera_node() {
         let row = empty().row(SceneKind::OtherTags, 60);
         assert_eq!((row.images, row.detections), (60, 0));
         assert!(row.other_tags > 20, "{row:?}");
     }
 
     #[test]
-    fn camera_node_rejects_a_half_covered_tag() {
+    fn half_covered_tag_at_the_camera_node() {
         let row = empty().row(SceneKind::HalfTag, 60);
         assert_eq!((row.images, row.detections), (60, 0), "{row:?}");
     }
 
     #[test]
-    fn camera_node_detects_the_tag_in_the_same_images_uncovered() {
+    fn uncovered_tag_at_the_camera_node() {
         let mut empty = empty();
         let mut detected = 0;
         for _ in 0..20 {
@@ -402,7 +402,7 @@ mod tests {
     }
 
     #[test]
-    fn canvas_mirrors_the_image() {
+    fn mirrored_canvas() {
         let turned = |how| {
             let mut c = Canvas {
                 size: [3, 2],

@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn paired_difference_does_not_contain_the_common_sea() {
+    fn paired_difference_without_the_common_sea() {
         let mut all = Vec::new();
         for seed in 0..40 {
             let sea = 0.1 * (seed % 7) as f64;
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn paired_rates_count_a_trial_without_contact() {
+    fn paired_rates_with_a_trial_without_contact() {
         let all = [
             flown("a", "x", 1, Some(0.1), true),
             flown("b", "x", 1, None, false),

@@ -137,7 +137,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tally_counts_the_ellipse_of_its_own_dimension() {
+    fn tally_by_dimension() {
         let mut t = Tally::default();
         // 2.2 standard deviations: outside in one dimension, inside in two and three.
         t.add([2.2], [1.0]);

@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rao_tends_to_1_in_long_waves() {
+    fn rao_in_long_waves() {
         let [short, long, longest] = [4.0, 80.0, 160.0].map(|l| rao(&VesselConfig::default(), l));
         for r in [long, longest] {
             for x in [r.surge, r.heave, r.pitch] {
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn rao_without_coupling_has_hardly_any_surge() {
+    fn rao_without_coupling() {
         let stock = VesselConfig {
             sideways_coupling: 0.0,
             ..VesselConfig::default()

@@ -266,7 +266,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn wilson_interval_matches_published_values() {
+    fn wilson_interval_of_published_values() {
         // 95 of 100: 0.8883 to 0.9785 (Newcombe 1998, table I method 3 style check).
         let (lo, hi) = wilson(95, 100);
         assert!(
@@ -277,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn bootstrap_interval_is_near_the_normal_one() {
+    fn bootstrap_interval_against_the_normal_one() {
         let values: Vec<f64> = (0..200).map(|k| f64::from(k % 20)).collect();
         let [lo, hi] = bootstrap_mean(&values).unwrap();
         // sd 5.77, so 1.96 sd / sqrt(200) = 0.80 about the mean of 9.5.
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn sample_statistics_of_a_known_set_are_exact() {
+    fn sample_statistics_of_a_known_set() {
         let f = SampleStatistics::of((1..=100).map(f64::from)).unwrap();
         assert_eq!((f.mean, f.p95, f.max), (50.5, 95.0, 100.0));
         assert!(SampleStatistics::of([]).is_none());

@@ -168,7 +168,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn uvdar_node_finds_the_deck_among_glints() {
+    fn uvdar_node_among_glints() {
         let row = row(
             (&UvdarSettings::default(), &UvdarConfig::default()),
             (12.0, None),
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn uvdar_node_finds_no_deck_in_glints_alone() {
+    fn uvdar_node_in_glints_alone() {
         let (images, fixes) = without_markers(&UvdarSettings::default(), 60, 4, 5);
         assert_eq!((images, fixes), (240, 0));
     }

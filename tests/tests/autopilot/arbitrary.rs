@@ -1,4 +1,4 @@
-//! Whatever arrives: no panic, and no more memory than was agreed.
+//! Arbitrary input: no panic, bounded memory.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::node::Node;
@@ -151,7 +151,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn decoder_never_panics_and_finds_good_frames_among_noise(
+    fn decoder_frames_among_noise(
         pieces in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..300), 0..40),
     ) {
         let mut decoder = Decoder::default();
@@ -171,7 +171,7 @@ proptest! {
     }
 
     #[test]
-    fn encoded_message_decodes_as_the_same_message(m in message()) {
+    fn encoded_message_round_trip(m in message()) {
         // What the dialect does not know is not sent.
         if let Some(bytes) = encode(Address::new(9, 1), 3, &m) {
             let mut decoder = Decoder::default();
@@ -183,7 +183,7 @@ proptest! {
     }
 
     #[test]
-    fn arbitrary_messages_produce_only_valid_output(
+    fn arbitrary_messages_to_the_link(
         all in prop::collection::vec((prop::collection::vec(message(), 0..12), 0..400_i64), 1..60),
     ) {
         use alight_shared::msg::Message as _;
@@ -218,7 +218,7 @@ proptest! {
 }
 
 #[test]
-fn decoder_buffer_is_bounded() {
+fn decoder_buffer_bound() {
     let mut decoder = Decoder::default();
     for _ in 0..1000 {
         decoder.push(&[0xfd; 1000]);

@@ -1,18 +1,18 @@
-//! A link whose process ends in flight: the next one commands on, or begins anew.
+//! Restart of the link's process in flight, with and without its checkpoint.
 
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotMode, LinkCheckpoint, State};
 
-use crate::rig::{Rig, lead};
+use crate::rig::{LinkRig, lead};
 use crate::{BOTH, config};
 
 /// A restart takes so long, s.
 const AWAY_S: f64 = 0.2;
 
 #[test]
-fn link_that_begins_with_a_checkpoint_commands_at_once_in_the_same_frame() {
+fn link_successor_with_a_checkpoint() {
     for firmware in BOTH {
-        let mut p = Rig::new(firmware, 5.0, &config());
+        let mut p = LinkRig::new(firmware, 5.0, &config());
         p.linked.autopilot.origin = Datum::new(43.5005, 16.2993, 5.0);
         p.run(5.0);
         p.give_the_mode();
@@ -44,9 +44,9 @@ fn link_that_begins_with_a_checkpoint_commands_at_once_in_the_same_frame() {
 }
 
 #[test]
-fn link_that_begins_with_a_checkpoint_gives_way_to_who_took_the_drone_meanwhile() {
+fn link_successor_after_a_takeover() {
     for firmware in BOTH {
-        let mut p = Rig::commanding(firmware, 5.0, &config());
+        let mut p = LinkRig::commanding(firmware, 5.0, &config());
         p.mission = State::Tracking;
         // The report of the mode finds no link; the next one is due within half a second.
         p.linked.cut = true;
@@ -61,7 +61,7 @@ fn link_that_begins_with_a_checkpoint_gives_way_to_who_took_the_drone_meanwhile(
 }
 
 #[test]
-fn link_begins_anew_where_the_checkpoint_does_not_count() {
+fn link_successor_with_a_void_checkpoint() {
     type Change = fn(&mut LinkCheckpoint);
     let cases: [(&str, f64, Change); 7] = [
         ("too old", 0.6, |_| {}),
@@ -74,7 +74,7 @@ fn link_begins_anew_where_the_checkpoint_does_not_count() {
     ];
     for firmware in BOTH {
         for (what, away_s, change) in cases {
-            let mut p = Rig::commanding(firmware, 5.0, &config());
+            let mut p = LinkRig::commanding(firmware, 5.0, &config());
             assert!(p.linked.kept.datum == p.linked.autopilot.origin && p.linked.kept.commanding);
             change(&mut p.linked.kept);
             p.restart_link(away_s);

@@ -1,16 +1,16 @@
-//! The motors are stopped on the deck, on evidence, and nowhere else.
+//! Disarming: on the deck, on evidence, and nowhere else.
 
 use alight_shared::msg::{AutopilotMode, State};
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::autopilot::message::{CommandResult, command};
 use alight_uav::autopilot::modes::Firmware;
 
-use crate::rig::{Rig, press, stop};
+use crate::rig::{LinkRig, press, stop};
 use crate::{BOTH, config};
 
 /// Pressed on the deck by the pilot until it would detect a touchdown.
-fn pressed(firmware: Firmware, config: &AutopilotLinkConfig) -> Rig {
-    let mut p = Rig::commanding(firmware, 1.0, config);
+fn pressed(firmware: Firmware, config: &AutopilotLinkConfig) -> LinkRig {
+    let mut p = LinkRig::commanding(firmware, 1.0, config);
     p.run(4.0);
     p.mission = State::Flare;
     p.pilot = Some(press);
@@ -20,7 +20,7 @@ fn pressed(firmware: Firmware, config: &AutopilotLinkConfig) -> Rig {
 }
 
 #[test]
-fn disarm_on_the_deck_does_not_wait_for_a_land_detector() {
+fn disarm_without_a_land_detector() {
     for firmware in BOTH {
         let mut p = pressed(firmware, &config());
         p.pilot = Some(stop);
@@ -46,7 +46,7 @@ fn disarm_on_the_deck_does_not_wait_for_a_land_detector() {
 }
 
 #[test]
-fn denied_disarm_is_tried_a_bounded_number_of_times_and_reported_to_a_person() {
+fn denied_disarm_attempts_and_report() {
     let c = config();
     let mut p = pressed(Firmware::Px4, &c);
     p.linked.autopilot.answer = Some(CommandResult::Denied);
@@ -67,7 +67,7 @@ fn denied_disarm_is_tried_a_bounded_number_of_times_and_reported_to_a_person() {
 }
 
 #[test]
-fn false_touchdown_in_the_air_stops_no_motors() {
+fn false_touchdown_in_the_air() {
     for firmware in BOTH {
         for (height, mission, forecast) in [
             (5.0, State::Flare, true),
@@ -76,7 +76,7 @@ fn false_touchdown_in_the_air_stops_no_motors() {
             (0.8, State::Flare, false),
             (0.31, State::Tracking, true),
         ] {
-            let mut p = Rig::commanding(firmware, height, &config());
+            let mut p = LinkRig::commanding(firmware, height, &config());
             (p.mission, p.forecast) = (mission, forecast);
             p.pilot = Some(stop);
             let before = p.truth().position.0.z;
@@ -94,9 +94,9 @@ fn false_touchdown_in_the_air_stops_no_motors() {
 }
 
 #[test]
-fn falling_drone_is_caught_although_the_pilot_reports_touchdown() {
+fn falling_drone_with_a_false_touchdown() {
     // Pressed down from 1 m, and the pilot errs in the air on the way.
-    let mut p = Rig::commanding(Firmware::Px4, 2.5, &config());
+    let mut p = LinkRig::commanding(Firmware::Px4, 2.5, &config());
     p.run(4.0);
     p.mission = State::Flare;
     p.pilot = Some(press);
@@ -108,7 +108,7 @@ fn falling_drone_is_caught_although_the_pilot_reports_touchdown() {
 }
 
 #[test]
-fn disarm_can_be_left_to_a_person() {
+fn disarm_left_to_a_person() {
     let mut c = config();
     c.disarm.on_deck = false;
     let mut p = pressed(Firmware::Px4, &c);
@@ -119,8 +119,8 @@ fn disarm_can_be_left_to_a_person() {
     assert_eq!(still_armed(&p), ["3 s"], "somebody has to do it");
 }
 
-/// For how long a person was told that the drone is landed and still armed.
-fn still_armed(p: &Rig) -> Vec<String> {
+/// For how long it was reported that the drone is landed and still armed.
+fn still_armed(p: &LinkRig) -> Vec<String> {
     let text = |t: &String| {
         let after = t.strip_prefix("landed and still ARMED for ")?;
         Some(after.strip_suffix(": disarm by remote control")?.to_owned())
@@ -129,7 +129,7 @@ fn still_armed(p: &Rig) -> Vec<String> {
 }
 
 #[test]
-fn takeover_on_the_deck_ends_the_disarm_commands() {
+fn disarm_commands_after_a_takeover() {
     let mut p = pressed(Firmware::Px4, &config());
     p.linked.autopilot.answer = Some(CommandResult::Denied);
     p.pilot = Some(stop);
@@ -142,7 +142,7 @@ fn takeover_on_the_deck_ends_the_disarm_commands() {
 }
 
 /// On the deck, stopped by the pilot, and the autopilot denies the first disarm.
-fn stopped(firmware: Firmware, config: &AutopilotLinkConfig) -> Rig {
+fn stopped(firmware: Firmware, config: &AutopilotLinkConfig) -> LinkRig {
     let mut p = pressed(firmware, config);
     p.linked.autopilot.answer = Some(CommandResult::Denied);
     p.pilot = Some(stop);
@@ -152,7 +152,7 @@ fn stopped(firmware: Firmware, config: &AutopilotLinkConfig) -> Rig {
 }
 
 #[test]
-fn disarm_goes_on_without_the_pilot_through_the_hold_of_the_autopilot() {
+fn disarm_without_the_pilot_in_hold() {
     for firmware in BOTH {
         for cut_s in [0.0, 2.0] {
             let mut p = stopped(firmware, &config());
@@ -173,11 +173,11 @@ fn disarm_goes_on_without_the_pilot_through_the_hold_of_the_autopilot() {
 }
 
 #[test]
-fn disarm_without_the_pilot_needs_the_evidence_and_never_overrules_a_person() {
+fn disarm_without_the_pilot_evidence() {
     for firmware in BOTH {
-        // The mission says landed, wrongly.
+        // The mission reports landed, wrongly.
         for height in [0.7, 0.8, 5.0] {
-            let mut p = Rig::commanding(firmware, height, &config());
+            let mut p = LinkRig::commanding(firmware, height, &config());
             p.mission = State::Landed;
             p.pilot = None;
             p.run(10.0);

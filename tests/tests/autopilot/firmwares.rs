@@ -1,4 +1,4 @@
-//! What PX4 and ArduCopter make of an attitude and a thrust, as the makers' own programs were seen to.
+//! Responses of PX4 and ArduCopter to attitude and thrust, as measured on the makers' own programs.
 
 use alight_shared::msg::{DroneState, SetPoint, State};
 use alight_uav::autopilot::AutopilotLinkConfig;
@@ -7,7 +7,7 @@ use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::wire::{Decoder, encode};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use super::rig::{Rig, hover, press};
+use super::rig::{LinkRig, hover, press};
 use super::{BOTH, config};
 
 /// A pilot that rocks the drone about its own axis at a heading of 180 degrees, as above a rocking deck.
@@ -24,14 +24,14 @@ fn rock(d: &DroneState) -> SetPoint {
 }
 
 #[test]
-fn ardu_copter_is_sent_no_body_rates() {
+fn ardu_copter_without_body_rates() {
     // How far its attitude is from the one wanted, root of the mean square over three periods, rad.
     let apart = |firmware, send_rates| {
         let c = AutopilotLinkConfig {
             send_rates,
             ..config()
         };
-        let mut p = Rig::at(firmware, 50.0, core::f64::consts::PI, &c);
+        let mut p = LinkRig::at(firmware, 50.0, core::f64::consts::PI, &c);
         p.take_command();
         p.mission = State::Descent;
         p.pilot = Some(rock);
@@ -54,8 +54,8 @@ fn ardu_copter_is_sent_no_body_rates() {
     assert!(with > 1.2 * copter, "{with} {copter}");
 }
 
-/// A pilot that leans the drone by 0.4 rad with the thrust that hovers upright.
-fn lean(d: &DroneState) -> SetPoint {
+/// A pilot that tilts the drone by 0.4 rad with the thrust that hovers upright.
+fn tilted(d: &DroneState) -> SetPoint {
     let q = UnitQuaternion::from_euler_angles(0.4, 0.0, 0.0);
     SetPoint {
         attitude: [q.w, q.i, q.j, q.k],
@@ -65,12 +65,12 @@ fn lean(d: &DroneState) -> SetPoint {
 }
 
 #[test]
-fn tilted_drone_gets_the_thrust_that_the_pilot_commands() {
-    // ArduCopter would add 9 % for the lean by itself.
+fn thrust_of_a_tilted_drone() {
+    // ArduCopter would add 9 % for the tilt by itself.
     for firmware in BOTH {
-        let mut p = Rig::commanding(firmware, 50.0, &config());
+        let mut p = LinkRig::commanding(firmware, 50.0, &config());
         p.mission = State::Descent;
-        p.pilot = Some(lean);
+        p.pilot = Some(tilted);
         p.run(2.0);
         assert!(
             (p.linked.autopilot.thrust() - hover()).abs() < 0.005,
@@ -95,18 +95,18 @@ fn takes(firmware: Firmware, t: &LandingTarget) -> bool {
 }
 
 #[test]
-fn landing_target_in_the_form_that_each_firmware_takes() {
+fn landing_target_by_firmware() {
     let c = AutopilotLinkConfig {
         publish_deck: true,
         ..config()
     };
     for firmware in BOTH {
         // Not level, and not heading north: a vector in another frame points elsewhere.
-        let mut p = Rig::at(firmware, 6.0, 1.1, &c);
+        let mut p = LinkRig::at(firmware, 6.0, 1.1, &c);
         p.deck_offset = [2.0, -1.0];
         p.take_command();
         p.mission = State::Descent;
-        p.pilot = Some(lean);
+        p.pilot = Some(tilted);
         p.run(0.8);
         let a = &p.linked.autopilot;
         let roll = p.odometry.last().expect("odometry").1.euler().x;
@@ -122,7 +122,7 @@ fn landing_target_in_the_form_that_each_firmware_takes() {
 }
 
 #[test]
-fn landing_target_of_the_other_firmware_is_dropped() {
+fn landing_target_of_the_other_firmware() {
     let target = |frame, distance_m| LandingTarget {
         time_us: 1,
         frame,
@@ -147,7 +147,7 @@ fn landing_target_of_the_other_firmware_is_dropped() {
             panic!("{received:?}")
         };
         for firmware in BOTH {
-            let mut p = Rig::new(firmware, 6.0, &config());
+            let mut p = LinkRig::new(firmware, 6.0, &config());
             p.give(&Message::LandingTarget(t));
             let a = &p.linked.autopilot;
             let expected = takers.contains(&firmware);

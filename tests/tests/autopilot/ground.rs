@@ -1,10 +1,10 @@
-//! What a ground station sees through the autopilot, and what the remote control's switch commands.
+//! Reports to a ground station through the autopilot, and commands by the remote control's switch.
 
 use alight_shared::mavlink::{FrameReader, dialect};
 use alight_shared::msg::{CommandKind, ReasonCode, State};
+use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::tap::NoTap;
-use alight_sim::harness::world::World;
+
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::autopilot::ground_station::{AGE, DISTANCE, MAX_TEXT, WIND};
 use alight_uav::autopilot::message::{
@@ -12,7 +12,7 @@ use alight_uav::autopilot::message::{
 };
 use alight_uav::autopilot::wire::{Decoder, encode};
 
-use super::rig::{Rig, press, stop};
+use super::rig::{LinkRig, press, stop};
 use super::{BOTH, config};
 
 /// The channel that the switch is on.
@@ -35,9 +35,9 @@ fn channels(us: u16) -> Option<[u16; 18]> {
 }
 
 #[test]
-fn companion_is_a_component_of_the_vehicle() {
+fn companion_component() {
     for firmware in BOTH {
-        let mut p = Rig::new(firmware, 5.0, &config());
+        let mut p = LinkRig::new(firmware, 5.0, &config());
         p.run(2.0);
         p.heartbeats.clear();
         p.run(10.0);
@@ -60,9 +60,9 @@ fn companion_is_a_component_of_the_vehicle() {
 }
 
 #[test]
-fn ground_station_reads_states_and_figures() {
+fn ground_station_states_and_values() {
     for firmware in BOTH {
-        let mut p = Rig::commanding(firmware, 5.0, &config());
+        let mut p = LinkRig::commanding(firmware, 5.0, &config());
         p.notes.clear();
         p.values.clear();
         for state in [State::Tracking, State::Descent, State::GaveUp] {
@@ -104,10 +104,10 @@ fn ground_station_reads_states_and_figures() {
 }
 
 #[test]
-fn alarm_of_a_drone_that_stays_armed_reaches_the_ground_station() {
+fn ground_station_alarm_of_an_armed_drone() {
     let mut c = config();
     c.disarm.on_deck = false;
-    let mut p = Rig::commanding(alight_uav::autopilot::modes::Firmware::ArduCopter, 1.0, &c);
+    let mut p = LinkRig::commanding(alight_uav::autopilot::modes::Firmware::ArduCopter, 1.0, &c);
     p.mission = State::Flare;
     p.pilot = Some(press);
     p.run(3.0);
@@ -124,14 +124,14 @@ fn alarm_of_a_drone_that_stays_armed_reaches_the_ground_station() {
 }
 
 #[test]
-fn switch_of_the_remote_control_commands_the_mission() {
+fn rc_switch_commands() {
     for firmware in BOTH {
-        let mut p = Rig::new(firmware, 5.0, &with_switch());
+        let mut p = LinkRig::new(firmware, 5.0, &with_switch());
         // It was left on high, and that lands nothing.
         p.linked.autopilot.channels = channels(HIGH);
         p.run(6.0);
         assert_eq!(p.orders, [], "{firmware:?}");
-        let kinds = |p: &mut Rig, us, seconds| {
+        let kinds = |p: &mut LinkRig, us, seconds| {
             p.linked.autopilot.channels = channels(us);
             p.orders.clear();
             p.run(seconds);
@@ -167,9 +167,9 @@ fn switch_of_the_remote_control_commands_the_mission() {
 }
 
 #[test]
-fn switch_that_is_not_configured() {
+fn rc_switch_not_configured() {
     for firmware in BOTH {
-        let mut p = Rig::new(firmware, 5.0, &config());
+        let mut p = LinkRig::new(firmware, 5.0, &config());
         for us in [MIDDLE, LOW, HIGH] {
             p.linked.autopilot.channels = channels(us);
             p.run(3.0);
@@ -179,44 +179,32 @@ fn switch_that_is_not_configured() {
 }
 
 #[test]
-fn landing_is_aborted_and_commanded_again_by_the_switch() {
+fn landing_and_abort_by_rc_switch() {
     let mut nodes = NodeConfigs::default();
     nodes.autopilot.rc_switch = CHANNEL;
-    let mut world = World::new(&Scenario::default(), &nodes, 1).expect("a world");
-    world.warm_up(&mut NoTap);
-    let turn = |world: &mut World, us: u16| {
-        world.linked(0).expect("a link").autopilot.channels = channels(us);
+    let mut rig = Rig::landing(&Scenario::default(), &nodes, 1).expect("a world");
+    let turn = |rig: &mut Rig, us: u16| {
+        rig.world.linked(0).expect("a link").autopilot.channels = channels(us);
     };
-    // Ticks of 10 ms until the mission is so; false after 60 s.
-    let until = |world: &mut World, is: fn(State, ReasonCode) -> bool| {
-        (0..6000).any(|_| {
-            world.tick(&mut NoTap);
-            let m = world.mission_state();
-            is(m.state, m.waiting.code)
-        })
-    };
-    turn(&mut world, MIDDLE);
-    world.command(CommandKind::Land);
-    assert!(until(&mut world, |s, _| s == State::Descent));
-    turn(&mut world, LOW);
-    let given_up = |s, w| CommandKind::Abort.is_met(s, w);
-    assert!(until(&mut world, given_up));
-    let m = world.mission_state();
+    turn(&mut rig, MIDDLE);
+    assert!(rig.until(60.0, |r| r.state(0) == State::Descent));
+    turn(&mut rig, LOW);
+    assert!(rig.until(60.0, |r| {
+        CommandKind::Abort.is_met(r.state(0), r.mission(0).waiting.code)
+    }));
+    let m = rig.mission(0);
     assert!(
         m.state == State::GaveUp && m.entered.code == ReasonCode::Operator,
         "{m:?}"
     );
     assert!(m.abort.is_some());
-    turn(&mut world, HIGH);
-    assert!(
-        until(&mut world, |s, _| s == State::Landed),
-        "{:?}",
-        world.mission_state().state
-    );
+    turn(&mut rig, HIGH);
+    let landed = rig.until(60.0, |r| r.state(0) == State::Landed);
+    assert!(landed, "{:?}", rig.state(0));
 }
 
 #[test]
-fn messages_keep_their_values_over_the_wire() {
+fn message_values_over_the_wire() {
     let target = |frame| {
         Message::LandingTarget(LandingTarget {
             time_us: 123_456_789_012,

@@ -5,17 +5,17 @@ use alight_shared::msg::State;
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::autopilot::message::command;
 
-use crate::rig::{Rig, hold, lead};
+use crate::rig::{LinkRig, hold, lead};
 use crate::{BOTH, config};
 
 #[test]
-fn home_follows_the_deck() {
+fn home_on_the_deck() {
     for firmware in BOTH {
         let c = AutopilotLinkConfig {
             send_home: true,
             ..config()
         };
-        let mut p = Rig::new(firmware, 5.0, &c);
+        let mut p = LinkRig::new(firmware, 5.0, &c);
         let origin = Datum::new(43.5, 16.3, 12.0);
         (p.linked.autopilot.origin, p.linked.autopilot.geoid_m) = (origin, Some(38.0));
         p.forecast = true;
@@ -25,7 +25,7 @@ fn home_follows_the_deck() {
         p.pilot = Some(hold);
         p.run(16.0);
         // At rest: once, and no more within half a minute.
-        let times = |p: &Rig| -> Vec<f64> {
+        let times = |p: &LinkRig| -> Vec<f64> {
             let home = p.commands.iter().filter(|(_, c)| c.command == command::SET_HOME);
             home.map(|(t, _)| *t).collect()
         };
@@ -44,9 +44,9 @@ fn home_follows_the_deck() {
 }
 
 #[test]
-fn home_is_the_autopilots_own_unless_configured() {
+fn home_not_configured() {
     for firmware in BOTH {
-        let mut p = Rig::commanding(firmware, 5.0, &config());
+        let mut p = LinkRig::commanding(firmware, 5.0, &config());
         p.forecast = true;
         p.run(10.0);
         assert!(p.commands_of(command::SET_HOME).is_empty() && p.linked.autopilot.home.is_none());

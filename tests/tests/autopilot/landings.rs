@@ -5,7 +5,7 @@ use alight_shared::time::Span;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::tap::NoTap;
-use alight_sim::harness::trial::{Event, Watch, fly_with, land};
+use alight_sim::harness::trial::{self, Event, Watch, land};
 use alight_sim::harness::world::World;
 use alight_sim::physics::sea::SeaConfig;
 use alight_uav::autopilot::modes::Firmware;
@@ -17,14 +17,7 @@ fn fly(firmware: Firmware, wire_s: f64, seed: u64) -> Outcome {
     };
     let a = &mut scenario.drone.autopilot;
     (a.firmware, a.wire_s) = (firmware, wire_s);
-    let watch = Watch {
-        on_event: &mut |_| {},
-        trace_step_s: None,
-    };
-    let nodes = NodeConfigs::default();
-    fly_with(&scenario, &nodes, seed, "moderate", watch, &mut NoTap)
-        .unwrap()
-        .outcome
+    trial::outcome(&scenario, &NodeConfigs::default(), seed, "moderate").unwrap()
 }
 
 /// Lands at Moderate on six seeds: all, nothing unsafe, within 0.15 m each.
@@ -38,21 +31,21 @@ fn lands(firmware: Firmware, wire_s: f64) {
 }
 
 #[test]
-fn drone_lands_over_px4_mavlink_at_moderate_with_5_to_40_ms_on_the_wire() {
+fn px4_landing_with_5_to_40_ms_on_the_wire() {
     for wire_s in [0.005, 0.02, 0.04] {
         lands(Firmware::Px4, wire_s);
     }
 }
 
 #[test]
-fn drone_lands_over_arducopter_mavlink_at_moderate_with_5_to_40_ms_on_the_wire() {
+fn arducopter_landing_with_5_to_40_ms_on_the_wire() {
     for wire_s in [0.005, 0.02, 0.04] {
         lands(Firmware::ArduCopter, wire_s);
     }
 }
 
 #[test]
-fn landing_that_waits_for_the_failsafe_parameter() {
+fn landing_after_the_failsafe_parameter() {
     // Its timeout is the firmware's default until a person sets it, 10 s after the landing was commanded.
     let (scenario, nodes) = (Scenario::default(), NodeConfigs::default());
     let mut world = World::new(&scenario, &nodes, 300).unwrap();

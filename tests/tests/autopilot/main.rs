@@ -9,7 +9,6 @@ mod firmwares;
 mod ground;
 mod home;
 mod landings;
-mod restarts;
 mod rig;
 
 use alight_shared::geodesy::Datum;
@@ -19,7 +18,7 @@ use alight_sim::autopilots::simulated::mode_number;
 use alight_uav::autopilot::message::{Address, CommandResult, Heartbeat, Message, command, id};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::{AutopilotLinkConfig, ControlAuthority, Diversion};
-use rig::{Rig, hold, hover, lead, press};
+use rig::{LinkRig, hold, hover, lead, press};
 
 const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
 
@@ -28,9 +27,9 @@ fn config() -> AutopilotLinkConfig {
 }
 
 #[test]
-fn odometry_comes_at_its_rate_with_the_time_at_which_it_was_true() {
+fn odometry_rate_and_time_of_validity() {
     for firmware in BOTH {
-        let mut p = Rig::new(firmware, 5.0, &config());
+        let mut p = LinkRig::new(firmware, 5.0, &config());
         p.run(4.0);
         p.odometry.clear();
         p.ranges.clear();
@@ -54,8 +53,8 @@ fn odometry_comes_at_its_rate_with_the_time_at_which_it_was_true() {
 }
 
 #[test]
-fn px4_accepts_offboard_only_after_set_points_were_streamed() {
-    let mut p = Rig::new(Firmware::Px4, 5.0, &config());
+fn px4_offboard_after_streamed_set_points() {
+    let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
     p.pilot = None;
     p.run(5.0);
     assert_eq!(
@@ -80,8 +79,8 @@ fn px4_accepts_offboard_only_after_set_points_were_streamed() {
 }
 
 #[test]
-fn set_points_before_offboard_hold_the_place_and_nothing_else() {
-    let mut p = Rig::new(Firmware::Px4, 5.0, &config());
+fn set_points_before_offboard() {
+    let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
     p.run(4.0);
     let from = p.t_s;
     // Far places and set-points of a mission that flies are not streamed.
@@ -97,17 +96,17 @@ fn set_points_before_offboard_hold_the_place_and_nothing_else() {
     p.run(1.0);
     assert!(p.sent_since(from + 0.05) <= 1, "{}", p.sent_since(from));
     // ArduCopter needs no stream.
-    let mut p = Rig::new(Firmware::ArduCopter, 5.0, &config());
+    let mut p = LinkRig::new(Firmware::ArduCopter, 5.0, &config());
     p.run(5.0);
     assert!(p.authority().may_offer() && p.sent.is_empty());
 }
 
 #[test]
-fn takeover_by_a_person_ends_set_points_within_100_ms_for_good() {
+fn takeover_by_a_person() {
     for firmware in BOTH {
         for phase in [State::Approach, State::Tracking, State::Descent, State::Flare] {
             for mode in [mode_number(firmware, AutopilotMode::Other), 0] {
-                let mut p = Rig::commanding(firmware, 5.0, &config());
+                let mut p = LinkRig::commanding(firmware, 5.0, &config());
                 p.mission = phase;
                 p.pilot = Some(if phase == State::Flare { press } else { lead });
                 p.run(0.3);
@@ -130,9 +129,9 @@ fn takeover_by_a_person_ends_set_points_within_100_ms_for_good() {
 }
 
 #[test]
-fn authority_returns_only_when_a_person_gives_the_mode_again() {
+fn authority_after_a_takeover() {
     for firmware in BOTH {
-        let mut p = Rig::commanding(firmware, 5.0, &config());
+        let mut p = LinkRig::commanding(firmware, 5.0, &config());
         p.choose(AutopilotMode::Other);
         p.run(1.0);
         let quiet = p.sent.len();
@@ -146,10 +145,10 @@ fn authority_returns_only_when_a_person_gives_the_mode_again() {
 }
 
 #[test]
-fn failsafes_of_the_autopilot_are_respected() {
+fn autopilot_failsafes() {
     let modes = [AutopilotMode::Return, AutopilotMode::Land, AutopilotMode::Hold];
     for (firmware, mode) in BOTH.into_iter().flat_map(|f| modes.map(|m| (f, m))) {
-        let mut p = Rig::commanding(firmware, 5.0, &config());
+        let mut p = LinkRig::commanding(firmware, 5.0, &config());
         p.mission = State::Descent;
         p.run(0.1);
         p.choose(mode);
@@ -163,8 +162,8 @@ fn failsafes_of_the_autopilot_are_respected() {
 }
 
 #[test]
-fn silent_pilot_leaves_the_drone_to_the_failsafe_and_may_return() {
-    let mut p = Rig::commanding(Firmware::Px4, 5.0, &config());
+fn silent_pilot_and_its_return() {
+    let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
     p.pilot = None;
     let at = p.t_s;
     p.run(2.0);
@@ -186,8 +185,8 @@ fn silent_pilot_leaves_the_drone_to_the_failsafe_and_may_return() {
 }
 
 #[test]
-fn hold_that_a_person_chose_in_a_lapse() {
-    let mut p = Rig::commanding(Firmware::Px4, 5.0, &config());
+fn hold_by_a_person_in_a_lapse() {
+    let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
     p.pilot = None;
     p.run(1.0);
     assert!(p.state().lapsed);
@@ -200,9 +199,9 @@ fn hold_that_a_person_chose_in_a_lapse() {
 }
 
 #[test]
-fn lapse_of_a_link_that_was_started_anew() {
+fn lapse_of_a_restarted_link() {
     for (away_s, lapsed) in [(0.7, true), (8.0, false)] {
-        let mut p = Rig::commanding(Firmware::Px4, 5.0, &config());
+        let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
         p.pilot = None;
         p.restart_link(away_s);
         p.run(1.0);
@@ -215,7 +214,7 @@ fn lapse_of_a_link_that_was_started_anew() {
 fn battery_at_0_percent_and_without_a_gauge() {
     let mut c = config();
     c.battery.diversion = Diversion::None;
-    let mut p = Rig::new(Firmware::Px4, 5.0, &c);
+    let mut p = LinkRig::new(Firmware::Px4, 5.0, &c);
     p.linked.autopilot.battery = 0.0;
     p.run(4.0);
     assert_eq!(p.state().battery, Some(0.0));
@@ -225,9 +224,9 @@ fn battery_at_0_percent_and_without_a_gauge() {
 }
 
 #[test]
-fn link_without_heartbeats_sends_no_set_points_and_reports_no_state() {
+fn link_without_heartbeats() {
     for firmware in BOTH {
-        let mut p = Rig::commanding(firmware, 5.0, &config());
+        let mut p = LinkRig::commanding(firmware, 5.0, &config());
         p.mission = State::Tracking;
         p.run(0.1);
         p.linked.autopilot.silent = true;
@@ -248,9 +247,9 @@ fn link_without_heartbeats_sends_no_set_points_and_reports_no_state() {
 }
 
 #[test]
-fn link_resynchronises_with_an_autopilot_that_restarts() {
+fn link_with_a_restarted_autopilot() {
     for firmware in BOTH {
-        let mut p = Rig::commanding(firmware, 5.0, &config());
+        let mut p = LinkRig::commanding(firmware, 5.0, &config());
         let resets = p.state().origin_resets;
         p.linked.autopilot.restart();
         p.run(6.0);
@@ -263,8 +262,8 @@ fn link_resynchronises_with_an_autopilot_that_restarts() {
 }
 
 #[test]
-fn link_recovers_after_a_cut_of_three_seconds() {
-    let mut p = Rig::commanding(Firmware::Px4, 5.0, &config());
+fn link_after_a_cut_of_three_seconds() {
+    let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
     p.linked.cut = true;
     p.run(3.0);
     assert_eq!(p.authority(), ControlAuthority::LinkLost);
@@ -274,8 +273,8 @@ fn link_recovers_after_a_cut_of_three_seconds() {
 }
 
 #[test]
-fn link_flies_nothing_without_timesync() {
-    let mut p = Rig::new(Firmware::Px4, 5.0, &config());
+fn link_without_timesync() {
+    let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
     p.linked.autopilot.no_timesync = true;
     p.run(6.0);
     assert_eq!(p.authority(), ControlAuthority::NoClock);
@@ -283,8 +282,8 @@ fn link_flies_nothing_without_timesync() {
 }
 
 #[test]
-fn ardu_copter_without_the_thrust_option_is_not_flown_and_explained() {
-    let mut p = Rig::new(Firmware::ArduCopter, 5.0, &config());
+fn ardu_copter_without_the_thrust_option() {
+    let mut p = LinkRig::new(Firmware::ArduCopter, 5.0, &config());
     p.linked.autopilot.parameters.insert("GUID_OPTIONS", 0.0);
     p.run(5.0);
     assert_eq!(p.authority(), ControlAuthority::OptionMissing);
@@ -305,14 +304,14 @@ fn ardu_copter_without_the_thrust_option_is_not_flown_and_explained() {
 }
 
 #[test]
-fn parameters_that_do_not_suit_are_reported_by_name_until_a_person_sets_them() {
+fn unsuitable_parameters_until_set() {
     for (firmware, name, wrong, good) in [
         (Firmware::Px4, "COM_OF_LOSS_T", 1.0, 0.25),
         (Firmware::Px4, "COM_OBL_RC_ACT", 0.0, 5.0),
         (Firmware::Px4, "MPC_ACC_UP_MAX", 4.0, 8.0),
         (Firmware::ArduCopter, "GUID_TIMEOUT", 3.0, 0.3),
     ] {
-        let mut p = Rig::new(firmware, 5.0, &config());
+        let mut p = LinkRig::new(firmware, 5.0, &config());
         p.linked.autopilot.parameters.insert(name, wrong);
         p.run(3.0);
         let why = p.state().rejection;
@@ -341,13 +340,13 @@ fn parameters_that_do_not_suit_are_reported_by_name_until_a_person_sets_them() {
 }
 
 #[test]
-fn parameter_that_an_autopilot_does_not_have_is_named_and_the_check_can_be_left_out() {
+fn missing_parameter_and_disabled_check() {
     for check_parameters in [true, false] {
         let c = AutopilotLinkConfig {
             check_parameters,
             ..config()
         };
-        let mut p = Rig::new(Firmware::Px4, 5.0, &c);
+        let mut p = LinkRig::new(Firmware::Px4, 5.0, &c);
         p.linked.autopilot.parameters.remove("MPC_ACC_UP_MAX");
         p.run(8.0);
         assert!(
@@ -365,8 +364,8 @@ fn parameter_that_an_autopilot_does_not_have_is_named_and_the_check_can_be_left_
 }
 
 #[test]
-fn parameter_that_warns_permits_a_landing_and_is_told() {
-    let mut p = Rig::new(Firmware::Px4, 5.0, &config());
+fn parameter_with_a_warning() {
+    let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
     p.linked.autopilot.parameters.insert("MC_AIRMODE", 0.0);
     p.run(3.0);
     assert_eq!(p.state().rejection, Reason::default());
@@ -378,15 +377,15 @@ fn parameter_that_warns_permits_a_landing_and_is_told() {
 }
 
 #[test]
-fn link_works_without_messages_that_the_firmware_lacks() {
-    let mut p = Rig::new(Firmware::ArduCopter, 5.0, &config());
+fn firmware_without_optional_messages() {
+    let mut p = LinkRig::new(Firmware::ArduCopter, 5.0, &config());
     p.run(5.0);
     // No ODOMETRY on ArduCopter: it is not requested, and odometry comes from 31 and 32.
     let asked = p.commands_of(command::MESSAGE_INTERVAL);
     assert!(asked.iter().all(|c| c.parameters[0] as u32 != id::ODOMETRY));
     assert!(p.odometry.len() > 200);
     // An autopilot that denies every rate: requested a bounded number of times, nothing flown.
-    let mut p = Rig::new(Firmware::Px4, 5.0, &config());
+    let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
     p.linked.autopilot.answer = Some(CommandResult::Denied);
     p.run(30.0);
     assert_eq!(p.authority(), ControlAuthority::NoOdometry);
@@ -398,9 +397,9 @@ fn link_works_without_messages_that_the_firmware_lacks() {
 }
 
 #[test]
-fn hover_thrust_is_identified_in_flight_and_reported() {
+fn hover_thrust_identified_in_flight() {
     for firmware in BOTH {
-        let mut p = Rig::commanding(firmware, 5.0, &config());
+        let mut p = LinkRig::commanding(firmware, 5.0, &config());
         p.run(6.0);
         let s = p.state();
         assert!(
@@ -413,10 +412,10 @@ fn hover_thrust_is_identified_in_flight_and_reported() {
 }
 
 #[test]
-fn link_arms_only_when_configured() {
+fn arming_when_configured() {
     for (may_arm, denied) in [(false, false), (true, false), (true, true)] {
         let c = AutopilotLinkConfig { may_arm, ..config() };
-        let mut p = Rig::new(Firmware::ArduCopter, 0.3, &c);
+        let mut p = LinkRig::new(Firmware::ArduCopter, 0.3, &c);
         p.linked.autopilot.arm(false);
         p.waits_for_flight = true;
         p.run(5.0);
@@ -443,7 +442,7 @@ fn link_arms_only_when_configured() {
 }
 
 #[test]
-fn battery_reserve_diverts_the_drone_as_configured() {
+fn battery_reserve_diversions() {
     for (firmware, to, mode) in [
         (Firmware::Px4, Diversion::Return, AutopilotMode::Return),
         (Firmware::Px4, Diversion::Land, AutopilotMode::Land),
@@ -452,7 +451,7 @@ fn battery_reserve_diverts_the_drone_as_configured() {
     ] {
         let mut c = config();
         c.battery.diversion = to;
-        let mut p = Rig::commanding(firmware, 5.0, &c);
+        let mut p = LinkRig::commanding(firmware, 5.0, &c);
         p.mission = State::Tracking;
         p.linked.autopilot.battery = 0.05;
         p.run(6.0);
@@ -464,20 +463,20 @@ fn battery_reserve_diverts_the_drone_as_configured() {
     }
     let mut none = config();
     none.battery.diversion = Diversion::None;
-    let mut p = Rig::commanding(Firmware::Px4, 5.0, &none);
+    let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &none);
     p.linked.autopilot.battery = 0.05;
     p.run(10.0);
     assert!(p.authority().commands() && p.commands_of(command::SET_MODE).is_empty());
 }
 
 #[test]
-fn autopilot_returns_or_lands_where_the_mission_says_so_on_a_low_battery() {
+fn low_battery_return_and_landing() {
     for (place, mode) in [
         (BatteryPlace::Home, AutopilotMode::Return),
         (BatteryPlace::Here, AutopilotMode::Land),
         (BatteryPlace::Deck, AutopilotMode::Offboard),
     ] {
-        let mut p = Rig::commanding(Firmware::Px4, 5.0, &config());
+        let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
         p.mission = State::GaveUp;
         // Below the mission's reserve, then for the deck below the link's own.
         p.linked.autopilot.battery = 0.15;
@@ -493,8 +492,8 @@ fn autopilot_returns_or_lands_where_the_mission_says_so_on_a_low_battery() {
 }
 
 #[test]
-fn denied_diversion_is_tried_a_bounded_number_of_times_without_set_points() {
-    let mut p = Rig::commanding(Firmware::ArduCopter, 5.0, &config());
+fn denied_diversion_attempts() {
+    let mut p = LinkRig::commanding(Firmware::ArduCopter, 5.0, &config());
     p.linked.autopilot.battery = 0.05;
     p.linked.autopilot.answer = Some(CommandResult::Denied);
     p.run(20.0);
@@ -504,9 +503,9 @@ fn denied_diversion_is_tried_a_bounded_number_of_times_without_set_points() {
 }
 
 #[test]
-fn battery_reserve_does_not_divert_in_descent_and_flare() {
+fn battery_reserve_in_descent_and_flare() {
     for state in [State::Descent, State::Flare] {
-        let mut p = Rig::commanding(Firmware::Px4, 5.0, &config());
+        let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
         p.mission = state;
         p.linked.autopilot.battery = 0.05;
         p.run(6.0);
@@ -521,8 +520,8 @@ fn battery_reserve_does_not_divert_in_descent_and_flare() {
 }
 
 #[test]
-fn other_systems_on_the_link_are_not_taken_for_the_autopilot() {
-    let mut p = Rig::commanding(Firmware::Px4, 5.0, &config());
+fn other_systems_on_the_link() {
+    let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
     let heartbeat = |autopilot, vehicle, custom_mode| {
         Message::Heartbeat(Heartbeat {
             autopilot,
@@ -556,13 +555,13 @@ fn other_systems_on_the_link_are_not_taken_for_the_autopilot() {
 }
 
 #[test]
-fn deck_is_published_to_the_autopilot_when_configured() {
+fn deck_published_to_the_autopilot() {
     let c = AutopilotLinkConfig {
         publish_deck: true,
         ..config()
     };
     for (c, some) in [(config(), false), (c, true)] {
-        let mut p = Rig::new(Firmware::Px4, 5.0, &c);
+        let mut p = LinkRig::new(Firmware::Px4, 5.0, &c);
         p.run(5.0);
         assert_eq!(p.deck_messages >= 20, some, "{}", p.deck_messages);
         assert_eq!(p.targets.is_empty(), !some);
@@ -570,8 +569,8 @@ fn deck_is_published_to_the_autopilot_when_configured() {
 }
 
 #[test]
-fn autopilot_without_an_origin_in_our_mode_is_reported_as_not_ours_after_seconds() {
-    let mut p = Rig::new(Firmware::ArduCopter, 5.0, &config());
+fn autopilot_without_an_origin() {
+    let mut p = LinkRig::new(Firmware::ArduCopter, 5.0, &config());
     p.linked.autopilot.answer = Some(CommandResult::Denied);
     p.linked.autopilot.no_origin = true;
     p.run(3.0);
@@ -593,7 +592,7 @@ fn odometry_about_the_autopilots_origin() {
         ..config()
     };
     for firmware in BOTH {
-        let mut p = Rig::new(firmware, 5.0, &c);
+        let mut p = LinkRig::new(firmware, 5.0, &c);
         p.linked.autopilot.origin = origin;
         // One receiver gives both heights, the other does not.
         p.linked.autopilot.geoid_m = (firmware == Firmware::Px4).then_some(41.0);
@@ -636,9 +635,9 @@ fn odometry_about_the_autopilots_origin() {
 }
 
 #[test]
-fn before_a_landing_guided_gets_no_set_points_and_offboard_holds() {
+fn set_points_before_a_landing() {
     for (firmware, some) in [(Firmware::ArduCopter, false), (Firmware::Px4, true)] {
-        let mut p = Rig::commanding(firmware, 5.0, &config());
+        let mut p = LinkRig::commanding(firmware, 5.0, &config());
         let from = p.t_s;
         p.run(2.0);
         assert_eq!(p.sent_since(from) > 0, some, "{firmware:?}");

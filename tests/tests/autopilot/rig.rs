@@ -47,7 +47,7 @@ fn quiet(firmware: Firmware) -> DroneConfig {
 /// The pilot's set-point for a state of the drone.
 pub type Pilot = fn(&DroneState) -> SetPoint;
 
-pub struct Rig {
+pub struct LinkRig {
     pub linked: LinkedAutopilot,
     pub t_s: f64,
     drone: SimulatedDrone,
@@ -57,8 +57,8 @@ pub struct Rig {
     pub mission: State,
     /// When that state was entered.
     since: Time<DroneClock>,
-    told: State,
-    /// The mission says nothing any more.
+    published: State,
+    /// The mission publishes nothing any more.
     pub mission_silent: bool,
     pub low_battery: Option<BatteryPlace>,
     /// A forecast of the deck is there.
@@ -125,12 +125,12 @@ pub fn stop(d: &DroneState) -> SetPoint {
     }
 }
 
-impl Rig {
-    pub fn new(firmware: Firmware, height_m: f64, config: &AutopilotLinkConfig) -> Rig {
-        Rig::at(firmware, height_m, 0.0, config)
+impl LinkRig {
+    pub fn new(firmware: Firmware, height_m: f64, config: &AutopilotLinkConfig) -> LinkRig {
+        LinkRig::at(firmware, height_m, 0.0, config)
     }
     /// With this heading.
-    pub fn at(firmware: Firmware, height_m: f64, yaw: f64, config: &AutopilotLinkConfig) -> Rig {
+    pub fn at(firmware: Firmware, height_m: f64, yaw: f64, config: &AutopilotLinkConfig) -> LinkRig {
         let (geometry, streams, t_s) = (DroneGeometry::default(), Streams::new(1), 1000.0);
         let (odometry, config, c) = (OdometryConfig::default(), config.clone(), quiet(firmware));
         let position = Vector3::new(0.0, 0.0, -height_m);
@@ -147,7 +147,7 @@ impl Rig {
         let make = move |boot| AutopilotLink::new(&config, &odometry, &geometry, true, 1, boot);
         let autopilot =
             SimulatedAutopilot::new(&c.autopilot, &c.navigation, &geometry, &streams, &state, hover);
-        Rig {
+        LinkRig {
             linked: LinkedAutopilot::new(&c.autopilot, &streams, autopilot, Rc::new(make), 7),
             t_s,
             drone,
@@ -155,7 +155,7 @@ impl Rig {
             pilot: Some(hold),
             mission: State::Idle,
             since: Time::EPOCH,
-            told: State::Idle,
+            published: State::Idle,
             mission_silent: false,
             low_battery: None,
             forecast: true,
@@ -178,8 +178,8 @@ impl Rig {
         }
     }
     /// Ready, in our mode, flying under our command.
-    pub fn commanding(firmware: Firmware, height_m: f64, config: &AutopilotLinkConfig) -> Rig {
-        let mut p = Rig::new(firmware, height_m, config);
+    pub fn commanding(firmware: Firmware, height_m: f64, config: &AutopilotLinkConfig) -> LinkRig {
+        let mut p = LinkRig::new(firmware, height_m, config);
         p.take_command();
         p
     }
@@ -257,8 +257,8 @@ impl Rig {
         let mut input = AutopilotIn::default();
         self.sequence += 1;
         let header = Header::new(1, 1, 1, self.sequence, now);
-        if self.told != self.mission {
-            (self.told, self.since) = (self.mission, now);
+        if self.published != self.mission {
+            (self.published, self.since) = (self.mission, now);
         }
         if self.sequence.is_multiple_of(2) {
             input.set_point = self

@@ -1,4 +1,4 @@
-//! Who commands the drone, and why: Alight does in the mode and armed state that a person gave, and
+//! Control authority, with its reason: Alight's in the mode and armed state that a person gave, and
 //! in no other.
 //!
 //! The rules, as this state machine keeps them:
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn authority_needs_mode_arming_and_two_heartbeats() {
+    fn authority_conditions() {
         let mut a = AuthorityStateMachine::default();
         let disarmed = Evidence {
             armed: false,
@@ -297,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn authority_ends_at_one_heartbeat_in_another_mode_and_a_late_one_does_not_restore_it() {
+    fn authority_with_a_heartbeat_in_another_mode() {
         let mut a = AuthorityStateMachine::default();
         run(&mut a, 0, &[READY; 3]);
         let mode = AutopilotMode::Other;
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn authority_ends_at_a_failsafe_of_the_autopilot() {
+    fn authority_with_a_failsafe_of_the_autopilot() {
         for mode in [AutopilotMode::Return, AutopilotMode::Land, AutopilotMode::Hold] {
             for lapsed in [false, true] {
                 let mut a = AuthorityStateMachine::default();
@@ -330,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn authority_after_a_diversion_needs_the_mode_to_be_left_first() {
+    fn authority_after_a_diversion() {
         let mut a = AuthorityStateMachine::default();
         run(&mut a, 0, &[READY; 3]);
         a.divert(Time::from_secs(0.06), Diversion::Return);
@@ -345,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn authority_after_link_loss_needs_two_heartbeats_again() {
+    fn authority_after_link_loss() {
         let mut a = AuthorityStateMachine::default();
         run(&mut a, 0, &[READY; 3]);
         let gone = Evidence {

@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn clock_offset_is_that_of_the_quickest_timesync_answer() {
+    fn timesync_offset_by_the_quickest_answer() {
         let mut c = RemoteClock::default();
         assert!(!c.is_synchronised() && c.local_time(Time::from_secs(1.0), 0).is_none());
         ask(&mut c, 200.0, 0.030, 0.002);
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn clock_rejects_slow_answers_and_impossible_sample_times() {
+    fn timesync_slow_answers_and_impossible_times() {
         let mut c = RemoteClock::default();
         ask(&mut c, 200.0, 0.2, 0.2);
         assert!(!c.is_synchronised() && c.rejected == 1);
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn clock_resets_when_the_autopilot_restarts() {
+    fn timesync_with_a_restarted_autopilot() {
         let mut c = RemoteClock::default();
         for k in 0..10 {
             ask(&mut c, 200.0 + 0.2 * f64::from(k), 0.0005, 0.0005);

@@ -1,4 +1,4 @@
-//! How Alight talks to the autopilot, and what it may do there.
+//! Parameters of the link to the autopilot, and permissions.
 
 use alight_shared::config;
 use serde::{Deserialize, Serialize};

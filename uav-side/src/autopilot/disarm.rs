@@ -192,7 +192,7 @@ mod tests {
     use alight_shared::time::Time;
 
     #[test]
-    fn armed_drone_on_the_deck_after_the_sequence() {
+    fn armed_drone_after_the_disarm_sequence() {
         let c = DisarmConfig::default();
         // The last command is the pause before the end, and has been answered then.
         let mut d = DisarmSequence::default();
@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn disarm_on_the_deck_is_sent_at_once_and_a_bounded_number_of_times() {
+    fn disarm_attempts_on_the_deck() {
         let c = DisarmConfig::default();
         let mut d = DisarmSequence::default();
         assert_eq!(commands(&mut d, 0, 40, &ON_DECK, &c), 1);
@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn disarm_needs_every_piece_of_evidence() {
+    fn disarm_evidence() {
         let c = DisarmConfig::default();
         type Change = fn(&mut ContactEvidence);
         let cases: [(Change, DisarmInhibit); 10] = [
@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn disarm_is_not_repeated_once_the_drone_leaves_the_deck() {
+    fn disarm_after_the_drone_left_the_deck() {
         let c = DisarmConfig::default();
         let mut d = DisarmSequence::default();
         assert_eq!(commands(&mut d, 0, 100, &ON_DECK, &c), 1);

@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn body_frame_velocity_is_rotated_into_ned() {
+    fn body_frame_velocity_in_ned() {
         let c = AutopilotLinkConfig::default();
         let mut f = DroneStateAssembler::default();
         f.imu(t(1.0), [0.0, 0.0, -9.8]);
@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn drone_state_needs_inertial_samples_and_increasing_time() {
+    fn drone_state_inputs_and_time() {
         let c = AutopilotLinkConfig::default();
         let mut f = DroneStateAssembler::default();
         let r = report([0.0; 3], VelocityFrame::Ned, 0);
@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn attitude_is_propagated_to_the_time_of_the_position() {
+    fn attitude_at_the_time_of_the_position() {
         let c = AutopilotLinkConfig::default();
         let mut f = DroneStateAssembler::default();
         f.imu(t(2.0), [0.0, 0.0, -9.8]);
@@ -284,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn estimate_jumps_are_counted_whether_reported_or_detected() {
+    fn estimate_jumps_reported_or_detected() {
         let c = AutopilotLinkConfig::default();
         let mut f = DroneStateAssembler::default();
         let mut at = 1.0;
@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn rangefinder_at_its_limit_gives_no_sample() {
+    fn rangefinder_at_its_limit() {
         let sample = |range_m, variance| {
             let report = DistanceReport {
                 time_ms: 0,

@@ -1,5 +1,5 @@
-//! What a ground station sees of a landing, through the autopilot: a text for each change of the mission's state and for
-//! each alarm, and four figures at a low rate. The heartbeat of the companion is with the periodic messages.
+//! Reports of a landing to a ground station, through the autopilot: a text for each change of the mission's state and
+//! for each alarm, and four named values at a low rate. The heartbeat of the companion is with the periodic messages.
 
 use alight_shared::admission::Periodic;
 use alight_shared::msg::{MissionState, ReasonCode, State, Wind};
@@ -231,7 +231,7 @@ mod tests {
                 "Idle: not flying, not armed, or not in OFFBOARD",
             ),
             (
-                "Gave up: battery at 21 % (needs 30 %) and no place to land: gives the landing up",
+                "Gave up: battery at 21 % (needs 30 %) and no place to land: landing aborted",
                 "Gave up: battery at 21 % and no place to land",
             ),
             (
@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn stop_that_completes_the_landing_is_reported_at_once() {
+    fn text_of_a_stop_that_completes_the_landing() {
         let mut reports = GroundReports::default();
         let mut m = state(State::Flare, 0.0, ReasonCode::Reached);
         assert!(reports.report(Time::from_secs(0.0), &m).is_some());
@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn texts_for_each_state_once_and_for_what_is_waited_for() {
+    fn texts_of_states_and_waiting_reasons() {
         let mut reports = GroundReports::default();
         let mut texts = Vec::new();
         for k in 0..100 {

@@ -1,4 +1,4 @@
-//! Messages received on the link: heartbeats, clocks, samples, answers.
+//! Inbound messages: heartbeats, clocks, samples, answers.
 
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{CommandKind, DroneState, LandedState};

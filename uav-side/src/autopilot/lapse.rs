@@ -1,4 +1,4 @@
-//! Whose hold it is: PX4's own, after our set-points ceased, or a person's.
+//! Lapse: distinction of PX4's own hold, after our set-points ceased, from a person's.
 //!
 //! Both look the same on the link. PX4's own begins COM_OF_LOSS_T after the last set-point and ends with the next one; any
 //! other is the will of a person, who has taken the drone over. ArduCopter never holds by itself: its Brake is chosen.
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn lapse_is_a_hold_after_offboard_in_its_time() {
+    fn lapse_as_a_hold_after_offboard() {
         use AutopilotMode::{Hold, Land, Offboard, Other};
         for (from, to, after_s, loss_s, expected) in [
             (Offboard, Hold, 0.35, Some(0.25), true),
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn lapse_that_set_points_do_not_end_is_a_persons() {
+    fn lapse_not_ended_by_set_points() {
         let mut m = LapseMonitor::default();
         let at = |s: f64| Time::from_secs(SENT_S + s);
         m.step(at(0.0), AutopilotMode::Offboard, Some(at(0.0)), Some(0.25));

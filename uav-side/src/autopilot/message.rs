@@ -1,4 +1,4 @@
-//! The messages of a MAVLink link as far as Alight takes part in it: SI units, radians, plain enums.
+//! Messages of MAVLink that Alight uses: SI units, radians, plain enums.
 //!
 //! The state machine of this folder knows these types only. Bytes and the MAVLink crate are behind
 //! [`super::wire`], so a new release of the crate, or another dialect, changes one file, and a test

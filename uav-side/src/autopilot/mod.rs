@@ -1,5 +1,5 @@
 //! The link to a real autopilot (PX4, ArduCopter) by MAVLink, as a node: messages received in, messages to
-//! send out. It knows no socket and no clock, so that a test plays the autopilot on one clock with it; the
+//! send out. It has no socket and no clock, so that a test plays the autopilot on one clock with it; the
 //! process around it is `alight autopilot`.
 //!
 //! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),

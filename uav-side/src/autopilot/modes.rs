@@ -117,7 +117,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn modes_are_read_as_the_firmware_numbers_them() {
+    fn mode_numbers_of_the_firmwares() {
         let px4 = |main, sub| Firmware::Px4.mode(px4_mode(main, sub));
         assert_eq!(px4(6, 0), AutopilotMode::Offboard);
         assert_eq!(px4(4, 3), AutopilotMode::Hold);
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn a_boat_with_the_same_firmware_is_not_flown() {
+    fn boat_with_the_same_firmware() {
         assert_eq!(Firmware::of(ARDUPILOT, 2), Some(Firmware::ArduCopter));
         assert_eq!(Firmware::of(PX4, 13), Some(Firmware::Px4));
         // A surface boat, a plane, a ground station.

@@ -1,4 +1,4 @@
-//! What is sent to the autopilot: the pilot's set-point, commands to disarm, to divert and to arm.
+//! Outbound messages: the pilot's set-point, commands to disarm, to divert and to arm.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{

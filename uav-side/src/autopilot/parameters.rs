@@ -1,4 +1,4 @@
-//! Reads back the parameters of the autopilot that a landing relies on, and judges them.
+//! Read-back and judgement of the autopilot's parameters that a landing relies on.
 
 use alight_shared::autopilot_parameters::{
     Parameter, REQUESTS, Severity, THRUST_OPTION, of_ardu_copter, of_px4,
@@ -43,7 +43,7 @@ struct Item {
     next: DroneTime,
     /// The autopilot restarted since it was read.
     old: bool,
-    /// Nobody was told yet.
+    /// Not reported yet.
     new: bool,
 }
 
@@ -183,11 +183,13 @@ impl Parameters {
     pub(super) fn news(&mut self) -> impl Iterator<Item = String> + '_ {
         let firmware = self.firmware.name();
         self.items.iter_mut().filter_map(move |i| {
-            let told = core::mem::take(&mut i.new);
-            i.reason().filter(|_| told).map(|why| match i.parameter.severity {
-                Severity::Refuse => format!("{firmware}, against a landing: {why}"),
-                Severity::Warn => format!("{firmware}, a warning: {why}"),
-            })
+            let is_new = core::mem::take(&mut i.new);
+            i.reason()
+                .filter(|_| is_new)
+                .map(|why| match i.parameter.severity {
+                    Severity::Refuse => format!("{firmware}, against a landing: {why}"),
+                    Severity::Warn => format!("{firmware}, a warning: {why}"),
+                })
         })
     }
 }
@@ -237,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_that_suit_are_read_once_and_permit() {
+    fn suitable_parameters() {
         let mut p = Parameters::new(Firmware::Px4, true, Time::from_secs(0.0));
         assert_eq!(p.rejection().code, ReasonCode::AutopilotParameterUnknown);
         let first = asked(&mut p, 0.0, 0.2);
@@ -261,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_that_do_not_suit_refuse_by_name_and_are_read_again_until_they_do() {
+    fn unsuitable_parameters() {
         let mut p = Parameters::new(Firmware::ArduCopter, true, Time::from_secs(0.0));
         asked(&mut p, 0.0, 0.2);
         for (name, value) in [
@@ -292,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn parameter_that_is_never_reported_is_named_and_asked_for_a_bounded_number_of_times() {
+    fn parameter_never_reported() {
         let mut p = Parameters::new(Firmware::Px4, true, Time::from_secs(0.0));
         for (name, value) in [
             ("COM_OF_LOSS_T", 0.25),
@@ -315,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_of_px4_are_integers_byte_by_byte_and_of_ardu_copter_casts() {
+    fn parameter_encoding_of_the_firmwares() {
         let value = Firmware::Px4.parameter_value(5.0, true);
         assert_eq!(value.bits, 5);
         assert_eq!(Firmware::Px4.parameter(value), 5.0);

@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn switch_commands_by_held_changes_only() {
+    fn rc_switch_held_changes() {
         const LOW: u16 = 1000;
         const MIDDLE: u16 = 1500;
         const HIGH: u16 = 2000;
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn failsafe_of_the_receiver_moves_the_channel_and_lands_nothing() {
+    fn rc_switch_with_a_receiver_failsafe() {
         // The receiver sets the channel on high at once; the autopilot reports the loss a second later.
         let mut switch = RcSwitch::default();
         for k in 0..100 {
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn channel_that_the_receiver_does_not_have() {
+    fn rc_switch_on_a_missing_channel() {
         let mut switch = RcSwitch::default();
         for k in 0..100 {
             let c = RcChannels {
@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn command_is_repeated_until_the_mission_shows_it() {
+    fn rc_switch_command_repetition() {
         let mission = |s, state, waiting: ReasonCode, abort| MissionState {
             header: Header::new(0, 1, 5, 1, at(s)),
             state,

@@ -1,4 +1,5 @@
-//! A landing that only looks on: a person flies, nothing is commanded, and what would have been is compared.
+//! Shadow mode: a person flies, nothing is commanded, and the commands that would have been sent are
+//! compared.
 
 use alight_shared::msg::{LandingMode, Motors, Phase, SetPointKind, ShadowComparison};
 use alight_shared::topics;

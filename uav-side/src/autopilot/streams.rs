@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn streams_that_do_not_arrive_are_requested_again() {
+    fn missing_streams() {
         let c = AutopilotLinkConfig::default();
         let mut s = Streams::new(Firmware::Px4, &c, Time::from_secs(0.0));
         let first = asked(&mut s, 0.0, 1.0, &[], CommandResult::Accepted);
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn stream_that_is_denied_is_left_alone() {
+    fn denied_stream() {
         let c = AutopilotLinkConfig::default();
         let mut s = Streams::new(Firmware::ArduCopter, &c, Time::from_secs(0.0));
         let all = asked(&mut s, 0.0, 50.0, &[], CommandResult::Failed);

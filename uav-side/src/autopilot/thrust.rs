@@ -78,7 +78,7 @@ mod tests {
     use alight_shared::geometry::GRAVITY;
 
     #[test]
-    fn thrust_curve_and_its_inverse_agree() {
+    fn thrust_curve_inverse() {
         for curve in [0.0, 0.3, 0.7, 1.0] {
             for k in 0..=20 {
                 let t = f64::from(k) / 20.0;
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn hover_thrust_converges_within_seconds_from_a_wrong_start() {
+    fn hover_thrust_from_a_wrong_start() {
         let mut h = HoverThrust::new(0.2);
         for k in 0..400 {
             let wave = 0.1 * (0.05 * f64::from(k)).sin();

@@ -20,6 +20,7 @@ mod tests;
 pub use alight_shared::estimation::ValueWithSd;
 use alight_shared::msg::{DroneState, Message, TagPose, VesselEstimate};
 use alight_shared::time::{DroneClock, Time};
+use alight_shared::vessel_model::{PITCH, ROLL, YAW};
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use thiserror::Error;
 
@@ -247,7 +248,7 @@ impl DeckCalibration {
             });
             self.every *= 2;
         }
-        let [roll, pitch, yaw] = [e.eta[3], e.eta[4], e.eta[5]];
+        let [roll, pitch, yaw] = [e.eta[ROLL], e.eta[PITCH], e.eta[YAW]];
         let vessel = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
         let feet = pose.position + pose.attitude * Vector3::z() * self.config.drone.feet_below_m;
         self.samples.push(Sample {

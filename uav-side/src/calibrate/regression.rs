@@ -1,5 +1,5 @@
-//! Errors of estimates from samples that follow each other closely: neighbours share their error, so
-//! that a thousand samples hold less information than a thousand independent ones.
+//! Standard errors with autocorrelated samples: neighbours share their error, so that a thousand
+//! samples hold less information than a thousand independent ones.
 
 use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
 
@@ -118,7 +118,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn mean_covariance_accounts_for_correlated_samples() {
+    fn mean_covariance_of_correlated_samples() {
         // Each value ten times over: the error of the mean is that of the distinct ones.
         let distinct: Vec<f64> = (0..100)
             .map(|k| (f64::from(k * k) * 0.754_877_666).fract() - 0.5)
@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn regression_leaves_unexcited_directions_unknown() {
+    fn regression_with_unexcited_directions() {
         let samples: Vec<_> = (0..200)
             .map(|k| {
                 let s = 0.1 * (f64::from(k) * 0.3).sin();

@@ -52,7 +52,7 @@ fn empty() -> VesselEstimate<DroneClock> {
 const STILL: fn(f64) -> (Vector3<f64>, f64) = |_| (Vector3::new(0.0, 0.0, 0.0), 0.0);
 
 #[test]
-fn deck_calibration_finds_the_centre_although_receivers_differ_by_metres() {
+fn deck_calibration_with_receivers_metres_apart() {
     let r = Vector3::new(0.4, -0.2, -1.6);
     // What the receivers wander meanwhile counts for less the more it rocks: 0.12 rad for 0.1 m.
     let found = stood(0.12, 90.0, r, STILL).unwrap();
@@ -68,7 +68,7 @@ fn deck_calibration_finds_the_centre_although_receivers_differ_by_metres() {
 }
 
 #[test]
-fn deck_calibration_without_rocking_reports_its_uncertainty() {
+fn deck_calibration_without_rocking() {
     let r = Vector3::new(0.4, -0.2, -1.6);
     let found = stood(0.0, 90.0, r, STILL).unwrap();
     for (f, truth) in found.centre.iter().zip(r.iter()) {
@@ -80,7 +80,7 @@ fn deck_calibration_without_rocking_reports_its_uncertainty() {
 }
 
 #[test]
-fn deck_calibration_rejects_a_drone_that_moves_turns_or_has_just_landed() {
+fn deck_calibration_with_a_moving_drone() {
     let r = Vector3::new(0.0, 0.0, -1.3);
     let walks = |t: f64| (Vector3::new((1.5 * t).sin(), 0.0, 0.0), 0.0);
     assert!(matches!(

@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn drawn_tags_of_all_numbers_found() {
+    fn drawn_tags_of_all_numbers() {
         let image = |id| front([100, 100], [18, 18], 8, id);
         for id in (0..587).step_by(7) {
             let mut detector = TagDetector::new(&TagSettings::default(), &one(id));
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn detector_reports_corners_of_an_upright_tag_in_order() {
+    fn detector_corner_order() {
         let mut detector = TagDetector::new(&TagSettings::default(), &one(0));
         let found = detector.find(&front([200, 160], [40, 30], 10, 0))[0];
         // Edges lie between pixels: 40 px are pixels 40 to 119, whose outer edges are 39.5 and 119.5.
@@ -233,14 +233,14 @@ mod tests {
     }
 
     #[test]
-    fn detector_ignores_tags_with_another_id() {
+    fn detector_with_tags_of_another_id() {
         let mut detector = TagDetector::new(&TagSettings::default(), &one(7));
         assert_eq!(detector.find(&front([200, 160], [40, 30], 10, 0)), []);
         assert_eq!(detector.counts.other_tags, 1);
     }
 
     #[test]
-    fn detector_rejects_mirrored_and_small_squares() {
+    fn detector_with_mirrored_and_small_squares() {
         let p = [[0.0, 9.0], [0.0, 0.0], [9.0, 0.0], [9.0, 9.0]].map(Vector2::from);
         assert!(well_shaped(&p, 8.0));
         assert!(!well_shaped(&p, 10.0));
@@ -252,7 +252,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
-        fn detector_finds_no_tag_in_noise_of_any_size(
+        fn detector_in_noise_of_any_size(
             sizes in prop::collection::vec((32_usize..150, 32_usize..150), 1..4),
             seed in any::<u32>(), levels in 1_u32..256,
         ) {

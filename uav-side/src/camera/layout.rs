@@ -1,4 +1,4 @@
-//! What a deck's tags look like, and from where the camera sees which of them whole.
+//! Layout of a deck's tags, and the places from which the camera sees each of them whole.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::tags::{DeckTag, MARGIN};
@@ -51,8 +51,8 @@ fn sees(tags: &[DeckTag], camera: &CameraSettings, drone: &DroneGeometry, height
     let feet = [[x, y], [x, -y], [-x, y], [-x, -y]].map(|[x, y]| Vector3::new(x, y, drone.feet_below_m));
     let size = [camera.lens.width_px, camera.lens.height_px].map(f64::from);
     let from = |heading: f64, tilt: f64, about: f64, offset: Vector3<f64>| {
-        let lean = Rotation3::from_scaled_axis(Vector3::new(about.cos(), about.sin(), 0.0) * tilt);
-        let body = lean * Rotation3::from_axis_angle(&Vector3::z_axis(), heading);
+        let tilted = Rotation3::from_scaled_axis(Vector3::new(about.cos(), about.sin(), 0.0) * tilt);
+        let body = tilted * Rotation3::from_axis_angle(&Vector3::z_axis(), heading);
         let lowest = feet.iter().map(|foot| (body * foot).z).fold(f64::MIN, f64::max);
         let middle = body * Vector3::z() * drone.feet_below_m;
         let centre = Vector3::new(offset.x - middle.x, offset.y - middle.y, -height_m - lowest);
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn suggested_tags_without_gap_from_10_m_to_contact() {
+    fn suggested_tags_from_10_m_to_contact() {
         for (length_m, width_m) in [(2.5, 1.7), (2.0, 1.6), (1.8, 1.7), (1.7, 1.7), (6.0, 4.0)] {
             let deck = DeckGeometry {
                 length_m,
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn one_tag_alone_leaves_the_last_metre_unseen() {
+    fn visibility_of_one_tag_alone() {
         let deck = DeckGeometry {
             tag_side_m: Some(1.0),
             ..DeckGeometry::default()
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn suggested_tags_are_sound_on_any_deck() {
+    fn suggested_tags_on_any_deck() {
         for (length_m, width_m) in
             (0..40).flat_map(|i| (0..40).map(move |j| (0.5 + 0.1 * f64::from(i), 0.5 + 0.1 * f64::from(j))))
         {
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn faulty_tags_named_with_their_numbers() {
+    fn faulty_tags_by_number() {
         let deck = DeckGeometry::default();
         let tag = |id, side_m, x| DeckTag {
             id,
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn cells_of_a_tag_within_black_edge_and_white_margin() {
+    fn cells_of_a_tag() {
         let cells = cells(0).unwrap();
         assert!(cells[0].iter().all(|white| *white) && cells[1][1..9].iter().all(|white| !white));
         // 0xd5d628584 begins with 1101 01.

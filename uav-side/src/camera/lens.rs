@@ -137,7 +137,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_pixels_direction_projects_back_to_it(u in 0.0..640.0_f64, v in 0.0..480.0_f64, z in 0.1..50.0_f64) {
+        fn pixel_direction_round_trip(u in 0.0..640.0_f64, v in 0.0..480.0_f64, z in 0.1..50.0_f64) {
             for lens in [Lens::default(), wide()] {
                 let n = lens.normalised(Vector2::new(u, v)).unwrap();
                 let px = lens.project(&Vector3::new(n.x * z, n.y * z, z)).unwrap();
@@ -145,7 +145,7 @@ mod tests {
             }
         }
         #[test]
-        fn lens_inversion_is_bounded_for_any_distortion(
+        fn lens_inversion_with_any_distortion(
             d in prop::array::uniform5(-20.0..20.0_f64), u in -1e4..1e4_f64, v in -1e4..1e4_f64,
         ) {
             let lens = Lens { distortion: d, ..Lens::default() };
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn lens_pixel_size_is_the_derivative_of_the_direction() {
+    fn lens_pixel_size_against_the_direction() {
         let lens = wide();
         let at = Vector2::new(600.0, 30.0);
         let n = |du, dv| lens.normalised(at + Vector2::new(du, dv)).unwrap();
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn lens_whose_distortion_folds_the_image_is_rejected() {
+    fn lens_with_a_folding_distortion() {
         let lens = Lens {
             distortion: [-0.9, 0.0, 0.0, 0.0, 0.0],
             ..Lens::default()

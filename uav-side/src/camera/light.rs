@@ -1,4 +1,4 @@
-//! Light in an image: what the exposure is metered by and what is reported of the tag.
+//! Grey levels in an image: of the metered area, and contrast and saturation of the tag.
 
 use nalgebra::Vector2;
 
@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn tag_light_is_that_of_the_square_alone() {
+    fn tag_light_within_the_square() {
         let light = TagLight::of(&square(20, 180), &CORNERS).unwrap();
         assert_eq!((light.black, light.white, light.saturation), (20, 180, 0.0));
         assert!((light.contrast() - 160.0 / 255.0).abs() < 1e-12);
@@ -89,13 +89,13 @@ mod tests {
     }
 
     #[test]
-    fn tag_light_outside_the_image_is_none() {
+    fn tag_light_outside_the_image() {
         let outside = CORNERS.map(|c| c + Vector2::new(500.0, 0.0));
         assert_eq!(TagLight::of(&square(20, 180), &outside), None);
     }
 
     #[test]
-    fn mean_level_is_that_of_all_pixels() {
+    fn mean_level_of_all_pixels() {
         // 900 pixels of 200, 2700 of 20, 10 800 of 100.
         let mean = mean_level(&square(20, 200));
         assert!((mean - 91.25).abs() < 2.0, "{mean}");
@@ -103,7 +103,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn tag_light_is_bounded_for_any_corners(
+        fn tag_light_with_any_corners(
             c in prop::array::uniform8(prop_oneof![-50.0..150.0_f64, Just(f64::NAN), Just(1e300)]),
         ) {
             let corners = [0, 2, 4, 6].map(|i| Vector2::new(c[i], c[i + 1]));

@@ -296,7 +296,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(400))]
         #[test]
-        fn metering_converges_over_six_decades_from_any_start(
+        fn metering_over_six_decades(
             scale in scales(), latency in 1_u64..=3, queue in 0_u64..=3,
             decades in 0.0..6.0_f64, exposure_s in 0.0..0.02_f64, gain in -10.0..500.0_f64,
         ) {
@@ -315,7 +315,7 @@ mod tests {
             prop_assert!(good >= 45 || most, "{whites:?} at {exposure_s} s, gain {gain}");
         }
         #[test]
-        fn metering_comes_to_rest_with_any_latency(
+        fn metering_with_any_latency(
             scale in scales(), latency in 1_u64..=3, queue in 0_u64..=3,
             decades in 1.0..4.0_f64, gain in 0.0..500.0_f64,
         ) {
@@ -327,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn metering_follows_sudden_shade_and_glare() {
+    fn metering_in_sudden_shade_and_glare() {
         for (scale, latency) in [(Scale::Linear, 1), (Scale::Linear, 3), (Scale::TenthDecibel, 2)] {
             for factor in [1.0 / 30.0, 0.1, 0.5, 2.0, 10.0, 30.0_f64] {
                 let start = Setting {
@@ -362,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn metering_ignores_images_of_the_former_setting() {
+    fn metering_with_images_of_the_former_setting() {
         let mut metering = from_a_millisecond();
         let dark = Light::Tag(TagLight {
             white: 90,
@@ -375,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn metering_holds_through_single_images_without_the_tag() {
+    fn metering_without_the_tag_in_single_images() {
         let mut metering = from_a_millisecond();
         let water = Light::Mean(15.0);
         assert!((10..15).all(|image| metering.step(image, image, &water).is_none()));
@@ -384,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn range_nearest_keeps_to_its_steps_and_bounds() {
+    fn nearest_setting_steps_and_bounds() {
         let range = Range {
             least: 1.0,
             most: 40.4,

@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn motion_blur_is_measured_at_the_edges_that_it_crosses() {
+    fn motion_blur_at_crossed_edges() {
         for b in [0.0, 4.0, 8.0, 12.0] {
             let measured = motion_blur_px2(&moved(b), &CORNERS);
             assert!((measured - b * b).abs() < 5.0 + 0.1 * b * b, "{b} px: {measured}");
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn longest_exposure_is_that_of_the_tag_from_its_height() {
+    fn longest_exposure_by_height() {
         // 320 px, 1 m from 7 m: 45.7 px wide, decoded with 11 px of blur, which 2 rad/s make in 17 ms.
         let longest_s = longest_exposure_s(320.0, 1.0, 7.0, 2.0);
         assert!((longest_s - 0.0171).abs() < 1e-4, "{longest_s}");
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn motion_blur_without_an_edge_is_zero() {
+    fn motion_blur_without_an_edge() {
         let flat = GreyImage::new(120, 120, vec![90; 120 * 120]).unwrap();
         assert_eq!(motion_blur_px2(&flat, &CORNERS), 0.0);
         let outside = CORNERS.map(|c| c + Vector2::new(500.0, -300.0));
@@ -166,7 +166,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn motion_blur_is_finite_for_any_corners(
+        fn motion_blur_with_any_corners(
             c in prop::array::uniform8(prop_oneof![-50.0..250.0_f64, Just(0.0), Just(f64::NAN), Just(1e300)]),
             seed in any::<u32>(),
         ) {

@@ -242,7 +242,7 @@ mod tests {
     use nalgebra::UnitQuaternion;
 
     #[test]
-    fn loose_tag_left_out_of_the_pose() {
+    fn pose_without_a_loose_tag() {
         let tags = DeckGeometry::default().tags();
         let settings = CameraSettings::default();
         let identity = CameraIdentity {
@@ -277,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn corner_sd_grows_for_small_and_blurred_tags() {
+    fn corner_sd_of_small_and_blurred_tags() {
         let tag = TagSettings::default();
         let sd = |side: f64, motion_blur_px2: f64| {
             let corners = [[0.0, side], [0.0, 0.0], [side, 0.0], [side, side]].map(Vector2::from);

@@ -1,5 +1,4 @@
-//! The battery: what its gauge and voltage have shown for long enough, how fast it empties, and what the way to the deck
-//! costs of it.
+//! Battery: lasting charge by gauge and voltage, rate of discharge, and charge needed to reach the deck.
 
 use std::collections::VecDeque;
 
@@ -168,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn battery_at_0_percent_is_empty_and_not_unreported() {
+    fn battery_at_0_percent() {
         let (mut m, c) = (BatteryMonitor::default(), config());
         run(&mut m, &c, 0.0, 10.0, |t| state(t, Some(0.0)));
         assert_eq!(m.charge(&c), Some(0.0));
@@ -199,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn battery_voltage_that_sags_or_stays_low() {
+    fn battery_voltage_low_briefly_or_for_long() {
         let c = MissionConfig {
             battery_minimum_v: 13.6,
             ..config()
@@ -219,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn battery_reserve_is_what_the_way_and_an_attempt_cost() {
+    fn battery_reserve_of_a_way_and_an_attempt() {
         let (mut m, c) = (BatteryMonitor::default(), config());
         // A gauge in whole per cents, of a battery for 1000 s.
         run(&mut m, &c, 0.0, 300.0, |t| {

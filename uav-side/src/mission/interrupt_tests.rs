@@ -1,4 +1,4 @@
-//! What interrupts every state: stale data, operators, retries, battery, time limit, lost control.
+//! Interruptions of every state: stale data, operators, retries, battery, time limit, lost control.
 
 use alight_shared::msg::ReasonCode::{
     BatteryDeck, BatteryHere, BatteryHome, BatteryLow, Commanded, CompletesLanding, DeckGrantStale, Deviated,
@@ -14,7 +14,7 @@ use super::*;
 use crate::contingency::Ends;
 
 #[test]
-fn mission_holds_at_a_safe_height_while_data_are_stale() {
+fn hold_with_stale_data() {
     for (s, why) in [
         (with(|s| s.forecast_age_s = 0.4), ForecastStale),
         (with(|s| s.odometry_age_s = 0.3), OdometryStale),
@@ -38,7 +38,7 @@ fn mission_holds_at_a_safe_height_while_data_are_stale() {
 }
 
 #[test]
-fn operator_hold_lasts_until_the_next_landing_command() {
+fn hold_by_an_operator() {
     let d = commanded(COMMITTED, CommandKind::Hold, &fair());
     goes(&d, State::Hold, Operator);
     waits(&run(&d, &fair(), 20.0), State::Hold, Operator);
@@ -47,7 +47,7 @@ fn operator_hold_lasts_until_the_next_landing_command() {
 }
 
 #[test]
-fn abort_ends_every_flying_state() {
+fn abort_in_every_flying_state() {
     let spare = MissionPhase::Hold {
         cause: HoldCause::Data,
         at: Vector3::zeros(),
@@ -93,7 +93,7 @@ fn low(contact_mps: f64) -> Situation {
 }
 
 #[test]
-fn abort_climbs_unless_that_meets_the_deck_harder_than_the_landing() {
+fn abort_with_a_climb_into_the_deck() {
     for command in [CommandKind::Abort, CommandKind::Hold] {
         let climbs = if command == CommandKind::Abort {
             State::GaveUp
@@ -119,11 +119,8 @@ fn abort_climbs_unless_that_meets_the_deck_harder_than_the_landing() {
             ..low(contact_mps)
         };
         goes(&commanded(COMMITTED, command, &slides(0.8)), climbs, Operator);
-        waits(
-            &commanded(COMMITTED, command, &slides(1.1)),
-            State::Flare,
-            CompletesLanding,
-        );
+        let d = commanded(COMMITTED, command, &slides(1.1));
+        waits(&d, State::Flare, CompletesLanding);
         // Not beside the deck.
         let mut beside = low(0.8);
         beside.outside_m = 0.5;
@@ -132,7 +129,7 @@ fn abort_climbs_unless_that_meets_the_deck_harder_than_the_landing() {
 }
 
 #[test]
-fn abort_is_not_lost_when_the_landing_that_it_completes_is_broken_off() {
+fn abort_with_a_completed_landing_broken_off() {
     let d = commanded(COMMITTED, CommandKind::Abort, &low(0.8));
     let mut missed = low(0.8);
     missed.outside_m = 0.5;
@@ -148,7 +145,7 @@ fn abort_is_not_lost_when_the_landing_that_it_completes_is_broken_off() {
 }
 
 #[test]
-fn place_to_hold_moves_with_the_deck_until_the_drone_is_as_high() {
+fn hold_position_with_the_deck() {
     let at_height = |z: f64, distance_m: f64| {
         with(|s| {
             s.own.as_mut().unwrap().position = Vector3::new(30.0, 4.0, z);
@@ -178,7 +175,7 @@ fn place_to_hold_moves_with_the_deck_until_the_drone_is_as_high() {
 }
 
 #[test]
-fn abort_of_an_idle_drone_in_the_air_climbs_and_on_the_ground_says_that_it_was_received() {
+fn abort_of_an_idle_drone() {
     let idle = (MissionPhase::Idle, Progress::default());
     waits(&step(idle, &fair()), State::Idle, NotCommanded);
     let low = with(|s| s.own.as_mut().unwrap().position.z = -2.0);
@@ -208,7 +205,7 @@ fn abort_of_an_idle_drone_in_the_air_climbs_and_on_the_ground_says_that_it_was_r
 }
 
 #[test]
-fn abort_after_a_false_touchdown_climbs_and_on_the_deck_does_not() {
+fn abort_after_a_touchdown() {
     let in_air = |stopped| {
         with(|s| {
             s.deck.as_mut().unwrap().clearance_m = 1.2;
@@ -239,7 +236,7 @@ fn abort_after_a_false_touchdown_climbs_and_on_the_deck_does_not() {
 }
 
 #[test]
-fn mission_gives_up_after_its_last_attempt() {
+fn last_attempt() {
     let mut progress = wanted();
     let bad = with_deck(|d| d.distance_m = 4.0);
     let c = config();
@@ -256,15 +253,12 @@ fn mission_gives_up_after_its_last_attempt() {
         }
     }
     // However it came back above the deck, it does not begin another.
-    goes(
-        &step((MissionPhase::TrackingStable, progress), &fair()),
-        State::GaveUp,
-        OutOfRetries,
-    );
+    let d = step((MissionPhase::TrackingStable, progress), &fair());
+    goes(&d, State::GaveUp, OutOfRetries);
 }
 
 #[test]
-fn landing_is_completed_for_a_moment_without_data_where_a_climb_is_worse() {
+fn completion_of_a_landing_without_data() {
     let harder = 2.0 * config().flare_mps;
     let (clears, meets) = (Ends::of_speeds(0.5, None), Ends::of_speeds(0.5, Some(harder)));
     for (clearance_m, ends, age_s, state) in [
@@ -294,14 +288,10 @@ fn landing_is_completed_for_a_moment_without_data_where_a_climb_is_worse() {
 }
 
 #[test]
-fn low_battery_without_a_known_or_free_deck_leads_to_the_next_place_unless_commanded_again() {
+fn low_battery_without_a_deck() {
     use BatteryPlace::{Deck, Here, Home};
     let low = with(|s| s.battery = Some(0.1));
-    let stale = with(|s| (s.battery, s.own) = (Some(0.1), None));
-    let stale = Situation {
-        forecast_age_s: 9.0,
-        ..stale
-    };
+    let stale = with(|s| (s.battery, s.own, s.forecast_age_s) = (Some(0.1), None, 9.0));
     let closed = with(|s| (s.battery, s.reservation) = (Some(0.1), Reservation::Others(DECK_CLOSED)));
     let reserved = with(|s| (s.battery, s.reservation) = (Some(0.1), Reservation::Others(2)));
     let hold = holding(HoldCause::Data, &fair(), &config());
@@ -346,7 +336,7 @@ fn low_battery_without_a_known_or_free_deck_leads_to_the_next_place_unless_comma
 }
 
 #[test]
-fn low_battery_above_the_deck_lands_there_within_wider_limits() {
+fn low_battery_limits_above_the_deck() {
     // A deck that nobody lands on who has a choice.
     let rough = |battery: f64| {
         with(|s| {
@@ -382,11 +372,8 @@ fn low_battery_above_the_deck_lands_there_within_wider_limits() {
     let d = run(TRACKING, &silent(0.1), 5.0);
     let d = run(&d, &silent(0.1), 5.0);
     goes(&run(&d, &silent(0.1), 5.0), State::Descent, Reached);
-    waits(
-        &step(MissionPhase::TrackingStable, &silent(0.9)),
-        State::TrackingStable,
-        DeckGrantStale,
-    );
+    let full = step(MissionPhase::TrackingStable, &silent(0.9));
+    waits(&full, State::TrackingStable, DeckGrantStale);
     // Not what nothing survives.
     let mut worse = rough(0.1);
     worse.deck.as_mut().unwrap().tilt_rad = 0.8;
@@ -408,7 +395,7 @@ fn low_battery_above_the_deck_lands_there_within_wider_limits() {
 }
 
 #[test]
-fn mission_gives_up_after_its_time_limit() {
+fn mission_time_limit() {
     let late = Situation {
         now: at(601.0),
         ..with_deck(|d| d.vision_age_s = f64::INFINITY)
@@ -418,7 +405,7 @@ fn mission_gives_up_after_its_time_limit() {
 }
 
 #[test]
-fn mission_returns_to_idle_when_control_is_lost() {
+fn loss_of_control_authority() {
     let s = with(|s| s.flight = ControlState::OtherControl(AutopilotMode::Other));
     let d = step(COMMITTED, &s);
     goes(&d, State::Idle, NotFlying);
@@ -431,7 +418,7 @@ fn mission_returns_to_idle_when_control_is_lost() {
 }
 
 #[test]
-fn order_outlives_a_lapse_and_ends_with_a_takeover() {
+fn order_after_a_lapse_and_a_takeover() {
     let lapsed = with(|s| s.flight = ControlState::Lapsed);
     let d = step(DESCENT, &lapsed);
     goes(&d, State::Idle, NotFlying);

@@ -1,4 +1,4 @@
-//! The ladder to a first landing: a mission that only looks on, and one that follows the deck and climbs.
+//! Modes on the way to a first landing: shadow, and match (follow the deck, then climb).
 
 use alight_shared::msg::ReasonCode::{
     BatteryHome, Matched, Matching, NotFlying, Operator, TooFar, TooNear, VisionLost,
@@ -35,7 +35,7 @@ fn at_clearance(t: f64, clearance_m: f64) -> Situation {
 }
 
 #[test]
-fn match_holds_for_its_time_and_climbs_without_a_flare() {
+fn match_for_its_time() {
     let mut d = step_at(&descends(), &at_clearance(10.0, 5.0), None);
     waits(&d, State::Descent, TooFar);
     for k in 0..=100 {
@@ -53,22 +53,18 @@ fn match_holds_for_its_time_and_climbs_without_a_flare() {
 }
 
 #[test]
-fn match_starts_its_time_anew_when_it_is_left_behind() {
-    let mut d = step_at(&descends(), &at_clearance(12.0, 2.5), None);
-    d = step_at(&d, &at_clearance(20.0, 2.5), None);
-    d = step_at(&d, &at_clearance(20.1, 3.2), None);
-    d = step_at(&d, &at_clearance(20.2, 2.5), None);
-    d = step_at(&d, &at_clearance(22.5, 2.5), None);
+fn match_left_behind() {
+    let mut d = descends();
+    for (t, clearance_m) in [(12.0, 2.5), (20.0, 2.5), (20.1, 3.2), (20.2, 2.5), (22.5, 2.5)] {
+        d = step_at(&d, &at_clearance(t, clearance_m), None);
+    }
     waits(&d, State::Descent, Matching);
 }
 
 #[test]
-fn match_breaks_off_below_its_lowest_clearance_and_blind() {
-    goes(
-        &step_at(&descends(), &at_clearance(12.0, 1.95), None),
-        State::Tracking,
-        TooNear,
-    );
+fn match_below_its_clearance_and_blind() {
+    let d = step_at(&descends(), &at_clearance(12.0, 1.95), None);
+    goes(&d, State::Tracking, TooNear);
     let blind = |t: f64| Situation {
         now: at(t),
         ..with_deck(|d| (d.clearance_m, d.vision_age_s) = (2.5, 3.0))
@@ -78,22 +74,18 @@ fn match_breaks_off_below_its_lowest_clearance_and_blind() {
 }
 
 #[test]
-fn match_never_completes_a_landing() {
+fn match_with_abort_and_hold() {
     let low = with_deck(|d| (d.clearance_m, d.ends) = (0.3, Some(Ends::of_speeds(0.5, Some(2.0)))));
-    goes(
-        &step_at(&descends(), &low, Some(CommandKind::Abort)),
-        State::GaveUp,
-        Operator,
-    );
-    goes(
-        &step_at(&descends(), &low, Some(CommandKind::Hold)),
-        State::Hold,
-        Operator,
-    );
+    for (order, state) in [
+        (CommandKind::Abort, State::GaveUp),
+        (CommandKind::Hold, State::Hold),
+    ] {
+        goes(&step_at(&descends(), &low, Some(order)), state, Operator);
+    }
 }
 
 #[test]
-fn match_with_a_low_battery_goes_home_and_not_onto_the_deck() {
+fn match_with_a_low_battery() {
     let empty = with(|s| s.battery = Some(0.1));
     for phase in [TRACKING, DESCENT] {
         let d = Decision { phase, ..descends() };
@@ -104,7 +96,7 @@ fn match_with_a_low_battery_goes_home_and_not_onto_the_deck() {
 }
 
 #[test]
-fn shadow_goes_on_whoever_flies_until_disarmed() {
+fn shadow_until_disarmed() {
     let a = AutopilotState {
         armed: true,
         mode: AutopilotMode::Other,

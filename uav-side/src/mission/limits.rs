@@ -1,4 +1,4 @@
-//! The limits of the states, and figures beyond their limits as reasons.
+//! Quantities and their limits, as reasons.
 
 use alight_shared::msg::{Reason, ReasonCode};
 

@@ -1,4 +1,4 @@
-//! The mission: permits what the planner may fly, and gives the reason why it does not permit more.
+//! Mission: permission of what the planner may fly, with the reason why not more.
 //!
 //! Read `transition` (the state machine as a pure function), `states` (its table), `phase` (the states and what they
 //! remember), `situation` (every quantity it judges), `outlook` (how likely a landing succeeds, with `staying`: does the landed

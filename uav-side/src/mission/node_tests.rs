@@ -1,4 +1,4 @@
-//! The node: an ideal drone lands, commands and frames are handled, random input is harmless.
+//! The mission's node: an ideal drone, commands, checkpoints, frames, random input.
 
 use alight_shared::config::parse;
 use alight_shared::msg::{AutopilotMode, Message, Phase, PlanStage};
@@ -43,10 +43,35 @@ fn deck(n: u32, t: DroneTime, z: f64) -> DeckForecast {
     }
 }
 
+/// These commands at `t` to a drone at the approach height over the deck.
+fn ordered(t: f64, commands: Vec<Command>) -> MissionIn {
+    MissionIn {
+        commands,
+        ..fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3])
+    }
+}
+/// The state after them.
+fn state_after(m: &mut Mission, t: f64, commands: Vec<Command>) -> State {
+    m.step(at(t), &ordered(t, commands));
+    m.phase.state()
+}
+/// The same with another autopilot.
+fn flown(
+    m: &mut Mission,
+    t: f64,
+    commands: Vec<Command>,
+    autopilot: impl FnOnce(&mut AutopilotState),
+) -> State {
+    let mut input = ordered(t, commands);
+    autopilot(input.autopilot.as_mut().unwrap());
+    m.step(at(t), &input);
+    m.phase.state()
+}
+
 /// The minimum altitude is a height over the long-term water level: a wrong forecast may lower it by 0.2 m/s and
 /// no more, by jumps of any size.
 #[test]
-fn mission_keeps_the_minimum_altitude_when_a_forecast_jumps_below_the_water() {
+fn minimum_altitude_with_a_forecast_below_the_water() {
     let mut m = node();
     let mut lowest = Vec::new();
     for k in 0..1500_u32 {
@@ -70,7 +95,7 @@ fn mission_keeps_the_minimum_altitude_when_a_forecast_jumps_below_the_water() {
 }
 
 #[test]
-fn mission_waits_above_the_volumes_and_leaves_until_it_is_away_from_them() {
+fn waiting_and_leaving_among_volumes() {
     let mut m = node();
     let state = |k: u32, m: &mut Mission, position, kind: Option<CommandKind>| {
         let t = at(1.0 + f64::from(k) * 0.02);
@@ -98,7 +123,7 @@ fn mission_waits_above_the_volumes_and_leaves_until_it_is_away_from_them() {
 
 /// A drone that goes at once where the mission wants it, and a pilot that stops at the deck.
 #[test]
-fn mission_lands_an_ideal_drone_and_begins_its_descent_within_three_seconds_of_arrival() {
+fn landing_of_an_ideal_drone() {
     let mut m = node();
     let mut p = Vector3::new(40.0, -10.0, -12.0);
     let (mut detected, mut touched) = (vec![State::Idle], false);
@@ -167,12 +192,10 @@ fn mission_lands_an_ideal_drone_and_begins_its_descent_within_three_seconds_of_a
 }
 
 #[test]
-fn mission_accepts_a_command_once_and_while_it_is_fresh() {
+fn command_freshness_and_order() {
     let mut m = node();
     let give = |m: &mut Mission, t: f64, given: f64, n: u32, kind| {
-        let mut input = fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3]);
-        input.commands = vec![command(header(n, at(given)), kind)];
-        m.step(at(t), &input);
+        state_after(m, t, vec![command(header(n, at(given)), kind)]);
         m.commands.rejected().total()
     };
     assert_eq!(give(&mut m, 20.0, 10.0, 1, CommandKind::Land), 1, "too old");
@@ -184,16 +207,6 @@ fn mission_accepts_a_command_once_and_while_it_is_fresh() {
     assert_eq!(m.phase.state(), State::GaveUp);
 }
 
-/// The state after these commands at `t`, over the deck.
-fn told(m: &mut Mission, t: f64, commands: Vec<Command>) -> State {
-    let input = MissionIn {
-        commands,
-        ..fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3])
-    };
-    m.step(at(t), &input);
-    m.phase.state()
-}
-
 /// An order to land by the operator who has this boot id.
 fn land(boot: u32, sequence: u32, given: f64) -> Command {
     command(Header::new(1, 1, boot, sequence, at(given)), CommandKind::Land)
@@ -201,7 +214,7 @@ fn land(boot: u32, sequence: u32, given: f64) -> Command {
 
 /// A person takes the drone over by remote control, and gives it back while the order is still repeated.
 #[test]
-fn repeated_landing_after_a_take_over() {
+fn repeated_landing_after_a_takeover() {
     for (repeated, state) in [
         (land(7, 2, 20.0), State::Idle),
         // From a relay that was started anew.
@@ -211,36 +224,35 @@ fn repeated_landing_after_a_take_over() {
         (land(7, 2, 21.6), State::GetAltitude),
     ] {
         let mut m = node();
-        assert_eq!(told(&mut m, 20.0, vec![land(7, 1, 20.0)]), State::GetAltitude);
-        let mut taken = fresh_input(2100, at(21.0), [0.0, 0.0, -16.3]);
-        taken.autopilot = taken.autopilot.map(|a| AutopilotState {
-            mode: AutopilotMode::Other,
-            ..a
-        });
-        m.step(at(21.0), &taken);
-        assert_eq!(m.phase.state(), State::Idle);
-        assert_eq!(told(&mut m, 21.7, vec![repeated]), state, "{repeated:?}");
-        let ordered = told(&mut m, 22.7, vec![land(9, 1, 22.7)]);
+        assert_eq!(
+            state_after(&mut m, 20.0, vec![land(7, 1, 20.0)]),
+            State::GetAltitude
+        );
+        let taken = flown(&mut m, 21.0, Vec::new(), |a| a.mode = AutopilotMode::Other);
+        assert_eq!(taken, State::Idle);
+        assert_eq!(state_after(&mut m, 21.7, vec![repeated]), state, "{repeated:?}");
+        let ordered = state_after(&mut m, 22.7, vec![land(9, 1, 22.7)]);
         assert_eq!(ordered.phase(), Phase::Navigation, "{ordered:?}");
     }
 }
 
 /// A person chooses Hold or Brake, and OFFBOARD or GUIDED minutes later: nothing descends without a new order.
 #[test]
-fn hold_of_a_person_ends_the_order() {
+fn order_after_a_hold_of_a_person() {
     let mode = AutopilotMode::Hold;
     for (lapsed, flies) in [(false, false), (true, true)] {
         let mut m = node();
-        assert_eq!(told(&mut m, 20.0, vec![land(7, 1, 20.0)]), State::GetAltitude);
+        assert_eq!(
+            state_after(&mut m, 20.0, vec![land(7, 1, 20.0)]),
+            State::GetAltitude
+        );
         for k in 0..30 {
             let t = 21.0 + 0.1 * f64::from(k);
-            let mut held = fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3]);
-            held.autopilot = held.autopilot.map(|a| AutopilotState { mode, lapsed, ..a });
-            m.step(at(t), &held);
-            assert_eq!(m.phase.state(), State::Idle);
+            let held = flown(&mut m, t, Vec::new(), |a| (a.mode, a.lapsed) = (mode, lapsed));
+            assert_eq!(held, State::Idle);
         }
         let flown = [(25.0, Vec::new()), (25.1, vec![land(7, 2, 20.0)])].map(|(t, repeated)| {
-            let state = told(&mut m, t, repeated);
+            let state = state_after(&mut m, t, repeated);
             state.phase() == Phase::Navigation
         });
         assert_eq!(flown, [flies; 2], "lapsed: {lapsed}");
@@ -249,7 +261,7 @@ fn hold_of_a_person_ends_the_order() {
 
 /// One reading of an empty battery, and one that lasts.
 #[test]
-fn empty_battery_diverts_when_it_lasts() {
+fn lasting_empty_battery() {
     let mut m = node();
     let step = |m: &mut Mission, t: f64, battery: Option<f64>, commands| {
         let mut input = fresh_input((t * 100.0) as u32, at(t), [60.0, 0.0, -16.3]);
@@ -275,33 +287,33 @@ fn empty_battery_diverts_when_it_lasts() {
 #[test]
 fn repeated_landing_below_the_reserve() {
     let mut m = node();
-    let low = |t: f64, commands| {
-        let mut input = fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3]);
-        input.autopilot = input.autopilot.map(|a| AutopilotState {
-            battery: Some(0.3 * config().battery_reserve),
-            ..a
-        });
-        MissionIn { commands, ..input }
+    let low = |m: &mut Mission, t: f64, commands| {
+        let battery = Some(0.3 * config().battery_reserve);
+        flown(m, t, commands, |a| a.battery = battery)
     };
-    assert_eq!(told(&mut m, 20.0, vec![land(7, 1, 20.0)]), State::GetAltitude);
+    assert_eq!(
+        state_after(&mut m, 20.0, vec![land(7, 1, 20.0)]),
+        State::GetAltitude
+    );
     for k in 0..70 {
         let t = 20.5 + 0.1 * f64::from(k);
-        m.step(at(t), &low(t, Vec::new()));
+        low(&mut m, t, Vec::new());
     }
     assert_eq!(m.phase.state(), State::GaveUp);
-    for (t, repeated) in [(27.5, land(7, 2, 20.01)), (28.0, land(7, 3, 19.99))] {
-        m.step(at(t), &low(t, vec![repeated]));
-        assert_eq!(m.phase.state(), State::GaveUp, "{repeated:?}");
+    for (t, ordered, state) in [
+        (27.5, land(7, 2, 20.01), State::GaveUp),
+        (28.0, land(7, 3, 19.99), State::GaveUp),
+        (28.5, land(7, 4, 28.5), State::Hold),
+    ] {
+        assert_eq!(low(&mut m, t, vec![ordered]), state, "{ordered:?}");
     }
-    m.step(at(28.5), &low(28.5, vec![land(7, 4, 28.5)]));
-    assert_eq!(m.phase.state(), State::Hold);
 }
 
 #[test]
-fn landing_ordered_before_or_just_after_an_abort_by_somebody_else_does_not_count() {
+fn landing_of_another_operator_about_an_abort() {
     let land_at = |boot: u32, given: f64| land(boot, 9, given);
     for (land, state) in [
-        // Pending since before the abort, and said again.
+        // Pending since before the abort, and repeated.
         (land_at(7, 19.9), State::GaveUp),
         (land_at(7, 20.2), State::GaveUp),
         // Who aborted goes on, or somebody who has seen it.
@@ -309,27 +321,22 @@ fn landing_ordered_before_or_just_after_an_abort_by_somebody_else_does_not_count
         (land_at(7, 21.2), State::Hold),
     ] {
         let mut m = node();
-        let mut step = |t: f64, commands| told(&mut m, t, commands);
+        let mut step = |t: f64, commands| state_after(&mut m, t, commands);
         step(19.5, vec![command(header(1, at(19.5)), CommandKind::Land)]);
         let abort = command(header(2, at(20.0)), CommandKind::Abort);
         assert_eq!(step(20.0, vec![abort]), State::GaveUp);
         assert_eq!(step(21.5, vec![land]), state, "{land:?}");
     }
-    // Of what comes in one step the abort is heard.
-    let mut m = node();
-    let mut input = fresh_input(1, at(20.0), [0.0, 0.0, -16.3]);
-    input.commands = vec![
-        command(header(1, at(19.99)), CommandKind::Abort),
-        land_at(7, 20.0),
-    ];
-    m.step(at(20.0), &input);
-    assert_eq!(m.phase.state(), State::GaveUp);
+    // Of what comes in one step the abort counts.
+    let abort = command(header(1, at(19.99)), CommandKind::Abort);
+    let both = vec![abort, land_at(7, 20.0)];
+    assert_eq!(state_after(&mut node(), 20.0, both), State::GaveUp);
 }
 
 #[test]
-fn abort_that_arrives_after_a_newer_order_counts_once() {
+fn late_abort_after_a_newer_order() {
     let mut m = node();
-    let mut step = |t: f64, commands| told(&mut m, t, commands);
+    let mut step = |t: f64, commands| state_after(&mut m, t, commands);
     let abort = |sequence: u32, given: f64| command(header(sequence, at(given)), CommandKind::Abort);
     step(20.0, vec![land(7, 1, 20.0)]);
     // Given before that landing, and late.
@@ -337,20 +344,16 @@ fn abort_that_arrives_after_a_newer_order_counts_once() {
     // That landing again, by an operator who cannot know.
     assert_eq!(step(21.5, vec![land(7, 2, 20.0)]), State::GaveUp);
     assert_eq!(step(23.0, vec![land(7, 3, 22.9)]), State::Hold);
-    // The abort that was obeyed, again.
+    // The abort that was applied, again.
     assert_eq!(step(23.2, vec![abort(2, 19.55)]), State::Hold);
     assert_eq!(step(23.4, vec![abort(3, 23.3)]), State::GaveUp);
 }
 
 #[test]
-fn abort_is_echoed_to_the_vessel_with_its_newest_repetition() {
+fn abort_echo_with_its_newest_repetition() {
     let mut m = node();
     let mut echo = |t: f64, commands: Vec<Command>| {
-        let input = MissionIn {
-            commands,
-            ..fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3])
-        };
-        let out = m.step(at(t), &input);
+        let out = m.step(at(t), &ordered(t, commands));
         (m.phase.state(), out.state.and_then(|s| s.abort))
     };
     let abort = |sequence: u32, given: f64| command(header(sequence, at(given)), CommandKind::Abort);
@@ -403,7 +406,7 @@ fn begun(checkpoint: Option<MissionCheckpoint>, height: f64) -> (MissionState, O
 }
 
 #[test]
-fn successor_goes_on_where_the_mission_before_it_was() {
+fn successor_with_a_checkpoint() {
     for state in [
         State::Idle,
         State::GetAltitude,
@@ -426,24 +429,19 @@ fn successor_goes_on_where_the_mission_before_it_was() {
             assert_eq!((s.hold_position, s.with_deck), ([0.1, 0.0, -16.0], true));
         }
     }
-    assert_eq!(
-        begun(Some(checkpoint(State::Flare, 9.8)), 0.5).0.state,
-        State::Flare
-    );
-    // The pilot has left the plan since: anew, but not from the deck.
-    assert_eq!(
-        begun(Some(checkpoint(State::Flare, 9.0)), 0.5).0.state,
-        State::Tracking
-    );
-    assert_eq!(
-        begun(Some(checkpoint(State::Flare, 9.0)), 0.05).0.state,
-        State::Flare
-    );
+    for (at_s, height, state) in [
+        (9.8, 0.5, State::Flare),
+        // The pilot has left the plan since: anew, but not from the deck.
+        (9.0, 0.5, State::Tracking),
+        (9.0, 0.05, State::Flare),
+    ] {
+        assert_eq!(begun(Some(checkpoint(State::Flare, at_s)), height).0.state, state);
+    }
     assert_eq!(begun(Some(checkpoint(State::Descent, 9.8)), 3.0).0.attempts, 1);
 }
 
 #[test]
-fn mission_that_stood_still_in_its_flare_begins_the_landing_anew_but_not_from_the_deck() {
+fn standstill_in_the_flare() {
     for (height, still_s, wanted) in [
         (0.5, 0.3, State::Flare),
         (0.5, 0.8, State::Tracking),
@@ -465,7 +463,7 @@ fn mission_that_stood_still_in_its_flare_begins_the_landing_anew_but_not_from_th
 }
 
 #[test]
-fn drone_given_back_after_a_lapse_low_above_the_deck_climbs_also_without_radio_or_parameters() {
+fn lapse_low_above_the_deck() {
     for (height, unfit, wanted) in [
         (0.5, false, State::GetAltitude),
         (0.5, true, State::GetAltitude),
@@ -494,38 +492,24 @@ fn drone_given_back_after_a_lapse_low_above_the_deck_climbs_also_without_radio_o
 }
 
 #[test]
-fn successor_without_a_sound_checkpoint_climbs_from_the_deck_and_says_why() {
+fn successor_without_a_sound_checkpoint() {
     let change = |f: fn(&mut MissionCheckpoint)| {
         let mut m = checkpoint(State::Descent, 9.8);
         f(&mut m);
         Some(m)
     };
+    use CheckpointRejection::{Age, Damaged, OtherDrone, Version};
     for (bad, why) in [
         (None, None),
         // The keeper has none.
         (Some(MissionCheckpoint::default()), None),
-        (
-            change(|m| m.header.version -= 1),
-            Some(CheckpointRejection::Version),
-        ),
-        (
-            change(|m| m.state.header.version -= 1),
-            Some(CheckpointRejection::Damaged),
-        ),
-        (
-            change(|m| m.header.drone = 2),
-            Some(CheckpointRejection::OtherDrone),
-        ),
-        (change(|m| m.header.at = at(4.0)), Some(CheckpointRejection::Age)),
-        (change(|m| m.header.at = at(11.0)), Some(CheckpointRejection::Age)),
-        (
-            change(|m| m.state.hold_position[0] = f64::NAN),
-            Some(CheckpointRejection::Damaged),
-        ),
-        (
-            change(|m| m.mean_deck_z = Some(f64::NAN)),
-            Some(CheckpointRejection::Damaged),
-        ),
+        (change(|m| m.header.version -= 1), Some(Version)),
+        (change(|m| m.state.header.version -= 1), Some(Damaged)),
+        (change(|m| m.header.drone = 2), Some(OtherDrone)),
+        (change(|m| m.header.at = at(4.0)), Some(Age)),
+        (change(|m| m.header.at = at(11.0)), Some(Age)),
+        (change(|m| m.state.hold_position[0] = f64::NAN), Some(Damaged)),
+        (change(|m| m.mean_deck_z = Some(f64::NAN)), Some(Damaged)),
     ] {
         let (s, rejected) = begun(bad, 1.0);
         assert_eq!((s.state, rejected), (State::GaveUp, why), "{bad:?}");
@@ -538,7 +522,7 @@ fn successor_without_a_sound_checkpoint_climbs_from_the_deck_and_says_why() {
 }
 
 #[test]
-fn abort_among_many_commands_to_a_waiting_successor_is_heard() {
+fn abort_among_many_commands_to_a_successor() {
     let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
     for abort_at in [0, 15, 16, 29] {
         let mut m = Mission::new(&config(), &drone, &deck, 1, 2).as_successor();
@@ -567,7 +551,7 @@ fn abort_among_many_commands_to_a_waiting_successor_is_heard() {
 }
 
 #[test]
-fn mission_discards_the_forecast_at_an_origin_reset() {
+fn mission_at_an_origin_reset() {
     let mut m = node();
     for k in 0..300_u32 {
         let t = at(1.0 + f64::from(k) * 0.01);
@@ -589,7 +573,7 @@ fn mission_discards_the_forecast_at_an_origin_reset() {
 }
 
 #[test]
-fn mission_checks_its_configuration() {
+fn mission_configuration() {
     assert!(parse::<MissionConfig>("", "test").is_ok());
     let e = parse::<MissionConfig>("tracking_height_m = 40.0", "test")
         .unwrap_err()
@@ -672,7 +656,7 @@ fn blow() -> impl Strategy<Value = Blow> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
     #[test]
-    fn mission_never_permits_an_unsafe_descent_on_random_input(blows in prop::collection::vec(blow(), 1..60)) {
+    fn mission_random_input(blows in prop::collection::vec(blow(), 1..60)) {
         let mut m = node();
         let mut now = at(1.0);
         let mut n = 0_u32;

@@ -1,4 +1,4 @@
-//! Normal figures: of one and of two dimensions.
+//! Normal distributions of one and two dimensions.
 
 use core::f64::consts::SQRT_2;
 

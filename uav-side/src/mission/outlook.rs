@@ -8,7 +8,7 @@
 //! |---|---|---|
 //! | onto the deck, m/s | `max(v_t, sqrt(w² - 2 a (h - w t_b)))` | the pilot's, `r sd(a_z)` |
 //! | along it, m/s | `U psi' t_l`, what is left of the present speed | the pilot's, `r sd(a_xy)`, gusts, `t_a m`, half of the turn's |
-//! | angle, rad | against a strong wind the drone leans | the pilot's, `sd(tilt)`, gusts |
+//! | angle, rad | against a strong wind the drone banks | the pilot's, `sd(tilt)`, gusts |
 //! | place, m | what is left of the present offset | the pilot's, the forecast's, drift without sight, gusts |
 //!
 //! with the drone's reaction `r`, the speed `w` at which deck and drone come together at the height `h`, and the deck's
@@ -124,7 +124,7 @@ impl Outlook<'_> {
             (0.5 * (reacted.euler_sd[0].powi(2) + reacted.euler_sd[1].powi(2))).sqrt(),
             TILT_PER_GUST * gust / GRAVITY,
         ]);
-        // Against the part of a strong wind that would blow an aligned drone along too fast it leans.
+        // Against the part of a strong wind that would blow an aligned drone along too fast it banks.
         let lean = (wind - carried(&wind, &WindConfig::default())).norm() / GRAVITY;
         Odds {
             hard: below((MAX_MPS - self.contact_mps()) / norm(&[CONTACT_SD_MPS, CHANGES * az])),

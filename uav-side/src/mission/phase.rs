@@ -1,4 +1,4 @@
-//! The states with what they remember, and what a state may do next.
+//! States with their data, and the next steps of a state.
 
 use alight_shared::msg::{BatteryPlace, Reason, ReasonCode, State, WAITING_DISTANCE_M};
 use alight_shared::time::{DroneClock, Time};

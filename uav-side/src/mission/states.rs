@@ -1,4 +1,4 @@
-//! The state table: one function per state, what it waits for and where it goes.
+//! State table: one function per state, with its conditions and transitions.
 
 use alight_shared::msg::ReasonCode::{
     Commanded, CourseEnds, Deviated, Infeasible, Matched, Matching, Missed, NoPlace, NoPlan, NoVessel,
@@ -463,11 +463,11 @@ fn flare(
 
 /// A condition has to be violated for so long before a landing is broken off, s: several messages.
 const VIOLATION_S: f64 = 0.3;
-/// A flare may last so long without vision, s: its last metre with the tags out of view; and while the radio still tells
+/// A flare may last so long without vision, s: its last metre with the tags out of view; and while the radio still reports
 /// where the vessel is.
 const BLIND_S: f64 = 2.5;
 pub(super) const RADIO_BLIND_S: f64 = 5.0;
-/// The radio tells where the vessel is, s.
+/// The radio reports where the vessel is, s.
 const RADIO_FRESH_S: f64 = 1.5;
 
 /// How long a flare may last without vision: longer while the radio reports where the vessel is, s.

@@ -41,7 +41,7 @@ const WAVE_S: f64 = 2.0;
 /// A slope that was measured so lately counts as if it were predicted, s: a hull that leaves the water over a steep crest
 /// does so again.
 const JUST_NOW_S: f64 = 4.0;
-/// The slope's spread where no forecast tells of it: the prediction is wrong by this (rms) some seconds ahead.
+/// The slope's spread without a forecast of it: the prediction is wrong by this (rms) some seconds ahead.
 const UNKNOWN_SD: f64 = 0.08;
 /// The spread that any slope has: the measured ones' step, and the deck's roughness.
 const LEAST_SD: f64 = 0.02;
@@ -166,7 +166,7 @@ impl Slopes {
     }
 }
 
-/// Standard deviation of the tilt so far ahead, rad; that of a prediction some seconds ahead where no forecast tells it.
+/// Standard deviation of the tilt so far ahead, rad; that of a prediction some seconds ahead without a forecast of it.
 fn tilt_sd(forecast: Option<&DeckForecast>, ahead_s: f64) -> f64 {
     let stage = forecast.and_then(|f| {
         let at = (ahead_s / f.step.secs().max(1e-3)) as usize;
@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn probability_that_is_no_number_is_not_likely() {
+    fn probability_that_is_no_number() {
         let stand = Stand {
             friction: f64::NAN,
             edge_m: 0.65,

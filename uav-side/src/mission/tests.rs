@@ -1,4 +1,4 @@
-//! Every row of the state table.
+//! State table: situation to state and reason.
 
 use alight_shared::msg::ReasonCode::{
     AutopilotParameter, Commanded, CourseEnds, DeckGrantStale, DeckReserved, Deviated, ForecastStale,
@@ -8,6 +8,9 @@ use alight_shared::msg::ReasonCode::{
 };
 use alight_shared::msg::{AutopilotMode, BatteryPlace, Course, DECK_CLOSED};
 use nalgebra::{Vector2, Vector3};
+
+use Does::{Enter, Stay};
+use State::{Approach, Descent, Flare, GetAltitude, Hold, Idle, Landed, Tracking, TrackingStable};
 
 use super::odds::Odds;
 use super::*;
@@ -91,6 +94,10 @@ const SURE: Odds = Odds {
     slides: 1.0,
     turns: false,
 };
+/// Fair but for the autopilot's parameters.
+fn rejected() -> Situation {
+    with(|s| s.rejection = Some(AutopilotParameter.into()))
+}
 /// Fair but for the odds of a landing.
 pub(super) fn with_odds(change: impl FnOnce(&mut Odds)) -> Situation {
     with(|s| change(s.odds.as_mut().unwrap()))
@@ -165,52 +172,73 @@ pub(super) fn attempt() -> Progress {
     }
 }
 
+/// What a decision does: it enters a state, or stays in it, and why.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Does {
+    Enter(State, ReasonCode),
+    Stay(State, ReasonCode),
+}
+
+impl Does {
+    fn of(d: &Decision) -> Does {
+        let why = d.entered.unwrap_or(d.waiting);
+        assert!(!why.to_string().is_empty(), "{d:?}");
+        match d.entered {
+            Some(_) => Does::Enter(d.phase.state(), why.code),
+            None => Does::Stay(d.phase.state(), why.code),
+        }
+    }
+}
 #[track_caller]
 pub(super) fn goes(d: &Decision, to: State, why: ReasonCode) {
-    assert_eq!(d.phase.state(), to, "{d:?}");
-    assert_eq!(d.entered.map(|r| r.code), Some(why), "{d:?}");
+    assert_eq!(Does::of(d), Does::Enter(to, why), "{d:?}");
 }
 #[track_caller]
 pub(super) fn waits(d: &Decision, in_state: State, why: ReasonCode) {
-    assert_eq!(d.phase.state(), in_state, "{d:?}");
-    assert_eq!(d.entered, None, "{d:?}");
-    assert_eq!(d.waiting.code, why, "{d:?}");
+    assert_eq!(Does::of(d), Does::Stay(in_state, why), "{d:?}");
+}
+/// From `start`, rows: an unchanging situation for so long (s), and the decision that changed the state or the last one.
+#[track_caller]
+pub(super) fn table<const N: usize>(start: impl Into<Start>, rows: [(Situation, f64, Does); N]) {
+    let start = start.into();
+    for (k, (s, secs, does)) in rows.into_iter().enumerate() {
+        let d = run(start, &s, secs);
+        assert_eq!(Does::of(&d), does, "row {k}: {d:?}");
+    }
 }
 
 #[test]
-fn idle_waits_for_command_flight_and_vessel() {
-    let idle = MissionPhase::Idle;
-    let d = step((idle, Progress::default()), &fair());
-    waits(&d, State::Idle, NotCommanded);
-    for flight in [
-        ControlState::Unknown,
-        ControlState::Disarmed,
-        ControlState::OnGround,
-        ControlState::OtherControl(AutopilotMode::Other),
-    ] {
-        let s = with(|s| s.flight = flight);
-        waits(&step(idle, &s), State::Idle, NotFlying);
-    }
-    let s = with(|s| s.rejection = Some(AutopilotParameter.into()));
-    waits(&step(idle, &s), State::Idle, AutopilotParameter);
-    let s = with(|s| (s.deck, s.forecast_age_s) = (None, f64::INFINITY));
-    waits(&step(idle, &s), State::Idle, ForecastStale);
-    let s = with_deck(|d| d.radio_age_s = f64::INFINITY);
-    waits(&step(idle, &s), State::Idle, NoVessel);
-    let s = with_deck(|d| d.distance_m = 5100.0);
-    let d = step(idle, &s);
-    waits(&d, State::Idle, VesselTooFar);
-    assert_eq!(d.waiting.to_string(), "the vessel is 5.1 km away (limit 5)");
-    let d = commanded((idle, Progress::default()), CommandKind::Land, &fair());
-    goes(&d, State::GetAltitude, Commanded);
+fn idle_conditions() {
+    let flown = |flight| with(|s| s.flight = flight);
+    let other = ControlState::OtherControl(AutopilotMode::Other);
+    let unknown = with(|s| (s.deck, s.forecast_age_s) = (None, f64::INFINITY));
+    let alone = with_deck(|d| d.radio_age_s = f64::INFINITY);
+    let far = with_deck(|d| d.distance_m = 5100.0);
+    let rows = [
+        (flown(ControlState::Unknown), 0.0, Stay(Idle, NotFlying)),
+        (flown(ControlState::Disarmed), 0.0, Stay(Idle, NotFlying)),
+        (flown(ControlState::OnGround), 0.0, Stay(Idle, NotFlying)),
+        (flown(other), 0.0, Stay(Idle, NotFlying)),
+        (rejected(), 0.0, Stay(Idle, AutopilotParameter)),
+        (unknown, 0.0, Stay(Idle, ForecastStale)),
+        (alone, 0.0, Stay(Idle, NoVessel)),
+        (far, 0.0, Stay(Idle, VesselTooFar)),
+    ];
+    table(MissionPhase::Idle, rows);
+    let why = step(MissionPhase::Idle, &far).waiting.to_string();
+    assert_eq!(why, "the vessel is 5.1 km away (limit 5)");
+    let unasked = (MissionPhase::Idle, Progress::default());
+    waits(&step(unasked, &fair()), Idle, NotCommanded);
+    let d = commanded(unasked, CommandKind::Land, &fair());
+    goes(&d, GetAltitude, Commanded);
 }
 
 #[test]
 fn vessel_beyond_5_km_in_the_approach() {
     let s = with_deck(|d| d.distance_m = 5100.0);
     let d = run(MissionPhase::APPROACH, &s, 1.0);
-    goes(&d, State::Hold, VesselTooFar);
-    waits(&run(&d, &s, 20.0), State::Hold, VesselTooFar);
+    goes(&d, Hold, VesselTooFar);
+    waits(&run(&d, &s, 20.0), Hold, VesselTooFar);
 }
 
 #[test]
@@ -219,117 +247,112 @@ fn moved_origin_without_a_forecast_since() {
         (s.deck, s.forecast_age_s) = (None, f64::INFINITY);
         s.moved = Some(Reason::new(OriginMoved, 120.0, 0.0));
     });
-    waits(&step(MissionPhase::Idle, &moved), State::Idle, OriginMoved);
-    for phase in [MissionPhase::TRACKING, DESCENT, FREE_FLARE] {
-        let d = step(phase, &moved);
-        assert_eq!(d.entered.map(|why| why.code), Some(OriginMoved), "{phase:?}");
+    waits(&step(MissionPhase::Idle, &moved), Idle, OriginMoved);
+    for phase in [TRACKING, DESCENT, FREE_FLARE] {
+        goes(&step(phase, &moved), Hold, OriginMoved);
     }
 }
 
 #[test]
-fn get_altitude_ends_at_the_approach_height() {
-    let from = MissionPhase::GetAltitude { from: [1.0, 2.0] };
-    let d = step(from, &fair());
-    waits(&d, State::GetAltitude, TooFar);
+fn approach_conditions() {
+    let climb = MissionPhase::GetAltitude { from: [1.0, 2.0] };
+    let d = step(climb, &fair());
     assert!((d.waiting.value - 8.0).abs() < 1e-9, "{d:?}");
-    let mut s = fair();
-    s.own.as_mut().unwrap().position.z = -1.3 - 15.0 + 0.5;
-    goes(&step(from, &s), State::Approach, Reached);
-}
-
-#[test]
-fn approach_ends_with_confirmed_detection() {
-    let approach = MissionPhase::APPROACH;
+    let high = with(|s| s.own.as_mut().unwrap().position.z = -1.3 - 15.0 + 0.5);
     let unseen = with_deck(|d| d.vision_age_s = f64::INFINITY);
-    waits(&run(approach, &unseen, 5.0), State::Approach, NoVision);
-    // A single detection is not enough.
-    waits(&step(approach, &fair()), State::Approach, NoVision);
-    goes(&run(approach, &fair(), 1.0), State::Tracking, Reached);
-    // Neither vision nor radio.
     let blind = with_deck(|d| (d.vision_age_s, d.radio_age_s) = (f64::INFINITY, 6.0));
-    goes(&run(approach, &blind, 1.0), State::Hold, NoVessel);
+    waits(&d, GetAltitude, TooFar);
+    goes(&step(climb, &high), Approach, Reached);
+    let rows = [
+        (unseen, 5.0, Stay(Approach, NoVision)),
+        // A single detection is not enough.
+        (fair(), 0.0, Stay(Approach, NoVision)),
+        (fair(), 1.0, Enter(Tracking, Reached)),
+        // Neither vision nor radio.
+        (blind, 1.0, Enter(Hold, NoVessel)),
+    ];
+    table(MissionPhase::APPROACH, rows);
 }
 
 #[test]
-fn tracking_becomes_stable_after_half_a_second_of_steadiness() {
-    for (s, why) in [
-        (with_deck(|d| d.distance_m = 2.0), TooFar),
-        (with_deck(|d| d.relative_speed_mps = 2.0), TooFast),
-        (with(|s| s.mean_deck_z = Some(3.0)), TooFar),
-    ] {
-        waits(&run(TRACKING, &s, 2.0), State::Tracking, why);
-    }
-    waits(&run(TRACKING, &fair(), 0.3), State::Tracking, NotSteady);
-    goes(&run(TRACKING, &fair(), 1.0), State::TrackingStable, Reached);
+fn tracking_steadiness() {
+    let fast = with_deck(|d| d.relative_speed_mps = 2.0);
+    let deep = with(|s| s.mean_deck_z = Some(3.0));
+    let rows = [
+        (with_deck(|d| d.distance_m = 2.0), 2.0, Stay(Tracking, TooFar)),
+        (fast, 2.0, Stay(Tracking, TooFast)),
+        (deep, 2.0, Stay(Tracking, TooFar)),
+        (fair(), 0.3, Stay(Tracking, NotSteady)),
+        (fair(), 1.0, Enter(TrackingStable, Reached)),
+    ];
+    table(TRACKING, rows);
 }
 
 #[test]
-fn tracking_continues_without_radio_and_returns_to_approach_without_vision() {
+fn tracking_without_radio_or_vision() {
     let silent = with_deck(|d| d.radio_age_s = f64::INFINITY);
-    goes(&run(TRACKING, &silent, 1.0), State::TrackingStable, Reached);
     let unseen = with_deck(|d| d.vision_age_s = 5.5);
-    goes(&run(TRACKING, &unseen, 1.0), State::Approach, VisionLost);
     let nothing = with_deck(|d| (d.vision_age_s, d.radio_age_s) = (5.5, 5.5));
-    goes(&run(TRACKING, &nothing, 1.0), State::Hold, VisionLost);
+    let rows = [
+        (silent, 1.0, Enter(TrackingStable, Reached)),
+        (unseen, 1.0, Enter(Approach, VisionLost)),
+        (nothing, 1.0, Enter(Hold, VisionLost)),
+    ];
+    table(TRACKING, rows);
 }
 
 #[test]
-fn tracking_stable_reports_each_reason_not_to_descend() {
-    let stable = MissionPhase::TrackingStable;
-    for (s, why) in [
-        (with_deck(|d| d.vision_age_s = 1.5), VisionLost),
-        (with_odds(|p| p.hard = 0.94), LikelyHard),
-        (with_odds(|p| p.fast = 0.9), LikelyFast),
-        (with_odds(|p| (p.fast, p.turns) = (0.9, true)), TurnTooFast),
-        (with_odds(|p| p.tilted = 0.5), LikelyTilted),
-        (with_odds(|p| p.beside = 0.5), LikelyBeside),
-        (with_odds(|p| p.slides = 0.8), LikelySlides),
+fn reasons_not_to_descend() {
+    let stays = |why| Stay(TrackingStable, why);
+    let each = with_odds(|p| (p.hard, p.fast, p.slides) = (0.98, 0.98, 0.97));
+    let others = with(|s| s.reservation = Reservation::Others(2));
+    let unknown = with(|s| s.reservation = Reservation::Unknown(2.5));
+    let promised = |s| with(|fair| fair.course = Course::Steady(s));
+    let rows = [
+        (with_deck(|d| d.vision_age_s = 1.5), stays(VisionLost)),
+        (with_odds(|p| p.hard = 0.94), stays(LikelyHard)),
+        (with_odds(|p| p.fast = 0.9), stays(LikelyFast)),
+        (with_odds(|p| (p.fast, p.turns) = (0.9, true)), stays(TurnTooFast)),
+        (with_odds(|p| p.tilted = 0.5), stays(LikelyTilted)),
+        (with_odds(|p| p.beside = 0.5), stays(LikelyBeside)),
+        (with_odds(|p| p.slides = 0.8), stays(LikelySlides)),
         // Each likely enough by itself.
-        (
-            with_odds(|p| (p.hard, p.fast, p.slides) = (0.98, 0.98, 0.97)),
-            LikelySlides,
-        ),
-        (with_odds(|p| p.beside = f64::NAN), LikelyBeside),
-        (with(|s| s.worth_waiting = 0.9995), LikelyHard),
-        (with_deck(|d| d.speed_mps = 8.0), Infeasible),
-        (with_deck(|d| d.heave_mps = 4.0), Infeasible),
-        (with_deck(|d| d.tilt_rad = 0.5), TooSteep),
-        (with_deck(|d| d.turn_radps = 0.3), Infeasible),
-        (with(|s| s.course = Course::Turning), VesselTurns),
-        (with(|s| s.course = Course::Steady(15.0)), CourseEnds),
-        (with(|s| s.plan_age_s = f64::INFINITY), NoPlan),
-        (
-            with(|s| s.rejection = Some(AutopilotParameter.into())),
-            AutopilotParameter,
-        ),
-        (with(|s| s.reservation = Reservation::Others(2)), DeckReserved),
-        (
-            with(|s| s.reservation = Reservation::Unknown(2.5)),
-            DeckGrantStale,
-        ),
-    ] {
-        let d = step(stable, &s);
-        waits(&d, State::TrackingStable, why);
-        assert!(!d.waiting.to_string().is_empty());
-    }
-    let d = step(stable, &fair());
-    goes(&d, State::Descent, Reached);
-    assert_eq!(d.progress.attempts, 1);
-    let d = step(stable, &with(|s| s.course = Course::Steady(20.0)));
-    goes(&d, State::Descent, Reached);
-    let s = with_deck(|d| d.distance_m = 2.5);
-    goes(&step(stable, &s), State::Tracking, TooFar);
+        (each, stays(LikelySlides)),
+        (with_odds(|p| p.beside = f64::NAN), stays(LikelyBeside)),
+        (with(|s| s.worth_waiting = 0.9995), stays(LikelyHard)),
+        (with_deck(|d| d.speed_mps = 8.0), stays(Infeasible)),
+        (with_deck(|d| d.heave_mps = 4.0), stays(Infeasible)),
+        (with_deck(|d| d.tilt_rad = 0.5), stays(TooSteep)),
+        (with_deck(|d| d.turn_radps = 0.3), stays(Infeasible)),
+        (with(|s| s.course = Course::Turning), stays(VesselTurns)),
+        (promised(15.0), stays(CourseEnds)),
+        (with(|s| s.plan_age_s = f64::INFINITY), stays(NoPlan)),
+        (rejected(), stays(AutopilotParameter)),
+        (others, stays(DeckReserved)),
+        (unknown, stays(DeckGrantStale)),
+        (fair(), Enter(Descent, Reached)),
+        (promised(20.0), Enter(Descent, Reached)),
+        (with_deck(|d| d.distance_m = 2.5), Enter(Tracking, TooFar)),
+    ];
+    table(MissionPhase::TrackingStable, rows.map(|(s, does)| (s, 0.0, does)));
+    assert_eq!(step(MissionPhase::TrackingStable, &fair()).progress.attempts, 1);
 }
 
 #[test]
-fn descent_becomes_flare_below_its_clearance() {
-    waits(&step(DESCENT, &fair()), State::Descent, TooFar);
+fn flare_clearance() {
+    // The deck rose to the descending drone: going on is the safer way.
+    let risen = with_deck(|d| (d.clearance_m, d.distance_m) = (0.6, 0.7));
     let low = with_deck(|d| d.clearance_m = 0.85);
-    goes(&step(DESCENT, &low), State::Flare, Reached);
+    let rows = [
+        (fair(), 0.0, Stay(Descent, TooFar)),
+        (low, 0.0, Enter(Flare, Reached)),
+        (risen, 0.0, Enter(Flare, Reached)),
+    ];
+    table(DESCENT, rows);
 }
 
 #[test]
-fn descent_returns_to_tracking_when_a_condition_stays_violated() {
+fn descent_with_a_lasting_violation() {
     for (s, why) in [
         (with_deck(|d| d.vision_age_s = 1.2), VisionLost),
         (with_deck(|d| d.distance_m = 4.0), Deviated),
@@ -337,102 +360,83 @@ fn descent_returns_to_tracking_when_a_condition_stays_violated() {
         (with_deck(|d| d.tilt_rad = 0.8), TooSteep),
         (with(|s| s.plan_age_s = 0.6), NoPlan),
     ] {
-        waits(&run(DESCENT, &s, 0.2), State::Descent, why);
-        goes(&run(DESCENT, &s, 1.0), State::Tracking, why);
+        let rows = [(s, 0.2, Stay(Descent, why)), (s, 1.0, Enter(Tracking, why))];
+        table(DESCENT, rows);
     }
 }
 
 #[test]
-fn descent_pauses_at_the_decision_clearance_until_the_flare_is_possible() {
+fn descent_pause_at_the_decision_clearance() {
     let s = with_deck(|d| (d.clearance_m, d.radio_age_s, d.vision_age_s) = (1.2, 9.0, 0.8));
     let d = run(DESCENT, &s, 2.0);
-    waits(&d, State::Descent, VisionLost);
+    waits(&d, Descent, VisionLost);
     assert!(matches!(d.phase, MissionPhase::Descent { paused: Some(_), .. }));
-    goes(&run(DESCENT, &s, 9.0), State::Tracking, VisionLost);
+    goes(&run(DESCENT, &s, 9.0), Tracking, VisionLost);
 }
 
 #[test]
-fn descent_and_flare_break_off_at_once_when_the_drone_tilts_beyond_the_command_in_the_air() {
-    let flare = MissionPhase::Flare {
-        committed: true,
-        violated: None,
-    };
-    for (phase, clearance) in [
-        (MissionPhase::DESCENT, 4.0),
-        (MissionPhase::DESCENT, 1.0),
-        (flare, 0.5),
-    ] {
-        let tilted = |excess_deg: f64, clearance: f64| {
-            with(|s| {
-                s.tilt_excess_rad = excess_deg.to_radians();
-                s.deck.as_mut().unwrap().clearance_m = clearance;
-            })
+fn tilt_beyond_the_command_in_the_air() {
+    for (phase, clearance) in [(DESCENT, 4.0), (DESCENT, 1.0), (COMMITTED, 0.5)] {
+        let tilted = |excess_deg: f64, clearance: f64| Situation {
+            tilt_excess_rad: excess_deg.to_radians(),
+            ..with_deck(|d| d.clearance_m = clearance)
         };
-        goes(
-            &step(phase, &tilted(11.0, clearance)),
-            State::Tracking,
-            TiltExcess,
-        );
-        assert_ne!(
-            step(phase, &tilted(9.0, clearance)).phase.state(),
-            State::Tracking
-        );
+        goes(&step(phase, &tilted(11.0, clearance)), Tracking, TiltExcess);
         // The deck tilts what touches it.
-        assert_ne!(step(phase, &tilted(30.0, 0.1)).phase.state(), State::Tracking);
+        for s in [tilted(9.0, clearance), tilted(30.0, 0.1)] {
+            assert_ne!(step(phase, &s).phase.state(), Tracking);
+        }
     }
 }
 
 #[test]
-fn descent_ignores_soft_violations_below_the_commit_clearance() {
+fn soft_violations_below_the_commit_clearance() {
     let soft = |clearance: f64| {
         with_deck(|d| {
-            d.clearance_m = clearance;
-            d.distance_m = 1.6;
-            d.vision_age_s = 6.0;
-            d.radio_age_s = 6.0;
+            (d.clearance_m, d.distance_m) = (clearance, 1.6);
+            (d.vision_age_s, d.radio_age_s) = (6.0, 6.0);
         })
     };
-    waits(&run(COMMITTED, &soft(0.5), 2.0), State::Flare, VisionLost);
-    goes(&run(FREE_FLARE, &soft(0.85), 2.0), State::Tracking, VisionLost);
-    // The deck fell away again: there is time to judge.
-    goes(&run(COMMITTED, &soft(1.5), 2.0), State::Tracking, VisionLost);
-    // The deck rose to the descending drone: going on is the safer way.
-    let near = with_deck(|d| (d.clearance_m, d.distance_m) = (0.6, 0.7));
-    goes(&step(DESCENT, &near), State::Flare, Reached);
+    goes(&run(FREE_FLARE, &soft(0.85), 2.0), Tracking, VisionLost);
+    let rows = [
+        (soft(0.5), 2.0, Stay(Flare, VisionLost)),
+        // The deck fell away again: there is time to judge.
+        (soft(1.5), 2.0, Enter(Tracking, VisionLost)),
+    ];
+    table(COMMITTED, rows);
 }
 
 #[test]
-fn flare_continues_through_its_end_without_vision() {
-    let blind = with_deck(|d| (d.clearance_m, d.vision_age_s) = (0.85, 2.0));
-    waits(&run(FREE_FLARE, &blind, 1.0), State::Flare, TooFar);
-    let silent = with_deck(|d| (d.clearance_m, d.vision_age_s, d.radio_age_s) = (0.85, 2.0, 9.0));
-    waits(&run(FREE_FLARE, &silent, 1.0), State::Flare, TooFar);
+fn flare_without_vision() {
+    for radio_age_s in [fair().deck.unwrap().radio_age_s, 9.0] {
+        let blind = with_deck(|d| (d.clearance_m, d.vision_age_s, d.radio_age_s) = (0.85, 2.0, radio_age_s));
+        waits(&run(FREE_FLARE, &blind, 1.0), Flare, TooFar);
+    }
 }
 
 #[test]
-fn flare_breaks_off_even_committed_when_the_deck_is_missed_or_lost() {
-    let missed = with_deck(|d| d.clearance_m = -0.5);
-    goes(&run(COMMITTED, &missed, 1.0), State::Tracking, Missed);
+fn committed_flare_with_a_missed_deck() {
     let beside = Situation {
         outside_m: 0.4,
         ..with_deck(|d| d.clearance_m = 0.3)
     };
-    goes(&run(COMMITTED, &beside, 1.0), State::Tracking, Deviated);
+    let missed = with_deck(|d| d.clearance_m = -0.5);
+    goes(&run(COMMITTED, &missed, 1.0), Tracking, Missed);
+    goes(&run(COMMITTED, &beside, 1.0), Tracking, Deviated);
 }
 
 #[test]
-fn mission_lands_when_the_pilot_stops_the_motors() {
+fn landed_with_motors_stopped() {
     let s = Situation {
         motors_stopped: true,
         ..with_deck(|d| d.clearance_m = 0.0)
     };
-    goes(&step(COMMITTED, &s), State::Landed, Touchdown);
-    let d = step(MissionPhase::Idle, &s);
-    assert_ne!(d.phase.state(), State::Landed);
+    goes(&step(COMMITTED, &s), Landed, Touchdown);
+    assert_ne!(step(MissionPhase::Idle, &s).phase.state(), Landed);
 }
 
 #[test]
-fn landed_is_left_only_after_disarming_and_arming() {
+fn landed_until_disarmed_and_armed() {
     let landed = MissionPhase::LANDED;
     let on_deck = with_deck(|d| d.clearance_m = 0.05);
     let d = commanded(landed, CommandKind::Land, &on_deck);
@@ -447,12 +451,12 @@ fn landed_is_left_only_after_disarming_and_arming() {
         }
     );
     let d = step(&d, &fair());
-    goes(&d, State::Idle, Reached);
+    goes(&d, Idle, Reached);
     assert!(!d.progress.landing);
 }
 
 #[test]
-fn closed_deck_is_closed_to_a_drone_that_reserves_nothing() {
+fn closed_deck_without_reservation() {
     let grant = |owner, at_s| DeckGrant {
         header: Header::new(1, 0, 1, 1, at(at_s)),
         owner,
@@ -470,41 +474,34 @@ fn closed_deck_is_closed_to_a_drone_that_reserves_nothing() {
 }
 
 #[test]
-fn turn_in_a_landing_breaks_it_off_only_above_the_commit_clearance() {
-    let flare = |committed| MissionPhase::Flare {
-        committed,
-        violated: Some(at(9.0)),
-    };
+fn turn_in_a_landing() {
+    let violated = Some(at(9.0));
+    let flare = |committed| MissionPhase::Flare { committed, violated };
     let descent = MissionPhase::Descent {
-        violated: Some(at(9.0)),
+        violated,
         paused: None,
     };
-    let stated = |clearance_m: f64| {
-        let mut s = with(|s| s.course = Course::Turning);
+    let low = |clearance_m: f64, mut s: Situation| {
         s.deck.as_mut().unwrap().clearance_m = clearance_m;
         s
     };
-    let turns = |clearance_m: f64| {
-        let mut s = with_odds(|p| (p.fast, p.turns) = (0.8, true));
-        s.deck.as_mut().unwrap().clearance_m = clearance_m;
-        s
-    };
-    goes(&step(descent, &stated(3.0)), State::Tracking, VesselTurns);
-    goes(&step(flare(false), &stated(0.9)), State::Tracking, VesselTurns);
-    waits(&step(flare(true), &stated(0.5)), State::Flare, TooFar);
-    goes(&step(descent, &turns(3.0)), State::Tracking, TurnTooFast);
-    waits(&step(flare(true), &turns(0.5)), State::Flare, TurnTooFast);
+    let stated = with(|s| s.course = Course::Turning);
+    let turns = with_odds(|p| (p.fast, p.turns) = (0.8, true));
+    goes(&step(descent, &low(3.0, stated)), Tracking, VesselTurns);
+    goes(&step(flare(false), &low(0.9, stated)), Tracking, VesselTurns);
+    waits(&step(flare(true), &low(0.5, stated)), Flare, TooFar);
+    goes(&step(descent, &low(3.0, turns)), Tracking, TurnTooFast);
+    waits(&step(flare(true), &low(0.5, turns)), Flare, TurnTooFast);
     // An empty battery leaves no other place than the deck, turning or not.
     let urgent = Progress {
         low_battery: Some(BatteryPlace::Deck),
         ..attempt()
     };
-    let d = step((descent, urgent), &stated(3.0));
-    waits(&d, State::Descent, TooFar);
+    waits(&step((descent, urgent), &low(3.0, stated)), Descent, TooFar);
 }
 
 #[test]
-fn promise_outlives_silence_until_its_end_and_a_stated_turn_does_not() {
+fn stated_course_in_silence() {
     let of = |course, age_s: f64| {
         let grant = DeckGrant {
             header: Header::new(1, 0, 1, 1, at(0.0)),

@@ -74,7 +74,7 @@ mod tests {
     }
 
     #[test]
-    fn tilt_that_follows_a_command_back_with_an_attitude_loops_lag_is_no_excess() {
+    fn tilt_with_the_lag_of_the_attitude_loop() {
         let mut m = TiltMonitor::default();
         let mut is = 0.4;
         m.update(&commanded(0.0, 0.4), None);
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn tilt_beyond_every_command_is_excess_and_none_while_the_autopilot_chooses_it() {
+    fn tilt_beyond_every_command() {
         let mut m = TiltMonitor::default();
         m.update(&commanded(1.0, -0.2), None);
         assert!((m.excess(&drone(1.0, 0.5)) - 0.3).abs() < 1e-9);
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn tilt_of_a_manoeuvre_that_began_before() {
+    fn tilt_of_an_earlier_manoeuvre() {
         // A mission that begins anew while the drone turns back from 0.22 rad.
         let mut m = TiltMonitor::default();
         let mut is = 0.22;

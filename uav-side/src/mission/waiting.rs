@@ -1,7 +1,7 @@
-//! How likely a landing has to be for waiting on not to be worth its cost: the optimal stopping of independent draws with
-//! recall of none.
+//! Value of waiting: optimal stopping of independent draws without recall gives the likelihood of a landing above which
+//! waiting does not pay.
 //!
-//! Waiting a second costs `c`, a battery's and a crew's patience as a probability. Of the likelihoods `P` of the last
+//! Waiting a second costs `c`, of battery and crew, as a probability. Of the likelihoods `P` of the last
 //! minute, the next one is a draw: to go on waiting is worth it while `E[(P - p)+] > c`, so a landing begins at the `p*` with
 //! `E[(P - p*)+] = c` (DeGroot 1970, Optimal statistical decisions, section 13.4).
 
@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn threshold_at_which_waiting_gains_its_cost() {
+    fn waiting_threshold() {
         let waves = of((0..60).map(|k| 0.9 + 0.08 * (0.7 * f64::from(k)).sin()));
         for cost in [1e-4, 1e-3, 0.01, 0.03] {
             let p = waves.threshold(cost);
@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn draws_of_the_last_minute_one_a_second() {
+    fn waiting_draws_of_the_last_minute() {
         let mut w = of([0.2; 200]);
         assert_eq!(w.draws.len(), MOST);
         (0..100).for_each(|k| w.update(Time::from_secs(200.0 + 0.01 * f64::from(k)), 0.9));

@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn wind_monitor_learns_only_while_following() {
+    fn wind_monitor_while_following() {
         let way = watched(5.0, 0.0, 45.0, false);
         assert!(way.mean().norm() < 1e-12 && way.gust_sd() < 1e-12);
     }

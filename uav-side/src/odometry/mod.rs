@@ -1,4 +1,4 @@
-//! Odometry as the other nodes use it: the autopilot's, made smooth.
+//! Smooth odometry of the drone, from the autopilot's.
 //!
 //! An autopilot corrects position and velocity by each GNSS fix on its own: its position moves by a
 //! centimetre ten times a second, and its velocity is not the derivative of its position. Landing
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn odometry_smooths_position_steps_consistently_with_velocity() {
+    fn odometry_position_steps() {
         let mut o = Odometry::new(&OdometryConfig::default());
         let (mut last, mut largest) = (None::<DroneState>, 0.0_f64);
         for k in 0..3000_u32 {
@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn odometry_estimates_accelerometer_bias() {
+    fn odometry_accelerometer_bias() {
         let mut o = Odometry::new(&OdometryConfig::default());
         let mut s = DroneState::default();
         for k in 0..6000 {
@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn odometry_takes_an_impact_from_the_autopilots_velocity_not_from_a_sample_of_its_force() {
+    fn odometry_impact() {
         // Onto the deck at 0.6 m/s: the sample lasts 10 ms, the impact of 168 m/s² lasted 3 ms, or fell between samples.
         for sampled in [-168.0, 0.0] {
             let mut o = Odometry::new(&OdometryConfig::default());
@@ -338,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn odometry_follows_a_position_drift_not_in_the_velocity() {
+    fn odometry_position_drift() {
         // The slow error of a GNSS: 3 cm/s for two minutes, 3.6 m in all.
         let (mut o, mut max, mut jump) = (Odometry::new(&OdometryConfig::default()), 0.0_f64, 0.0_f64);
         let mut last = 0.0;
@@ -352,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn odometry_converts_set_points_to_the_autopilot_frame() {
+    fn odometry_set_points_in_the_autopilot_frame() {
         let mut o = Odometry::new(&OdometryConfig::default());
         let wanted = SetPoint {
             kind: SetPointKind::Trajectory,
@@ -376,7 +376,7 @@ mod tests {
     }
 
     #[test]
-    fn odometry_restarts_after_an_origin_reset_or_gap_and_passes_stale_input() {
+    fn odometry_origin_reset_gap_and_stale_input() {
         let mut o = Odometry::new(&OdometryConfig::default());
         o.step(&state(0, 0.0, 1.0, 0.0));
         let moved = o.step(&state(1, 5.01, 1.0, 0.0));

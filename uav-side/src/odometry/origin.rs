@@ -7,7 +7,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 /// A heading that differs by more than this from what the gyroscopes turned it to is a reset of the autopilot's estimate,
 /// rad (4 deg).
 const YAW_JUMP_RAD: f64 = 0.07;
-/// Samples further apart say nothing of it, s.
+/// Samples further apart contain nothing of it, s.
 const YAW_STEP_S: f64 = 0.05;
 
 /// By how much the heading (rad, from north to east) has jumped within the last `dt` seconds: attitude (NED from body) now
@@ -24,7 +24,7 @@ pub(crate) fn yaw_jump(
     (dt > 0.0 && dt < YAW_STEP_S && yaw.abs() > limit).then_some(yaw)
 }
 
-/// What tells one frame of the drone from the next, as last reported.
+/// What distinguishes one frame of the drone from the next, as last reported.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct DroneFrame {
     resets: Option<u8>,

@@ -1,4 +1,4 @@
-//! How the pilot tracks, what it sends to the autopilot, and when it accepts a contact.
+//! Parameters of the pilot: tracking, output to the autopilot, touchdown.
 
 use alight_shared::config;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,5 @@
-//! The dead time of the link to the autopilot: what the drone will be when a command gets there.
+//! Dead time of the link to the autopilot: prediction of the drone's state to the arrival of a
+//! command.
 //!
 //! Odometry is `d` old when it arrives, and a command takes about as long on its way, so the answer to a
 //! command is observed `2 d` after it. A loop that takes the old state for the present one loses `2 d w` of its
@@ -187,7 +188,7 @@ mod tests {
     /// Flies the model's own drone under a rocking command, 40 ms each way, and compares what was led ahead
     /// with what came.
     #[test]
-    fn delay_prediction_matches_the_drone_one_dead_time_later() {
+    fn delay_prediction_after_one_dead_time() {
         let (c, one_way, dt) = (DelayConfig::default(), 4_usize, 0.01);
         let mut delay = Delay::default();
         let mut estimate = FlightEstimator::new(0.4);
@@ -266,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn delay_predicts_nothing_without_dead_time() {
+    fn delay_prediction_without_dead_time() {
         let c = DelayConfig::default();
         let mut delay = Delay::default();
         delay.received(0.001, 0.01, &c);

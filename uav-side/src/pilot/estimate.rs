@@ -1,5 +1,4 @@
-//! What the pilot learns in flight: the thrust that hovers, the lift that it does not explain, and
-//! the force that pushes.
+//! Estimates of the pilot in flight: hover thrust, unmodelled lift, lateral force.
 
 use alight_shared::geometry::GRAVITY;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
@@ -114,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lift_estimate_is_the_force_not_explained_by_thrust() {
+    fn lift_estimate() {
         let c = TrackingConfig::default();
         let learnt = |force: Vector3<f64>, tilt: f64, hover: f64, u: Option<f64>| {
             let mut e = FlightEstimator::new(hover);

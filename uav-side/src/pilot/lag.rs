@@ -1,4 +1,4 @@
-//! The lag of the autopilot's attitude loop: learnt in flight, and made up for.
+//! Lag of the autopilot's attitude loop: identified in flight, and compensated.
 //!
 //! Autopilots turn towards a commanded attitude at a rate in proportion to the angle left,
 //! `w = e / T` (PX4, ArduPilot). The lag `T` is their setting and differs from drone to drone; the
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn attitude_lag_is_estimated_within_seconds_and_compensated() {
+    fn attitude_lag_estimate_and_compensation() {
         for lag in [0.1, 0.2, 0.3, 0.4] {
             let (found, worst) = rock(lag, 4.0);
             assert!((found / lag - 1.0).abs() < 0.12, "{lag}: {found}");
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn attitude_lag_is_not_learnt_without_a_command() {
+    fn attitude_lag_without_a_command() {
         let c = LagConfig::default();
         let mut x = AttitudeLagEstimator::new(0.2, &c);
         for _ in 0..500 {
@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn attitude_lag_ignores_rates_that_are_not_finite() {
+    fn attitude_lag_with_rates_not_finite() {
         let c = LagConfig::default();
         let mut x = AttitudeLagEstimator::new(0.2, &c);
         let tilted = UnitQuaternion::from_euler_angles(0.1, 0.0, 0.0);

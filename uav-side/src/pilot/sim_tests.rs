@@ -1,4 +1,4 @@
-//! The pilot in a small world of its own: a drone with lags over a heaving, tilting deck.
+//! Closed loop of the pilot: a drone with lags over a heaving, tilting deck.
 
 use alight_shared::msg::{DeckStage, Header, Motors};
 use nalgebra::UnitQuaternion;
@@ -268,7 +268,7 @@ fn landed(phase: f64, seed: u64, change: impl FnOnce(&mut World)) -> (World, f64
 }
 
 #[test]
-fn pilot_lands_on_a_moving_deck_and_stops_the_motors() {
+fn touchdown_on_a_moving_deck() {
     let mut worst: (f64, f64, f64, f64) = (0.0, 0.0, 0.0, 0.0);
     for k in 0..24 {
         let (w, stop) = landed(f64::from(k) * 0.26, k as u64, |_| ());
@@ -294,7 +294,7 @@ fn pilot_lands_on_a_moving_deck_and_stops_the_motors() {
 }
 
 #[test]
-fn pilot_lands_without_a_rangefinder() {
+fn touchdown_without_a_rangefinder() {
     for k in 0..6 {
         let (_, stop) = landed(f64::from(k), 100 + k as u64, |w| w.ranges = false);
         assert!((0.0..1.0).contains(&stop), "{stop}");
@@ -302,7 +302,7 @@ fn pilot_lands_without_a_rangefinder() {
 }
 
 #[test]
-fn pilot_lands_after_a_bounce() {
+fn touchdown_after_a_bounce() {
     for k in 0..6 {
         // Restitution of about 0.6.
         let (w, stop) = landed(f64::from(k), 200 + k as u64, |w| w.damping = 80.0);
@@ -314,7 +314,7 @@ fn pilot_lands_after_a_bounce() {
 /// Hovering close to the deck in the flare, without ever touching: the motors go on, and a
 /// suspicion, if any, does not bring the drone down on the deck.
 #[test]
-fn pilot_keeps_the_motors_on_close_to_the_deck_without_contact() {
+fn motors_close_to_the_deck_without_contact() {
     for (k, clearance) in [0.15, 0.2, 0.3].into_iter().enumerate() {
         for ranges in [true, false] {
             let mut w = World::new(moderate(0.4), Task::Follow(clearance), 300 + k as u64);
@@ -327,7 +327,7 @@ fn pilot_keeps_the_motors_on_close_to_the_deck_without_contact() {
 }
 
 #[test]
-fn pilot_keeps_the_motors_on_when_the_deck_heaves_close_to_a_hovering_drone() {
+fn motors_over_a_deck_heaving_close() {
     let sea = Sea {
         pitch: 0.0,
         ..moderate(0.0)
@@ -339,7 +339,7 @@ fn pilot_keeps_the_motors_on_when_the_deck_heaves_close_to_a_hovering_drone() {
 }
 
 #[test]
-fn pilot_keeps_the_motors_on_outside_a_landing_or_without_the_autopilot() {
+fn motors_outside_a_landing() {
     for (state, mode) in [
         (State::Tracking, AutopilotMode::Offboard),
         (State::Approach, AutopilotMode::Offboard),
@@ -361,7 +361,7 @@ fn pilot_keeps_the_motors_on_outside_a_landing_or_without_the_autopilot() {
 /// Twenty minutes of hover, tracking and approach over a rough deck, with the mission permitting a
 /// touch all the time.
 #[test]
-fn pilot_keeps_the_motors_on_in_the_air() {
+fn motors_in_the_air() {
     for (k, clearance) in [0.6, 1.5, 7.0, 15.0].into_iter().enumerate() {
         let sea = Sea {
             amplitude: 0.9,
@@ -377,7 +377,7 @@ fn pilot_keeps_the_motors_on_in_the_air() {
 }
 
 #[test]
-fn pilot_tracks_the_plan_within_centimetres() {
+fn plan_tracking_error() {
     let sea = Sea {
         pitch: 0.0,
         ..moderate(0.0)
@@ -397,7 +397,7 @@ fn pilot_tracks_the_plan_within_centimetres() {
 }
 
 #[test]
-fn pilot_stays_stopped_until_the_mission_is_idle_again() {
+fn motors_stopped_until_idle() {
     let mut w = World::new(moderate(0.0), Task::Land(0.5, 1.0), 13);
     w.fly(6.0);
     assert!(w.stopped.is_some());

@@ -1,4 +1,4 @@
-//! The pieces against their equations, safe action, and random input.
+//! Parts of the pilot against their equations, safe action, random input.
 
 use alight_shared::config::parse;
 use alight_shared::msg::{DeckStage, LandedState, Motors};
@@ -13,7 +13,7 @@ use crate::fixtures::{airborne, drone, forecast, header, level, mission, plan};
 
 proptest! {
     #[test]
-    fn attitude_of_thrust_inverts_thrust_of_attitude(roll in -1.0..1.0_f64, pitch in -1.0..1.0_f64, yaw in -3.1..3.1_f64, down in -5.0..5.0_f64) {
+    fn attitude_and_thrust_inverse(roll in -1.0..1.0_f64, pitch in -1.0..1.0_f64, yaw in -3.1..3.1_f64, down in -5.0..5.0_f64) {
         let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
         let t = thrust_of_attitude(&q, down, GRAVITY);
         // The vertical acceleration is the one asked for.
@@ -24,7 +24,7 @@ proptest! {
     }
 
     #[test]
-    fn upright_attitude_tilts_no_further_than_allowed_and_in_the_same_direction(roll in -3.1..3.1_f64, pitch in -1.5..1.5_f64, yaw in -3.1..3.1_f64) {
+    fn upright_attitude_limit(roll in -3.1..3.1_f64, pitch in -1.5..1.5_f64, yaw in -3.1..3.1_f64) {
         let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
         let (is, limited) = (q * -Vector3::z(), upright(&q, 0.6) * -Vector3::z());
         let tilt = |up: &Vector3<f64>| up.angle(&-Vector3::z());
@@ -34,7 +34,7 @@ proptest! {
     }
 
     #[test]
-    fn slewed_attitude_turns_no_further_than_allowed(a in -1.0..1.0_f64, b in -1.0..1.0_f64, max in 0.0..0.5_f64) {
+    fn slewed_attitude_limit(a in -1.0..1.0_f64, b in -1.0..1.0_f64, max in 0.0..0.5_f64) {
         let (p, q) = (UnitQuaternion::from_euler_angles(a, b, 0.0), UnitQuaternion::from_euler_angles(b, 0.2, a));
         let r = slewed(&p, &q, max);
         prop_assert!(p.angle_to(&r) <= max + 1e-6);
@@ -70,7 +70,7 @@ fn follow(order: usize, lag: f64, compensated: bool) -> f64 {
 }
 
 #[test]
-fn lead_reduces_the_attitude_error_of_a_lagging_loop() {
+fn attitude_error_with_lead() {
     let bare = follow(1, 0.2, false);
     assert!(bare > 0.8, "{bare}");
     assert!(follow(1, 0.2, true) < 0.02 * bare);
@@ -78,7 +78,7 @@ fn lead_reduces_the_attitude_error_of_a_lagging_loop() {
 }
 
 #[test]
-fn tracker_limits_feedback_tilt_over_the_deck() {
+fn feedback_tilt_over_the_deck() {
     let c = TrackingConfig::default();
     let planned = UnitQuaternion::from_euler_angles(0.05, -0.1, 0.3);
     let body = Body {
@@ -147,7 +147,7 @@ fn run(
 }
 
 #[test]
-fn set_point_kind_is_the_same_in_all_phases() {
+fn set_point_kind_in_all_phases() {
     for (state, held) in [
         (State::Idle, true),
         (State::GetAltitude, false),
@@ -176,7 +176,7 @@ fn set_point_kind_is_the_same_in_all_phases() {
 }
 
 #[test]
-fn idle_drone_on_the_ground_gets_less_thrust_than_hover() {
+fn idle_thrust_on_the_ground() {
     let s = after(State::Idle, 0.0, 1.0, |i| {
         i.autopilot.as_mut().unwrap().landed = LandedState::OnGround;
     });
@@ -187,7 +187,7 @@ fn idle_drone_on_the_ground_gets_less_thrust_than_hover() {
 }
 
 #[test]
-fn pilot_learns_no_lag_from_attitudes_that_a_person_overrides() {
+fn lag_with_attitudes_of_a_person() {
     // A person rocks the drone while the pilot's set-points are streamed for the hand-over.
     let mut pilot = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
     let before = pilot.lag.lag(&pilot.config.lag);
@@ -205,7 +205,7 @@ fn pilot_learns_no_lag_from_attitudes_that_a_person_overrides() {
 }
 
 #[test]
-fn pilot_commands_no_more_than_its_tilt_limit_and_thrust_for_the_way_back_when_the_attitude_is_off() {
+fn attitude_beyond_the_tilt_limit() {
     let geometry = DroneGeometry::default();
     let hover = geometry.mass_kg * GRAVITY / geometry.max_thrust_n;
     let limit = TrackingConfig::default().tilt_limit_rad;
@@ -229,7 +229,7 @@ fn pilot_commands_no_more_than_its_tilt_limit_and_thrust_for_the_way_back_when_t
 }
 
 #[test]
-fn pilot_climbs_when_a_landing_is_withdrawn_that_the_planner_goes_on_with() {
+fn withdrawn_landing_with_plans_that_go_on() {
     // Withdrawn at 6 s; the planner has published for the last time at `until`.
     let climbs_from = |pilot: &mut Pilot, until: f64| {
         let mut first = None;
@@ -261,7 +261,7 @@ fn pilot_climbs_when_a_landing_is_withdrawn_that_the_planner_goes_on_with() {
 }
 
 #[test]
-fn pilot_holds_on_a_stale_plan_and_climbs_near_the_deck() {
+fn stale_plan() {
     let s = after(State::Tracking, 6.0, 1.0, |i| i.plan = None);
     assert_eq!(s.velocity, [0.0; 3]);
     assert_eq!(s.position, [0.0, 0.0, -7.6]);
@@ -294,7 +294,7 @@ fn pilot_holds_on_a_stale_plan_and_climbs_near_the_deck() {
 }
 
 #[test]
-fn pilot_that_climbs_without_a_plan_is_not_committed_by_a_deck_that_comes_near() {
+fn climb_without_a_plan_from_a_rising_deck() {
     let mut pilot = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
     let mut last = SetPoint::default();
     for k in 0..200 {
@@ -337,7 +337,7 @@ fn thrust_of_old_plan(age_s: f64, planned_mps: f64, tilt: f64) -> f64 {
 }
 
 #[test]
-fn pilot_brakes_a_plan_that_is_not_renewed_by_the_newest_forecast() {
+fn braking_of_a_plan_not_renewed() {
     let followed = thrust_of_old_plan(0.05, 2.0, 0.0);
     assert!((0.9..1.1).contains(&followed), "{followed}");
     // (2² - 0.5²) / 2 (0.6 - 0.1) m/s² within half of what the rotors have beyond hover.
@@ -364,8 +364,8 @@ fn alone(state: State, rise_mps2: f64) -> SetPoint {
 }
 
 #[test]
-fn pilot_without_plan_and_mission_lands_where_a_climb_would_meet_the_deck_harder() {
-    // Also one whose mission fell silent before it said flare.
+fn landing_without_plan_and_mission() {
+    // Also one whose mission fell silent before its flare.
     for state in [State::Descent, State::Flare] {
         let climbs = alone(state, 0.0);
         let up = climbs.velocity[2];
@@ -376,7 +376,7 @@ fn pilot_without_plan_and_mission_lands_where_a_climb_would_meet_the_deck_harder
 }
 
 #[test]
-fn pilot_sends_no_set_point_without_odometry_mission_or_control() {
+fn set_point_without_odometry_mission_or_control() {
     let none = |s: SetPoint| assert_eq!(s.kind, SetPointKind::None);
     none(after(State::Tracking, 6.0, 1.0, |i| i.drone = None));
     none(after(State::Tracking, 6.0, 2.0, |i| i.autopilot = None));
@@ -404,13 +404,13 @@ impl Answers {
 }
 
 #[test]
-fn pilot_takes_a_false_touchdown_back_when_the_mission_that_knew_of_it_flies() {
+fn false_touchdown_taken_back() {
     let mut pilot = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
     let mut answers = Answers::default();
     let mut next = |pilot: &mut Pilot, state, armed| answers.next(pilot, state, armed);
     assert_eq!(next(&mut pilot, State::Flare, true), Motors::Run);
     pilot.stop_from(Time::from_secs(5.01));
-    // The mission has not heard of it yet, then has, then flies.
+    // The mission has not received it yet, then has, then flies.
     assert_eq!(next(&mut pilot, State::Flare, true), Motors::Stop);
     assert_eq!(next(&mut pilot, State::Landed, true), Motors::Stop);
     assert_eq!(next(&mut pilot, State::GaveUp, true), Motors::Run);
@@ -422,7 +422,7 @@ fn pilot_takes_a_false_touchdown_back_when_the_mission_that_knew_of_it_flies() {
 }
 
 #[test]
-fn pilot_discards_the_plan_at_an_origin_reset() {
+fn pilot_at_an_origin_reset() {
     let s = after(State::Tracking, 6.0, 0.3, |i| {
         i.autopilot.as_mut().unwrap().origin_resets = 1;
         i.plan = None;
@@ -432,7 +432,7 @@ fn pilot_discards_the_plan_at_an_origin_reset() {
 }
 
 #[test]
-fn pilot_checks_its_configuration() {
+fn pilot_configuration() {
     assert!(parse::<PilotConfig>("", "test").is_ok());
     let e = parse::<PilotConfig>("[tracking]\nflare_feedback_tilt_rad = 0.5", "test")
         .unwrap_err()
@@ -454,7 +454,7 @@ fn wild() -> impl Strategy<Value = f64> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
     #[test]
-    fn pilot_never_stops_the_motors_in_the_air_on_random_input(
+    fn pilot_random_input(
         blows in prop::collection::vec(
             (any::<u8>(), 0..10_u8, prop::array::uniform6(wild()), -200..900_i64, 0.0..3.0_f64, 1..40_u32), 1..40),
         landing in any::<bool>(),

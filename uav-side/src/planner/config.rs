@@ -236,7 +236,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rotor_bounds_keep_every_rotor_in_range_for_any_mix_of_inputs() {
+    fn rotor_bounds_with_any_mix_of_inputs() {
         use super::super::model::MIXER;
         let strong = DroneGeometry::default();
         let weak = DroneGeometry {
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn planner_kinds_have_the_names_of_the_command_line() {
+    fn planner_kind_names() {
         let parse = |s: &str| alight_shared::config::parse::<PlannerConfig>(s, "test").map(|c| c.kind);
         assert_eq!(parse("kind = \"mpc-faa\"").unwrap(), PlannerKind::MpcFaa);
         assert!(

@@ -135,7 +135,7 @@ mod tests {
     };
 
     #[test]
-    fn reference_governor_closes_a_gap_without_overshoot_inside_its_limits() {
+    fn reference_governor_within_its_limits() {
         let mut gap = Motion::new([30.0, -40.0], [0.0, 0.0]);
         let (mut before, mut time) = (gap.velocity, 0.0);
         while gap.place.norm() > 0.1 {
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn reference_governor_stays_in_place_when_its_target_jumps() {
+    fn reference_governor_with_a_jumping_target() {
         let mut governor = ReferenceGovernor::<1>::default();
         let mut gap = |ms: i64, target: f64, start: f64| {
             let at_rest = |x: f64| Motion::new([x], [0.0]);

@@ -1,11 +1,11 @@
-//! What one planner does that another does not. Everything else is common: where a plan begins, the references of
-//! each mission state, the model, its solver and the message.
+//! Planner-specific steps. All else is common: the start of a plan, the references of each mission state, the
+//! model, its solver and the message.
 
 use alight_shared::msg::{DeckForecast, DroneState, MissionState, Plan};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector2;
 
-use super::model::State;
+use super::model::{State, state};
 use super::mpc_faa::Problem;
 use super::reference::{Reference, ReferenceGenerator};
 pub use super::view::View;
@@ -70,6 +70,6 @@ pub trait Law: core::fmt::Debug + Send {
     /// Tilt of the body about north and east for a planned state and vertical acceleration (NED, m/s²), and the
     /// factor by which rates of tilt grow.
     fn attitude(&self, state: &State, _vertical: f64) -> (f64, f64, f64) {
-        (state[3], state[4], 1.0)
+        (state[state::PHI], state[state::THETA], 1.0)
     }
 }

@@ -1,4 +1,4 @@
-//! The planner: a trajectory for the next seconds, again and again.
+//! Planner: a trajectory over a receding horizon.
 //!
 //! Reading order: [`mpc_faa`] (the problem), [`model`] and [`weights`] (its parts), [`reference`]
 //! (what it follows in each mission state), [`law`] (what the planners differ in), [`alignment`] and
@@ -39,7 +39,6 @@ use alight_shared::msg::{
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
-use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 pub use config::{PlannerConfig, PlannerKind};
@@ -47,7 +46,7 @@ pub use config::{PlannerConfig, PlannerKind};
 use crate::odometry::origin::DroneFrame;
 use alignment::FaaAlignment;
 use law::{Law, View};
-use model::{INPUTS, State, clearance, tilt_of, up_of};
+use model::{INPUTS, State, clearance, state, tilt_of, up_of};
 use mpc_faa::{Mpc, Problem, Solution};
 use reference::{Reference, ReferenceGenerator};
 use rendezvous::Rendezvous;
@@ -316,17 +315,17 @@ impl Planner {
     fn stage(&self, s: &State, input: &[f64; INPUTS]) -> PlanStage {
         let down = self.mpc.model().vertical * input[0];
         let (north, east, growth) = self.law.attitude(s, down);
-        let (phi, theta) = tilt_of(&up_of(north, east), s[5]);
-        let (sin, cos) = s[5].sin_cos();
+        let (phi, theta) = tilt_of(&up_of(north, east), s[state::PSI]);
+        let (sin, cos) = s[state::PSI].sin_cos();
         PlanStage {
-            position: [s[0], s[1], s[2]],
-            velocity: [s[6], s[7], s[8]],
-            acceleration: [-GRAVITY * s[4], GRAVITY * s[3], down],
-            euler: [phi, theta, wrap_angle(s[5])],
+            position: [s[state::NORTH], s[state::EAST], s[state::DOWN]],
+            velocity: [s[state::V_NORTH], s[state::V_EAST], s[state::V_DOWN]],
+            acceleration: [-GRAVITY * s[state::THETA], GRAVITY * s[state::PHI], down],
+            euler: [phi, theta, wrap_angle(s[state::PSI])],
             euler_rates: [
-                growth * (cos * s[9] + sin * s[10]) + s[11] * theta,
-                growth * (-sin * s[9] + cos * s[10]) - s[11] * phi,
-                s[11],
+                growth * (cos * s[state::PHI_DOT] + sin * s[state::THETA_DOT]) + s[state::PSI_DOT] * theta,
+                growth * (-sin * s[state::PHI_DOT] + cos * s[state::THETA_DOT]) - s[state::PSI_DOT] * phi,
+                s[state::PSI_DOT],
             ],
         }
     }
@@ -345,8 +344,13 @@ impl Planner {
         let (step, mut before) = (self.mpc.step_s(), self.reference.clearance_m);
         for (k, s) in solved.solution.states.iter().enumerate() {
             let deck = self.reference.deck.get(k + 1)?;
-            let p = Vector3::new(s[0], s[1], s[2]);
-            let c = clearance(&p, &up_of(s[3], s[4]), deck, self.drone_geometry.feet_below_m);
+            let p = state::position(s);
+            let c = clearance(
+                &p,
+                &up_of(s[state::PHI], s[state::THETA]),
+                deck,
+                self.drone_geometry.feet_below_m,
+            );
             if c <= 0.0 {
                 let fraction = before / (before - c);
                 return Some(now + Span::from_secs(step * (k as f64 + fraction)));

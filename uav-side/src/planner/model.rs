@@ -23,6 +23,42 @@ pub const INPUTS: usize = 4;
 /// The full state `[p, euler, v, euler rates]`: m, rad, m/s, rad/s.
 pub type State = [f64; STATES];
 
+/// Components of the state.
+pub mod state {
+    use super::State;
+    use nalgebra::Vector3;
+
+    /// Position, m.
+    pub const NORTH: usize = 0;
+    /// Position, m.
+    pub const EAST: usize = 1;
+    /// Position, m.
+    pub const DOWN: usize = 2;
+    /// Tilt about north, rad.
+    pub const PHI: usize = 3;
+    /// Tilt about east, rad.
+    pub const THETA: usize = 4;
+    /// Heading, rad.
+    pub const PSI: usize = 5;
+    /// Velocity, m/s.
+    pub const V_NORTH: usize = 6;
+    /// Velocity, m/s.
+    pub const V_EAST: usize = 7;
+    /// Velocity, m/s.
+    pub const V_DOWN: usize = 8;
+    /// Rate, rad/s.
+    pub const PHI_DOT: usize = 9;
+    /// Rate, rad/s.
+    pub const THETA_DOT: usize = 10;
+    /// Rate, rad/s.
+    pub const PSI_DOT: usize = 11;
+
+    /// Position, m.
+    pub fn position(x: &State) -> Vector3<f64> {
+        Vector3::new(x[NORTH], x[EAST], x[DOWN])
+    }
+}
+
 /// Virtual inputs from rotor inputs (deviations from hover): rows thrust, roll, pitch, yaw, with
 /// the signs of the paper's eq. 5 in FRD. Half of it is orthonormal and it is its own transpose's
 /// inverse, so `u = MIXER' nu`.
@@ -68,14 +104,14 @@ impl HoverModel {
             a[(i, i + 6)] = 1.0;
         }
         // A nose-down pitch is negative and accelerates forward; a starboard-down roll to the right.
-        a[(6, 4)] = -GRAVITY;
-        a[(7, 3)] = GRAVITY;
+        a[(state::V_NORTH, state::THETA)] = -GRAVITY;
+        a[(state::V_EAST, state::PHI)] = GRAVITY;
         let mut b = SMatrix::zeros();
         for rotor in 0..INPUTS {
-            b[(8, rotor)] = self.vertical * MIXER[0][rotor];
-            b[(9, rotor)] = self.roll * MIXER[1][rotor];
-            b[(10, rotor)] = self.pitch * MIXER[2][rotor];
-            b[(11, rotor)] = self.yaw * MIXER[3][rotor];
+            b[(state::V_DOWN, rotor)] = self.vertical * MIXER[0][rotor];
+            b[(state::PHI_DOT, rotor)] = self.roll * MIXER[1][rotor];
+            b[(state::THETA_DOT, rotor)] = self.pitch * MIXER[2][rotor];
+            b[(state::PSI_DOT, rotor)] = self.yaw * MIXER[3][rotor];
         }
         (a, b)
     }
@@ -271,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn hover_matrices_are_the_jacobian_of_the_rigid_body() {
+    fn hover_matrices_against_rigid_body_jacobian() {
         let d = drone();
         let (a, b) = HoverModel::new(&d).continuous();
         let (x0, u0, e) = (SVector::<f64, 12>::zeros(), Vector4::from_element(1.0), 1e-4);
@@ -291,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn discretised_chain_is_exact() {
+    fn discretised_chain() {
         // Against 100000 small Euler steps of the continuous model.
         let chain = HoverModel::new(&drone()).x_chain();
         let d = chain.discrete(0.1);
@@ -306,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn four_chains_equal_the_full_model() {
+    fn four_chains_against_the_full_model() {
         let m = HoverModel::new(&drone());
         let (a, b) = m.continuous();
         let full = discretise(&a, &b, 0.1);
@@ -340,7 +376,7 @@ mod tests {
     }
 
     #[test]
-    fn tilt_of_and_up_of_are_inverse() {
+    fn tilt_of_and_up_of_inverse() {
         let (phi, theta) = tilt_of(&up_of(0.2, -0.3), 0.0);
         assert!((phi - 0.2).abs() < 1e-12 && (theta + 0.3).abs() < 1e-12);
         // Heading east, a tilt to the north is a roll to port.

@@ -3,7 +3,7 @@
 //! - eq. 4-5: the model, linear about hover ([`super::model`]);
 //! - eq. 6: minimise over the increments of the inputs
 //!   `sum_k (x_k - r_k)' Q_k (x_k - r_k) + du_k' R du_k`, no terminal cost;
-//! - Q with flight-attitude alignment ([`super::weights`]);
+//! - Q with Forcing Attitude Alignment ([`super::weights`]);
 //! - eq. 7: limits of inputs and increments (hard), of tilt, velocity and rates (soft).
 //!
 //! Solved chain by chain: exactly without limits first ([`super::condensed`]), and only a chain
@@ -18,7 +18,7 @@ use nalgebra::SVector;
 
 use super::condensed::{Condensed, StageCost};
 use super::config::PlannerConfig;
-use super::model::{Chain, Discrete, HoverModel, INPUTS, State};
+use super::model::{Chain, Discrete, HoverModel, INPUTS, State, state};
 use super::qp::{ChainLimits, ChainSolver, Instance, NO_CEILING, SlackCost, SparseForm};
 
 /// One problem: where the drone is, where it should be, how much that matters.
@@ -64,7 +64,7 @@ impl Side {
         ) else {
             return;
         };
-        let place = (self.offset - across * state[1 - axis] - self.normal[2] * state[2]) / n;
+        let place = (self.offset - across * state[1 - axis] - self.normal[2] * state[state::DOWN]) / n;
         if n > 0.0 {
             *low = low.max(place);
         } else {

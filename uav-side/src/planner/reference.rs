@@ -1,6 +1,6 @@
-//! What the plan should follow in each mission state (Procházka et al. 2024, section IV): the
-//! predicted deck with a height profile of the planner's own, and a reference governor that
-//! approaches far targets at bearable speed.
+//! Reference of the plan in each mission state (Procházka et al. 2024, section IV): the predicted
+//! deck with a height profile of the planner's own, and a reference governor that approaches far
+//! targets at bearable speed.
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
@@ -10,7 +10,7 @@ use nalgebra::{Vector2, Vector3};
 
 use super::config::{PlannerConfig, Shaping};
 use super::governor::{Motion, Pace, ReferenceGovernor};
-use super::model::{State, angular_velocity, clearance, tilt_of, up_of};
+use super::model::{State, angular_velocity, clearance, state, tilt_of, up_of};
 use super::mpc_faa::{Problem, Side};
 use super::qp::NO_CEILING;
 use super::view::View;
@@ -85,7 +85,9 @@ struct Request<'a> {
 impl Request<'_> {
     /// Whether the plan begins so near above the deck that the deck could reach it.
     fn near_deck(&self) -> bool {
-        let aside = |d: &DeckStage| (self.start[0] - d.position[0]).hypot(self.start[1] - d.position[1]);
+        let aside = |d: &DeckStage| {
+            (self.start[state::NORTH] - d.position[0]).hypot(self.start[state::EAST] - d.position[1])
+        };
         let over = self
             .reference
             .deck
@@ -156,8 +158,8 @@ impl ReferenceGenerator {
             Some(self.mean_height(now, f, here))
         });
         reference.mean_z = mean_z.unwrap_or(0.0);
-        let place = Vector3::new(start[0], start[1], start[2]);
-        let (p, up) = (place, up_of(start[3], start[4]));
+        let place = state::position(&start);
+        let (p, up) = (place, up_of(start[state::PHI], start[state::THETA]));
         let feet = self.drone.feet_below_m;
         reference.clearance_m = reference
             .deck
@@ -211,7 +213,7 @@ impl ReferenceGenerator {
         };
         if goal != Goal::Hold && mean_z.is_none() {
             // The deck should be known and is not: stay here.
-            let here = [start[0], start[1], start[2], start[5]];
+            let here = [state::NORTH, state::EAST, state::DOWN, state::PSI].map(|i| start[i]);
             return (Goal::Hold, weights, *self.frozen.get_or_insert(here));
         }
         self.frozen = None;
@@ -228,7 +230,10 @@ impl ReferenceGenerator {
     /// into the approach sector.
     fn way_round(&mut self, q: &Request<'_>) -> Option<Vector2<f64>> {
         let (forecast, deck) = (q.view.forecast.as_ref()?, q.reference.deck.first()?);
-        let from = Vector2::new(q.start[0] - deck.position[0], q.start[1] - deck.position[1]);
+        let from = Vector2::new(
+            q.start[state::NORTH] - deck.position[0],
+            q.start[state::EAST] - deck.position[1],
+        );
         if q.goal != Goal::Above || forecast.surroundings.is_open() || from.norm() < NEAR_DECK_M {
             return None;
         }
@@ -242,7 +247,7 @@ impl ReferenceGenerator {
             return Vector2::zeros();
         };
         let (around, clearance) = (&f.surroundings, q.reference.clearance_m);
-        let place = Vector3::new(q.start[0], q.start[1], q.start[2]);
+        let place = state::position(&q.start);
         escape_velocity(around, deck, &self.drone, &place, clearance)
     }
 
@@ -283,7 +288,10 @@ impl ReferenceGenerator {
             acceleration: s.horizontal_mps2,
             settle_s: s.settle_s,
         };
-        let start = Motion::new([q.start[0], q.start[1]], [q.start[6], q.start[7]]);
+        let start = Motion::new(
+            [q.start[state::NORTH], q.start[state::EAST]],
+            [q.start[state::V_NORTH], q.start[state::V_EAST]],
+        );
         let follows = q.goal.follows_deck();
         // A place that goes round the vessel ahead of the drone is approached, not followed.
         let jump_m = if round.is_some() { 0.0 } else { 0.5 };
@@ -313,7 +321,7 @@ impl ReferenceGenerator {
                     _ => q.hold[2],
                 };
                 let z = z.min(-q.view.mission.minimum_altitude_m);
-                if q.near_deck() && q.start[2] > z + BELOW_M {
+                if q.near_deck() && q.start[state::DOWN] > z + BELOW_M {
                     self.climb(q, z, problem);
                 } else {
                     self.approach_height(q, z, problem);
@@ -326,7 +334,7 @@ impl ReferenceGenerator {
     /// Away from the deck that is near, up to the height `z`.
     fn climb(&mut self, q: &Request<'_>, z: f64, problem: &mut Problem) {
         self.vertical = ReferenceGovernor::default();
-        let mut climb = Climb::new(q.start[2], q.start[8], &self.drone);
+        let mut climb = Climb::new(q.start[state::DOWN], q.start[state::V_DOWN], &self.drone);
         for (r, deck) in problem.reference.iter_mut().zip(&q.reference.deck) {
             climb.advance(self.config.step_s, deck.velocity[2]);
             (r[2], r[8]) = (climb.z.max(z), climb.velocity);
@@ -338,7 +346,9 @@ impl ReferenceGenerator {
         let s = self.config.shaping;
         // A person may abort a descent at any height over a deck that comes up: the sink is
         // braked as hard as a descent brakes, only the climb is gentle.
-        let sinks = matches!(q.goal, Goal::Hold | Goal::Leave) && q.start[8] > 0.3 && q.start[2] > z - 1.0;
+        let sinks = matches!(q.goal, Goal::Hold | Goal::Leave)
+            && q.start[state::V_DOWN] > 0.3
+            && q.start[state::DOWN] > z - 1.0;
         let pace = Pace {
             speed: s.vertical_mps,
             acceleration: if sinks {
@@ -348,7 +358,10 @@ impl ReferenceGenerator {
             },
             settle_s: s.settle_s,
         };
-        let (target, start) = (Motion::new([z], [0.0]), Motion::new([q.start[2]], [q.start[8]]));
+        let (target, start) = (
+            Motion::new([z], [0.0]),
+            Motion::new([q.start[state::DOWN]], [q.start[state::V_DOWN]]),
+        );
         self.vertical
             .update(q.now, true, &target, &start, &pace, [0.3, 1.5]);
         let mut governor = self.vertical.gap;
@@ -373,7 +386,7 @@ impl ReferenceGenerator {
                 Goal::Sink | Goal::Hold | Goal::Leave | Goal::Above => (d.position[2] - feet, d.velocity[2]),
             })
         };
-        let start_at = contact_z(0).map_or(0.0, |(z, _)| z - q.start[2]);
+        let start_at = contact_z(0).map_or(0.0, |(z, _)| z - q.start[state::DOWN]);
         let profile = Profile::new(start_at, mission.descent_mps, self.config.press_m);
         for (k, r) in problem.reference.iter_mut().enumerate() {
             let Some((z, vz)) = contact_z(k + 1) else {
@@ -391,9 +404,12 @@ impl ReferenceGenerator {
     fn heading(&mut self, q: &Request<'_>, problem: &mut Problem) {
         let mean = q.view.forecast.as_ref().map_or(q.hold[3], |f| f.mean_heading);
         let deck = &q.reference.deck;
-        let far = deck
-            .first()
-            .map(|d| Vector2::new(d.position[0] - q.start[0], d.position[1] - q.start[1]));
+        let far = deck.first().map(|d| {
+            Vector2::new(
+                d.position[0] - q.start[state::NORTH],
+                d.position[1] - q.start[state::EAST],
+            )
+        });
         // Heading and its rate at stage k.
         let target = |k: usize| match (q.goal, deck.get(k)) {
             (Goal::Hold | Goal::Leave, _) | (_, None) => (q.hold[3], 0.0),
@@ -416,8 +432,8 @@ impl ReferenceGenerator {
         };
         let (psi, rate) = target(0);
         // The target nearest to the plan's own heading: the shortest way round.
-        let first = q.start[5] + wrap_angle(psi - q.start[5]);
-        let start = Motion::new([q.start[5]], [q.start[11]]);
+        let first = q.start[state::PSI] + wrap_angle(psi - q.start[state::PSI]);
+        let start = Motion::new([q.start[state::PSI]], [q.start[state::PSI_DOT]]);
         self.yaw.update(
             q.now,
             true,
@@ -626,7 +642,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn height_profile_is_smooth_through_contact_and_continues_itself() {
+    fn height_profile_through_contact() {
         let p = Profile::new(1.0, 0.5, 0.3);
         assert_eq!(p.at(1.0), (0.5, 0.5));
         let (mut before, dt) = (p.at(0.0), 0.01);

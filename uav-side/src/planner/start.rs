@@ -1,4 +1,4 @@
-//! Where a plan begins: at the previous plan sampled now, or at the measured state.
+//! Start of a plan: the previous plan sampled now, or the measured state.
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::GRAVITY;
@@ -8,7 +8,7 @@ use nalgebra::Vector2;
 
 use super::config::Reset;
 use super::law::LandingStart;
-use super::model::{INPUTS, State, measured_state};
+use super::model::{INPUTS, State, measured_state, state};
 use super::mpc_faa::{Mpc, Solution};
 use super::rule;
 
@@ -39,9 +39,15 @@ impl SolvedPlan {
                 let mut s = self.solution.states.last().copied().unwrap_or(self.start);
                 let beyond = (x - self.solution.states.len() as f64) * step;
                 for i in 0..3 {
-                    s[i] += s[6 + i] * beyond;
+                    s[i] += s[state::V_NORTH + i] * beyond;
                 }
-                for i in [3, 4, 9, 10, 11] {
+                for i in [
+                    state::PHI,
+                    state::THETA,
+                    state::PHI_DOT,
+                    state::THETA_DOT,
+                    state::PSI_DOT,
+                ] {
                     s[i] = 0.0;
                 }
                 (s, [0.0; INPUTS])
@@ -71,16 +77,16 @@ pub(super) fn start(
 ) -> Start {
     let mut measured = measured_state(drone);
     let wind = wind / GRAVITY;
-    measured[3] += wind.y;
-    measured[4] -= wind.x;
+    measured[state::PHI] += wind.y;
+    measured[state::THETA] -= wind.x;
     if let Some(previous) = previous.filter(|p| rule(reset.age_s).is_fresh(now, p.at)) {
         let (then, _) = previous.sample(drone.header.at, mpc); // compared at the odometry's time
         let gap: State = core::array::from_fn(|i| measured[i] - then[i]);
-        let near = gap[0].hypot(gap[1]) <= reset.horizontal_m
-            && gap[6].hypot(gap[7]) <= reset.horizontal_mps
-            && gap[2].abs() <= reset.vertical_m
-            && gap[8].abs() <= reset.vertical_mps
-            && wrap_angle(gap[5]).abs() <= reset.yaw_deg.to_radians();
+        let near = gap[state::NORTH].hypot(gap[state::EAST]) <= reset.horizontal_m
+            && gap[state::V_NORTH].hypot(gap[state::V_EAST]) <= reset.horizontal_mps
+            && gap[state::DOWN].abs() <= reset.vertical_m
+            && gap[state::V_DOWN].abs() <= reset.vertical_mps
+            && wrap_angle(gap[state::PSI]).abs() <= reset.yaw_deg.to_radians();
         if near {
             let (mut state, input) = previous.sample(now, mpc);
             if let Some(LandingStart {
@@ -90,11 +96,11 @@ pub(super) fn start(
             {
                 // A drone that is lower than its plan meets the deck sooner and faster than the plan believes.
                 // One that is higher keeps the plan: the gap is what presses it down.
-                for (i, max) in [(2, reset.ahead_m), (8, reset.ahead_mps)] {
+                for (i, max) in [(state::DOWN, reset.ahead_m), (state::V_DOWN, reset.ahead_mps)] {
                     state[i] += (gap[i] - max).max(0.0);
                 }
                 let share = 1.0 - (-(now - previous.at).secs() / yields_s).exp();
-                for i in [0, 1, 6, 7] {
+                for i in [state::NORTH, state::EAST, state::V_NORTH, state::V_EAST] {
                     state[i] += share * gap[i];
                 }
             }

@@ -1,4 +1,4 @@
-//! Where a plan of the landing begins: with the drone when that is ahead, with the plan when it is behind; aside of it,
+//! Start of a plan of the landing: with the drone when that is ahead, with the plan when it is behind; aside of it,
 //! between the two.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
@@ -45,7 +45,7 @@ fn begins(kind: PlannerKind, axis: usize, place: f64, faster: f64) -> [f64; 2] {
 }
 
 #[test]
-fn plan_start_follows_a_drone_ahead_of_its_plan_and_not_one_behind() {
+fn plan_start_with_a_drone_ahead_or_behind() {
     let [lower, faster] = begins(PlannerKind::Alight, 2, 0.2, 0.4);
     assert!(
         (lower - 0.2).abs() < 0.01 && (faster - 0.3).abs() < 0.03,
@@ -62,7 +62,7 @@ fn plan_start_follows_a_drone_ahead_of_its_plan_and_not_one_behind() {
 }
 
 #[test]
-fn plan_start_yields_to_a_drone_aside_of_its_plan_within_a_third_of_a_second() {
+fn plan_start_with_a_drone_aside() {
     // Plans come at 50 Hz: 1 - exp(-0.02 / 0.3) of the gap each.
     for axis in [0, 1] {
         let [place, velocity] = begins(PlannerKind::Alight, axis, 0.3, -0.6);

@@ -3,7 +3,7 @@
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{AutopilotState, DeckStage, Header, State as Mode};
 use alight_shared::surroundings::{KeepOut, Surroundings};
-use nalgebra::{DMatrix, DVector, SVector};
+use nalgebra::{DMatrix, DVector, SVector, Vector3};
 use proptest::prelude::*;
 
 use super::condensed::{Condensed, StageCost};
@@ -45,7 +45,7 @@ fn recorded(config: &PlannerConfig) -> Vec<(Problem, bool)> {
 }
 
 #[test]
-fn mpc_aligns_at_touchdown_with_faa_and_not_without() {
+fn touchdown_attitude_with_and_without_faa() {
     for phase in [0.0, 2.0, 4.0] {
         let sea = Sea { phase, ..MODERATE };
         let mut worst = Solve::Optimal;
@@ -85,7 +85,7 @@ fn mpc_aligns_at_touchdown_with_faa_and_not_without() {
 }
 
 #[test]
-fn mpc_faa_lands_with_both_published_horizons() {
+fn mpc_faa_with_both_published_horizons() {
     for (stages, step_s) in [(20, 0.05), (40, 0.05)] {
         let c = PlannerConfig {
             stages,
@@ -116,7 +116,7 @@ fn mpc_faa_lands_with_both_published_horizons() {
 }
 
 #[test]
-fn condensed_solution_equals_the_unconstrained_optimum_of_the_paper() {
+fn condensed_solution_against_dense_optimum() {
     let c = PlannerConfig::default();
     let mut mpc = Mpc::new(&c, &DroneGeometry::default());
     let (mut compared, mut solution) = (0, Solution::default());
@@ -134,7 +134,7 @@ fn condensed_solution_equals_the_unconstrained_optimum_of_the_paper() {
 }
 
 #[test]
-fn qp_solution_equals_the_constrained_optimum_of_the_paper() {
+fn qp_solution_against_dense_optimum() {
     // Half the slew and less tilt than usual, so that limits are met often.
     let mut c = PlannerConfig::default();
     c.rotors.slew_per_s = 4.0;
@@ -164,7 +164,7 @@ fn qp_solution_equals_the_constrained_optimum_of_the_paper() {
 }
 
 #[test]
-fn sparse_form_equals_the_condensed_form() {
+fn sparse_form_against_condensed_form() {
     // The sparse form's optimality conditions without inequalities, by a dense LU.
     let model = heading_free(&DroneGeometry::default()).x_chain().discrete(0.1);
     let limits = ChainLimits {
@@ -289,7 +289,7 @@ fn hold(position: [f64; 3]) -> MissionState {
 }
 
 #[test]
-fn planner_reaches_a_far_target_within_its_limits() {
+fn planner_to_a_far_target() {
     let mut b = Bench::new([0.0, 0.0, -5.0]);
     let (mut speed, mut tilt, mut rate) = (0.0_f64, 0.0_f64, 0.0_f64);
     let mut arrived = None;
@@ -318,7 +318,7 @@ fn planner_reaches_a_far_target_within_its_limits() {
 }
 
 #[test]
-fn planner_runs_at_10_hz_in_navigation_and_50_hz_in_landing() {
+fn planner_rates() {
     let mut b = Bench::new(ABOVE);
     for (state, rate_hz) in [
         (Mode::Hold, 10),
@@ -338,7 +338,7 @@ fn planner_runs_at_10_hz_in_navigation_and_50_hz_in_landing() {
 }
 
 #[test]
-fn planner_does_not_follow_heave_while_tracking() {
+fn planner_tracking_without_heave() {
     let mut b = Bench::new(ABOVE);
     let (mut low, mut high, mut off) = (f64::MAX, f64::MIN, 0.0_f64);
     for tick in 0..3000 {
@@ -362,7 +362,7 @@ fn planner_does_not_follow_heave_while_tracking() {
 }
 
 #[test]
-fn planner_leaves_a_deck_under_way_with_it_and_faster_than_it_rises() {
+fn planner_leaving_a_deck_under_way() {
     // A deck that drives at 7 m/s and has begun to rise at 2 m/s; half a metre above it, sinking onto it.
     let deck = |t: f64| DeckStage {
         position: [7.0 * t, 0.0, -1.3 - 2.0 * t],
@@ -406,7 +406,7 @@ fn planner_leaves_a_deck_under_way_with_it_and_faster_than_it_rises() {
 }
 
 #[test]
-fn planner_leaves_along_the_escape_direction_and_goes_round_into_the_sector() {
+fn planner_escape_direction_and_sector() {
     let mut b = Bench::of(PlannerKind::Alight, [ABOVE[0], ABOVE[1], ABOVE[2]]);
     b.around.escape = Some(core::f32::consts::PI);
     let leave = MissionState {
@@ -437,7 +437,7 @@ fn planner_leaves_along_the_escape_direction_and_goes_round_into_the_sector() {
 }
 
 #[test]
-fn planner_keeps_the_minimum_altitude_outside_the_deck() {
+fn planner_minimum_altitude() {
     // Commanded to land 6 m off the deck: it may descend only to the minimum altitude over the water.
     let mut b = Bench::new([14.0, -8.0, -4.0]);
     let mut lowest = f64::MAX;
@@ -466,7 +466,7 @@ fn planner_keeps_the_minimum_altitude_outside_the_deck() {
 }
 
 #[test]
-fn planner_restarts_when_far_from_its_plan_or_at_an_origin_reset() {
+fn planner_far_from_its_plan_or_at_an_origin_reset() {
     let mut b = Bench::new([0.0, 0.0, -10.0]);
     b.ticks(50, hold([0.0, 0.0, -10.0]), None);
     assert_eq!(b.planner.resets, 1);
@@ -500,7 +500,7 @@ fn planner_restarts_when_far_from_its_plan_or_at_an_origin_reset() {
 }
 
 #[test]
-fn planner_holds_position_without_a_forecast() {
+fn planner_without_a_forecast() {
     // Alight sinks at 2.5 m/s when the forecast ends, and has further to come back.
     [(PlannerKind::MpcFaa, 400), (PlannerKind::Alight, 600)]
         .into_iter()
@@ -526,7 +526,7 @@ fn stays_without_forecast((kind, settled): (PlannerKind, usize)) {
 }
 
 #[test]
-fn planner_counts_and_ignores_messages_out_of_order() {
+fn planner_messages_out_of_order() {
     let mut b = Bench::new([0.0, 0.0, -10.0]);
     b.ticks(20, hold([0.0, 0.0, -10.0]), None);
     let now = b.follower.now();
@@ -562,7 +562,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 48, ..ProptestConfig::default() })]
 
     #[test]
-    fn every_rotor_keeps_its_limits_whatever_the_problem(
+    fn rotor_limits_with_any_problem(
         state in prop::array::uniform12(-3.0..3.0_f64),
         target in prop::array::uniform12(-20.0..20.0_f64),
         growth in 0.0..1.0_f64,
@@ -598,7 +598,7 @@ proptest! {
     }
 
     #[test]
-    fn planner_plans_are_valid_whatever_it_receives(
+    fn planner_arbitrary_input(
         steps in prop::collection::vec(
             (prop::array::uniform12(number()), 0..10_usize, 0..8_u32, -3..3_i64, prop::bool::weighted(0.7)), 1..40
         ),
@@ -652,7 +652,7 @@ proptest! {
 
 /// A volume's side turns with the deck and heaves, so that a drone is on its wrong side without having moved.
 #[test]
-fn drone_on_the_wrong_side_of_a_volume_comes_out_within_its_limits() {
+fn planner_on_the_wrong_side_of_a_volume() {
     let config = PlannerConfig::default();
     let mut mpc = Mpc::new(&config, &DroneGeometry::default());
     let weight = config.follow.diagonal();
@@ -683,7 +683,7 @@ proptest! {
     /// A drone that begins outside a volume beside a rocking deck is asked to follow the deck, to land, to leave or to
     /// hold a place anywhere, even within the volume.
     #[test]
-    fn drone_touches_no_volume_whatever_the_mission_asks(
+    fn planner_clear_of_volumes(
         low in prop::array::uniform2(-5.0..4.0_f64), size in prop::array::uniform3(0.2..3.0_f64),
         top in 0.5..9.0_f64, from in prop::array::uniform3(-7.0..7.0_f64), to in prop::array::uniform3(-7.0..7.0_f64),
         mode in 0_usize..5, escape in prop::option::of(-3.0..3.0_f32),

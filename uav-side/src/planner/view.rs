@@ -1,4 +1,4 @@
-//! What a planner's references are made for.
+//! View: inputs of a planner's references.
 
 use alight_shared::msg::{DeckForecast, MissionState};
 

@@ -1,5 +1,5 @@
-//! State weights, and how they grow as the deck comes near: the flight-attitude alignment (FAA) of
-//! Procházka et al. 2024, section III and Table 4.
+//! State weights that grow as the deck comes near: Forcing Attitude Alignment (FAA) of Procházka et
+//! al. 2024, section III and Table 4.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use alight_shared::config;
 use alight_shared::config::{Check, ConfigError, Keys};
 
-use super::model::{STATES, State};
+use super::model::{STATES, State, state};
 
 config! {
     /// Diagonal of Q far from the deck, by the paper's groups of states.
@@ -126,10 +126,10 @@ impl Faa {
     pub fn apply(&self, far: &State, clearance_m: f64) -> State {
         let d = clearance_m.max(0.0);
         let mut q = *far;
-        q[2] += self.vertical.at(d);
-        q[3] += self.tilt.at(d);
-        q[4] += self.tilt.at(d);
-        q[8] += self.vertical_velocity.at(d);
+        q[state::DOWN] += self.vertical.at(d);
+        q[state::PHI] += self.tilt.at(d);
+        q[state::THETA] += self.tilt.at(d);
+        q[state::V_DOWN] += self.vertical_velocity.at(d);
         q
     }
 }
@@ -141,7 +141,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn faa_weights_follow_table_4() {
+    fn faa_weights_of_table_4() {
         let (faa, far) = (Faa::default(), Weights::default().diagonal());
         assert_eq!(
             far,
@@ -157,13 +157,24 @@ mod tests {
         ] {
             let q = faa.apply(&far, d);
             assert!(
-                (q[3] / expected - 1.0).abs() < 2e-3 && q[3] == q[4],
+                (q[state::PHI] / expected - 1.0).abs() < 2e-3 && q[state::PHI] == q[state::THETA],
                 "d = {d}: {}",
-                q[3]
+                q[state::PHI]
             );
         }
         let q = faa.apply(&far, -0.2);
-        assert_eq!((q[2], q[3], q[8]), (10_040.0, 50_001.0, 6000.0));
-        assert_eq!((q[0], q[5], q[6], q[9]), (30.0, 50.0, 1.0, 1.0));
+        assert_eq!(
+            (q[state::DOWN], q[state::PHI], q[state::V_DOWN]),
+            (10_040.0, 50_001.0, 6000.0)
+        );
+        assert_eq!(
+            (
+                q[state::NORTH],
+                q[state::PSI],
+                q[state::V_NORTH],
+                q[state::PHI_DOT]
+            ),
+            (30.0, 50.0, 1.0, 1.0)
+        );
     }
 }

@@ -31,7 +31,7 @@ pub(super) fn variances(
     core::array::from_fn(|i| aged(m.offset_sd[i].powi(2), &noise[i], age))
 }
 
-/// The odometry's origin is where it was: the drone has moved as its velocities say.
+/// The odometry's origin is where it was: the drone has moved by its velocities.
 fn same_frame(drone: &DroneState, given: &PredictorCheckpoint) -> bool {
     if drone.datum != given.datum {
         return false;
@@ -54,7 +54,7 @@ mod tests {
     use alight_shared::msg::Header;
 
     #[test]
-    fn checkpoint_of_an_origin_that_has_moved_is_of_another_frame() {
+    fn checkpoint_of_a_moved_origin() {
         let given = PredictorCheckpoint {
             position: [1.0, 2.0, -3.0],
             velocity: [4.0, 0.0, 0.0],
@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn checkpoint_grows_less_certain_with_its_age() {
+    fn checkpoint_uncertainty_by_age() {
         let noise = AxisNoise::all(&super::super::PredictorConfig::default())[0];
         let sd = |age: f64| aged(0.05_f64.powi(2), &noise, age).sqrt();
         assert_eq!(sd(0.0), 0.05);

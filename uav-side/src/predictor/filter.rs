@@ -152,7 +152,7 @@ impl Filter {
     }
 
     /// Takes a state on from one time to another, from the modes that were the newest then to those of the later time:
-    /// what a newer message says otherwise than the one before is no motion of the deck, so the residual takes it.
+    /// the difference of a newer message from the one before is no motion of the deck, so the residual takes it.
     fn advance(&self, s: &mut State, waves: &Waves, from: Time<DroneClock>, to: Time<DroneClock>) {
         let dt = to - from;
         if dt <= Span::ZERO {
@@ -164,7 +164,7 @@ impl Filter {
         for (i, a) in s.iter_mut().enumerate() {
             a.propagate(&noise[i], &oscillators, i, &step);
         }
-        bend(s, dt.secs());
+        propagate_turn(s, dt.secs());
         if let Some(change) = waves.change(from, to) {
             for (i, a) in s.iter_mut().enumerate() {
                 let course = i < 2;
@@ -182,7 +182,7 @@ impl Filter {
             }
         }
     }
-    /// Forgets all but the newest state: what came before was reckoned with other oscillators.
+    /// Forgets all but the newest state: what came before was computed with other oscillators.
     fn begin_anew(&mut self) -> Option<&mut Entry> {
         let newest = self.entries.len().saturating_sub(1);
         self.spare.extend(self.entries.drain(..newest).map(|e| e.after));
@@ -221,7 +221,7 @@ impl Filter {
             a.hold(&oscillators, i, &held);
         }
     }
-    /// A newer message has come: what was known since its time of validity is reckoned again about its modes.
+    /// A newer message has come: what was known since its time of validity is computed again about its modes.
     pub fn rebase(&mut self, waves: &Waves, since: Time<DroneClock>) {
         self.replay(waves, self.entries.partition_point(|e| e.at < since).max(1));
     }
@@ -375,7 +375,7 @@ fn turning(s: &State) -> Option<Turning> {
 
 /// A turning vessel's mean velocity has turned with it over the last `dt` (s): `v' = omega x v`,
 /// the coordinated turn (Bar-Shalom, Li and Kirubarajan 2001, section 11.7), in the means only.
-fn bend(s: &mut State, dt: f64) {
+fn propagate_turn(s: &mut State, dt: f64) {
     let Some(turn) = turning(s) else {
         return;
     };
@@ -394,7 +394,7 @@ fn bend(s: &mut State, dt: f64) {
 
 /// Vision's rotation by the tag's attitude: measured less predicted tilt. `common` (rad) is the error of
 /// the vessel's own tilt and is in all of them: no number of tags makes it smaller.
-fn turned(s: &mut State, o: &Observation, common: f64) {
+fn update_camera_rotation(s: &mut State, o: &Observation, common: f64) {
     for (i, j) in [(0, 4), (1, 3)] {
         let Some((measured, r)) = o.value[j] else { continue };
         let (level, var) = s[j].project(MeasurementRow::Level);
@@ -434,7 +434,7 @@ fn apply(s: &mut State, o: &Observation, gate: f64, common: f64) -> u32 {
             continue;
         }
         if o.kind == Kind::Tag && group == GROUPS[1] {
-            turned(s, o, common);
+            update_camera_rotation(s, o, common);
         }
         for &i in group {
             if let Some((v, r)) = o.value[i] {

@@ -1,4 +1,4 @@
-//! From the filters' state now to the deck's motion over the horizon.
+//! Forecast: the deck's motion over the horizon from the filters' state now.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::Seq;

@@ -1,4 +1,4 @@
-//! How much lower the deck's centre stands on a tilted vessel than on a level one.
+//! Lever-arm heave: how much lower the deck's centre stands on a tilted vessel than on a level one.
 //!
 //! The filters carry the height that the deck would have if the vessel were level: heave, which is
 //! a sum of waves. The deck itself is on an arm `c` above the vessel's reference point and so
@@ -40,7 +40,7 @@ mod tests {
     use nalgebra::Rotation3;
 
     #[test]
-    fn lever_arm_heave_matches_the_rotated_lever_arm_and_its_derivatives() {
+    fn lever_arm_heave_against_the_rotated_lever_arm() {
         let c = Vector3::new(0.4, -0.2, -1.3);
         let angles = |t: f64| [0.2 * (1.1 * t).sin(), 0.3 * (0.9 * t + 0.4).cos()];
         let at = |t: f64| {

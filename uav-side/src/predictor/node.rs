@@ -12,7 +12,7 @@ use alight_shared::node::Node;
 use alight_shared::surroundings::Surroundings;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
-use alight_shared::vessel_model::turn_tilt;
+use alight_shared::vessel_model::{YAW, turn_tilt};
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -227,7 +227,7 @@ impl Predictor {
         if self.radio_at.is_none_or(|t| e.header.at > t) {
             self.radio_at = Some(e.header.at);
             self.radio_sequence = Some(known);
-            self.waves.set_lever_arm(e.deck_centre(), e.eta[5]);
+            self.waves.set_lever_arm(e.deck_centre(), e.eta[YAW]);
             self.stated = observation::stated(e);
         }
         Ok(())
@@ -348,8 +348,9 @@ impl Predictor {
         })
     }
 
-    fn count(&mut self, outcome: Result<(), RejectionReason>) {
-        if let Err(reason) = outcome {
+    /// Counts a message that was not admitted.
+    fn count(&mut self, admitted: Result<(), RejectionReason>) {
+        if let Err(reason) = admitted {
             self.rejections.count(reason);
         }
     }
@@ -364,8 +365,8 @@ impl Predictor {
             self.count(admitted);
         }
         if let Some(d) = &input.drone {
-            let outcome = self.drone(now, d);
-            self.count(outcome);
+            let admitted = self.drone(now, d);
+            self.count(admitted);
         }
         let c = &self.config;
         let modes_age_s = self.waves.newest().map_or(0.0, |at| (now - at).secs());
@@ -393,12 +394,12 @@ impl Predictor {
             self.count(admitted);
         }
         if let Some(w) = input.wave.as_ref().filter(|_| use_wave_model) {
-            let outcome = self.wave(now, w);
-            self.count(outcome);
+            let admitted = self.wave(now, w);
+            self.count(admitted);
         }
         if let Some(e) = input.estimate.as_ref().filter(|_| !vision_suffices) {
-            let outcome = self.estimate(now, e);
-            self.count(outcome);
+            let admitted = self.estimate(now, e);
+            self.count(admitted);
         }
     }
 
@@ -406,16 +407,16 @@ impl Predictor {
     fn measure(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
         let use_vision = self.config.use_vision;
         for m in input.uvdar.iter().filter(|_| use_vision) {
-            let outcome = self.vision(now, m, false, |p, mount, c| observation::uvdar(m, p, mount, c));
-            self.count(outcome);
+            let admitted = self.vision(now, m, false, |p, mount, c| observation::uvdar(m, p, mount, c));
+            self.count(admitted);
         }
         for m in input.tags.iter().filter(|_| use_vision) {
-            let outcome = self.vision(now, m, true, |p, mount, c| observation::tag(m, p, mount, c));
-            self.count(outcome);
+            let admitted = self.vision(now, m, true, |p, mount, c| observation::tag(m, p, mount, c));
+            self.count(admitted);
         }
         for m in &input.ranges {
-            let outcome = self.range(now, m);
-            self.count(outcome);
+            let admitted = self.range(now, m);
+            self.count(admitted);
         }
     }
 

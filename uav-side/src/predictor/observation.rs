@@ -3,7 +3,7 @@
 use alight_shared::frames::body_rates;
 use alight_shared::msg::{RangeSample, TagPose, UvdarFix, VesselEstimate};
 use alight_shared::time::{DroneClock, Time};
-use alight_shared::vessel_model::turn_tilt;
+use alight_shared::vessel_model::{PITCH, ROLL, YAW, turn_tilt};
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 use super::config::PredictorConfig;
@@ -113,7 +113,7 @@ pub fn stated(e: &VesselEstimate<DroneClock>) -> [(f64, f64); AXES] {
 /// The vessel's estimate in the drone's frame; `clock_sd` is the clock offset's standard deviation (s): a value that changes at a rate is that much less certain. In tilt, modes and
 /// estimate err alike, and the filter holds their difference.
 pub fn estimate(e: &VesselEstimate<DroneClock>, clock_sd: f64) -> Observation {
-    let [roll, pitch, yaw] = [e.eta[3], e.eta[4], e.eta[5]];
+    let [roll, pitch, yaw] = [e.eta[ROLL], e.eta[PITCH], e.eta[YAW]];
     let rotation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
     let dot = e.eta_dot.map(f64::from);
     let ddot = e.eta_ddot.map(f64::from);
@@ -288,7 +288,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tilt_of_a_tag_by_the_vessels_compass_is_that_of_its_estimate() {
+    fn tag_tilt_by_the_vessels_compass() {
         let (roll, pitch, yaw, more) = (0.15, -0.05, 1.0, 0.1);
         let seen = turn_tilt(roll, pitch, -yaw);
         let tag = Observation {

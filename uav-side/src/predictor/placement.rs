@@ -1,9 +1,10 @@
-//! The vessel's estimate in the drone's frame: where the vessel is on the ellipsoid, seen from the drone's origin.
+//! Placement of the vessel's estimate in the drone's frame, by both origins on the ellipsoid.
 
 use alight_shared::frames::{DroneNed, Vector, VesselNed, wrap_angle};
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{MAX_POSITION_M, VesselEstimate, f16};
 use alight_shared::time::DroneClock;
+use alight_shared::vessel_model::{HEAVE, SURGE, SWAY, YAW};
 use nalgebra::{Rotation2, Vector2};
 
 /// `e` about the drone's `origin`; None further than [`MAX_POSITION_M`] from it.
@@ -23,12 +24,12 @@ pub fn placed(e: &VesselEstimate<DroneClock>, origin: &Datum) -> Option<VesselEs
     let turned = |[x, y]: [f64; 2]| <[f64; 2]>::from(Rotation2::new(turn) * Vector2::new(x, y));
     let mut p = *e;
     p.datum = *origin;
-    [p.eta[0], p.eta[1], p.eta[2]] = origin.to::<DroneNed>(&place).0.into();
-    p.eta[5] = wrap_angle(e.eta[5] + turn);
+    [p.eta[SURGE], p.eta[SWAY], p.eta[HEAVE]] = origin.to::<DroneNed>(&place).0.into();
+    p.eta[YAW] = wrap_angle(e.eta[YAW] + turn);
     let [x, y] = turned([0, 1].map(|i| f64::from(e.eta_dot[i])));
-    (p.eta_dot[0], p.eta_dot[1]) = (x as f32, y as f32);
+    (p.eta_dot[SURGE], p.eta_dot[SWAY]) = (x as f32, y as f32);
     let [x, y] = turned([0, 1].map(|i| f64::from(e.eta_ddot[i])));
-    (p.eta_ddot[0], p.eta_ddot[1]) = (f16::from_f64(x), f16::from_f64(y));
+    (p.eta_ddot[SURGE], p.eta_ddot[SWAY]) = (f16::from_f64(x), f16::from_f64(y));
     p.mean_velocity = turned(e.mean_velocity.map(f64::from)).map(|v| v as f32);
     p.mean_heading[0] = wrap_angle(f64::from(e.mean_heading[0]) + turn) as f32;
     Some(p)
@@ -50,23 +51,23 @@ mod tests {
     }
 
     #[test]
-    fn vessel_moves_as_its_estimates_of_two_instants() {
+    fn placement_at_two_instants() {
         for [lat, lon] in [[-33.9, 18.4], [47.6, -122.4], [-16.8, 179.99], [70.1, 19.2]] {
             let datum = Datum::new(lat, lon, 30.0);
             let origin = datum.at(&Vector::<VesselNed>::new(-2900.0, 3900.0, -4.0));
             let [a, b] = [0.0, 3.0].map(|east| placed(&vessel(datum, [200.0, east, 1.0]), &origin).unwrap());
             let moved = b.position() - a.position();
-            let stated = nalgebra::Vector3::new(f64::from(a.eta_dot[0]), f64::from(a.eta_dot[1]), 0.0);
+            let stated = nalgebra::Vector3::new(f64::from(a.eta_dot[SURGE]), f64::from(a.eta_dot[SWAY]), 0.0);
             assert!((moved - stated).norm() < 1e-4, "{moved} {stated}");
             let heading = stated.y.atan2(stated.x);
-            assert!((heading - a.eta[5]).abs() < 1e-6 && a.eta[5] != core::f64::consts::FRAC_PI_2);
-            assert!((a.eta[2] - 5.0).abs() < 1e-6, "height {}", a.eta[2]);
+            assert!((heading - a.eta[YAW]).abs() < 1e-6 && a.eta[YAW] != core::f64::consts::FRAC_PI_2);
+            assert!((a.eta[HEAVE] - 5.0).abs() < 1e-6, "height {}", a.eta[HEAVE]);
             assert!(a.check().is_ok());
         }
     }
 
     #[test]
-    fn restarted_vessel_stays_where_it_is() {
+    fn placement_of_a_restarted_vessel() {
         let (first, origin) = (
             Datum::new(-16.8, 179.999, 30.0),
             Datum::new(-16.79, -179.999, 12.0),
@@ -76,11 +77,11 @@ mod tests {
         let at = second.to::<VesselNed>(&first.at(&Vector::<VesselNed>::new(50.0, 300.0, 0.5)));
         let after = placed(&vessel(second, at.0.into()), &origin).unwrap();
         assert!((after.position() - before.position()).norm() < 1e-6);
-        assert!((after.eta[5] - before.eta[5]).abs() < 1e-9);
+        assert!((after.eta[YAW] - before.eta[YAW]).abs() < 1e-9);
     }
 
     #[test]
-    fn vessel_beyond_100_km_has_no_place() {
+    fn placement_beyond_100_km() {
         let at = |lat| {
             placed(
                 &vessel(Datum::new(lat, 7.0, 0.0), [0.0; 3]),

@@ -1,4 +1,4 @@
-//! Where the drone was: its last states, for measurements that come late.
+//! Track of the drone: its last states, for measurements that come late.
 
 use std::collections::VecDeque;
 
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn track_interpolates_extrapolates_and_rejects_beyond() {
+    fn track_interpolation_and_extrapolation() {
         let mut t = Track::default();
         t.push(&state(1.0, 1.0));
         t.push(&state(1.1, 1.1));
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn track_moves_its_past_when_the_origin_jumps() {
+    fn track_with_an_origin_jump() {
         let mut t = Track::default();
         t.push(&state(1.0, 1.0));
         let jump = t.push(&state(1.01, 6.01)).unwrap();
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn past_looks_the_same_way_after_a_yaw_reset() {
+    fn track_with_a_yaw_reset() {
         let mut t = Track::default();
         t.push(&state(1.0, 1.0));
         let q = UnitQuaternion::from_euler_angles(0.0, 0.0, 0.3);

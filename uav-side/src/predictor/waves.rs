@@ -110,12 +110,12 @@ impl DeckMotion {
     }
 }
 
-/// What the modes said when they were too old to be rolled on.
+/// Output of the modes when they were too old to be rolled on.
 #[derive(Clone, Debug)]
 pub struct HandOver {
     /// Of each oscillator, the residual one first.
     pub motions: Vec<DeckMotion>,
-    /// Per degree of freedom: share of the motion's variance that they no longer tell.
+    /// Per degree of freedom: share of the motion's variance that they no longer explain.
     pub unknown: [f64; AXES],
 }
 
@@ -171,7 +171,7 @@ impl Waves {
             confidence: 0.0,
         }
     }
-    /// The vessel has identified its motion and said how far its prediction is off.
+    /// The vessel has identified its motion and published its prediction's deviation.
     pub fn are_identified(&self) -> bool {
         self.identified && !self.spread.is_empty()
     }
@@ -238,7 +238,7 @@ impl Waves {
         self.level_arm = Vector3::new(level.x, level.y, lever_arm.z);
     }
 
-    /// Takes how far the vessel's own prediction is off; one without stages says nothing.
+    /// Takes the deviation of the vessel's own prediction; one without stages has none.
     pub fn receive_prediction(&mut self, p: &VesselPrediction<DroneClock>) {
         if p.stages.is_empty() {
             return;
@@ -285,11 +285,11 @@ impl Waves {
     pub fn newest(&self) -> Option<Time<DroneClock>> {
         self.messages.back().map(|m| m.at)
     }
-    /// How far ahead the vessel has said how far its prediction is off, s: older modes are not rolled on.
+    /// How far ahead the vessel has published its prediction's deviation, s: older modes are not rolled on.
     pub fn reach_s(&self) -> f64 {
         self.spread_step_s * self.spread.len().saturating_sub(1) as f64
     }
-    /// What the modes say of time `at` becomes oscillators that the filters hold and correct by what they see
+    /// The motion by the modes at time `at` becomes oscillators that the filters hold and correct by what they see
     /// themselves. Gives the motion of each, that of the residual one first; None without modes.
     pub fn hand_over(&mut self, at: Time<DroneClock>) -> Option<HandOver> {
         let newest = self.messages.back()?;
@@ -376,7 +376,7 @@ mod tests {
 
     /// A vessel that heads east and yaws by 0.1 rad in 5 s, with her deck 4 m aft: it swings north and south.
     #[test]
-    fn yaw_swings_a_deck_off_the_reference_point() {
+    fn yaw_of_a_deck_off_the_reference_point() {
         let mut waves = Waves::new(&PredictorConfig::default());
         waves.set_lever_arm(Vector3::new(-4.0, 0.0, -1.3), FRAC_PI_2);
         let mut shape = [Complex::default(); AXES];

@@ -1,4 +1,4 @@
-//! Whatever comes in: counted, and the forecast stays sane.
+//! Arbitrary input: counted, and the forecast stays sound.
 
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
@@ -26,7 +26,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn predictor_counts_arbitrary_input_and_stays_finite(
+    fn predictor_arbitrary_input(
         x in prop::collection::vec(any_number(), 24), which in 0..8u8, at in prop_oneof![0.0..30.0f64, any_number()],
         from in 0..3u8,
     ) {

@@ -13,7 +13,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use crate::world::{self, Vessel, header};
 
 #[test]
-fn axis_propagates_one_long_step_as_many_short_ones() {
+fn axis_in_one_long_and_many_short_steps() {
     let config = PredictorConfig::default();
     let waves = Waves::new(&config);
     let noise = AxisNoise::all(&config)[2];
@@ -38,7 +38,7 @@ fn axis_propagates_one_long_step_as_many_short_ones() {
 }
 
 #[test]
-fn axis_keeps_its_stationary_spread_and_an_update_shrinks_it() {
+fn axis_covariance_and_update() {
     let config = PredictorConfig::default();
     let waves = Waves::new(&config);
     let noise = AxisNoise::all(&config)[3];
@@ -60,7 +60,7 @@ fn axis_keeps_its_stationary_spread_and_an_update_shrinks_it() {
 }
 
 #[test]
-fn tag_and_rangefinder_observations_locate_the_deck() {
+fn tag_and_rangefinder_observations() {
     let c = PredictorConfig::default();
     let deck = UnitQuaternion::from_euler_angles(0.1, -0.15, 0.6);
     let centre = Vector3::new(3.0, -2.0, -1.4);
@@ -115,7 +115,7 @@ fn tag_and_rangefinder_observations_locate_the_deck() {
 }
 
 #[test]
-fn filter_keeps_the_speed_of_a_turning_vessel_and_turns_its_velocity() {
+fn filter_of_a_turning_vessel() {
     // Given a vessel at 2 m/s to the north that turns at 0.3 rad/s,
     let config = PredictorConfig::default();
     let waves = Waves::new(&config);
@@ -172,7 +172,7 @@ fn filter_keeps_the_speed_of_a_turning_vessel_and_turns_its_velocity() {
 
 /// The newer modes differ by twice the waves, of half a metre each; the deck has not moved.
 #[test]
-fn newer_modes_leave_the_deck_where_vision_has_seen_it() {
+fn newer_modes_with_vision() {
     let config = PredictorConfig::default();
     let vessel = Vessel::moderate();
     let mut waves = Waves::new(&config);
@@ -196,7 +196,7 @@ fn newer_modes_leave_the_deck_where_vision_has_seen_it() {
         [0, 1, 2, 3, 4, 5].map(|i| state[i].project(MeasurementRow::Vision).0 + modes.value[i])
     };
     let before = place(&filter, &waves);
-    // A message that is valid from the middle of these observations on, and says the opposite.
+    // A message that is valid from the middle of these observations on, with the opposite content.
     let mut newer = world::waves(&vessel, 2, 1.1);
     for mode in newer.modes.iter_mut() {
         mode.shape = mode.shape.map(|c| c.map(|x| -x));
@@ -210,7 +210,7 @@ fn newer_modes_leave_the_deck_where_vision_has_seen_it() {
 
 /// The vessel's modes take the bank's place also where they predict nothing of a calm; a vessel that names none leaves it.
 #[test]
-fn modes_without_confidence_are_used_and_none_leave_the_bank() {
+fn modes_without_confidence() {
     let mut waves = Waves::new(&PredictorConfig::default());
     waves.receive_prediction(&world::spread(1, 0.9));
     let mut model = world::waves(&Vessel::moderate(), 1, 0.9);

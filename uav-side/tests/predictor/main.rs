@@ -14,7 +14,7 @@ use alight_shared::msg::{PREDICTED_SLOPE_STEP_S, PREDICTED_SLOPES, SLOPE_STEP, S
 use world::*;
 
 #[test]
-fn predictor_with_radio_and_vision_knows_the_deck_to_centimetres() {
+fn forecast_by_radio_and_vision() {
     let v = Vessel::moderate();
     let set = Setup {
         height: 3.0,
@@ -31,7 +31,7 @@ fn predictor_with_radio_and_vision_knows_the_deck_to_centimetres() {
 }
 
 #[test]
-fn predictor_finds_the_offset_between_the_frames_by_vision() {
+fn frame_offset_by_vision() {
     let v = Vessel::moderate();
     let set = Setup {
         seed: 3,
@@ -51,7 +51,7 @@ fn predictor_finds_the_offset_between_the_frames_by_vision() {
 }
 
 #[test]
-fn predictor_predicts_the_apparent_slope_ten_seconds_ahead() {
+fn apparent_slope_ten_seconds_ahead() {
     let mut steepest = [0.0_f64; 2];
     for (sway, steepest) in [0.0, 0.8].into_iter().zip(&mut steepest) {
         let v = Vessel {
@@ -82,7 +82,7 @@ fn predictor_predicts_the_apparent_slope_ten_seconds_ahead() {
 }
 
 #[test]
-fn forecast_goes_on_in_silence_with_growing_uncertainty() {
+fn forecast_in_silence() {
     let v = Vessel::moderate();
     let set = Setup {
         radio_until: 20.0,
@@ -109,7 +109,7 @@ fn forecast_goes_on_in_silence_with_growing_uncertainty() {
 }
 
 #[test]
-fn predictor_that_begins_where_the_deck_is_too_near_to_be_seen_keeps_the_offset_of_the_frames() {
+fn successor_too_near_to_see_the_deck() {
     let v = Vessel::moderate();
     for seed in 1..=5 {
         let set = |remembers| Setup {
@@ -128,7 +128,7 @@ fn predictor_that_begins_where_the_deck_is_too_near_to_be_seen_keeps_the_offset_
 }
 
 #[test]
-fn predictor_carries_on_by_vision_alone_when_the_radio_is_lost() {
+fn forecast_after_radio_loss() {
     let v = Vessel::moderate();
     let set = Setup {
         radio_until: 25.0,
@@ -141,7 +141,7 @@ fn predictor_carries_on_by_vision_alone_when_the_radio_is_lost() {
 }
 
 #[test]
-fn predictor_without_any_radio_gives_a_usable_deck_by_vision() {
+fn forecast_without_any_radio() {
     let v = Vessel::moderate();
     let set = Setup {
         radio_until: 0.0,
@@ -155,7 +155,7 @@ fn predictor_without_any_radio_gives_a_usable_deck_by_vision() {
 }
 
 #[test]
-fn clock_error_within_its_sd_stays_within_the_forecast_covariance() {
+fn forecast_with_a_clock_error_within_its_sd() {
     let v = Vessel::moderate();
     // 100 ms of asymmetry: an offset that is 50 ms wrong, for which the bridge states 58 ms.
     let set = Setup {
@@ -171,7 +171,7 @@ fn clock_error_within_its_sd_stays_within_the_forecast_covariance() {
 }
 
 #[test]
-fn predictor_gives_the_same_deck_for_reordered_messages() {
+fn forecast_with_reordered_messages() {
     let v = Vessel::moderate();
     let [(a, _), (b, reordered)] = [0.0, 0.15].map(|spread| {
         let set = Setup {
@@ -190,7 +190,7 @@ fn predictor_gives_the_same_deck_for_reordered_messages() {
 }
 
 #[test]
-fn predictor_is_bit_identical_for_the_same_inputs() {
+fn predictor_determinism() {
     let v = Vessel::moderate();
     let forecasts = || {
         let samples = run(&v, &Setup::default(), 15.0).samples;

@@ -332,7 +332,7 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64) -> Run {
             // Boot 0: its keeper has nothing.
             given = Some(kept.filter(|_| remembers).unwrap_or_default());
         }
-        // Its keeper says it at 50 Hz.
+        // Its keeper publishes it at 50 Hz.
         arrived.checkpoint = given.filter(|_| k % 2 == 0);
         let out = predictor.step(time(now), &arrived);
         kept = out.checkpoint.or(kept);

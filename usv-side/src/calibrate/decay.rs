@@ -381,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn free_decay_parameters_lie_within_their_stated_errors() {
+    fn free_decay_stated_errors() {
         for (order, a, b) in [
             (Order::Stiff, 6.2, 243.0),
             (Order::Stiff, 1.0, 9.0),
@@ -404,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn free_decay_is_not_observable_at_rest_or_in_waves() {
+    fn free_decay_at_rest_or_in_waves() {
         let still = pushed(Order::Stiff, 6.2, 243.0, 0.01, 0);
         assert!(matches!(
             identify(Order::Stiff, &still),
@@ -425,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn free_decay_rejects_a_vessel_that_is_held() {
+    fn free_decay_of_a_held_vessel() {
         let mut held = pushed(Order::Stiff, 6.2, 243.0, 0.005, 0);
         for k in 0..9 {
             // A saw: up in jumps, and down again.

@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn level_at_rest_is_robust_to_pushes() {
+    fn level_at_rest_with_pushes() {
         // Of 0.1, a sixth of the time: the mean would be off by 0.017.
         for (pushed, off) in [(false, 5e-4), (true, 1.5e-3)] {
             let found = level(&at_rest(0.02, 120, pushed)).unwrap();
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn stiffness_follows_from_the_tilt_under_a_known_weight() {
+    fn stiffness_by_a_known_weight() {
         let weight = Weight {
             mass_kg: 50.0,
             at_m: [1.5, 0.8],
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn inertia_combines_the_errors_of_stiffness_and_decay() {
+    fn inertia_error_of_stiffness_and_decay() {
         let of = ValueWithSd::relative;
         let decay = Decay {
             damping: of(6.0, 0.1),

@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn antenna_place_is_observable_in_waves_and_free_decay_is_not() {
+    fn antenna_place_in_waves() {
         // The stated error is at least 5 % of the distance: 1.6 m, so that 0.1 m can be asked for.
         let antenna = Vector3::new(-0.9, 0.35, -1.3);
         let found = rocked(0.12, antenna).identify(&VesselNodeConfig::default());
@@ -324,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn calibration_finds_nothing_on_a_still_vessel() {
+    fn calibration_of_a_still_vessel() {
         let found = rocked(0.0, Vector3::new(-1.1, 0.35, -1.6)).identify(&VesselNodeConfig::default());
         for figure in found.antenna_m.iter().flatten() {
             assert!(figure.sd > 0.2, "{figure:?}");

@@ -422,8 +422,8 @@ impl DeckArbiter {
         }
     }
 
-    /// What the crew said.
-    fn obey(&mut self, now: Time<VesselClock>, order: DeckOrder) {
+    /// Order of the crew.
+    fn apply(&mut self, now: Time<VesselClock>, order: DeckOrder) {
         match order {
             DeckOrder::Steady(for_s) => self.course.order_steady(now, for_s),
             DeckOrder::Turning => self.course.order_turning(),
@@ -527,7 +527,7 @@ impl Node for DeckArbiter {
             self.observe(now, status);
         }
         for order in &input.orders {
-            self.obey(now, *order);
+            self.apply(now, *order);
         }
         let reading = |level: Option<bool>| level.map(|level| Reading { level, at: now });
         self.switch = reading(input.inputs.closed).or(self.switch);
@@ -543,7 +543,7 @@ impl Node for DeckArbiter {
             }
             if owner.is_none() {
                 self.vacated = Some(now);
-                // One that gives way without having left may be on its way there and not be told: until it reports from
+                // One that gives way without having left may be on its way there without receiving it: until it reports from
                 // beyond.
                 let former = self.owner;
                 let gives_way = |d: &&mut Drone| Some(d.header.drone) == former && d.claim > Claim::Away;

@@ -1,5 +1,5 @@
-//! The deck's checkpoint, for a restart of the vessel's process or computer: who stands on the deck or may, whether it is
-//! closed, and the commands that operators gave.
+//! The deck's checkpoint, for a restart of the vessel's process or computer: its owner, whether it is closed, and the
+//! operators' commands.
 
 use alight_shared::msg::OperatorCommand;
 use alight_shared::time::VesselClock;

@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn drone_monitor_counts_and_reports_each_state_once() {
+    fn drone_monitor_states() {
         let mut monitor = DroneMonitor::new(1);
         assert!(monitor.observe(&status(1, 4, 1, State::Tracking)).state);
         assert!(!monitor.observe(&status(1, 4, 2, State::Tracking)).state);

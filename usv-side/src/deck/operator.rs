@@ -154,7 +154,7 @@ impl OperatorRelay {
         });
     }
 
-    /// Takes an operator's command, or says why it does not count.
+    /// Takes an operator's command, or gives the reason why it does not count.
     fn accept(
         &mut self,
         now: Time<VesselClock>,
@@ -338,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn operator_relay_repeats_a_command_until_the_drone_status_shows_it() {
+    fn relayed_command_until_acknowledged() {
         let mut relay = OperatorRelay::new(1, 9);
         let land = Some(command(1, 3, CommandKind::Land));
         let idle = Some(status(State::Idle, ReasonCode::NotCommanded));
@@ -373,11 +373,11 @@ mod tests {
                 .iter()
                 .all(|r| r.header.vessel == 1 && r.header.drone == 3)
         );
-        let told = out
+        let reported = out
             .receipts
             .iter()
             .map(|r| (r.operator[0], r.operator[1], r.progress));
-        told.collect()
+        reported.collect()
     }
 
     #[test]
@@ -423,7 +423,7 @@ mod tests {
     }
 
     #[test]
-    fn operator_relay_holds_other_commands_back_until_an_abort_is_effective() {
+    fn relayed_commands_behind_an_abort() {
         let mut relay = OperatorRelay::new(1, 9);
         let [land, abort, again, last] = [
             (1, CommandKind::Land),
@@ -450,7 +450,7 @@ mod tests {
     }
 
     #[test]
-    fn landing_ordered_without_knowledge_of_an_abort_never_counts() {
+    fn landing_ordered_unaware_of_an_abort() {
         let of = |boot: u32, sequence: u32, kind: CommandKind| {
             let mut c = command(sequence, 3, kind);
             c.header.boot = boot;
@@ -482,7 +482,7 @@ mod tests {
     }
 
     #[test]
-    fn operator_relay_gives_up_after_10_s_and_rejects_foreign_commands() {
+    fn relay_time_limit_and_foreign_commands() {
         let mut relay = OperatorRelay::new(1, 9);
         assert!(!step(&mut relay, 1.0, Some(command(1, 0, CommandKind::Abort)), None).0);
         let mut other = command(2, 3, CommandKind::Abort);
@@ -500,7 +500,7 @@ mod tests {
     }
 
     #[test]
-    fn operator_relay_repeats_an_abort_until_the_drone_shows_it_also_after_a_restart() {
+    fn relayed_abort_after_a_restart() {
         let mut relay = OperatorRelay::new(1, 9);
         let abort = Some(command(1, 3, CommandKind::Abort));
         assert!(step(&mut relay, 1.0, abort, None).0);
@@ -524,7 +524,7 @@ mod tests {
     }
 
     #[test]
-    fn operator_relay_repeats_a_command_with_the_time_at_which_it_was_given() {
+    fn relayed_command_time() {
         let mut relay = OperatorRelay::new(1, 4);
         let mut given = Vec::new();
         for k in 0..20 {
@@ -542,7 +542,7 @@ mod tests {
 
     /// A terminal repeats its landing while the vessel's process is started anew, and on the drone somebody aborts it.
     #[test]
-    fn restarted_relay_keeps_the_time_of_a_command() {
+    fn relayed_command_time_after_a_restart() {
         let mut relay = OperatorRelay::new(1, 9);
         let land = Some(command(1, 3, CommandKind::Land));
         assert!(step(&mut relay, 1.0, land, None).0);
@@ -561,7 +561,7 @@ mod tests {
     }
 
     #[test]
-    fn replaced_command_stays_replaced() {
+    fn replaced_command() {
         let mut relay = OperatorRelay::new(1, 9);
         let [land, mut hold] = [CommandKind::Land, CommandKind::Hold].map(|kind| command(1, 3, kind));
         hold.header.boot = 6;

@@ -1,4 +1,4 @@
-//! What the helm states of course and speed: by its switch, and by an order from a terminal on board.
+//! Course and speed as stated by the helm: by its switch, and by an order from a terminal on board.
 
 use alight_shared::msg::{Course, MAX_STEADY_S};
 use alight_shared::time::{Span, Time, VesselClock};

@@ -120,14 +120,14 @@ mod tests {
     }
 
     #[test]
-    fn adaptive_noise_leaves_a_consistent_model_unchanged() {
+    fn adaptive_noise_of_a_consistent_model() {
         let u = after(1.2, 60.0);
         let model = VesselModelConfig::default();
         assert_eq!(u.adapted(&model), model);
     }
 
     #[test]
-    fn adaptive_noise_widens_only_the_inconsistent_degree_of_freedom_and_recovers() {
+    fn adaptive_noise_of_an_inconsistent_model() {
         let mut u = after(30.0, 20.0);
         assert!(u.factor(4) > 5.0 && u.factor(4) <= MAX_FACTOR + 1e-9);
         assert_eq!((u.factor(2), u.factor(3)), (1.0, 1.0));
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn adaptive_noise_ignores_nan() {
+    fn adaptive_noise_with_nan() {
         let mut u = AdaptiveNoise::new(Time::EPOCH);
         u.observe(2, f64::NAN, 0.02);
         u.observe(9, 1.0, 0.02);

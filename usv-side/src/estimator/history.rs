@@ -110,7 +110,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn history_interpolates_between_two_steps_and_never_extrapolates() {
+    fn history_interpolation() {
         let step = |k: u32| PastState {
             at: Time::from_secs(0.02 * f64::from(k)),
             // A velocity that jumps at the third step, which the present acceleration does not show.

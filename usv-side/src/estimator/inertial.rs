@@ -10,7 +10,7 @@ use crate::VesselNodeConfig;
 
 /// Gate of an inertial channel on the normalised innovation squared (7 standard deviations).
 const GATE: f64 = 49.0;
-/// After this many steps with a refusal in a row the covariance is opened (half a second).
+/// After this many steps with a rejection in a row the covariance is opened (half a second).
 const MAX_REJECTED: u32 = 25;
 /// What the model of specific force leaves out (lever-arm errors, second order in the tilt), m/s².
 const FORCE_MODEL_SD: f64 = 0.03;
@@ -177,9 +177,9 @@ impl Filter {
             self.row = row;
             self.record_innovation(Channel::Accelerometer, axis, update);
             let gated = matches!(update, Update::Gated { .. });
-            let jolt =
+            let impulsive =
                 apart.is_some_and(|(_, force)| is_impulse(z, (rotation * force)[axis], MAX_IMPULSE[1]));
-            if gated && jolt {
+            if gated && impulsive {
                 // It has grown over the step.
                 self.impulse(axis, z, 0.0, 0.5 * z * STEP_S);
             } else {
@@ -196,7 +196,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn impulse_test_tells_an_outlier_from_a_growing_rate() {
+    fn impulse_test_of_outlier_and_growing_rate() {
         // The second of two samples is wild by 2 rad/s: their mean by 1, their difference by 2.
         assert!(!is_impulse(1.0, 2.0, MAX_IMPULSE[0]));
         // A rate that grows by 20 rad/s² is off by 0.4 after a step and differs by 0.2 between its samples.

@@ -219,7 +219,7 @@ impl Estimator {
             let from = f.at;
             f.step_before(ahead);
             let offset = ahead - (f.at - from).secs();
-            // One sample a step does not tell an outlier from a jolt.
+            // One sample a step does not distinguish an outlier from an impulsive disturbance.
             let apart = (n > 1.0).then(|| (2.0 * (gyro - f.first.0), 2.0 * (force - f.first.1)));
             self.gated.imu += f.fuse_inertial(&self.config, (gyro, force), apart, n, offset);
             f.end_step();

@@ -1,4 +1,4 @@
-//! What an engine does to the speed: it is no wave, and the identification must not take it for one.
+//! Speed change by the engines, which the identification must not take for a wave.
 
 use super::STEP_S;
 
@@ -45,7 +45,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn speed_gain_passes_an_engine_and_leaves_what_is_usual() {
+    fn speed_gain_by_engine() {
         let mut gain = SpeedGain::default();
         let mut squares = [0.0; 2];
         for k in 0..30_000 {

@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn euler_rates_are_the_derivative_of_the_euler_angles() {
+    fn euler_rates_against_euler_angles() {
         let t = tilt();
         let h = 1e-6;
         let later = Tilt {
@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn gyroscope_rates_invert_the_tilt_kinematics() {
+    fn gyroscope_rates_and_tilt_kinematics() {
         let t = tilt();
         let g = t.rates_from_gyro(t.body_rates());
         assert!((g[0] - t.rates[0]).abs() < 1e-12);

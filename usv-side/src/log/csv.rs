@@ -282,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn csv_row_becomes_one_measurement_per_column_group() {
+    fn csv_column_groups() {
         let r = read(table(60).as_bytes(), "t", &Mount::default()).unwrap();
         let [
             Measurement::Attitude(a),
@@ -306,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn csv_reader_skips_bad_rows_and_rejects_bad_headers() {
+    fn csv_bad_rows_and_headers() {
         let mut text = table(60);
         text += "6.0,x,2,90,0,3,4\n\n6.1,1,2\n6.2,1,NaN,90,0,3,4\n";
         let r = read(text.as_bytes(), "t", &Mount::default()).unwrap();
@@ -316,7 +316,7 @@ mod tests {
             "{:?}",
             r.notes
         );
-        for (bad, says) in [
+        for (bad, message) in [
             ("t_s,roll_deg\n0,1\n", "pitch_deg"),
             ("t_s,roll\n0,1\n", "unknown column `roll`"),
             ("roll_deg,pitch_deg\n0,1\n", "t_s"),
@@ -327,7 +327,7 @@ mod tests {
             let e = read(bad.as_bytes(), "t", &Mount::default())
                 .unwrap_err()
                 .to_string();
-            assert!(e.contains(says), "{bad}: {e}");
+            assert!(e.contains(message), "{bad}: {e}");
         }
     }
 }

@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn nmea_log_reader_skips_the_prefix_of_a_logger() {
+    fn nmea_log_with_logger_prefixes() {
         let [_, sentences] = good();
         let r = read(&sentences, "log", &Mount::default()).unwrap();
         assert_eq!(
@@ -217,13 +217,13 @@ mod tests {
 
     proptest! {
         #[test]
-        fn log_reader_survives_any_bytes(bytes in prop::collection::vec(any::<u8>(), 0..3000)) {
+        fn log_of_arbitrary_bytes(bytes in prop::collection::vec(any::<u8>(), 0..3000)) {
             let _read = read(&bytes, "log", &Mount::default());
             let _table = read(&[b"t_s,roll_deg,pitch_deg\n", &bytes[..]].concat(), "log", &Mount::default());
         }
 
         #[test]
-        fn log_reader_survives_damaged_recordings(which in 0_usize..2, damage in damage(100)) {
+        fn damaged_logs(which in 0_usize..2, damage in damage(100)) {
             let bytes = damaged(good()[which].clone(), damage);
             if let Ok(r) = read(&bytes, "log", &Mount::default()) {
                 prop_assert!(r.measurements.len() <= 2 * 3 * 200);

@@ -1,7 +1,8 @@
-//! The node against bad input: it is counted, nothing panics, no unsafe message is published.
+//! Bad input to the node: counted, no panic, no unsafe message.
 
 use alight_shared::admission::{RejectionReason, Rejections};
 use alight_shared::msg::Message;
+use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, SURGE, SWAY};
 use alight_shared::wire::{decode, encode};
 use proptest::prelude::*;
 use rand::SeedableRng;
@@ -93,7 +94,7 @@ fn stuck_inertial_sensor_beside_a_good_one() {
 }
 
 #[test]
-fn vessel_node_estimates_rest_for_a_vessel_at_rest() {
+fn estimate_of_a_vessel_at_rest() {
     let mut n = node();
     let mut last = None;
     let (mut estimates, mut waves, mut predictions) = (0, 0, 0);
@@ -106,10 +107,10 @@ fn vessel_node_estimates_rest_for_a_vessel_at_rest() {
     }
     let e = last.unwrap();
     assert!(
-        (e.eta[0] - 10.0).abs() < 0.05 && (e.eta[1] - 20.0).abs() < 0.05,
+        (e.eta[SURGE] - 10.0).abs() < 0.05 && (e.eta[SWAY] - 20.0).abs() < 0.05,
         "{e:?}"
     );
-    assert!(e.eta[2].abs() < 0.05 && e.eta[3].abs() < 0.005 && e.eta[4].abs() < 0.005);
+    assert!(e.eta[HEAVE].abs() < 0.05 && e.eta[ROLL].abs() < 0.005 && e.eta[PITCH].abs() < 0.005);
     // 20 s at 30, 5 and 1 Hz.
     assert!((580..=600).contains(&estimates), "{estimates}");
     assert!((95..=100).contains(&waves) && (19..=20).contains(&predictions));
@@ -119,7 +120,7 @@ fn vessel_node_estimates_rest_for_a_vessel_at_rest() {
 /// Slamming pushes a hull aside by 2 m/s, and the gate rejects the inertial samples of it. Two rejected rows of six
 /// in each fix must not leave the estimate astray.
 #[test]
-fn vessel_node_follows_a_lateral_push_seen_only_by_gnss_within_2_s() {
+fn lateral_push_observed_by_gnss_only() {
     let mut n = node();
     let (begins, speed) = (2000, 2.0);
     let mut last = None;
@@ -133,9 +134,9 @@ fn vessel_node_follows_a_lateral_push_seen_only_by_gnss_within_2_s() {
         last = n.step(time(k), &input).estimate.or(last);
     }
     let e = last.unwrap();
-    assert!((e.eta[1] - 20.0 - 4.0).abs() < 0.5, "place {:?}", e.eta);
+    assert!((e.eta[SWAY] - 20.0 - 4.0).abs() < 0.5, "place {:?}", e.eta);
     assert!(
-        (f64::from(e.eta_dot[1]) - speed).abs() < 0.3,
+        (f64::from(e.eta_dot[SWAY]) - speed).abs() < 0.3,
         "velocity {:?}",
         e.eta_dot
     );
@@ -199,7 +200,7 @@ fn modes_half_a_second_after_an_inertial_gap() {
 
 /// A receiver that reports once a second, half a second late.
 #[test]
-fn slow_and_late_receiver_starts_the_filter() {
+fn start_with_a_slow_and_late_receiver() {
     let mut n = node();
     let mut last = None;
     for k in 0..3000 {
@@ -209,14 +210,14 @@ fn slow_and_late_receiver_starts_the_filter() {
     }
     let e = last.unwrap();
     assert!(
-        (e.eta[0] - 10.0).abs() < 0.1 && (e.eta[1] - 20.0).abs() < 0.1,
+        (e.eta[SURGE] - 10.0).abs() < 0.1 && (e.eta[SWAY] - 20.0).abs() < 0.1,
         "{:?}",
         e.eta
     );
 }
 
 #[test]
-fn vessel_node_publishes_nothing_before_all_sensors_report_or_after_imu_loss() {
+fn output_before_all_sensors_and_after_imu_loss() {
     let mut n = node();
     for k in 0..100 {
         let only = VesselIn {
@@ -242,7 +243,7 @@ fn vessel_node_publishes_nothing_before_all_sensors_report_or_after_imu_loss() {
 }
 
 #[test]
-fn vessel_node_counts_and_ignores_repeated_and_reordered_samples() {
+fn repeated_and_reordered_samples() {
     let (mut clean, mut dirty) = (node(), node());
     for k in 0..500 {
         let input = rest(k);
@@ -257,7 +258,7 @@ fn vessel_node_counts_and_ignores_repeated_and_reordered_samples() {
 }
 
 #[test]
-fn vessel_node_answers_its_own_time_requests_with_all_stamps() {
+fn time_replies() {
     let mut n = node();
     let ask = |vessel| {
         let message = TimeRequest {
@@ -288,7 +289,7 @@ fn vessel_node_answers_its_own_time_requests_with_all_stamps() {
 }
 
 #[test]
-fn wave_model_names_modes_as_soon_as_the_motion_is_identified_also_that_of_a_vessel_at_rest() {
+fn modes_of_identified_motion() {
     let mut n = node();
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     // An inertial sensor is never without noise.
@@ -311,7 +312,7 @@ fn wave_model_names_modes_as_soon_as_the_motion_is_identified_also_that_of_a_ves
 }
 
 #[test]
-fn vessel_node_messages_survive_encoding() {
+fn vessel_message_encoding() {
     let (mut n, mut slopes) = (node(), 0);
     for k in 0..200 {
         let out = n.step(time(k), &rest(k));
@@ -344,7 +345,7 @@ fn wild3() -> impl Strategy<Value = [f64; 3]> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
     #[test]
-    fn vessel_node_recovers_from_garbage_among_good_input(
+    fn arbitrary_input_among_good_input(
         garbage in prop::collection::vec((20i64..600, 0u8..3, wild3(), wild3(), -2000i64..2000), 1..80)
     ) {
         let mut n = node();
@@ -383,7 +384,7 @@ proptest! {
             last = n.step(time(k), &rest(k)).estimate.or(last);
         }
         let e = last.unwrap();
-        prop_assert!((e.eta[0] - 10.0).abs() < 1.0 && (e.eta[1] - 20.0).abs() < 1.0, "{:?}", e.eta);
-        prop_assert!(e.eta[3].abs() < 0.1 && e.eta[4].abs() < 0.1, "{:?}", e.eta);
+        prop_assert!((e.eta[SURGE] - 10.0).abs() < 1.0 && (e.eta[SWAY] - 20.0).abs() < 1.0, "{:?}", e.eta);
+        prop_assert!(e.eta[ROLL].abs() < 0.1 && e.eta[PITCH].abs() < 0.1, "{:?}", e.eta);
     }
 }

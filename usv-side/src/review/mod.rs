@@ -1,4 +1,4 @@
-//! Evaluation of a recording with the vessel's own node (offline): the first thing that a user does with a boat.
+//! Evaluation of a recording with the vessel's own node (offline).
 //!
 //! The truth of a recording is unknown. Evaluated are the innovations of the filter and the node's predictions
 //! against its own later estimates.

@@ -1,10 +1,11 @@
-//! The predictor to beat: a ridge regression on the node's own published estimates that knows no model.
+//! Reference predictor without a model: ridge regression on the node's own published estimates.
 //!
 //! Roll, pitch, heave and their rates at 24 lags over the last 5.6 s (10 Hz) predict roll, pitch and heave one horizon
 //! ahead (Hoerl and Kennard 1970); fitted to the last 120 s.
 
 use alight_shared::msg::VesselEstimate;
 use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::vessel_model::{HEAVE, PITCH, ROLL};
 use nalgebra::{DMatrix, DVector};
 
 /// Time between two samples, s.
@@ -42,7 +43,14 @@ impl Published {
         let rate = |d: usize| f64::from(e.eta_dot[d]);
         self.push_motion(
             e.header.at,
-            [e.eta[3], e.eta[4], e.eta[2] - level, rate(3), rate(4), rate(2)],
+            [
+                e.eta[ROLL],
+                e.eta[PITCH],
+                e.eta[HEAVE] - level,
+                rate(ROLL),
+                rate(PITCH),
+                rate(HEAVE),
+            ],
         );
     }
     /// Takes a motion, later than those before.
@@ -244,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn ridge_predicts_lines_and_is_causal() {
+    fn ridge_prediction_of_lines() {
         let mut published = Published::default();
         for k in 0..30 * 100 {
             let t = Time::from_secs(f64::from(k) / 30.0);
@@ -274,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn published_forgets_only_what_no_fit_reads() {
+    fn published_history_length() {
         let mut published = Published::default();
         for k in 0..10 * 1000 {
             let t = Time::from_secs(0.1 * f64::from(k));

@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn average_reduces_a_fast_sensor_to_100_hz_and_passes_a_slow_one() {
+    fn average_of_fast_and_slow_sensors() {
         let mut a = Average::default();
         // 500 Hz for a second: means of five, dated at their middle.
         let out: Vec<_> = (0..500)
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn average_passes_a_repeated_time_at_once() {
+    fn average_with_a_repeated_time() {
         let mut a = Average::default();
         a.push(0, &sample(1.0));
         for _ in 0..10 {

@@ -97,7 +97,7 @@ mod tests {
     const APART_NS: i64 = -77_000_000_000;
 
     #[test]
-    fn source_clock_removes_arrival_jitter() {
+    fn source_clock_with_arrival_jitter() {
         let mut c = SourceClock::default();
         let least = Span::from_millis(5);
         let mut errors = Vec::new();
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn source_clock_rejects_a_wrong_time_and_follows_a_restart() {
+    fn source_clock_with_a_wrong_time_and_a_restart() {
         let mut c = SourceClock::default();
         let step = |c: &mut SourceClock, k: i64, source_ns: i64| {
             c.vessel_time(Time::from_secs(100.0 + 0.1 * k as f64), source_ns, Span::ZERO)

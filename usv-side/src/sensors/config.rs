@@ -256,7 +256,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn place_that_a_source_leaves_out_is_the_vessels() {
+    fn default_place_of_a_source() {
         let own = Mount {
             antenna_m: Some([1.0, 2.0, -3.0]),
             ..Mount::default()
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn mounting_turns_measurements_into_the_vessel_axes() {
+    fn mounting_rotation() {
         let mounting = Mounting::new(&Mount {
             mounting_deg: [180.0, 7.0, 90.0],
             heading_offset_deg: 90.0,

@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn ubx_moving_base_gives_fixes_and_headings() {
+    fn ubx_moving_base() {
         let week_ms = 604_800_000;
         let bytes = [
             pvt(week_ms - 200),
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn ubx_decoder_detects_a_pulse_of_another_time_base() {
+    fn ubx_pulse_of_another_time_base() {
         let before_any_fix = pulse(77_000);
         // The next second; the one that just passed, late; the next one of UTC, 18 s behind; a new week.
         let bytes = [
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn ubx_decoder_counts_damage_and_reads_the_next_message() {
+    fn ubx_messages_after_damage() {
         let mut bad = pvt(1000);
         bad[40] ^= 1;
         let cut = &pvt(2000)[..60];
@@ -250,7 +250,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn ubx_decoder_survives_any_damage(
+        fn ubx_arbitrary_damage(
             damage in damage(60), noise in prop::collection::vec(any::<u8>(), 0..600), cut in 1_usize..700,
         ) {
             let whole = (0..10).flat_map(|k| [pvt(200 * k), relative(200 * k, true)].concat()).collect();

@@ -169,7 +169,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn simulated_world_round_trips_through_toml() {
+    fn simulated_world_toml_round_trip() {
         let text = commented(&SimulatedWorld::default()).unwrap();
         assert!(text.contains("# The steady clock's reading"), "{text}");
         let read = config::parse::<SimulatedWorld>(&text, "world").unwrap();

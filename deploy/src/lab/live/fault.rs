@@ -289,7 +289,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn fault_spec_round_trips_and_rejects_others() {
+    fn fault_spec_round_trip_and_rejection() {
         for process in PROCESSES {
             for kind in FaultKind::ALL {
                 let moments = PHASES.map(|(_, state)| Moment::In(state));
@@ -315,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn the_delay_follows_from_the_seed_and_is_shorter_than_its_limit() {
+    fn fault_delay_by_seed() {
         let spec: FaultSpec = "planner:kill:descent".parse().unwrap();
         let delays: Vec<i64> = (0..20).map(|seed| Fault::new(spec, seed).delay_ns).collect();
         assert!(

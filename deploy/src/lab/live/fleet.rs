@@ -131,7 +131,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn leftovers_of_an_instance_are_found() {
+    fn leftovers_of_an_instance() {
         let instance = Instance::new(&format!("left-{}", std::process::id())).unwrap();
         assert!(leftovers(&instance).is_empty());
         std::fs::create_dir_all(instance.directory()).unwrap();

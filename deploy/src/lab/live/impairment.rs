@@ -118,7 +118,7 @@ mod tests {
     use alight_sim::radio::RadioConfig;
 
     #[test]
-    fn impaired_link_delays_and_loses_during_the_outage() {
+    fn impaired_link_delay_and_outage() {
         let link = LinkImpairment {
             epoch_ns: 1_000,
             seed: 3,

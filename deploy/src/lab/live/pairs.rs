@@ -314,7 +314,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_of_many_landings_gets_the_flags_that_do_not_differ_among_them() {
+    fn common_flags_of_paired_landings() {
         let words = "--trials 3 --sea calm --seed=7 --jobs 2 --json --link storm --instance=a";
         let flags = flags_of_each(words.split(' ').map(String::from));
         assert_eq!(flags.join(" "), "--sea calm --link storm");

@@ -424,7 +424,7 @@ mod tests {
     }
 
     #[test]
-    fn px4_connects_is_answered_in_lock_step_and_its_end_stops_the_motors() {
+    fn px4_lock_step_and_disconnection() {
         let port = crate::lab::live::config::free_port().unwrap();
         let mut plant = open(AutopilotKind::Px4, port);
         // Nobody is there: the drone stands, and nothing waits.
@@ -454,7 +454,7 @@ mod tests {
     }
 
     #[test]
-    fn ardupilot_asks_and_each_packet_is_answered_once_also_when_it_comes_again() {
+    fn ardupilot_replies_with_repeated_packets() {
         let port = crate::lab::live::config::free_port().unwrap();
         let mut plant = open(AutopilotKind::Ardupilot, port);
         let firmware = std::thread::spawn(move || {

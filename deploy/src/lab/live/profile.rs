@@ -38,7 +38,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_profile_is_valid_and_an_unknown_name_lists_them() {
+    fn profiles_and_an_unknown_name() {
         for (name, _) in PROFILES {
             load(name).unwrap();
         }

@@ -74,7 +74,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn truth_round_trips_a_body() {
+    fn truth_round_trip() {
         let state = RigidState::<DroneBody> {
             position: Point::from(Vector3::new(1.0, -2.0, 3.5)),
             velocity: Vector::from(Vector3::new(0.1, 0.2, 0.3)),

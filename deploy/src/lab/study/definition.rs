@@ -9,7 +9,7 @@ use toml::Table;
 use crate::exit::{CliError, Doing};
 
 /// The studies that the program has with it.
-const SHIPPED: [(&str, &str); 10] = [
+const SHIPPED: [(&str, &str); 11] = [
     ("table2", include_str!("../../../../tests/studies/table2.toml")),
     ("seas", include_str!("../../../../tests/studies/seas.toml")),
     ("moving", include_str!("../../../../tests/studies/moving.toml")),
@@ -19,6 +19,7 @@ const SHIPPED: [(&str, &str); 10] = [
     ("size", include_str!("../../../../tests/studies/size.toml")),
     ("link", include_str!("../../../../tests/studies/link.toml")),
     ("faa", include_str!("../../../../tests/studies/faa.toml")),
+    ("budget", include_str!("../../../../tests/studies/budget.toml")),
     (
         "ablation",
         include_str!("../../../../tests/studies/ablation.toml"),

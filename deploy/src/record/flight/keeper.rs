@@ -1,4 +1,4 @@
-//! Keeps a computer's flights, beside the processes that fly: begins one, writes its summary, and makes room.
+//! Keeper of a computer's flights, beside the processes that fly: begin, summary, retention.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};

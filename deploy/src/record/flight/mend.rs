@@ -1,4 +1,5 @@
-//! Gives a part an end that a kill or a power cut left without: with its index, so that viewers open it.
+//! Repair of a part that a kill or a power cut left without an end: with its index, so that viewers open
+//! it.
 
 use std::fs::File;
 use std::path::Path;

@@ -1,5 +1,5 @@
-//! Writes the parts of one start of a process: rotated by size and time, synchronised every second, tried again
-//! when the disk refuses.
+//! Parts of one start of a process: rotated by size and time, synchronised every second, tried again when the
+//! disk refuses.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -182,7 +182,7 @@ pub struct Parts {
     /// Steps that are not on the disk and will not be.
     missing: u64,
     /// The disk refused, and that was said.
-    refused: bool,
+    failed: bool,
     retry_ns: i64,
     /// Steps that came too fast since the last warning, and when that may be said again.
     dropped: u64,
@@ -202,7 +202,7 @@ impl Parts {
             tried: 0,
             next: 0,
             missing: 0,
-            refused: false,
+            failed: false,
             retry_ns: steady_ns,
             dropped: 0,
             warning_ns: steady_ns,
@@ -262,7 +262,7 @@ impl Parts {
         let path = part.path.clone();
         // Its steps are on the disk already.
         if let Err(e) = part.finish() {
-            self.refuse(steady_ns, &path, &e);
+            self.report_failure(steady_ns, &path, &e);
         }
     }
     fn rotate(&mut self, steady_ns: i64) {
@@ -283,17 +283,17 @@ impl Parts {
             enough_room(&self.directory).and_then(|()| PartWriter::create(&path, &self.header, steady_ns));
         match begun {
             Ok(part) => {
-                if self.refused {
+                if self.failed {
                     let missing = self.missing;
                     info!(
                         "{process} is recorded again, in {}; {missing} steps are missing",
                         path.display()
                     );
                 }
-                self.refused = false;
+                self.failed = false;
                 self.part = Some(part);
             }
-            Err(e) => self.refuse(steady_ns, &path, &e),
+            Err(e) => self.report_failure(steady_ns, &path, &e),
         }
     }
     /// The open part cannot be written: what is not on the disk is lost with it.
@@ -303,11 +303,11 @@ impl Parts {
         let path = part.path.clone();
         // Its writer tries to end it; what is on the disk can be read without an end.
         drop(part);
-        self.refuse(steady_ns, &path, error);
+        self.report_failure(steady_ns, &path, error);
     }
-    fn refuse(&mut self, steady_ns: i64, path: &Path, error: &McapError) {
+    fn report_failure(&mut self, steady_ns: i64, path: &Path, error: &McapError) {
         // Once for each time, and not at each of the tries in it.
-        if !self.refused {
+        if !self.failed {
             warn!(
                 "{} goes on without its recorder: writing {}: {}; free space, or make the directory writable: it \
                  is tried again every {} s",
@@ -317,7 +317,7 @@ impl Parts {
                 RETRY_PERIOD_NS / S
             );
         }
-        self.refused = true;
+        self.failed = true;
         self.retry_ns = steady_ns.saturating_add(RETRY_PERIOD_NS);
     }
 }
@@ -407,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_are_rotated_by_size_and_age_and_read_in_sequence() {
+    fn part_rotation_by_size_and_age() {
         let directory = directory("rotated");
         let mut written = begin(&directory);
         for step in 0..4 {
@@ -435,7 +435,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_reach_the_disk_within_a_second() {
+    fn part_synchronisation_within_a_second() {
         let directory = directory("synchronised");
         let mut written = begin(&directory);
         for (k, ns) in [0, S / 2, S].into_iter().enumerate() {
@@ -455,7 +455,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_on_a_blocked_disk_are_tried_again_every_10_s() {
+    fn parts_on_a_blocked_disk() {
         let directory = directory("blocked");
         // A file in the place of the directory: no permission of root writes below it.
         std::fs::write(&directory, "").unwrap();
@@ -471,7 +471,7 @@ mod tests {
     }
 
     #[test]
-    fn full_disk_costs_the_steps_of_a_second_and_recording_goes_on_in_another_part() {
+    fn parts_on_a_full_disk() {
         let directory = directory("full");
         let mut written = begin(&directory);
         written.write(0, &batch(0, 0));
@@ -495,7 +495,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_that_never_came_are_missing() {
+    fn missing_steps() {
         let directory = directory("gap");
         let mut written = begin(&directory);
         for step in [0, 1, 5, 6] {
@@ -534,7 +534,7 @@ mod tests {
     }
 
     #[test]
-    fn part_cut_at_any_byte_opens_and_loses_the_last_chunk_at_most() {
+    fn part_cut_at_any_byte() {
         let (header, bytes, lengths) = chunks();
         let directory = directory("cut");
         std::fs::create_dir_all(&directory).unwrap();
@@ -570,7 +570,7 @@ mod tests {
         #![proptest_config(proptest::test_runner::Config::with_cases(64))]
         /// What a power cut may leave behind the last synchronised chunk: nothing, zeros or what was there before.
         #[test]
-        fn part_with_a_damaged_tail_keeps_its_synchronised_chunks(
+        fn part_with_a_damaged_tail(
             (chunk, tail) in (0_usize..4, proptest::collection::vec(proptest::num::u8::ANY, 0..300)),
             zeros in 0_usize..5000,
         ) {

@@ -1,4 +1,5 @@
-//! Reads parts: also one without an end, which a kill or a power cut left, up to its last whole chunk.
+//! Reader of parts: also of one without an end, which a kill or a power cut left, up to its last whole
+//! chunk.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt::Display;

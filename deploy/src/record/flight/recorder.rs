@@ -1,5 +1,5 @@
-//! What a process holds of the flight recorder. It never waits: steps go in batches to a thread that writes them, and
-//! those that find the line to it full are counted and left out.
+//! Recorder of a process's steps. It never waits: steps go in batches to a thread that writes them, and those that
+//! find the line to it full are counted and left out.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -156,7 +156,7 @@ mod tests {
     use crate::record::flight::reading::{Steps, starts};
 
     #[test]
-    fn recorder_hands_every_step_to_its_thread_and_counts_none_missing() {
+    fn recorder_of_every_step() {
         let directory = std::env::temp_dir().join(format!("alight-recorder-{}", std::process::id()));
         let header = PartHeader {
             process: "test".into(),
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn recorder_leaves_out_what_its_thread_is_too_slow_for() {
+    fn recorder_with_a_slow_thread() {
         // Nobody takes batches.
         let (to, _batches) = sync_channel(BATCHES);
         let (_give_back, free) = sync_channel(BATCHES);

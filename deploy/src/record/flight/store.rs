@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn oldest_flights_make_room_and_nothing_else_in_the_directory_does() {
+    fn removal_of_the_oldest_flights() {
         let root = root("room", &[1, 2, 3, 4]);
         let elsewhere = root.with_extension("elsewhere");
         std::fs::create_dir_all(&elsewhere).unwrap();
@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn flight_that_runs_is_not_removed_and_gives_its_oldest_parts_at_last() {
+    fn removal_of_parts_of_a_running_flight() {
         let root = root("runs", &[1, 2]);
         let all = flights(&root).unwrap();
         let (other, current) = (&all[0], &all[1].path);
@@ -301,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn flight_begins_with_the_next_number_whatever_the_clock_says() {
+    fn flight_number_with_a_wrong_clock() {
         let root = root("begins", &[1, 7]);
         let (path, lock) = begin(&root);
         let own = Flight::of(&path).unwrap();

@@ -1,4 +1,4 @@
-//! `alight calibrate deck`: the drone stands on the deck, motors off, and looks around.
+//! `alight calibrate deck`: the deck's place from a drone that stands on it, motors off.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -269,7 +269,7 @@ fn print(found: &DeckCalibrationResult, config: &PredictorConfig) {
 fn print_mount(found: &DeckCalibrationResult, mount: &MountCalibration, config: &PredictorConfig) {
     let [forward, right] = &found.stood_at;
     terminal::line(format_args!(
-        "by {} sightings of the tag the drone stands {:.3} +- {:.3} m forward, {:.3} +- {:.3} m right of the \
+        "by {} detections of the tag the drone stands {:.3} +- {:.3} m forward, {:.3} +- {:.3} m right of the \
          deck's centre",
         mount.tags, forward.value, forward.sd, right.value, right.sd
     ));

@@ -1,5 +1,5 @@
-//! `alight calibrate`: measures what the configuration of this vessel and this drone needs, and
-//! writes the lines to put into it. Nothing is changed by itself.
+//! `alight calibrate`: measurement of this vessel's and this drone's configuration values, as lines
+//! to put into the file. Nothing is changed by itself.
 
 mod deck;
 mod vessel;

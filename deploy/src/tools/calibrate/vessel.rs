@@ -295,11 +295,11 @@ fn print_loaded(loaded: &Stiffness) {
     for (name, of) in ["roll", "pitch"].iter().zip(loaded) {
         let text = match of {
             Ok(g) => format!("G {:.0} +- {:.0}", g.value, g.sd),
-            Err(Some(lean)) => format!(
+            Err(Some(tilt)) => format!(
                 "heels by {:.2} +- {:.2} deg, which is too little or the wrong way: use a heavier weight, farther \
                  from the middle, on calm water",
-                lean.value.to_degrees(),
-                lean.sd.to_degrees()
+                tilt.value.to_degrees(),
+                tilt.sd.to_degrees()
             ),
             Err(None) => "no attitude for 20 s with and without it".into(),
         };
@@ -340,7 +340,7 @@ fn print(found: &VesselCalibration, loaded: &LoadedStiffness, config: &VesselNod
     terminal::line(
         "M is not observable from free motion and elsewhere left as configured (a known weight shows it in roll and \
          pitch: --loaded-log): D and G are in its proportion, which is all that the model uses; the inertial sensor's own \
-         place is where the reference point is reckoned from, and left",
+         place defines the reference point; unchanged",
     );
     let mut place = config.gnss.antenna_m;
     match &found.antenna_m {

@@ -1,4 +1,4 @@
-//! Reads the autopilot's parameters, origin and heights as the link does before a landing. It sends heartbeats and
+//! The autopilot's parameters, origin and heights, read as the link does before a landing. It sends heartbeats and
 //! requests, nothing else.
 
 use alight_shared::admission::Periodic;

@@ -1,4 +1,4 @@
-//! Looks through a camera as its process does, or asks that process.
+//! Image of a camera, taken as its process does or asked of that process.
 
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::time::Duration;
@@ -108,7 +108,7 @@ mod tests {
     use nalgebra::Vector3;
 
     #[test]
-    fn camera_check_looks_for_the_tag_in_images() {
+    fn camera_check_of_images() {
         let (render, deck) = (RenderConfig::default(), DeckGeometry::default());
         let mut renderer = Renderer::new(&render, &deck, &Streams::new(5));
         let mount = CameraMount {
@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn camera_check_of_a_running_drone_is_what_its_process_reports() {
+    fn camera_check_of_a_running_drone() {
         let metrics = [
             MetricName::Images.count(900_u32),
             MetricName::Exposure.seconds(0.002),

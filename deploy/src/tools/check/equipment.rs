@@ -1,5 +1,5 @@
-//! Which class of vessel its sensors make, and whether the drone fits its deck: `docs/equipment.md` has the tables that
-//! the figures here are of.
+//! Equipment class of the vessel by its sensors, and fit of the drone to its deck: `docs/equipment.md` has the tables
+//! of these figures.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_uav::camera::layout;
@@ -161,7 +161,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn class_by_what_the_sources_give() {
+    fn equipment_class_by_sources() {
         // What each class gives while listening: imu, gnss, heading, attitude.
         assert_eq!(class([125, 12, 25, 125]), Ok(VesselClass::AutopilotAboard));
         assert_eq!(class([250, 3, 25, 0]), Ok(VesselClass::SlowReceiver));

@@ -1,4 +1,4 @@
-//! What `alight check` looks at: plain data, so that the rules can be tried on any computer.
+//! Facts that `alight check` judges: plain data, so that the rules can be tested on any computer.
 
 use std::path::PathBuf;
 

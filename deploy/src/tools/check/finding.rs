@@ -1,4 +1,4 @@
-//! What was found: a topic, how bad it is, and what to do.
+//! Findings: topic, severity, remedy.
 
 use serde::Serialize;
 

@@ -1,4 +1,4 @@
-//! Collects the facts about this computer; judges nothing.
+//! Collection of the facts about this computer, without judgement.
 
 use std::fs::{self, OpenOptions};
 use std::io::ErrorKind;
@@ -498,7 +498,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn clock_check_parses_chrony_tracking() {
+    fn clock_check_of_chrony_tracking() {
         let good = "A29FC87B,162.159.200.123,4,1700000000.1,0.000012,0.000003,0.000210,-7.6,0.0,0.05,0.01,0.001,64.5,Normal\n";
         let s = chrony(good).unwrap();
         assert!(s.synchronised && s.error_s == Some(0.00021));
@@ -508,7 +508,7 @@ mod tests {
     }
 
     #[test]
-    fn reachability_check_distinguishes_a_quic_server_from_silence_and_other_programs() {
+    fn reachability_check_of_quic_servers() {
         // What follows a version negotiation's header does not matter here.
         for (answer, found) in [
             (&[0x9f, 0, 0, 0, 0, 8, 1, 2, 3][..], true),
@@ -530,7 +530,7 @@ mod tests {
     }
 
     #[test]
-    fn port_check_distinguishes_a_port_in_use_from_a_foreign_address() {
+    fn port_check_of_used_and_foreign_addresses() {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         let taken = format!("udp/{}", socket.local_addr().unwrap());
         assert_eq!(try_listening(&taken), PortState::Busy);

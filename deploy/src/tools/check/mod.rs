@@ -1,5 +1,6 @@
-//! `alight check`: what keeps this computer from flying, and the remedy. [`gather`] collects facts, [`rules`]
-//! judges them; nothing is changed but the exposure of a camera, which is left as the service would set it.
+//! `alight check`: faults that keep this computer from flying, with remedies. [`gather`] collects facts,
+//! [`rules`] judges them; nothing is changed but the exposure of a camera, which is left as the service would
+//! set it.
 
 mod autopilot;
 mod camera;

@@ -1,4 +1,4 @@
-//! What is fine, what is worth a warning and what is broken: pure rules over gathered facts.
+//! Rules over gathered facts, pure: fine, warning, fault.
 
 use alight_shared::autopilot_parameters::Severity;
 use alight_shared::geodesy::Datum;

@@ -1,4 +1,4 @@
-//! Listens to the vessel's real sensors as `alight sensors` would, for a moment.
+//! Short reception of the vessel's real sensors, as by `alight sensors`.
 
 use std::time::Duration;
 

@@ -177,7 +177,7 @@ fn exposed(contrast: f64, saturation: f64) -> CameraView {
 }
 
 #[test]
-fn check_finds_nothing_on_computers_in_order() {
+fn check_of_faultless_computers() {
     for facts in [vessel(), drone()] {
         let findings = judge(&facts);
         assert_eq!(worst(&findings), Level::Fine, "{findings:#?}");
@@ -189,7 +189,7 @@ fn check_finds_nothing_on_computers_in_order() {
 type Wrongs<'a> = (fn() -> Facts, Level, &'a [(fn(&mut Facts), &'static str)]);
 
 #[test]
-fn check_finds_each_fault_alone_with_its_remedy() {
+fn check_of_each_fault() {
     fn own(f: &mut Facts) -> &mut Identity {
         f.identity.as_mut().unwrap()
     }
@@ -383,7 +383,7 @@ fn check_finds_each_fault_alone_with_its_remedy() {
 }
 
 #[test]
-fn autopilot_check_says_whether_it_answered() {
+fn autopilot_check_with_and_without_answer() {
     let found = |reported| {
         let mut facts = drone();
         facts.autopilot = Some(("udpin://0.0.0.0:14540".into(), Ok(Reach::Routed)));
@@ -397,7 +397,7 @@ fn autopilot_check_says_whether_it_answered() {
 }
 
 #[test]
-fn camera_check_tells_a_fit_tag_from_none_in_view() {
+fn camera_check_with_and_without_a_tag() {
     let found = |view: CameraView| {
         let mut facts = drone();
         facts.cameras.push(looked(Ok(view)));
@@ -420,7 +420,7 @@ fn camera_check_tells_a_fit_tag_from_none_in_view() {
 }
 
 #[test]
-fn check_warns_of_an_unprotected_radio_unless_it_is_loopback() {
+fn check_of_an_unprotected_radio() {
     let mut facts = vessel();
     facts.identity = None;
     let mut computer = VesselComputer::default();
@@ -432,7 +432,7 @@ fn check_warns_of_an_unprotected_radio_unless_it_is_loopback() {
 }
 
 #[test]
-fn check_accepts_a_port_that_alight_itself_uses() {
+fn check_of_a_port_used_by_alight() {
     let mut facts = vessel();
     facts.ports[0].state = PortState::Busy;
     facts.running = true;
@@ -454,7 +454,7 @@ fn check(config: &Path) -> Exit {
 }
 
 #[test]
-fn check_finds_a_swapped_key_and_a_foreign_authority() {
+fn check_of_a_swapped_key_and_a_foreign_authority() {
     let directory = scratch("keys");
     let (ours, theirs) = (directory.join("ours"), directory.join("theirs"));
     for authority in [&ours, &theirs] {
@@ -489,7 +489,7 @@ fn check_finds_a_swapped_key_and_a_foreign_authority() {
 }
 
 #[test]
-fn sensor_check_distinguishes_a_sending_source_from_a_silent_and_a_missing_one() {
+fn sensor_check_of_silent_and_missing_sources() {
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
     let free = || UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let (speaks, silent) = (free(), free());
@@ -543,7 +543,7 @@ fn sensor_check_distinguishes_a_sending_source_from_a_silent_and_a_missing_one()
 }
 
 #[test]
-fn check_of_a_broken_configuration_exits_with_code_2() {
+fn check_of_a_broken_configuration() {
     let directory = scratch("broken");
     let path = directory.join("any.toml");
     for text in [
@@ -562,7 +562,7 @@ fn check_of_a_broken_configuration_exits_with_code_2() {
 }
 
 #[test]
-fn report_of_the_autopilot_at_the_link_and_of_a_silent_one() {
+fn autopilot_check_over_the_link() {
     let free = || UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let computer = DroneComputer::default();
     let silent = format!("udpin://{}", free()).parse().unwrap();

@@ -1,4 +1,4 @@
-//! Who can look on, and give the page's order.
+//! Access to the viewers' page and its order.
 
 use std::net::SocketAddr;
 
@@ -34,7 +34,7 @@ mod tests {
     use crate::tools::check::finding::Level;
 
     #[test]
-    fn page_that_orders_on_a_network_is_warned_of() {
+    fn warning_of_orders_over_a_network() {
         let level = |on, listen: &str, abort| {
             let view = ViewConfig {
                 on,

@@ -321,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn page_of_a_flying_drone() {
+    fn status_page_of_a_flying_drone() {
         let lines = texts(&flying());
         assert_eq!(lines[0], "default: Tracking since 8.0 s: reached");
         for (label, part) in [
@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn page_on_which_everything_is_wrong_fits() {
+    fn status_page_with_every_alarm() {
         let mut s = flying();
         s.processes.clear();
         s.mission = Some(MissionState {
@@ -376,7 +376,7 @@ mod tests {
     }
 
     #[test]
-    fn key_of_a_page_changes_with_state_and_alarms_only() {
+    fn status_page_key() {
         let key = |s: &Snapshot, now_ns| page("land", s, &DisarmConfig::default(), now_ns).key();
         let mut other = flying();
         let before = key(&other, NOW_NS);
@@ -395,7 +395,7 @@ mod tests {
     }
 
     #[test]
-    fn shadow_line_says_what_would_be_commanded() {
+    fn status_page_shadow_line() {
         let s = ShadowComparison {
             tilt: [0.1, -0.05],
             thrust: 0.41,

@@ -1,5 +1,4 @@
-//! A status that a person reads at one glance: a line that names state and reason, then what else matters, each under its
-//! word, in at most 20 lines of 80 columns.
+//! Status page: a line of state and reason, then labelled lines, at most 20 of 80 columns.
 
 use crate::tools::check::finding::Level;
 
@@ -223,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn page_without_alarms() {
+    fn status_page_without_alarms() {
         assert_eq!(
             page().text(),
             "land: Tracking since 4.2 s: reached\nlink       state 62.0 ms old, 0.4 % lost\nalarms     none"
@@ -231,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn page_of_many_long_alarms_fits_and_keeps_the_worst() {
+    fn status_page_of_many_long_alarms() {
         let mut full = page();
         for k in 0..30 {
             full.alarm(

@@ -101,7 +101,7 @@ mod tests {
     use ratatui::backend::TestBackend;
 
     #[test]
-    fn view_fits_its_window() {
+    fn watch_within_its_window() {
         let mut page = Page::new("land: Tracking since 4.2 s: reached".into(), String::new());
         page.state_entry("waits for", "deck tilts 4.2 deg (limit 3.0)");
         page.entry("link", "state 62.0 ms old, 0.4 % lost");

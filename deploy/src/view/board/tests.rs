@@ -53,7 +53,7 @@ fn named<'a>(picture: &'a Picture, name: &str) -> &'a Figure {
 }
 
 #[test]
-fn board_of_nothing_shows_everything_as_unknown() {
+fn board_of_nothing() {
     let picture = Board::new(Known::default()).picture(at(5.0));
     assert!(picture.state.is_none() && picture.scene.is_none() && picture.motion.roll_deg.is_empty());
     assert_eq!(picture.figures.len(), 8);
@@ -61,7 +61,7 @@ fn board_of_nothing_shows_everything_as_unknown() {
 }
 
 #[test]
-fn board_places_drone_and_plan_as_seen_from_the_deck() {
+fn board_places_of_drone_and_plan() {
     let mut board = Board::new(Known::default());
     let drone = DroneState {
         position: [7.0, 24.0, -6.0],
@@ -107,7 +107,7 @@ fn board_places_drone_and_plan_as_seen_from_the_deck() {
 }
 
 #[test]
-fn board_shows_what_the_mission_waits_for_and_that_it_has_fallen_silent() {
+fn board_of_a_waiting_and_a_silent_mission() {
     let mut board = Board::new(Known::default());
     let waiting = Reason::new(ReasonCode::TooFast, 0.45, 0.3);
     board.mission(
@@ -130,7 +130,7 @@ fn board_shows_what_the_mission_waits_for_and_that_it_has_fallen_silent() {
 }
 
 #[test]
-fn board_alarms_at_a_low_battery_an_old_link_and_a_given_up_landing() {
+fn board_alarms() {
     let mut board = Board::new(Known::default());
     let reason = Reason::default();
     board.mission(at(1.0), &autopilot(0.25), &mission(1.0, State::GaveUp, reason));
@@ -156,7 +156,7 @@ fn board_alarms_at_a_low_battery_an_old_link_and_a_given_up_landing() {
 }
 
 #[test]
-fn board_keeps_the_flights_that_it_saw_end() {
+fn board_of_ended_flights() {
     let mut board = Board::new(Known::default());
     let mut step = |t_s: f64, state| {
         board.mission(

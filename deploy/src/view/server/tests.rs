@@ -58,7 +58,7 @@ fn read_until(stream: &mut TcpStream, text: &str) -> String {
 }
 
 #[test]
-fn page_and_its_pictures_come_over_loopback() {
+fn viewers_page_over_loopback() {
     let server = Server::start(served(false)).unwrap();
     let to = server.page();
     let host = format!("Host: {to}\r\n");
@@ -91,7 +91,7 @@ fn page_and_its_pictures_come_over_loopback() {
 }
 
 #[test]
-fn page_has_at_most_1000_lines_and_names_no_other_host() {
+fn viewers_page_size_and_hosts() {
     let files = [
         include_str!("../page/view.html"),
         include_str!("../page/view.css"),
@@ -106,7 +106,7 @@ fn page_has_at_most_1000_lines_and_names_no_other_host() {
 }
 
 #[test]
-fn order_is_refused_without_leave_and_from_any_other_page() {
+fn viewers_order_without_leave_or_from_other_pages() {
     let allowed = Server::start(served(true)).unwrap();
     let to = allowed.page();
     let own = format!("Host: {to}\r\nOrigin: http://{to}\r\n");
@@ -158,7 +158,7 @@ fn order_is_refused_without_leave_and_from_any_other_page() {
 }
 
 #[test]
-fn order_from_our_own_page_is_carried_out_and_answered() {
+fn viewers_order_from_the_own_page() {
     let server = Server::start(served(true)).unwrap();
     let to = server.page();
     let given = std::thread::spawn(move || {
@@ -182,7 +182,7 @@ fn order_from_our_own_page_is_carried_out_and_answered() {
 }
 
 #[test]
-fn viewer_that_does_not_read_holds_nobody_up_and_sees_a_recent_picture_when_it_does() {
+fn viewer_that_does_not_read() {
     let server = Server::start(served(false)).unwrap();
     let to = server.page();
     let mut slow = connect(to);
@@ -241,7 +241,7 @@ fn topics(viewer: &mut Viewer) -> Vec<(u64, String)> {
 }
 
 #[test]
-fn foxglove_viewer_lists_the_topics_of_recordings_and_receives_them_at_their_rates() {
+fn foxglove_viewer_topics_and_rates() {
     let mut watcher = Watcher::start(served(false), Known::default(), &None, false).unwrap();
     let mut viewer = foxglove(watcher.server.foxglove().unwrap());
     let all = topics(&mut viewer);
@@ -308,7 +308,7 @@ fn foxglove_viewer_lists_the_topics_of_recordings_and_receives_them_at_their_rat
 }
 
 #[test]
-fn foxglove_viewer_that_does_not_read_holds_nobody_up() {
+fn foxglove_viewer_that_does_not_read() {
     let mut watcher = Watcher::start(served(false), Known::default(), &None, false).unwrap();
     let mut viewer = foxglove(watcher.server.foxglove().unwrap());
     let all: Vec<String> = topics(&mut viewer)

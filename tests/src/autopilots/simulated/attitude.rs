@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn mixer_gives_the_commanded_moments_when_unsaturated() {
+    fn mixer_moments_unsaturated() {
         for frame in [Frame::QuadX, Frame::HexaX] {
             let mut l = RateLoop::new(&DroneGeometry::default(), frame);
             let wanted = Vector3::new(0.8, -0.5, 0.05);
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn mixer_gives_up_heading_first_and_thrust_next_at_the_upper_limit() {
+    fn mixer_priorities_at_the_upper_limit() {
         let mut l = RateLoop::new(&DroneGeometry::default(), Frame::QuadX);
         let wanted = Vector3::new(4.0, 0.0, 1.0);
         let (thrust, m) = moments(&l, &l.clone().mix(1.0, &wanted));
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn attitude_loop_commands_rates_towards_the_target() {
+    fn attitude_loop_rates_towards_the_target() {
         let config = AutopilotConfig::default();
         let target = AttitudeTarget {
             attitude: UnitQuaternion::from_euler_angles(0.02, -0.01, 1.0),

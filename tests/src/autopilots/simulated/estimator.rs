@@ -1,5 +1,4 @@
-//! The autopilot's sensors and its estimate of its own motion: what flies the drone instead of
-//! the truth.
+//! The autopilot's sensors and its estimate of its own motion, by which it flies.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use rand_chacha::ChaCha8Rng;
@@ -250,7 +249,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn simulated_estimator_states_the_deviations_it_has() {
+    fn simulated_estimator_stated_deviations() {
         let dt = 0.01;
         // A GNSS error that stays the same: what the stated deviation of position leaves out.
         let config = NavigationConfig {

@@ -539,7 +539,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn attitude_target_has_the_thrust_axis_and_the_heading() {
+    fn attitude_target_by_thrust_axis_and_heading() {
         for (x, y, yaw) in [(0.2, -0.3, 1.0), (-0.5, 0.1, -2.5), (0.0, 0.0, 3.0)] {
             let down = Vector3::new(x, y, 1.0).normalize();
             let q = attitude_of(&down, yaw);

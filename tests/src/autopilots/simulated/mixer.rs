@@ -1,5 +1,5 @@
-//! Mixers of PX4 and ArduCopter: rotor commands for a collective thrust and moments, and what gives way when
-//! rotors saturate. All are fractions of a rotor's greatest thrust.
+//! Mixers of PX4 and ArduCopter: rotor commands for a collective thrust and moments, and priorities at
+//! saturation. All are fractions of a rotor's greatest thrust.
 
 use crate::physics::drone::{Frame, MAX_ROTORS};
 
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn mixers_give_what_is_wanted_while_no_rotor_saturates() {
+    fn mixers_without_saturation() {
         for (frame, mixer) in [Frame::QuadX, Frame::HexaX]
             .into_iter()
             .flat_map(|f| [PX4, AIRMODE, COPTER].map(|m| (f, m)))
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn hexarotor_keeps_roll_and_pitch_before_yaw() {
+    fn hexarotor_roll_and_pitch_before_yaw() {
         for mixer in [PX4, AIRMODE, COPTER] {
             let m = mix_of(Frame::HexaX, mixer, 0.9, [0.1, 0.05, 0.5]);
             let [_, roll, pitch, yaw] = given_of(Frame::HexaX, &m);
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn px4_without_air_mode_loses_roll_where_pitch_saturates_at_little_thrust() {
+    fn px4_mixer_without_air_mode_at_little_thrust() {
         // Pitch alone would leave no room; roll, a quarter of it, is given up whole.
         let m = mix(PX4, 0.1, [0.05, 0.2, 0.0]);
         assert!(near(given(&m), [0.1, 0.0, 0.1, 0.0]), "{:?}", given(&m));
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn mixers_give_up_thrust_for_roll_and_pitch_at_the_upper_limit_and_yaw_first() {
+    fn mixers_at_the_upper_limit() {
         for mixer in [PX4, AIRMODE, COPTER] {
             let m = mix(mixer, 1.0, [0.2, 0.0, 0.5]);
             let [thrust, roll, _, yaw] = given(&m);

@@ -1,5 +1,4 @@
-//! The autopilot's end of MAVLink: what it makes of messages, and what it reports, as PX4 and ArduCopter do (denials,
-//! requested rates, parameters, forced disarm).
+//! The autopilot's end of MAVLink, as of PX4 and ArduCopter (denials, requested rates, parameters, forced disarm).
 
 use std::collections::BTreeMap;
 
@@ -166,7 +165,7 @@ impl SimulatedAutopilot {
                         _ => Message::Origin(self.origin),
                     });
                 }
-                let result = self.answer.unwrap_or_else(|| self.obey(c));
+                let result = self.answer.unwrap_or_else(|| self.apply(c));
                 self.outbox.push(Message::CommandAck {
                     command: c.command,
                     result,
@@ -255,7 +254,7 @@ impl SimulatedAutopilot {
         }
     }
 
-    fn obey(&mut self, c: &CommandLong) -> CommandResult {
+    fn apply(&mut self, c: &CommandLong) -> CommandResult {
         let p = c.parameters;
         match c.command {
             command::MESSAGE_INTERVAL => {

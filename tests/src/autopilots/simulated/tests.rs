@@ -1,4 +1,4 @@
-//! The autopilot flies the simulated drone: control, failsafes, character.
+//! Flights of the simulated autopilot: control, failsafes, differences of the firmwares.
 
 use alight_shared::frames::{Deck, Point};
 use alight_shared::geometry::{DeckGeometry, GRAVITY};
@@ -187,7 +187,7 @@ fn position_step_without_much_overshoot() {
 }
 
 #[test]
-fn circle_followed_as_the_firmwares_were_measured_to() {
+fn circle_as_measured_on_the_firmwares() {
     // Circle of 4 m at 2 m/s plus heave 0.5 m / 5 s, with an external plant: PX4 0.146 m rms, ArduCopter 0.080 m.
     for (firmware, limits) in [(Firmware::Px4, 0.01..0.3), (Firmware::ArduCopter, 0.01..0.2)] {
         let mut f = Flown::offboard(&ideal(firmware), 1, Vector3::new(4.0, 0.0, -10.0));
@@ -247,14 +247,14 @@ fn attitude_lag_as_configured() {
     }
 }
 
-/// Tilt (rad) of a drone 0.3 s after it was asked to lean by 0.2 rad, least and most over seeds; before it was sent `first`
+/// Tilt (rad) of a drone 0.3 s after it was commanded to tilt by 0.2 rad, least and most over seeds; before it was sent `first`
 /// for 3 s.
 fn lean_after(firmware: Firmware, first: &Message) -> [f64; 2] {
     let tilts = (0..12).map(|seed| {
         let mut f = Flown::offboard(&ideal(firmware), seed, Vector3::new(0.0, 0.0, -10.0));
         f.fly(3.0, |_| Some(first.clone()));
-        let lean = attitude(0.2, f.a.hover_thrust());
-        f.fly(0.3, |_| Some(lean.clone()));
+        let tilted = attitude(0.2, f.a.hover_thrust());
+        f.fly(0.3, |_| Some(tilted.clone()));
         f.drone.truth().attitude.0.angle()
     });
     tilts.fold([f64::INFINITY, 0.0], |[least, most], t| {
@@ -263,7 +263,7 @@ fn lean_after(firmware: Firmware, first: &Message) -> [f64; 2] {
 }
 
 #[test]
-fn kind_of_set_point_changed_between_two_publications_of_the_control_mode() {
+fn set_point_kind_changed_between_control_modes() {
     let hover = track(Vector3::new(0.0, 0.0, -10.0), [0.0; 3], [0.0; 3]);
     for (firmware, first, late) in [
         (Firmware::Px4, attitude(0.0, 0.34), false),
@@ -312,7 +312,7 @@ fn set_points_lost_and_back() {
 }
 
 #[test]
-fn ardu_copter_levels_without_attitudes() {
+fn ardu_copter_level_without_attitudes() {
     let mut f = Flown::offboard(&ideal(Firmware::ArduCopter), 1, Vector3::new(0.0, 0.0, -20.0));
     let thrust = 0.9 * f.drone.hover_thrust();
     f.fly(1.0, |_| Some(attitude(0.2, thrust)));
@@ -439,7 +439,7 @@ fn streams_at_their_rate_and_denials() {
 }
 
 #[test]
-fn flight_identical_for_a_seed_and_different_between_seeds() {
+fn simulated_autopilot_determinism() {
     let run = |seed: u64| {
         let mut c = DroneConfig::default();
         c.wind.mean_mps = 5.0;

@@ -1,5 +1,5 @@
-//! What the nodes have from data sheets and tape measures, and what is really there: drawn per seed around the
-//! scenario's figures, which are those that the nodes' configurations have.
+//! Parameter errors of the nodes' configurations (data sheets, tape measures): true values drawn per seed
+//! around the scenario's, which are the nodes'.
 //!
 //! Mass, thrust, lever arms, misalignment, biases and the camera's mount are drawn without this, by their own
 //! keys. Each figure has its own random stream `draws/<name>`: one more does not shift the others.
@@ -215,7 +215,7 @@ mod tests {
     use alight_shared::config::{Check, Keys};
 
     #[test]
-    fn draws_are_off_until_asked_for_and_stay_when_drawn() {
+    fn draws_off_and_drawn() {
         let plain = Scenario::default();
         assert_eq!(plain.drawn(3), plain);
         let (mut varied, mut nodes) = (Scenario::default(), NodeConfigs::default());
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn mast_leaves_the_deck_in_world_and_configuration() {
+    fn mast_clear_of_the_deck() {
         let (mut world, mut nodes) = (Scenario::default(), NodeConfigs::default());
         world.differ_from_belief(&mut nodes);
         let antenna = world.sensors.vessel_gnss.antenna_m;
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn draws_lie_in_their_ranges_and_differ_from_the_nodes_figures() {
+    fn draws_within_their_ranges() {
         let (mut varied, mut nodes) = (Scenario::default(), NodeConfigs::default());
         varied.differ_from_belief(&mut nodes);
         let plain = Scenario::default();

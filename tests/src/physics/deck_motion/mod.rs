@@ -1,5 +1,5 @@
-//! What carries the deck: the simulated vessel, one that answers waves as a response table says, or prescribed
-//! motion, recorded or sinusoidal ([`rocking`]).
+//! Motion of the deck: of the simulated vessel, of one that follows a response table, or prescribed, recorded
+//! or sinusoidal ([`rocking`]).
 //!
 //! A recording (CSV) gives roll (starboard down positive), pitch (bow up positive) and any of heave (up
 //! positive), heading, surge and sway at any rate, with jitter, repeated stamps and gaps. Natural cubic

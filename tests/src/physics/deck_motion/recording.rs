@@ -1,4 +1,4 @@
-//! A recording as it comes: read, checked, cleaned of repeated stamps, bridged over gaps.
+//! Recorded motion: read, checked, cleaned of repeated stamps, interpolated over gaps.
 
 mod quality;
 
@@ -39,7 +39,7 @@ const MAX_ROWS: usize = 2_000_000;
 /// Most knots in one gap.
 const MAX_BRIDGE: usize = 2000;
 
-/// Why a recording was refused.
+/// Why a recording was rejected.
 #[derive(Debug, Error)]
 pub enum DeckMotionError {
     /// The file could not be read.

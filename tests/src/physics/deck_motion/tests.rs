@@ -11,7 +11,7 @@ fn play(text: &str, config: &DeckMotionConfig, sea: &Sea) -> Result<RecordedMoti
     let recording = Recording::parse(text.as_bytes(), "test.csv")?;
     RecordedMotion::new(config, recording, &DeckGeometry::default(), sea, &Streams::new(1))
 }
-fn refusal(text: &str) -> String {
+fn rejection(text: &str) -> String {
     play(text, &DeckMotionConfig::default(), &calm())
         .err()
         .map(|e| e.to_string())
@@ -59,7 +59,7 @@ fn assert_consistent(motion: &RecordedMotion, sea: &Sea, seconds: f64) {
 }
 
 #[test]
-fn recorded_motion_has_consistent_derivatives_past_its_end() {
+fn recorded_motion_derivatives_past_its_end() {
     let sea = calm();
     let motion = play(&full(), &DeckMotionConfig::default(), &sea).unwrap();
     assert_consistent(&motion, &sea, 80.0);
@@ -73,7 +73,7 @@ fn recorded_motion_has_consistent_derivatives_past_its_end() {
 }
 
 #[test]
-fn rocking_deck_has_the_configured_amplitude_and_frequency() {
+fn rocking_deck_amplitude_and_frequency() {
     let sea = calm();
     let rocking = RockingConfig {
         roll_rad: 0.4,
@@ -109,18 +109,18 @@ fn rocking_deck_has_the_configured_amplitude_and_frequency() {
         "{peak:?}"
     );
     assert!((35..=37).contains(&crossings), "{crossings} in 40 s at 0.9 Hz");
-    let refused = |c: &DeckMotionConfig| c.check(&Keys::ROOT).is_err();
-    assert!(!refused(&config));
+    let rejected = |c: &DeckMotionConfig| c.check(&Keys::ROOT).is_err();
+    assert!(!rejected(&config));
     let both = DeckMotionConfig {
         file: "both.csv".into(),
         ..config.clone()
     };
     let steep = DeckMotionConfig { scale: 3.0, ..config };
-    assert!(refused(&both) && refused(&steep) && refused(&DeckMotionConfig::default()));
+    assert!(rejected(&both) && rejected(&steep) && rejected(&DeckMotionConfig::default()));
 }
 
 #[test]
-fn recorded_motion_has_the_signs_of_its_columns() {
+fn recorded_motion_signs() {
     let text = "t_s,roll_deg,pitch_deg,heave_m,heading_deg,surge_m,sway_m\n";
     let rows: String = (0..40)
         .map(|i| {
@@ -163,7 +163,7 @@ fn recorded_motion_has_the_signs_of_its_columns() {
 }
 
 #[test]
-fn recorded_motion_loses_its_mean_tilt_unless_kept_and_scales_deviations() {
+fn recorded_motion_mean_tilt_and_scale() {
     let sea = calm();
     let mean = |config: &DeckMotionConfig| {
         let m = play(&full(), config, &sea).unwrap();
@@ -193,7 +193,7 @@ fn recorded_motion_loses_its_mean_tilt_unless_kept_and_scales_deviations() {
 }
 
 #[test]
-fn recorded_heading_passes_south_without_a_jump() {
+fn recorded_heading_through_south() {
     let sea = calm();
     let motion = play(&full(), &DeckMotionConfig::default(), &sea).unwrap();
     for i in 0..3000 {
@@ -203,7 +203,7 @@ fn recorded_heading_passes_south_without_a_jump() {
 }
 
 #[test]
-fn recorded_motion_stays_bounded_over_repeated_stamps_and_gaps() {
+fn recorded_motion_with_repeated_stamps_and_gaps() {
     let mut text = String::from("t_s,roll_deg,pitch_deg\n");
     for i in 0..600 {
         let t = 0.1 * f64::from(i);
@@ -239,7 +239,7 @@ fn recorded_motion_stays_bounded_over_repeated_stamps_and_gaps() {
 }
 
 #[test]
-fn recorded_motion_without_heave_takes_it_smoothly_from_the_sea() {
+fn recorded_motion_without_heave() {
     let sea = Sea::new(&SeaConfig::paper(0.2, 5.0), &Streams::new(4));
     let text: String = full()
         .lines()
@@ -264,7 +264,7 @@ fn recorded_motion_without_heave_takes_it_smoothly_from_the_sea() {
 }
 
 #[test]
-fn recording_with_a_bad_row_is_rejected_with_its_line() {
+fn recording_with_a_bad_row() {
     let good = "t_s,roll_deg,pitch_deg\n0,1,2\n1,1,2\n2,2,1\n";
     for (row, why) in [
         ("3,x,2", "not a number"),
@@ -276,22 +276,22 @@ fn recording_with_a_bad_row_is_rejected_with_its_line() {
         ("1.5,1,2", "before"),
         ("3,95,2", "allowed"),
     ] {
-        let e = refusal(&format!("{good}{row}\n4,1,1\n"));
+        let e = rejection(&format!("{good}{row}\n4,1,1\n"));
         assert!(e.contains("test.csv, line 5") && e.contains(why), "{row}: {e}");
     }
     // Empty lines count too.
-    let e = refusal("t_s,roll_deg,pitch_deg\n\n0,1,2\n\n1,bad,2\n");
+    let e = rejection("t_s,roll_deg,pitch_deg\n\n0,1,2\n\n1,bad,2\n");
     assert!(e.contains("line 5"), "{e}");
 }
 
 #[test]
-fn recording_with_a_bad_header_or_too_few_rows_is_rejected() {
-    assert!(refusal("").contains("t_s"));
-    assert!(refusal("t_s,roll_deg\n0,1\n").contains("pitch_deg` is missing"));
-    assert!(refusal("t_s,roll_deg,pitch_deg,heave\n").contains("unknown column `heave`"));
-    assert!(refusal("t_s,roll_deg,pitch_deg,roll_deg\n").contains("twice"));
-    assert!(refusal("t_s,roll_deg,pitch_deg\n0,1,1\n1,1,1\n").contains("too few"));
-    assert!(refusal("t_s,roll_deg,pitch_deg\n1,1,1\n1,2,1\n1,1,1\n1,1,2\n1,1,2\n").contains("too few"));
+fn recording_with_a_bad_header_or_too_few_rows() {
+    assert!(rejection("").contains("t_s"));
+    assert!(rejection("t_s,roll_deg\n0,1\n").contains("pitch_deg` is missing"));
+    assert!(rejection("t_s,roll_deg,pitch_deg,heave\n").contains("unknown column `heave`"));
+    assert!(rejection("t_s,roll_deg,pitch_deg,roll_deg\n").contains("twice"));
+    assert!(rejection("t_s,roll_deg,pitch_deg\n0,1,1\n1,1,1\n").contains("too few"));
+    assert!(rejection("t_s,roll_deg,pitch_deg\n1,1,1\n1,2,1\n1,1,1\n1,1,2\n1,1,2\n").contains("too few"));
     let steep = DeckMotionConfig {
         scale: 15.0,
         ..DeckMotionConfig::default()
@@ -323,7 +323,7 @@ fn tank() -> Recording {
 
 #[test]
 #[ignore = "needs ../shared/data/tank-platform.csv beside the project"]
-fn tank_recording_plays_at_twice_its_size_without_a_mean_tilt() {
+fn tank_recording_at_twice_its_size() {
     let recording = tank();
     assert_eq!(recording.gaps, 0);
     assert!(
@@ -362,14 +362,14 @@ fn tank_recording_plays_at_twice_its_size_without_a_mean_tilt() {
 
 proptest! {
     #[test]
-    fn recording_of_any_text_is_played_or_rejected(text in "(t_s|roll_deg|pitch_deg|heave_m|[0-9.,eE+-]|\n|,|nan){0,80}") {
+    fn recording_of_any_text(text in "(t_s|roll_deg|pitch_deg|heave_m|[0-9.,eE+-]|\n|,|nan){0,80}") {
         if let Err(e) = play(&text, &DeckMotionConfig::default(), &calm()) {
             prop_assert!(!e.to_string().is_empty());
         }
     }
 
     #[test]
-    fn recording_of_any_numbers_is_played_finite_or_rejected(
+    fn recording_of_any_numbers(
         rows in prop::collection::vec((0.0..3.0_f64, -80.0..80.0_f64, -50.0..50.0_f64), 2..40),
         start in 0.0..60.0_f64,
     ) {
@@ -392,7 +392,7 @@ proptest! {
 }
 
 #[test]
-fn start_behind_the_end_is_an_error_and_starting_over_is_said() {
+fn recording_start_behind_its_end() {
     let late = DeckMotionConfig {
         start_s: 500.0,
         ..DeckMotionConfig::default()
@@ -413,7 +413,7 @@ fn start_behind_the_end_is_an_error_and_starting_over_is_said() {
 }
 
 #[test]
-fn water_follows_a_recorded_heave_when_told_to() {
+fn water_with_a_recorded_heave() {
     let sea = calm();
     for (follows, rises) in [(false, false), (true, true)] {
         let config = DeckMotionConfig {

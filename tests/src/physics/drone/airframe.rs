@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn rotor_moments_have_the_signs_of_the_layout() {
+    fn rotor_moment_signs() {
         let mut a = airframe(1);
         let moment = |a: &mut Airframe, [a1, a2, a3, a4]: [f64; 4]| {
             a.spin(Some(&[a1, a2, a3, a4, 0.0, 0.0]), 10.0);
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn hover_thrust_balances_gravity_and_errors_are_bounded_and_drawn() {
+    fn hover_thrust_and_drawn_errors() {
         let mut masses = Vec::new();
         for seed in 0..50 {
             let mut a = airframe(seed);
@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn ground_effect_follows_cheeseman_and_bennett_over_the_deck_only() {
+    fn ground_effect_of_cheeseman_and_bennett() {
         let mut a = airframe(3);
         a.spin_up();
         let (centre, turn) = (Vector3::zeros(), UnitQuaternion::identity());
@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn rotor_speed_lags_with_its_time_constant() {
+    fn rotor_speed_lag() {
         let mut a = airframe(4);
         a.spin(Some(&[0.25; MAX_ROTORS]), 10.0);
         for _ in 0..15 {
@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn torque_free_tumbling_keeps_energy_and_angular_momentum() {
+    fn torque_free_tumbling() {
         let mut a = airframe(5);
         a.inertia = Vector3::new(0.09, 0.13, 0.19);
         let mut m = at(100.0);

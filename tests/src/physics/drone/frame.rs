@@ -1,4 +1,4 @@
-//! Frames: where the rotors are and which way they turn.
+//! Frames: places of the rotors and their directions of rotation.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,4 @@
-//! The drone as truth: rigid body, rotors, wind, contact. Who turns its rotors is in [`crate::autopilots`].
+//! The drone as truth: rigid body, rotors, wind, contact. Its autopilot is in [`crate::autopilots`].
 //!
 //! [`SimulatedDrone::step`] advances one tick in sub-steps of at most 2 ms: wind, rotors, forces, contact. Free flight is integrated in double precision; near the deck rapier3d solves contact.
 

@@ -1,6 +1,5 @@
-//! What a vessel does to the wind that blows over its deck: the boundary layer on the plate, and the wakes of what stands
-//! around it. All in the deck's axes (forward, right, down from its centre), m and m/s; the wind is that relative to the
-//! deck.
+//! Wind over the deck: the boundary layer on the plate, and the wakes of what stands around it. All in the deck's axes
+//! (forward, right, down from its centre), m and m/s; the wind is that relative to the deck.
 
 use alight_shared::surroundings::KeepOut;
 use nalgebra::{Vector2, Vector3};
@@ -192,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn wake_ends_at_its_sides_and_top() {
+    fn wake_sides_and_top() {
         assert!(aft(-2.5, 0.0, 1.0).is_none(), "ahead of the box");
         assert!(aft(2.0, 3.0, 1.0).is_none() && aft(2.0, 0.0, 4.0).is_none());
         let (middle, edge) = (aft(2.0, 0.0, 0.5).unwrap(), aft(2.0, 1.7, 0.5).unwrap());

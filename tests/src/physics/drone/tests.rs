@@ -78,7 +78,7 @@ fn still(position: Vector3<f64>, roll: f64, pitch: f64) -> Motion {
 }
 
 #[test]
-fn contact_bounce_matches_the_coefficient_of_restitution() {
+fn contact_restitution() {
     for (speed, e) in [(0.5_f64, 0.3), (1.0, 0.3), (2.0, 0.3), (1.0, 0.6)] {
         let mut c = ideal();
         c.contact.restitution = e;
@@ -113,7 +113,7 @@ fn contact_bounce_matches_the_coefficient_of_restitution() {
 }
 
 #[test]
-fn contact_friction_holds_at_10_deg_and_slides_at_30() {
+fn contact_friction_at_10_and_30_deg() {
     for (tilt, slides) in [(10.0_f64, false), (15.0, false), (30.0, true)] {
         let deck = deck_at(Vector3::zeros(), tilt.to_radians(), 0.0);
         let mut w = drone(&ideal(), 1, Vector3::zeros());
@@ -150,7 +150,7 @@ fn on_holding_deck(config: &DroneConfig, hold_n: f64, tilt: f64) -> (SimulatedDr
 }
 
 #[test]
-fn hold_adds_to_friction_along_the_deck() {
+fn hold_along_the_deck() {
     // On 30 deg at 0.4: 34.3 sin 30 = 17.2 N need 0.4 (34.3 cos 30 + hold), hold = 13.2 N.
     for (hold_n, slides) in [(9.0, true), (18.0, false)] {
         let (mut w, deck) = on_holding_deck(&ideal(), hold_n, 30.0);
@@ -162,7 +162,7 @@ fn hold_adds_to_friction_along_the_deck() {
 }
 
 #[test]
-fn hold_ends_with_a_greater_pull() {
+fn hold_under_a_greater_pull() {
     for (pull_n, leaves) in [(15.0, false), (25.0, true)] {
         let (mut w, deck) = on_holding_deck(&ideal(), 20.0, 0.0);
         let fraction = (w.airframe.mass * GRAVITY + pull_n) / (4.0 * w.airframe.rotor_max);
@@ -178,7 +178,7 @@ fn hold_ends_with_a_greater_pull() {
 }
 
 #[test]
-fn parked_drone_slides_by_drag_and_friction() {
+fn parked_drone_under_drag_and_friction() {
     // At 0.1 friction holds 3.4 N: 0.05 N/(m/s)² times the square of 8.1 m/s at the least.
     for (mean_mps, slides) in [(9.0, false), (13.0, true)] {
         let mut c = ideal();
@@ -202,7 +202,7 @@ fn parked_drone_slides_by_drag_and_friction() {
 }
 
 #[test]
-fn contact_sliding_deceleration_is_that_of_coulomb() {
+fn contact_sliding_deceleration() {
     // 1.5 m/s sideways, level deck: a = mu g until it stops after v²/(2 mu g) = 0.287 m.
     let deck = deck_at(Vector3::zeros(), 0.0, 0.0);
     let mut w = drone(&ideal(), 1, Vector3::zeros());
@@ -218,7 +218,7 @@ fn contact_sliding_deceleration_is_that_of_coulomb() {
 }
 
 #[test]
-fn drone_tips_over_when_dropped_at_45_deg() {
+fn drone_dropped_at_45_deg() {
     let deck = deck_at(Vector3::zeros(), 0.0, 0.0);
     // Wide enough that it comes to rest on it.
     let wide = DeckGeometry {
@@ -237,7 +237,7 @@ fn drone_tips_over_when_dropped_at_45_deg() {
 }
 
 #[test]
-fn drone_rests_on_a_rocking_deck_and_moves_with_it() {
+fn drone_at_rest_on_a_rocking_deck() {
     // Roll 8 deg / 5 s, heave 0.5 m / 5 s, surge 1 m/s: the rest must follow without creep.
     let deck = |t: f64| {
         let w = core::f64::consts::TAU / 5.0;
@@ -288,7 +288,7 @@ fn drone_rests_on_a_rocking_deck_and_moves_with_it() {
 }
 
 #[test]
-fn free_fall_has_no_jump_at_the_hand_over_to_rapier() {
+fn free_fall_across_the_hand_over_to_rapier() {
     // Falls past the deck's edge: rapier is asked near it, but nothing touches.
     let deck = deck_at(Vector3::new(123.0, 45.0, -1.3), 0.05, 0.1);
     let mut c = ideal();
@@ -309,7 +309,7 @@ fn free_fall_has_no_jump_at_the_hand_over_to_rapier() {
 }
 
 #[test]
-fn rapier_agrees_with_the_free_flight_where_it_is_asked() {
+fn rapier_against_free_flight() {
     // One sub-step of rapier with nothing in reach against the same in double precision.
     let mut w = drone(&ideal(), 1, Vector3::zeros());
     let m = Motion {
@@ -337,7 +337,7 @@ fn rapier_agrees_with_the_free_flight_where_it_is_asked() {
 }
 
 #[test]
-fn contact_energy_never_grows_while_the_drone_bounces_to_rest() {
+fn contact_energy_while_bouncing_to_rest() {
     let deck = deck_at(Vector3::zeros(), 0.1, -0.05);
     let mut w = drone(&ideal(), 1, Vector3::zeros());
     let mut m = still(Vector3::new(0.1, 0.0, -0.7), 0.15, -0.1);
@@ -361,14 +361,14 @@ fn contact_energy_never_grows_while_the_drone_bounces_to_rest() {
 }
 
 #[test]
-fn drone_is_in_water_when_a_foot_is_below_the_surface() {
+fn foot_below_the_water_surface() {
     let mut w = drone(&ideal(), 1, Vector3::new(0.0, 0.0, -5.0));
     assert!(!tick(&mut w, 0.0, &nowhere(), &nowhere(), -4.6).in_water);
     assert!(tick(&mut w, DT, &nowhere(), &nowhere(), -4.8).in_water);
 }
 
 #[test]
-fn drone_configuration_survives_toml_and_rejects_nonsense() {
+fn drone_configuration_toml_and_rejection() {
     let c = DroneConfig::default();
     let text = toml::to_string(&c).unwrap();
     let back: DroneConfig = alight_shared::config::parse(&text, "test").unwrap();

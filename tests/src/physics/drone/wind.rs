@@ -1,4 +1,4 @@
-//! Wind over the water: a mean that falls towards it, Dryden gusts, and what the vessel makes of both over her deck.
+//! Wind over the water: a mean that falls towards it, Dryden gusts, and the vessel's effect on both over her deck.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::surroundings::KeepOut;
@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn dryden_gusts_have_the_specified_standard_deviation() {
+    fn dryden_gust_standard_deviation() {
         let (mean, sd) = spread(10.0, 6.096, &over(&[], FAR));
         // At h = 20 ft: sigma_w = 0.1 W20, sigma_u = sigma_w / (0.177 + 0.01646)^0.4 = 0.1929 W20; W20 = 9.556 m/s.
         let w20 = 9.556;
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn wind_without_a_mean_is_still_air() {
+    fn wind_without_a_mean() {
         let (mean, sd) = spread(0.0, 10.0, &over(&[], FAR));
         assert_eq!((mean, sd), (Vector3::zeros(), Vector3::zeros()));
     }

@@ -1,4 +1,4 @@
-//! Which sea: the paper's three-component sea, an irregular sea by spectrum, or calm water.
+//! Kinds of sea: the paper's three-component sea, an irregular sea by spectrum, or calm water.
 
 use core::f64::consts::TAU;
 use core::str::FromStr;
@@ -291,7 +291,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sea_argument_accepts_wave_systems() {
+    fn sea_argument_with_wave_systems() {
         let sea: SeaConfig = "jonswap:0.8,4.5+pm:1,8@60".parse().unwrap();
         let [wind, swell] = &sea.systems[..] else {
             panic!("two systems");
@@ -320,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn sea_states_have_the_heights_of_their_class_and_a_wind_that_raises_them() {
+    fn sea_state_heights_and_winds() {
         let limits = [0.0, 0.1, 0.5, 1.25, 2.5, 4.0];
         // Sustained wind of the state, kn (Bales 1983, STANAG 4194), at 19.5 m.
         let wind_kn = [3.0, 8.5, 13.5, 19.0, 24.5];
@@ -336,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn sea_argument_accepts_names_and_pairs_and_rejects_the_rest_with_a_hint() {
+    fn sea_argument_names_pairs_and_rejection() {
         let rough: SeaConfig = "rough".parse().unwrap();
         assert_eq!((rough.amplitude_m, rough.period_s), (0.8, 5.0));
         assert_eq!("0.8,5".parse::<SeaConfig>().unwrap(), rough);
@@ -350,7 +350,7 @@ mod tests {
     }
 
     #[test]
-    fn sea_default_survives_toml() {
+    fn sea_toml_round_trip() {
         let text = toml::to_string(&SeaConfig::default()).unwrap();
         let back: SeaConfig = alight_shared::config::parse(&text, "test").unwrap();
         assert_eq!(back, SeaConfig::default());

@@ -76,7 +76,7 @@ pub struct WaterSample {
     pub velocity: Vector3<f64>,
     /// Acceleration of the water particle, NED, m/s².
     pub acceleration: Vector3<f64>,
-    /// `sum A cos(theta) exp(-k h)`, m: the elevation felt at depth.
+    /// `sum A cos(theta) exp(-k h)`, m: the effective elevation at depth.
     pub elevation_at_depth_m: f64,
 }
 

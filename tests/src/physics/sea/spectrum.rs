@@ -84,7 +84,7 @@ mod tests {
     use crate::physics::streams::Streams;
 
     #[test]
-    fn jonswap_spectrum_peaks_at_the_peak_frequency() {
+    fn jonswap_spectrum_peak() {
         let s = |w| jonswap_shape(w, 1.2, 3.3);
         for i in 1..400 {
             assert!(s(0.01 * f64::from(i)) <= s(1.2) * (1.0 + 1e-12));
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn component_frequencies_follow_the_energy_and_do_not_repeat() {
+    fn component_frequencies_by_energy() {
         let mut rng = Streams::new(3).stream("sea");
         let w = frequencies(1.2, 3.3, 24, &mut rng);
         assert!(w.windows(2).all(|p| p[0] < p[1]), "{w:?}");
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn directional_spread_has_the_circular_variance_of_its_exponent() {
+    fn directional_spread_variance() {
         let mut rng = Streams::new(3).stream("sea");
         let n = 20_000;
         let mean_cos = (0..n).map(|_| direction(10.0, &mut rng).cos()).sum::<f64>() / f64::from(n);

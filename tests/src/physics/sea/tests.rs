@@ -17,7 +17,7 @@ fn irregular_sea(seed: u64) -> Sea {
 }
 
 #[test]
-fn paper_sea_has_three_components_scaled_and_turned() {
+fn paper_sea_components() {
     for seed in 0..50 {
         let sea = paper(0.5, 5.0, seed);
         let [short, middle, long] = sea.components() else {
@@ -34,7 +34,7 @@ fn paper_sea_has_three_components_scaled_and_turned() {
 }
 
 #[test]
-fn paper_sea_has_the_published_slopes_and_speeds() {
+fn paper_sea_slopes_and_speeds() {
     // paper-facts section 7: for 0.5 m, 5 s crest to trough up to about 3 m, slope up to 13.8 deg,
     // vertical speed up to 1.9 m/s. These are upper ends: no seed may exceed them by much, some come near.
     let (mut slope, mut range, mut speed) = (0.0_f64, 0.0_f64, 0.0_f64);
@@ -55,7 +55,7 @@ fn paper_sea_has_the_published_slopes_and_speeds() {
 }
 
 #[test]
-fn sea_surface_at_a_place_is_that_of_its_particles() {
+fn sea_surface_against_particles() {
     // Lay out particles by their labels (Lagrangian, no solving) and ask for the surface where they are.
     for (sea, tolerance) in [
         (paper(0.8, 5.0, 1), 2e-3),
@@ -85,7 +85,7 @@ fn sea_surface_at_a_place_is_that_of_its_particles() {
 }
 
 #[test]
-fn sea_slope_is_the_gradient_of_its_elevation() {
+fn sea_slope_against_elevation_gradient() {
     for sea in [paper(0.8, 5.0, 4), irregular_sea(4)] {
         for i in 0..100 {
             let (n, e, t) = (1.7 * f64::from(i), 40.0 - f64::from(i), at(0.31 * f64::from(i)));
@@ -99,7 +99,7 @@ fn sea_slope_is_the_gradient_of_its_elevation() {
 }
 
 #[test]
-fn sea_surface_is_normal_to_its_pressure_gradient() {
+fn sea_surface_against_pressure_gradient() {
     // At the free surface of a Gerstner wave g - a is normal to the surface.
     let sea = Sea::regular(0.8, 40.0, 0.6);
     for i in 0..100 {
@@ -111,7 +111,7 @@ fn sea_surface_is_normal_to_its_pressure_gradient() {
 }
 
 #[test]
-fn sea_pressure_is_zero_at_the_surface_and_hydrostatic_far_below() {
+fn sea_pressure_at_the_surface_and_far_below() {
     let sea = paper(0.5, 5.0, 7);
     let t = at(12.3);
     let up = sea.elevation(t, 4.0, 5.0);
@@ -129,7 +129,7 @@ fn sea_pressure_is_zero_at_the_surface_and_hydrostatic_far_below() {
 }
 
 #[test]
-fn irregular_seas_have_their_height_and_do_not_repeat() {
+fn irregular_sea_heights() {
     let sea = irregular_sea(5);
     assert!((4.0 * sea.variance().sqrt() - 2.0).abs() < 1e-9);
     let z: Vec<f64> = (0..12_000)
@@ -152,7 +152,7 @@ fn irregular_seas_have_their_height_and_do_not_repeat() {
 }
 
 #[test]
-fn steep_sea_is_made_loop_free() {
+fn steep_sea_without_loops() {
     let mut config = SeaConfig {
         kind: SeaKind::PiersonMoskowitz,
         significant_height_m: 6.0,
@@ -172,7 +172,7 @@ fn steep_sea_is_made_loop_free() {
 }
 
 #[test]
-fn sea_is_a_function_of_its_seed_and_calm_is_still() {
+fn sea_determinism_and_calm() {
     assert_eq!(paper(0.5, 5.0, 9).components(), paper(0.5, 5.0, 9).components());
     assert_ne!(paper(0.5, 5.0, 9).components(), paper(0.5, 5.0, 10).components());
     let calm = Sea::new(&SeaConfig::paper(0.0, 5.0), &Streams::new(1));

@@ -51,7 +51,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn fast_sin_cos_matches_the_standard_library() {
+    fn fast_sin_cos_against_the_standard_library() {
         for i in -40_000..40_000 {
             let x = 0.001_7 * f64::from(i);
             let (s, c) = sin_cos(x);

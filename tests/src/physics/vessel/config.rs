@@ -1,4 +1,4 @@
-//! The simulated vessel's figures.
+//! Parameters of the simulated vessel.
 
 use alight_shared::config;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! The vessel's own autopilot: course and speed by two engines, or what holds it in place. It is part of the world.
+//! The vessel's own autopilot: course and speed by two engines, or station keeping. It is part of the world.
 
 use core::f64::consts::FRAC_PI_2;
 

@@ -1,4 +1,4 @@
-//! Two half-cylinder hulls, cut into sections: submerged area of a section and where it acts.
+//! Two half-cylinder hulls, cut into sections: submerged area of a section and its centroid.
 
 use nalgebra::Vector3;
 
@@ -104,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn hull_segment_area_is_the_integral_of_its_widths() {
+    fn hull_segment_area() {
         let r = 0.213;
         for depth in [0.01, 0.089, 0.15, 0.213, 0.5] {
             let (area, lever_arm) = segment(r, depth);
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn default_hull_floats_as_published() {
+    fn draught_of_the_default_hull() {
         // Published for fresh water: draft 0.089 m, heave stiffness 33 kN/m, roll 35 kNm/rad.
         let h = Hull::new(&VesselConfig::default(), 9.806_65);
         assert!((h.draft - 0.089).abs() < 0.003, "{}", h.draft);

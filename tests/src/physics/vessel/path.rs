@@ -1,6 +1,6 @@
-//! The mean path of a vessel on each course: where it is, how fast, and where its bow points without the waves.
-//! Twice differentiable: heading and speed change by a quintic step, or swing by sines. What a seed draws of a course
-//! comes from the stream `vessel/course`.
+//! Mean path of a vessel on each course: place, speed and heading without the waves. Twice differentiable: heading
+//! and speed change by a quintic step, or swing by sines. What a seed draws of a course comes from the stream
+//! `vessel/course`.
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 
@@ -405,7 +405,7 @@ mod tests {
     }
 
     #[test]
-    fn velocity_is_the_derivative_of_the_place_on_every_course() {
+    fn path_velocity_on_every_course() {
         for course in Course::ALL {
             for seed in 0..6 {
                 let path = path_of(course, seed);
@@ -429,7 +429,7 @@ mod tests {
     }
 
     #[test]
-    fn moored_vessel_stays_at_its_place_and_swings() {
+    fn moored_vessel_path() {
         for (course, near, swing) in [
             (Course::StationKeeping, 4.0, [0.1, 0.5]),
             (Course::Anchored, 22.0, [0.6, 1.5]),
@@ -449,7 +449,7 @@ mod tests {
     }
 
     #[test]
-    fn zigzag_makes_way_along_its_mean_course() {
+    fn zigzag_path() {
         for seed in 0..20 {
             let end = path_of(Course::Zigzag, seed).at(200.0).position;
             let along = turned(end, -0.4);
@@ -458,7 +458,7 @@ mod tests {
     }
 
     #[test]
-    fn open_turn_begins_within_six_seconds_once() {
+    fn open_turn_within_six_seconds() {
         let (mut sides, mut angles) = ([0; 2], [f64::MAX, 0.0]);
         for seed in 0..40 {
             let config = VesselConfig {

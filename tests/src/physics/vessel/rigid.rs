@@ -70,7 +70,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn coriolis_matrix_is_skew_symmetric_and_equals_the_applied_term(x in prop::array::uniform6(-5.0..5.0_f64)) {
+        fn coriolis_matrix_skew_symmetry(x in prop::array::uniform6(-5.0..5.0_f64)) {
             let nu = Vector6::from(x);
             let m = masses();
             let c = coriolis_matrix(&m, &nu);
@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn free_rigid_body_keeps_energy_and_momentum() {
+    fn free_rigid_body_energy_and_momentum() {
         // nu' = -M^-1 C nu, RK4; kinetic energy 0.5 nu' M nu and the world's linear momentum stay.
         let m = masses();
         let inverse = m.try_inverse().unwrap();

@@ -22,7 +22,7 @@ fn run(vessel: &mut Vessel, sea: &Sea, seconds: f64, mut see: impl FnMut(f64, &R
 }
 
 #[test]
-fn vessel_floats_level_and_still_on_calm_water() {
+fn vessel_on_calm_water() {
     let sea = calm();
     let mut vessel = Vessel::new(&heading_north(), &sea, &Streams::new(1));
     run(&mut vessel, &sea, 20.0, |_, _| {});
@@ -33,7 +33,7 @@ fn vessel_floats_level_and_still_on_calm_water() {
 }
 
 #[test]
-fn vessel_natural_periods_are_those_of_a_stiff_boat() {
+fn vessel_natural_periods() {
     // Released 3 cm too high, or tilted by 2 deg, with little damping: periods by zero crossings.
     let sea = calm();
     let config = VesselConfig {
@@ -68,7 +68,7 @@ fn vessel_natural_periods_are_those_of_a_stiff_boat() {
 }
 
 #[test]
-fn vessel_follows_long_waves_as_a_water_particle_and_lies_on_their_slope() {
+fn vessel_in_long_waves() {
     // 160 m long, 0.8 m high: ratio to the hull 33.
     let sea = Sea::regular(0.8, 160.0, 0.5);
     let config = VesselConfig {
@@ -94,7 +94,7 @@ fn vessel_follows_long_waves_as_a_water_particle_and_lies_on_their_slope() {
 }
 
 #[test]
-fn vessel_without_sideways_coupling_hardly_surges_in_waves() {
+fn vessel_without_sideways_coupling() {
     let sea = Sea::regular(0.8, 80.0, 0.0);
     let reach = |coupling: f64| {
         let config = VesselConfig {
@@ -113,7 +113,7 @@ fn vessel_without_sideways_coupling_hardly_surges_in_waves() {
 }
 
 #[test]
-fn vessel_moves_in_all_six_degrees_of_freedom_in_waves() {
+fn vessel_degrees_of_freedom_in_waves() {
     let sea = Sea::new(&SeaConfig::default(), &Streams::new(5));
     let mut vessel = Vessel::new(&VesselConfig::default(), &sea, &Streams::new(5));
     let mut sums = [0.0_f64; 6];
@@ -130,7 +130,7 @@ fn vessel_moves_in_all_six_degrees_of_freedom_in_waves() {
 }
 
 #[test]
-fn vessel_velocities_and_accelerations_are_derivatives_of_its_motion() {
+fn vessel_motion_derivatives() {
     let sea = Sea::new(&SeaConfig::paper(0.8, 5.0), &Streams::new(2));
     let mut vessel = Vessel::new(&VesselConfig::default(), &sea, &Streams::new(2));
     let mut last: Vec<RigidState<VesselBody>> = Vec::new();
@@ -152,7 +152,7 @@ fn vessel_velocities_and_accelerations_are_derivatives_of_its_motion() {
 }
 
 #[test]
-fn vessel_stays_bounded_for_ten_minutes_of_very_rough_and_steep_irregular_seas() {
+fn vessel_in_ten_minutes_of_steep_seas() {
     let irregular = SeaConfig {
         kind: SeaKind::Jonswap,
         significant_height_m: 3.0,
@@ -180,7 +180,7 @@ fn vessel_stays_bounded_for_ten_minutes_of_very_rough_and_steep_irregular_seas()
 }
 
 #[test]
-fn vessel_autopilot_holds_course_and_speed_in_waves() {
+fn vessel_autopilot_in_waves() {
     let sea = Sea::new(&SeaConfig::paper(0.5, 5.0), &Streams::new(3));
     let config = VesselConfig {
         course: Course::Straight,
@@ -197,7 +197,7 @@ fn vessel_autopilot_holds_course_and_speed_in_waves() {
 }
 
 #[test]
-fn vessel_square_course_at_2_mps_has_four_legs_of_20_s() {
+fn vessel_square_course_at_2_mps() {
     let sea = calm();
     let config = VesselConfig {
         course: Course::Square,
@@ -218,7 +218,7 @@ fn vessel_square_course_at_2_mps_has_four_legs_of_20_s() {
 }
 
 #[test]
-fn hull_of_sections_follows_the_mean_path_of_every_new_course_in_waves() {
+fn vessel_mean_path_on_every_course() {
     let sea = Sea::new(&SeaConfig::paper(0.4, 5.0), &Streams::new(3));
     for course in [
         Course::Zigzag,
@@ -265,7 +265,7 @@ fn hull_of_sections_follows_the_mean_path_of_every_new_course_in_waves() {
 }
 
 #[test]
-fn vessel_is_bit_identical_for_a_seed_and_differs_between_seeds() {
+fn vessel_determinism() {
     let go = |seed| {
         let sea = Sea::new(&SeaConfig::default(), &Streams::new(seed));
         let mut vessel = Vessel::new(&VesselConfig::default(), &sea, &Streams::new(seed));
@@ -277,7 +277,7 @@ fn vessel_is_bit_identical_for_a_seed_and_differs_between_seeds() {
 }
 
 #[test]
-fn vessel_default_survives_toml_and_bad_values_are_named() {
+fn vessel_toml_and_bad_values() {
     use alight_shared::config::parse;
     let text = toml::to_string(&VesselConfig::default()).unwrap();
     assert_eq!(
@@ -299,7 +299,7 @@ fn vessel_default_survives_toml_and_bad_values_are_named() {
 proptest::proptest! {
     #![proptest_config(proptest::prelude::ProptestConfig::with_cases(24))]
     #[test]
-    fn vessel_of_any_allowed_configuration_stays_finite_in_any_allowed_sea(
+    fn vessel_of_any_configuration_in_any_sea(
         mass in 60.0..450.0_f64, damping in 0.0..2.0_f64, radius in 0.0..1.0_f64,
         amplitude in 0.0..1.2_f64, period in 5.0..12.0_f64, coupling in 0.0..1.0_f64, seed in 0_u64..1000,
     ) {

@@ -70,7 +70,7 @@ fn ages(loss: f64, congestion: Congestion) -> [f64; 2] {
 }
 
 #[test]
-fn stream_ages_are_those_of_a_running_kernel() {
+fn stream_ages_against_a_kernel() {
     // Linux 6.18 over the link emulator, the same messages and delays, TCP_NODELAY, 1, 3 and 11 runs of 20
     // to 90 s: medians of the runs' medians and 95th percentiles.
     let measured = [
@@ -94,14 +94,14 @@ fn stream_ages_are_those_of_a_running_kernel() {
 }
 
 #[test]
-fn stream_without_loss_takes_the_delay() {
+fn stream_without_loss() {
     let (got, dropped) = run(&config(0.0), 1, 500, 300);
     assert_eq!((got.len(), dropped), (500, 0));
     assert!(got.iter().all(|g| (g.1 - 0.05).abs() < 1e-6));
 }
 
 #[test]
-fn stream_with_loss_delivers_everything_once_in_order() {
+fn stream_with_loss() {
     let (got, dropped) = run(&config(0.1), 2, 3000, 1024);
     assert_eq!(got.len() as u64 + dropped, 3000);
     assert!(got.windows(2).all(|w| w[0].0 < w[1].0), "out of order");
@@ -113,7 +113,7 @@ fn stream_with_loss_delivers_everything_once_in_order() {
 }
 
 #[test]
-fn stream_buffer_bounds_what_waits_over_an_outage() {
+fn stream_buffer_over_an_outage() {
     let config = RadioConfig {
         outages_s: crate::sensors::noise::Windows(vec![[5.0, 8.0]]),
         stream_buffer_bytes: 6000,

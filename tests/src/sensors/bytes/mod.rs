@@ -1,5 +1,5 @@
-//! What a vessel's sensors put on their wires: the measurements of [`super::VesselSensors`] as bytes of NMEA 0183,
-//! UBX or MAVLink, for the program that a vessel installs.
+//! Bytes of a vessel's sensors on their wires: the measurements of [`super::VesselSensors`] as NMEA 0183, UBX or
+//! MAVLink, for the program that a vessel installs.
 //!
 //! Written from the makers' layouts, checksums included, and apart from the decoders of `alight_usv`: an error that
 //! writer and reader shared would not be seen.

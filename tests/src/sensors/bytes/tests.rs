@@ -78,7 +78,7 @@ fn mavlink_frame_of_a_known_heartbeat() {
 }
 
 #[test]
-fn sources_share_the_kinds_of_measurements() {
+fn kinds_of_measurements_of_each_source() {
     use Format::{Mavlink, Nmea, Ubx};
     let who = |formats: &[Format]| {
         let all = Carries::assign(formats)?;
@@ -112,7 +112,7 @@ fn read(format: Format, mount: &Mount, bytes: &[u8]) -> Vec<SourceMeasurement> {
 
 proptest! {
     #[test]
-    fn wire_round_trips_through_the_vessels_decoders(
+    fn sensor_bytes_through_the_vessels_decoders(
         place in (-80.0..80.0_f64, -179.9..179.9_f64, -100.0..200.0_f64),
         velocity in (-8.0..8.0_f64, -8.0..8.0_f64, -2.0..2.0_f64),
         force in prop::array::uniform3(-20.0..20.0_f64), gyro in prop::array::uniform3(-3.0..3.0_f64),

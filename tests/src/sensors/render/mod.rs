@@ -258,7 +258,7 @@ impl Renderer {
         self.sun = sun;
     }
 
-    /// The image. None for a size that the configuration's check refuses.
+    /// The image. None for a size that the configuration's check rejects.
     pub fn image(&mut self, shot: &Shot) -> Option<GreyImage> {
         let Shot {
             t,

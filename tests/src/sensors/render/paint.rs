@@ -1,4 +1,4 @@
-//! What the camera looks at: the deck's paint with its tags, and the sea around it. Light as a share of
+//! Reflectance of the scene: the deck's paint with its tags, and the sea around it. Light as a share of
 //! that from a white surface.
 
 use alight_shared::frames::{TrueNed, Vector};

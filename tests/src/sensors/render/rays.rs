@@ -1,4 +1,4 @@
-//! Directions of pixels, and how rays are spread over a pixel.
+//! Directions of pixels, and the distribution of rays over a pixel.
 
 use alight_uav::camera::Lens;
 

@@ -1,4 +1,4 @@
-//! The node sees in a rendered image what was put there.
+//! Detections of the camera node in rendered images.
 
 use alight_shared::frames::{Camera, DroneBody, Point, Rotation};
 use alight_shared::msg::TagPose;
@@ -81,7 +81,7 @@ fn setup(change: impl FnOnce(&mut RenderConfig)) -> Setup {
     }
 }
 
-/// Errors of a sighting: position, m, and attitude, rad.
+/// Errors of a detection: position, m, and attitude, rad.
 fn errors(pose: &TagPose, view: &View, deck: &RigidState<Deck>) -> (f64, f64) {
     let [w, x, y, z] = pose.attitude;
     let seen = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
@@ -94,7 +94,7 @@ fn errors(pose: &TagPose, view: &View, deck: &RigidState<Deck>) -> (f64, f64) {
 }
 
 #[test]
-fn camera_node_finds_the_rendered_deck_through_any_lens() {
+fn rendered_deck_through_any_lens() {
     for lens in [Lens::default(), distorted()] {
         let mut setup = setup(|c| c.lens = lens);
         for (up, aside, drone, level) in [
@@ -116,7 +116,7 @@ fn camera_node_finds_the_rendered_deck_through_any_lens() {
 }
 
 #[test]
-fn camera_node_compensates_a_turned_mount() {
+fn rendered_deck_with_a_turned_mount() {
     let mut config = RenderConfig::default();
     config.lens.centre_px = [300.0, 250.0];
     let mount_rotation_deg = [4.0, -6.0, 90.0];
@@ -151,7 +151,7 @@ fn camera_node_compensates_a_turned_mount() {
 }
 
 #[test]
-fn renderer_smears_motion_about_the_middle_of_the_exposure() {
+fn rendered_motion_blur() {
     let mut setup = setup(|c| c.dark_sd = 0.0);
     // 4 ms at 2 rad/s: 2.6 px.
     let view_of = |rates| view(3.0, 0.0, [0.0; 3], rates);
@@ -182,7 +182,7 @@ fn renderer_smears_motion_about_the_middle_of_the_exposure() {
 }
 
 #[test]
-fn camera_node_detects_no_tag_in_glare_partial_view_or_open_sea() {
+fn rendered_glare_partial_view_and_open_sea() {
     let mut setup = setup(|c| c.glare = 0.0);
     let level = deck([0.0; 3]);
     for view in [
@@ -212,7 +212,7 @@ fn camera_node_detects_no_tag_in_glare_partial_view_or_open_sea() {
 }
 
 #[test]
-fn metering_finds_the_rendered_tag_in_any_light() {
+fn rendered_tag_metering_in_any_light() {
     use alight_uav::camera::light::mean_level;
     use alight_uav::camera::metering::{Light, Metering, Range, Setting};
     let range = |most, step| Range {
@@ -260,7 +260,7 @@ fn view_along(sun: &Vector3<f64>) -> View {
 }
 
 #[test]
-fn deck_tags_in_images_from_contact_to_10_m() {
+fn rendered_tags_from_contact_to_10_m() {
     let (config, deck_geometry, drone) = (
         RenderConfig::default(),
         DeckGeometry::default(),

@@ -61,7 +61,7 @@ impl Ultraviolet {
         };
         (0..parts).map(lit).sum::<f64>() / f64::from(parts)
     }
-    /// The image; None for a size that the configuration's check refuses.
+    /// The image; None for a size that the configuration's check rejects.
     pub fn image(&mut self, shot: &Shot) -> Option<GreyImage> {
         let lens = &self.settings.lens;
         let (width, height) = (lens.width_px as usize, lens.height_px as usize);

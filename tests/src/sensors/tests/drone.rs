@@ -42,7 +42,7 @@ fn range(drone: [f64; 3], euler: [f64; 3], deck: &RigidState<Deck>) -> Option<f6
 }
 
 #[test]
-fn ideal_tag_detection_recovers_the_deck_and_arrives_late_with_its_exposure_stamp() {
+fn ideal_tag_detection() {
     let mut config = ideal();
     config.tag.latency_s = 0.05;
     let geometry = DroneGeometry::default();
@@ -84,7 +84,7 @@ fn ideal_tag_detection_recovers_the_deck_and_arrives_late_with_its_exposure_stam
 }
 
 #[test]
-fn tag_is_lost_outside_the_image_too_far_too_near_too_oblique_and_from_below() {
+fn tag_visibility_limits() {
     let level = [0.0; 3];
     assert!(sees_tag([0.0, 0.0, -7.0], level));
     // 480 rows are 73.7 deg fore and aft, 640 columns 90 deg across.
@@ -110,7 +110,7 @@ fn tag_is_lost_outside_the_image_too_far_too_near_too_oblique_and_from_below() {
 }
 
 #[test]
-fn tag_tolerates_less_blur_the_smaller_it_is() {
+fn tag_blur_tolerance_by_size() {
     // 320 px x 4 ms: 1.28 px for each rad/s.
     let reads = |height: f64, rate: f64| {
         let mut spinning = still([0.0, 0.0, -height], [0.0; 3]);
@@ -121,7 +121,7 @@ fn tag_tolerates_less_blur_the_smaller_it_is() {
     assert!(reads(12.0, 4.0) && !reads(12.0, 7.0));
 }
 
-/// Root mean square distance of sightings from the exact one in metres, their stated counterpart, and
+/// Root mean square distance of detections from the exact one in metres, their stated counterpart, and
 /// how many of the frames of `seconds` there were.
 fn scatter(config: &SensorConfig, drone: &RigidState<DroneBody>, seconds: usize) -> (f64, f64, f64) {
     let tags = watch(config, drone, &deck(), 100 * seconds).tags;
@@ -137,7 +137,7 @@ fn scatter(config: &SensorConfig, drone: &RigidState<DroneBody>, seconds: usize)
 }
 
 #[test]
-fn tag_is_read_less_often_and_less_accurately_the_smaller_it_is_and_states_so() {
+fn tag_detection_by_size() {
     let mut config = SensorConfig::default();
     config.camera_mount.angle_sd_deg = 0.0;
     config.camera_mount.position_sd_m = 0.0;
@@ -164,7 +164,7 @@ fn tag_is_read_less_often_and_less_accurately_the_smaller_it_is_and_states_so() 
 }
 
 #[test]
-fn tag_sightings_are_lost_for_the_configured_time() {
+fn tag_losses_for_the_configured_time() {
     let mut config = ideal();
     config.tag.loss.glare_duration_s = 1.0;
     config.tag.loss.glare_interval_s = 4.0;
@@ -185,7 +185,7 @@ fn tag_sightings_are_lost_for_the_configured_time() {
 }
 
 #[test]
-fn tag_detections_scatter_as_their_stated_variance() {
+fn tag_detection_variance() {
     let mut config = SensorConfig::default();
     config.camera_mount.angle_sd_deg = 0.0;
     config.camera_mount.position_sd_m = 0.0;
@@ -223,7 +223,7 @@ fn tag_detections_scatter_as_their_stated_variance() {
 }
 
 #[test]
-fn camera_mount_errors_have_the_configured_size_and_move_the_detection() {
+fn camera_mount_errors() {
     let config = SensorConfig::default();
     let (mut turns, mut shifts) = (vec![], vec![]);
     for seed in 0..300 {
@@ -252,7 +252,7 @@ fn camera_mount_errors_have_the_configured_size_and_move_the_detection() {
 }
 
 #[test]
-fn uvdar_reaches_further_than_the_tag_and_ahead_but_not_above_the_horizon() {
+fn uvdar_range() {
     let level = [0.0; 3];
     assert!(sees_uvdar([-26.0, 0.0, -13.0], level) && !sees_tag([-26.0, 0.0, -13.0], level));
     assert!(!sees_uvdar([-30.0, 0.0, -15.0], level), "beyond 31 m");
@@ -266,7 +266,7 @@ fn uvdar_reaches_further_than_the_tag_and_ahead_but_not_above_the_horizon() {
 }
 
 #[test]
-fn uvdar_fixes_scatter_as_their_stated_variance() {
+fn uvdar_fix_variance() {
     let mut config = ideal();
     config.uvdar.distance_correlation_s = 0.05;
     // Where what is stated is not the least that is.
@@ -292,7 +292,7 @@ fn uvdar_fixes_scatter_as_their_stated_variance() {
 }
 
 #[test]
-fn rangefinder_measures_the_deck_inside_its_edges_and_else_the_water() {
+fn rangefinder_over_deck_and_water() {
     // It sits 0.10 m ahead of and 0.08 m below the centre of mass.
     let level = [0.0; 3];
     let near = |a: Option<f64>, b: f64| assert!(a.is_some_and(|a| (a - b).abs() < 1e-9), "{a:?} {b}");
@@ -318,7 +318,7 @@ fn rangefinder_measures_the_deck_inside_its_edges_and_else_the_water() {
 }
 
 #[test]
-fn rangefinder_beam_ends_on_the_wave_surface() {
+fn rangefinder_over_waves() {
     let surface = |n: f64, e: f64| 0.8 * (0.3 * n).sin() + 0.5 * (0.4 * e + 1.0).cos();
     let mut s = sensors(&ideal(), 1);
     let far = still::<Deck>([500.0, 0.0, 0.0], [0.0; 3]);
@@ -339,7 +339,7 @@ fn rangefinder_beam_ends_on_the_wave_surface() {
 }
 
 #[test]
-fn rangefinder_noise_misses_and_latency_match_the_configuration() {
+fn rangefinder_noise_misses_and_latency() {
     let drone = still([0.0, 0.0, -5.0], [0.0; 3]);
     let mut s = sensors(&SensorConfig::default(), 3);
     let (mut error, mut over_deck) = (vec![], 0);
@@ -366,7 +366,7 @@ fn rangefinder_noise_misses_and_latency_match_the_configuration() {
 }
 
 #[test]
-fn sensors_give_no_measurement_and_no_panic_for_a_non_finite_state() {
+fn sensors_with_a_non_finite_state() {
     let mut broken = still([0.0, 0.0, -5.0], [0.0; 3]);
     broken.position = Point::new(f64::NAN, 0.0, f64::INFINITY);
     let r = watch(&ideal(), &broken, &deck(), 50);
@@ -374,7 +374,7 @@ fn sensors_give_no_measurement_and_no_panic_for_a_non_finite_state() {
 }
 
 #[test]
-fn deck_tags_seen_from_contact_to_10_m() {
+fn simulated_tags_from_contact_to_10_m() {
     // Feet above the deck.
     for (up, aside) in [
         (0.0, 0.0),

@@ -1,4 +1,4 @@
-//! The sensors against their stated figures.
+//! The sensors against their stated parameters.
 
 mod drone;
 mod vessel;
@@ -123,7 +123,7 @@ fn rocking<B>(t: f64) -> RigidState<B> {
 }
 
 #[test]
-fn sensors_are_bit_identical_for_a_seed_and_differ_between_seeds() {
+fn sensor_determinism() {
     let run = |seed| {
         let mut s = sensors(&SensorConfig::default(), seed);
         let mut log = vec![];
@@ -152,7 +152,7 @@ fn sensors_are_bit_identical_for_a_seed_and_differ_between_seeds() {
 }
 
 #[test]
-fn sensor_defaults_pass_their_check_and_survive_toml() {
+fn sensor_defaults_toml_round_trip() {
     let c = SensorConfig::default();
     assert!(c.check(&Keys::ROOT).is_ok());
     assert!(ideal().check(&Keys::ROOT).is_ok());
@@ -164,19 +164,19 @@ fn sensor_defaults_pass_their_check_and_survive_toml() {
 }
 
 #[test]
-fn sensor_configuration_errors_name_the_key() {
-    let refused = |text: &str| {
+fn sensor_configuration_errors() {
+    let rejected = |text: &str| {
         alight_shared::config::parse::<SensorConfig>(text, "test")
             .unwrap_err()
             .to_string()
     };
-    let e = refused("[vessel_gnss.error]\nbias_sd_m = -1.0");
+    let e = rejected("[vessel_gnss.error]\nbias_sd_m = -1.0");
     assert!(
         e.contains("vessel_gnss.error.bias_sd_m") && e.contains("-1"),
         "{e}"
     );
-    assert!(refused("[tag]\nfov_deg = 200.0").contains("tag.fov_deg"));
-    assert!(refused("[tag]\nfov = 90.0").contains("unknown field"));
-    assert!(refused("[clocks]\ndrift_ppm = nan").contains("clocks.drift_ppm"));
-    assert!(refused("[uvdar]\noutages_s = [[3.0, 1.0]]").contains("uvdar.outages_s[0]"));
+    assert!(rejected("[tag]\nfov_deg = 200.0").contains("tag.fov_deg"));
+    assert!(rejected("[tag]\nfov = 90.0").contains("unknown field"));
+    assert!(rejected("[clocks]\ndrift_ppm = nan").contains("clocks.drift_ppm"));
+    assert!(rejected("[uvdar]\noutages_s = [[3.0, 1.0]]").contains("uvdar.outages_s[0]"));
 }

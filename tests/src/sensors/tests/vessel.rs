@@ -5,7 +5,7 @@ use alight_shared::msg::{ImuSample, Message};
 use nalgebra::UnitQuaternion;
 
 #[test]
-fn ideal_imu_integrates_to_the_motion_of_its_lever_arm() {
+fn ideal_imu_on_its_lever_arm() {
     let config = ideal();
     let lever_arm = Vector3::from(config.vessel_imu.lever_arm_m);
     let mut s = sensors(&config, 1);
@@ -47,7 +47,7 @@ fn ideal_imu_integrates_to_the_motion_of_its_lever_arm() {
 }
 
 #[test]
-fn level_imu_at_rest_measures_gravity_upwards() {
+fn level_imu_at_rest() {
     let mut s = sensors(&ideal(), 1);
     let m = s.vessel.step(tick(0), &still([0.0; 3], [0.0; 3])).imu;
     assert_eq!(m.len(), 1);
@@ -58,7 +58,7 @@ fn level_imu_at_rest_measures_gravity_upwards() {
 }
 
 #[test]
-fn imu_noise_and_bias_have_the_configured_size() {
+fn imu_noise_and_bias() {
     let (mut gyro_means, mut force_means) = (vec![], vec![]);
     let (mut gyro_sd, mut force_sd) = (0.0, 0.0);
     let mut config = SensorConfig::default();
@@ -87,7 +87,7 @@ fn imu_noise_and_bias_have_the_configured_size() {
 }
 
 #[test]
-fn ideal_gnss_fix_is_the_antenna_at_its_stamp_and_arrives_late() {
+fn ideal_gnss_fix() {
     let config = ideal();
     let antenna = Vector3::from(config.vessel_gnss.antenna_m);
     let mut s = sensors(&config, 1);
@@ -110,7 +110,7 @@ fn ideal_gnss_fix_is_the_antenna_at_its_stamp_and_arrives_late() {
 }
 
 #[test]
-fn gnss_errors_have_the_configured_size() {
+fn gnss_errors() {
     let mut config = SensorConfig::default();
     config.vessel_gnss.antenna_error_sd_m = 0.0;
     config.vessel_gnss.antenna_m = [0.0; 3];
@@ -145,7 +145,7 @@ fn gnss_errors_have_the_configured_size() {
 }
 
 #[test]
-fn gnss_errors_of_the_two_craft_are_independent() {
+fn gnss_errors_of_the_two_craft() {
     let config = gnss::GnssErrorConfig::default();
     let (mut product, n) = (0.0, 300);
     for seed in 0..n {
@@ -160,7 +160,7 @@ fn gnss_errors_of_the_two_craft_are_independent() {
 }
 
 #[test]
-fn heading_errors_have_the_configured_size() {
+fn heading_errors() {
     let truth = 3.1;
     let (mut white, mut mean) = (vec![], vec![]);
     for seed in 0..150 {
@@ -185,7 +185,7 @@ fn heading_errors_have_the_configured_size() {
 }
 
 #[test]
-fn gnss_outages_and_dropouts_leave_the_other_fixes_unchanged() {
+fn gnss_outages_and_dropouts() {
     let run = |outages: Vec<[f64; 2]>, dropout| {
         let mut config = SensorConfig::default();
         config.vessel_gnss.outages_s = noise::Windows(outages);

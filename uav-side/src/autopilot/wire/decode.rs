@@ -1,4 +1,4 @@
-//! The dialect's messages in ours.
+//! Decoding of the dialect's messages.
 
 use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::{Fields, dialect as m};

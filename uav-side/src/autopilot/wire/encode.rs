@@ -1,4 +1,4 @@
-//! Our messages in the dialect's.
+//! Encoding into the dialect's messages.
 
 use alight_shared::mavlink::dialect as m;
 use num_traits::FromPrimitive;

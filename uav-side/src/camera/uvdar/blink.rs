@@ -1,6 +1,6 @@
-//! Which marker a bright spot is, by how it blinks (Walter et al. 2019, section IV): spots are followed
-//! from image to image, dark ones at the place where they should be, and the last images of each are
-//! compared with the markers' codes in every phase.
+//! Identification of markers by their blinking codes (Walter et al. 2019, section IV): bright spots
+//! are followed from image to image, dark ones at the place where they should be, and the last
+//! images of each are compared with the markers' codes in every phase.
 
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::Vector2;
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn blink_codes_have_4_to_32_bits() {
+    fn blink_code_lengths() {
         assert!(Code::parse("101").is_none() && Code::parse("10x1").is_none());
         assert!(Code::parse(&"01".repeat(17)).is_none());
         let code = Code::parse("0011").unwrap();
@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn tracker_identifies_moving_markers_in_any_phase_and_ignores_a_steady_light() {
+    fn blink_tracker_of_moving_markers() {
         let mut tracker = tracker();
         let mut known = Vec::new();
         for k in 0..40_u64 {
@@ -284,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn tracker_tolerates_a_wrong_bit_and_restarts_after_a_gap() {
+    fn blink_tracker_with_a_wrong_bit_and_a_gap() {
         let code = codes()[2];
         let mut tracker = tracker();
         let mut identified = 0;

@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn blob_of_touching_pixels_has_a_weighted_centre() {
+    fn blob_centre() {
         // A "U", whose arms meet in the last row only, and a pixel that touches by a corner.
         let u = [
             (10, 10, 150),
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn blobs_that_are_large_or_too_many_are_left_out() {
+    fn large_or_too_many_blobs() {
         let square: Vec<_> = (0..6)
             .flat_map(|y| (0..6).map(move |x| (20 + x, 20 + y, 255)))
             .collect();
@@ -198,7 +198,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn blobs_hold_every_bright_pixel_once(pixels in prop::collection::vec(any::<u8>(), 32 * 32)) {
+        fn bright_pixels_in_blobs(pixels in prop::collection::vec(any::<u8>(), 32 * 32)) {
             let grey = GreyImage::new(32, 32, pixels.clone()).unwrap();
             let all = find(&grey, &BlobLimits { threshold: 250, max_pixels: usize::MAX });
             let light: f64 = pixels.iter().filter(|p| **p >= 250).map(|p| f64::from(p - 250) + 1.0).sum();

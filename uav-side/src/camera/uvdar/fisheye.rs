@@ -112,7 +112,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_pixels_direction_projects_back_to_it(u in 100.0..540.0_f64, v in 20.0..460.0_f64) {
+        fn fisheye_direction_round_trip(u in 100.0..540.0_f64, v in 20.0..460.0_f64) {
             for distortion in [[0.0; 4], [-0.02, 0.003, 0.0, 0.0]] {
                 let lens = Fisheye { distortion, ..Fisheye::default() };
                 if let Some(d) = lens.direction(Vector2::new(u, v)) {
@@ -123,7 +123,7 @@ mod tests {
             }
         }
         #[test]
-        fn fisheye_never_panics(u in -1e6..1e6_f64, v in -1e6..1e6_f64, k in prop::array::uniform4(-2.0..2.0_f64)) {
+        fn fisheye_arbitrary_input(u in -1e6..1e6_f64, v in -1e6..1e6_f64, k in prop::array::uniform4(-2.0..2.0_f64)) {
             let lens = Fisheye { distortion: k, ..Fisheye::default() };
             let _direction = lens.direction(Vector2::new(u, v));
             let _none = lens.direction(Vector2::new(f64::NAN, v));

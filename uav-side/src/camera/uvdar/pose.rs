@@ -1,4 +1,4 @@
-//! Where the deck is from the directions of known markers: least squares on the sphere.
+//! Pose of the deck from the directions of known markers: least squares on the sphere.
 //!
 //! Unknown are the deck's centre `t` and attitude `R` in the camera's axes. A marker at `m` in the deck's
 //! axes lies in the direction `p = R m + t`; its residual is the angle to the measured direction, in two axes,
@@ -245,7 +245,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(128))]
         #[test]
-        fn marker_pose_recovers_a_nearly_level_deck_from_exact_bearings(
+        fn marker_pose_from_exact_bearings(
             range in 3.0..30.0_f64, side in -0.6..0.6_f64, up in -0.5..0.5_f64, heading in -3.1..3.1_f64,
             tilt in prop::array::uniform2(-0.1..0.1_f64),
         ) {
@@ -272,7 +272,7 @@ mod tests {
             }
         }
         #[test]
-        fn marker_pose_is_finite_for_any_bearings(d in prop::collection::vec(-1.0..1.0_f64, 12)) {
+        fn marker_pose_from_any_bearings(d in prop::collection::vec(-1.0..1.0_f64, 12)) {
             let seen: Vec<MarkerBearing> = CORNERS.iter().zip(d.chunks(3)).map(|(m, d)| MarkerBearing {
                 marker: Vector3::from(*m),
                 direction: Vector3::new(d[0], d[1], d[2]).try_normalize(1e-9).unwrap_or(Vector3::z()),
@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn marker_pose_needs_two_markers() {
+    fn marker_pose_from_one_marker() {
         let r = UnitQuaternion::identity();
         assert!(solve(&seen(Vector3::new(0.0, 0.0, 5.0), r, 1), &known(), None).is_none());
     }

@@ -24,7 +24,7 @@ use nalgebra::{Vector2, Vector3};
 
 use super::config::PlannerConfig;
 use super::law::{LandingStart, Law, View};
-use super::model::{State, angular_velocity};
+use super::model::{State, angular_velocity, state};
 use super::mpc_faa::Problem;
 use super::reference::{Reference, ReferenceGenerator};
 use super::weights::FaaDistance;
@@ -119,12 +119,15 @@ impl Law for Rendezvous {
         left
     }
     fn attitude(&self, state: &State, vertical: f64) -> (f64, f64, f64) {
-        let push = self.push.at(state[2], &Vector2::new(state[6], state[7]));
+        let push = self.push.at(
+            state[state::DOWN],
+            &Vector2::new(state[state::V_NORTH], state[state::V_EAST]),
+        );
         if self.config.true_tilt {
             return true_tilt(state, vertical, &push);
         }
         let wind = push / GRAVITY;
-        (state[3] - wind.y, state[4] + wind.x, 1.0)
+        (state[state::PHI] - wind.y, state[state::THETA] + wind.x, 1.0)
     }
 }
 
@@ -163,10 +166,10 @@ impl Rendezvous {
         // Height over the surface that the profile follows at this height.
         let over =
             |fraction: f64| mean_z + fraction * (here.position[2] - mean_z) + (contact - here.position[2]);
-        let clearance = over(self.heave_fraction(contact - start[2])) - start[2];
+        let clearance = over(self.heave_fraction(contact - start[state::DOWN])) - start[state::DOWN];
         let begin = Height {
             clearance,
-            sinking: start[8] - here.velocity[2] * self.heave_fraction(clearance),
+            sinking: start[state::V_DOWN] - here.velocity[2] * self.heave_fraction(clearance),
         };
         let permitted = mission.descent_mps > 0.0;
         let (left, floor) = if permitted {
@@ -343,8 +346,8 @@ pub(crate) fn carried(wind: &Vector2<f64>, c: &WindConfig) -> Vector2<f64> {
 pub fn true_tilt(state: &State, down: f64, wind: &Vector2<f64>) -> (f64, f64, f64) {
     let lift = (GRAVITY - down).max(0.2 * GRAVITY);
     let (x, y) = (
-        (-GRAVITY * state[4] - wind.x) / lift,
-        (GRAVITY * state[3] - wind.y) / lift,
+        (-GRAVITY * state[state::THETA] - wind.x) / lift,
+        (GRAVITY * state[state::PHI] - wind.y) / lift,
     );
     // Up axis (x, y, -1) normalised; theta first about east, then phi about the turned north axis.
     let up = Vector3::new(x, y, -1.0).normalize();
@@ -357,7 +360,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn strong_wind_is_split_between_drift_and_tilt_continuously() {
+    fn drift_and_tilt_in_strong_wind() {
         let c = WindConfig {
             aligned_mps2: 1.0,
             aligned_fraction: 0.5,

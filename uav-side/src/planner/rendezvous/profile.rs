@@ -85,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn profile_height_and_time_are_inverse_and_speed_is_the_slope() {
+    fn profile_height_time_and_speed() {
         let p = Profile::new(&ProfileConfig::default());
         for k in -100..500 {
             let s = 0.01 * f64::from(k);
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn profile_needs_more_time_from_a_standing_start() {
+    fn profile_from_a_standing_start() {
         let p = Profile::new(&ProfileConfig::default());
         assert!(p.min_time(6.0, 0.0) > p.min_time(6.0, 2.5) + 0.4);
         assert_eq!(p.min_time(6.0, 2.5), p.left(6.0));

@@ -1,4 +1,4 @@
-//! When to touch: the instant within reach at which the deck is about level, turns slowly and
+//! Touchdown time: the instant within reach at which the deck is about level, turns slowly and
 //! accelerates as a drone aligned with it would.
 
 use alight_shared::geometry::GRAVITY;
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn touchdown_time_prefers_a_level_deck_and_then_stays() {
+    fn touchdown_time_on_a_level_deck() {
         let c = TouchdownTimeConfig {
             waiting_per_s: 0.0,
             tilt_rate_dps: 100.0,
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn touchdown_time_weighs_waiting() {
+    fn touchdown_time_and_waiting() {
         let c = TouchdownTimeConfig {
             waiting_per_s: 1e3,
             ..TouchdownTimeConfig::default()
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn touchdown_time_does_not_wait_for_a_deck_that_is_level_only_on_average() {
+    fn touchdown_time_with_a_deck_level_on_average() {
         let c = TouchdownTimeConfig::default();
         let ahead = |spread: f64| {
             let f = forecast(header(0, Time::EPOCH), |t| {
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn touchdown_cost_is_zero_on_a_deck_that_accelerates_down_its_slope() {
+    fn touchdown_cost_of_acceleration_down_the_slope() {
         // Water slopes as it accelerates: a = g tan(tilt).
         let mut d = DeckStage {
             euler: [0.1, 0.0, 0.0],

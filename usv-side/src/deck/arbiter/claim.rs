@@ -1,5 +1,5 @@
-//! What a drone has to do with the deck, by its statuses. A claim to it begins with one status; a remembered one ends
-//! by sustained and consistent evidence, or by the crew.
+//! Claims of drones to the deck, by their statuses. A claim to it begins with one status; a remembered one ends by
+//! sustained and consistent evidence, or by the crew.
 
 use alight_shared::msg::{DroneStatus, LandedState, OWNER_ONLY_M, State};
 use alight_shared::time::{Span, Time, VesselClock};

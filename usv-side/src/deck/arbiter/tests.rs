@@ -44,7 +44,7 @@ impl Rig {
         };
         self.arbiter.step(Time::from_secs(self.t_s), &input).grant
     }
-    /// The crew says something of the deck; the grant that follows.
+    /// An order of the crew for the deck; the grant that follows.
     fn order(&mut self, order: DeckOrder) -> DeckGrant<VesselClock> {
         self.t_s += 0.5;
         let input = ArbiterIn {
@@ -93,13 +93,7 @@ impl Rig {
     }
     /// The owner after a drone in this state has reported once from so far from the deck, beside one that waits.
     fn run_at(&mut self, (id, state): (u32, State), distance_m: f32) -> u32 {
-        let flies = DroneStatus {
-            landed: LandedState::InAir,
-            armed: true,
-            deck_distance_m: Some(distance_m),
-            ..self.status((id, state))
-        };
-        self.run_as(flies, 1)
+        self.run_as(self.flying_as((id, state), distance_m), 1)
     }
     /// The owner after so many of these statuses, at 2 Hz, beside a drone that waits.
     fn run_as(&mut self, status: DroneStatus, times: u32) -> u32 {
@@ -112,26 +106,34 @@ impl Rig {
         }
         self.arbiter.owner().unwrap_or(0)
     }
+    /// The first drone has been in these states, each for so long, s.
+    fn after(states: &[(State, f64)]) -> Rig {
+        let mut rig = Rig::new();
+        for &(state, secs) in states {
+            rig.run(&[(1, state)], secs);
+        }
+        rig
+    }
     /// The first drone has landed, and is silent or not.
     fn with_a_landed_drone() -> Rig {
-        let mut rig = Rig::new();
-        rig.run(&[(1, State::TrackingStable)], 0.5);
-        rig.run(&[(1, State::Landed)], 5.0);
-        rig
+        Rig::after(&[(State::TrackingStable, 0.5), (State::Landed, 5.0)])
     }
     /// A status of the first drone, in the air at this distance.
     fn flying(&self, distance_m: f32) -> DroneStatus {
+        self.flying_as((1, State::Idle), distance_m)
+    }
+    fn flying_as(&self, drone: (u32, State), distance_m: f32) -> DroneStatus {
         DroneStatus {
             landed: LandedState::InAir,
             armed: true,
             deck_distance_m: Some(distance_m),
-            ..self.status((1, State::Idle))
+            ..self.status(drone)
         }
     }
 }
 
 #[test]
-fn one_status_from_beyond_of_a_drone_on_the_deck() {
+fn single_status_from_beyond_the_deck() {
     let far = |change: fn(&mut DroneStatus)| {
         let mut rig = Rig::with_a_landed_drone();
         let mut status = rig.flying(200.0);
@@ -159,9 +161,7 @@ fn one_status_from_beyond_of_a_drone_on_the_deck() {
         (State::GaveUp, None),
         (State::GaveUp, Some(16.0)),
     ] {
-        let mut rig = Rig::new();
-        rig.run(&[(1, State::TrackingStable)], 0.5);
-        rig.run(&[(1, State::Flare)], 1.0);
+        let mut rig = Rig::after(&[(State::TrackingStable, 0.5), (State::Flare, 1.0)]);
         let status = DroneStatus {
             deck_distance_m: distance_m,
             ..rig.status((1, state))
@@ -203,7 +203,7 @@ fn evidence_of_a_departure_between_contrary_statuses() {
 }
 
 #[test]
-fn crew_opens_the_deck_of_a_drone_carried_off() {
+fn deck_of_a_drone_carried_off() {
     for distance_m in [Some(200.0), None] {
         let mut rig = Rig::with_a_landed_drone();
         let ashore = DroneStatus {
@@ -217,9 +217,7 @@ fn crew_opens_the_deck_of_a_drone_carried_off() {
         assert_eq!(rig.run_as(ashore, 4), 2, "{distance_m:?}");
     }
     // In the air above the deck it is not freed by an order.
-    let mut rig = Rig::new();
-    rig.run(&[(1, State::TrackingStable)], 0.5);
-    rig.run(&[(1, State::Flare)], 1.0);
+    let mut rig = Rig::after(&[(State::TrackingStable, 0.5), (State::Flare, 1.0)]);
     let mut blind = rig.flying(1.0);
     blind.deck_distance_m = None;
     rig.run_as(blind, 2);
@@ -246,7 +244,7 @@ fn drone_switched_on_without_a_position() {
         assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 0);
         rig.restart(Some(rig.arbiter.checkpoint()));
         assert_eq!(rig.run_as(status, 60), 0, "{landed:?}");
-        // One position may be wrong; several tell where it stands.
+        // One position may be wrong; several locate it.
         let far = DroneStatus {
             deck_distance_m: Some(200.0),
             ..status
@@ -273,8 +271,7 @@ fn drone_switched_on_without_a_position() {
 
 #[test]
 fn low_battery_behind_a_silent_owner() {
-    let mut rig = Rig::new();
-    rig.run(&[(1, State::TrackingStable)], 2.0);
+    let mut rig = Rig::after(&[(State::TrackingStable, 2.0)]);
     let waits = |rig: &mut Rig, secs: u32, battery| {
         for _ in 0..2 * secs {
             rig.t_s += 0.5;
@@ -308,7 +305,7 @@ fn low_battery_behind_a_silent_owner() {
 }
 
 #[test]
-fn deck_arbiter_grants_the_first_request_until_take_off() {
+fn grant_of_the_first_request() {
     let mut rig = Rig::new();
     assert_eq!(rig.run(&[(1, State::TrackingStable)], 0.5), 1);
     for state in [State::Descent, State::Flare, State::Landed, State::Idle] {
@@ -329,10 +326,8 @@ fn deck_arbiter_grants_the_first_request_until_take_off() {
 }
 
 #[test]
-fn deck_arbiter_frees_the_deck_after_a_manual_take_off() {
-    let mut rig = Rig::new();
-    rig.run(&[(1, State::TrackingStable)], 0.5);
-    rig.run(&[(1, State::Landed)], 5.0);
+fn grant_after_a_manual_take_off() {
+    let mut rig = Rig::after(&[(State::TrackingStable, 0.5), (State::Landed, 5.0)]);
     assert_eq!(rig.run(&[(1, State::Idle)], 5.0), 1);
     let at = |rig: &mut Rig, distance_m| rig.run_at((1, State::Idle), distance_m);
     assert_eq!([at(&mut rig, 1.0), at(&mut rig, 14.0)], [1, 1], "it climbs");
@@ -340,16 +335,14 @@ fn deck_arbiter_frees_the_deck_after_a_manual_take_off() {
 }
 
 #[test]
-fn deck_arbiter_withdraws_the_deck_after_idling_but_never_for_silence() {
+fn grant_of_an_idle_and_of_a_silent_owner() {
     for last in [
         State::Descent,
         State::Flare,
         State::TrackingStable,
         State::Tracking,
     ] {
-        let mut rig = Rig::new();
-        rig.run(&[(1, State::TrackingStable)], 0.5);
-        rig.run(&[(1, last)], 2.0);
+        let mut rig = Rig::after(&[(State::TrackingStable, 0.5), (last, 2.0)]);
         let waiting = [(2, State::Approach)];
         assert_eq!(rig.run(&waiting, 3600.0), 1, "{last:?}: it may have landed");
         let occupied = rig.arbiter.occupied(Time::from_secs(rig.t_s));
@@ -378,10 +371,9 @@ fn deck_arbiter_withdraws_the_deck_after_idling_but_never_for_silence() {
 }
 
 #[test]
-fn deck_arbiter_takes_an_owner_that_gives_way_unheard_for_flying_in() {
+fn unheard_owner_that_gives_way() {
     for last_s in [0.5, 1.5, 2.5] {
-        let mut rig = Rig::new();
-        rig.run(&[(1, State::Approach)], 0.5);
+        let mut rig = Rig::after(&[(State::Approach, 0.5)]);
         // The deck was closed meanwhile: both wait, and the owner for too long.
         let both = [(1, State::Approach), (2, State::Approach)];
         let waited = (0..80).find(|_| rig.run(&both, 0.5) == 0);
@@ -398,10 +390,8 @@ fn deck_arbiter_takes_an_owner_that_gives_way_unheard_for_flying_in() {
 }
 
 #[test]
-fn deck_arbiter_lets_a_drone_that_broke_off_climb_before_another_descends() {
-    let mut rig = Rig::new();
-    rig.run(&[(1, State::TrackingStable)], 0.5);
-    rig.run(&[(1, State::Descent)], 5.0);
+fn grant_after_a_broken_off_descent() {
+    let mut rig = Rig::after(&[(State::TrackingStable, 0.5), (State::Descent, 5.0)]);
     let at = |rig: &mut Rig, distance_m| rig.run_at((1, State::GaveUp), distance_m);
     assert_eq!([at(&mut rig, 1.0), at(&mut rig, 14.0)], [1, 1], "it climbs");
     // It goes silent there: nobody knows where it is.
@@ -411,7 +401,7 @@ fn deck_arbiter_lets_a_drone_that_broke_off_climb_before_another_descends() {
 }
 
 #[test]
-fn deck_arbiter_gives_each_drone_a_place_of_its_own_and_keeps_those_of_silent_ones() {
+fn waiting_places() {
     let mut rig = Rig::new();
     let crowd: Vec<_> = (1..=PLACES as u32 + 2).map(|id| (id, State::Approach)).collect();
     rig.run(&crowd, 1.0);
@@ -448,7 +438,7 @@ fn deck_arbiter_gives_each_drone_a_place_of_its_own_and_keeps_those_of_silent_on
 }
 
 #[test]
-fn deck_arbiter_takes_a_drone_that_reports_from_the_deck_for_standing_there() {
+fn drone_reporting_from_the_deck() {
     let parked = |rig: &Rig, distance_m: Option<f32>, landed| DroneStatus {
         landed,
         deck_distance_m: distance_m,
@@ -479,9 +469,8 @@ fn deck_arbiter_takes_a_drone_that_reports_from_the_deck_for_standing_there() {
 }
 
 #[test]
-fn deck_arbiter_closes_the_deck_for_its_crew_until_they_open_it() {
-    let mut rig = Rig::new();
-    rig.run(&[(1, State::TrackingStable)], 2.0);
+fn deck_closed_until_the_crew_opens_it() {
+    let mut rig = Rig::after(&[(State::TrackingStable, 2.0)]);
     assert_eq!(rig.order(DeckOrder::Closed).owner, DECK_CLOSED);
     let waiting = [(2, State::Approach)];
     rig.run(&waiting, 60.0);
@@ -492,17 +481,15 @@ fn deck_arbiter_closes_the_deck_for_its_crew_until_they_open_it() {
     assert_eq!(rig.arbiter.published, DECK_CLOSED);
     rig.order(DeckOrder::Open);
     assert_eq!(rig.run(&waiting, 0.5), 2);
-    // Whoever reports from the deck stands there, whatever the crew says.
+    // Whoever reports from the deck stands there, whatever the crew's order.
     rig.run(&[(2, State::Landed)], 5.0);
     assert_eq!(rig.order(DeckOrder::Open).owner, 2);
 }
 
 #[test]
-fn deck_arbiter_remembers_a_drone_on_the_deck_and_one_on_its_way_through_a_restart() {
+fn arbiter_restart_with_drones_on_and_near_the_deck() {
     for last in [State::Landed, State::Descent, State::TrackingStable] {
-        let mut rig = Rig::new();
-        rig.run(&[(1, State::TrackingStable)], 0.5);
-        rig.run(&[(1, last)], 5.0);
+        let mut rig = Rig::after(&[(State::TrackingStable, 0.5), (last, 5.0)]);
         rig.restart(Some(rig.arbiter.checkpoint()));
         let waiting = [(2, State::Approach)];
         assert_eq!(rig.run(&waiting, 600.0), 1, "{last:?}");
@@ -523,10 +510,8 @@ fn deck_arbiter_remembers_a_drone_on_the_deck_and_one_on_its_way_through_a_resta
 }
 
 #[test]
-fn deck_arbiter_gives_the_deck_to_neither_of_two_drones_with_one_number() {
-    let mut rig = Rig::new();
-    rig.run(&[(1, State::TrackingStable)], 0.5);
-    rig.run(&[(1, State::Descent)], 2.0);
+fn two_drones_with_one_number() {
+    let mut rig = Rig::after(&[(State::TrackingStable, 0.5), (State::Descent, 2.0)]);
     let second = |rig: &Rig, state| {
         let at = Time::from_secs(rig.t_s);
         DroneStatus {
@@ -556,19 +541,13 @@ fn deck_arbiter_gives_the_deck_to_neither_of_two_drones_with_one_number() {
 }
 
 #[test]
-fn deck_arbiter_takes_a_drone_that_was_started_anew_for_itself() {
-    let mut rig = Rig::new();
-    rig.run(&[(1, State::TrackingStable)], 0.5);
-    rig.run(&[(1, State::Landed)], 5.0);
+fn restarted_drone() {
+    let mut rig = Rig::after(&[(State::TrackingStable, 0.5), (State::Landed, 5.0)]);
     for k in 1..20 {
         rig.t_s += 0.5;
-        let at = Time::from_secs(rig.t_s);
         let status = DroneStatus {
-            header: Header::new(1, 1, 8, k, at),
-            deck_distance_m: Some(2.0 * k as f32),
-            landed: LandedState::InAir,
-            armed: true,
-            ..rig.status((1, State::Idle))
+            header: Header::new(1, 1, 8, k, Time::from_secs(rig.t_s)),
+            ..rig.flying(2.0 * k as f32)
         };
         rig.step(vec![status]);
         assert_eq!(rig.arbiter.doubles().count(), 0);
@@ -578,7 +557,7 @@ fn deck_arbiter_takes_a_drone_that_was_started_anew_for_itself() {
 }
 
 #[test]
-fn deck_arbiter_restart_respects_a_drone_in_descent() {
+fn arbiter_restart_with_a_drone_in_descent() {
     let mut rig = Rig::new();
     rig.arbiter = DeckArbiter::new(&DeckConfig::default(), 1, 2);
     assert_eq!(rig.run(&[(2, State::Approach)], 2.0), 0);
@@ -587,7 +566,7 @@ fn deck_arbiter_restart_respects_a_drone_in_descent() {
 }
 
 #[test]
-fn deck_arbiter_rejects_foreign_statuses_and_surplus_drones() {
+fn foreign_statuses_and_surplus_drones() {
     let mut rig = Rig::new();
     let foreign = DroneStatus {
         header: Header::new(9, 1, 7, 1, Time::EPOCH),
@@ -619,7 +598,7 @@ fn with_inputs() -> Rig {
 }
 
 #[test]
-fn deck_arbiter_opens_the_deck_once_neither_the_crews_switch_nor_their_order_closes_it() {
+fn deck_closed_by_switch_and_order() {
     let mut rig = with_inputs();
     let waiting = [(1, State::Approach)];
     rig.inputs.closed = Some(true);
@@ -643,7 +622,7 @@ fn deck_arbiter_opens_the_deck_once_neither_the_crews_switch_nor_their_order_clo
 }
 
 #[test]
-fn deck_arbiter_closes_a_deck_whose_configured_input_is_not_read() {
+fn unread_deck_input() {
     let free = Some(false);
     for (closed, occupied, closure) in [(None, free, Closure::Switch), (free, None, Closure::Sensor)] {
         let unread = DeckInputs {
@@ -672,7 +651,7 @@ fn deck_arbiter_closes_a_deck_whose_configured_input_is_not_read() {
 }
 
 #[test]
-fn deck_arbiter_tells_a_drones_weight_on_the_sensor_from_anything_else() {
+fn occupancy_sensor_under_a_drone() {
     let mut rig = with_inputs();
     let occupied = |rig: &Rig| rig.arbiter.occupied(Time::from_secs(rig.t_s));
     rig.inputs.occupied = Some(true);
@@ -714,7 +693,7 @@ fn stated(rig: &Rig) -> Course {
 }
 
 #[test]
-fn promise_of_a_steady_course_expires_by_itself_and_a_turn_is_published_at_once() {
+fn promise_of_a_steady_course_and_a_turn() {
     let mut rig = Rig::new();
     assert_eq!(stated(&rig), Course::Unknown);
     assert_eq!(rig.order(DeckOrder::Steady(60)).course, Course::Steady(60.0));
@@ -733,7 +712,7 @@ fn promise_of_a_steady_course_expires_by_itself_and_a_turn_is_published_at_once(
 }
 
 #[test]
-fn helm_switch_promises_at_0_and_states_a_turn_at_1_or_unread() {
+fn helm_switch_levels() {
     let config = DeckConfig {
         helm_switch: "switch".into(),
         ..DeckConfig::default()
@@ -758,7 +737,7 @@ fn helm_switch_promises_at_0_and_states_a_turn_at_1_or_unread() {
 }
 
 #[test]
-fn steady_course_is_wanted_from_the_descent_to_the_touchdown_and_not_of_a_silent_drone() {
+fn wanted_steady_course() {
     let mut rig = Rig::new();
     let wants = |rig: &Rig| rig.arbiter.wants_steady(Time::from_secs(rig.t_s));
     for (state, wanted) in [

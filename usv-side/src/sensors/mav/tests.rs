@@ -65,7 +65,7 @@ fn decode(bytes: &[u8], cut: usize, mount: Mount) -> (Vec<SourceMeasurement>, Ma
 }
 
 #[test]
-fn mavlink_autopilot_gives_all_four_kinds_of_measurement() {
+fn mavlink_kinds_of_measurement() {
     let mount = Mount {
         antenna_m: Some([0.0, 0.0, -2.0]),
         mounting_deg: [0.0, 0.0, 90.0],
@@ -98,7 +98,7 @@ fn mavlink_autopilot_gives_all_four_kinds_of_measurement() {
 }
 
 #[test]
-fn mavlink_odometry_has_a_position_only_with_a_known_origin() {
+fn mavlink_odometry_with_and_without_origin() {
     let (q1, q2) = half(0.1);
     let mut data = m::ODOMETRY_DATA {
         time_usec: 1_000_000,
@@ -134,7 +134,7 @@ fn mavlink_odometry_has_a_position_only_with_a_known_origin() {
 }
 
 #[test]
-fn mavlink_decoder_counts_damage_and_reads_the_next_frame() {
+fn mavlink_frames_after_damage() {
     let mut bytes = second(5000);
     let k = bytes.len() / 2;
     bytes[k] ^= 0xff;
@@ -145,7 +145,7 @@ fn mavlink_decoder_counts_damage_and_reads_the_next_frame() {
 }
 
 #[test]
-fn mavlink_decoder_requests_streams_from_the_observed_system() {
+fn mavlink_stream_requests() {
     let (_, mut d) = decode(&second(0), 500, Mount::default());
     let (first, second) = (d.request().unwrap(), d.request().unwrap());
     let messages = |bytes: &[u8]| decode(bytes, 500, Mount::default()).1.decoded().ignored;
@@ -157,7 +157,7 @@ fn mavlink_decoder_requests_streams_from_the_observed_system() {
 
 proptest! {
     #[test]
-    fn mavlink_decoder_survives_any_damage(
+    fn mavlink_arbitrary_damage(
         damage in damage(80), noise in prop::collection::vec(any::<u8>(), 0..600), cut in 1_usize..700,
     ) {
         let bytes = [damaged(second(1000), damage), noise].concat();

@@ -36,7 +36,7 @@ fn stream(epochs: usize) -> String {
 }
 
 #[test]
-fn nmea_epoch_gives_one_fix_one_heading_and_one_attitude() {
+fn nmea_epoch() {
     let (all, counts) = decode(&stream(10), Mount::default());
     assert_eq!(
         counts,
@@ -81,7 +81,7 @@ fn nmea_epoch_gives_one_fix_one_heading_and_one_attitude() {
 }
 
 #[test]
-fn nmea_decoder_never_guesses_a_time() {
+fn nmea_without_time() {
     let hdt = sentence("HEHDT,10.0,T");
     let zda = |t: &str| sentence(&format!("GPZDA,{t},20,05,2026,00,00"));
     // Before any time; twice in one epoch; invalid times.
@@ -111,7 +111,7 @@ fn nmea_decoder_never_guesses_a_time() {
 }
 
 #[test]
-fn nmea_decoder_passes_midnight_both_ways() {
+fn nmea_across_midnight() {
     let at = |t: &str| sentence(&format!("PASHR,{t},0.0,T,1.0,1.0,0.0,0.1,0.1,0.1,1,1"));
     let text = [at("235959.50"), at("000000.00"), at("235959.75"), at("000000.50")].concat();
     let (all, _) = decode(&text, Mount::default());
@@ -124,7 +124,7 @@ fn nmea_decoder_passes_midnight_both_ways() {
 }
 
 #[test]
-fn nmea_sentence_without_time_takes_the_time_of_its_epoch() {
+fn nmea_sentence_with_the_time_of_its_epoch() {
     let mount = Mount {
         heave: HeaveSign::None,
         ..Mount::default()
@@ -143,7 +143,7 @@ fn nmea_sentence_without_time_takes_the_time_of_its_epoch() {
 }
 
 #[test]
-fn nmea_decoder_counts_damage_and_reads_the_next_sentence() {
+fn nmea_sentences_after_damage() {
     let good = stream(1);
     let zda = sentence("GPZDA,120001.00,20,05,2026,00,00");
     // A wrong letter, a sentence cut by another, one without a checksum, one without an end.
@@ -162,7 +162,7 @@ fn nmea_decoder_counts_damage_and_reads_the_next_sentence() {
 
 proptest! {
     #[test]
-    fn nmea_decoder_survives_any_bytes_within_bounds(bytes in prop::collection::vec(any::<u8>(), 0..4000), cut in 1_usize..40) {
+    fn nmea_arbitrary_bytes(bytes in prop::collection::vec(any::<u8>(), 0..4000), cut in 1_usize..40) {
         let mut d = decoder(Mount::default());
         let mut out = Vec::new();
         for part in bytes.chunks(cut) {
@@ -174,7 +174,7 @@ proptest! {
     }
 
     #[test]
-    fn nmea_fields_of_any_text_give_finite_measurements_or_none(
+    fn nmea_arbitrary_fields(
         name in prop::sample::select(vec!["GPGGA", "GPRMC", "GPVTG", "HEHDT", "HETHS", "HEROT", "PASHR", "PRDID", "GPZDA"]),
         time in prop::sample::select(vec!["120000.00", "235959.99", "", "996099", "12"]),
         fields in prop::collection::vec("[-+0-9.eENSAWTMVinf]{0,8}", 0..15),
@@ -194,7 +194,7 @@ proptest! {
     }
 
     #[test]
-    fn nmea_decoder_gives_the_same_however_the_stream_is_cut(cuts in prop::collection::vec(1_usize..200, 1..60)) {
+    fn nmea_stream_in_any_pieces(cuts in prop::collection::vec(1_usize..200, 1..60)) {
         let text = stream(4);
         let (whole, counts) = decode(&text, Mount::default());
         let mut d = decoder(Mount::default());

@@ -1,5 +1,6 @@
 use super::*;
 use crate::fixtures::sentence;
+use alight_shared::vessel_model::{PITCH, ROLL, SURGE, SWAY, YAW};
 use proptest::prelude::*;
 
 fn node(sources: usize) -> SensorNode {
@@ -28,7 +29,7 @@ fn at(k: i64) -> Time<VesselClock> {
 }
 
 #[test]
-fn sensor_node_keeps_numbers_and_times_of_two_sources_apart() {
+fn sensor_node_with_two_sources() {
     let mut n = node(2);
     let (mut imu, mut times) = (0, Vec::new());
     for k in 0..50 {
@@ -49,7 +50,7 @@ fn sensor_node_keeps_numbers_and_times_of_two_sources_apart() {
 }
 
 #[test]
-fn sensor_node_counts_and_drops_repeated_and_reordered_messages() {
+fn sensor_node_repeated_and_reordered_messages() {
     let mut n = node(1);
     let mut given = 0;
     for k in 0..40 {
@@ -69,7 +70,7 @@ fn sensor_node_counts_and_drops_repeated_and_reordered_messages() {
 }
 
 #[test]
-fn sensor_node_limits_the_bytes_of_one_step() {
+fn sensor_node_byte_limit() {
     let mut n = node(1);
     assert!(step(&mut n, at(0), &[&[b'x'; 3 * MAX_STEP_BYTES]]).is_empty());
     assert_eq!(n.status()[0].lost_bytes, 2 * MAX_STEP_BYTES as u64);
@@ -78,7 +79,7 @@ fn sensor_node_limits_the_bytes_of_one_step() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
     #[test]
-    fn sensor_node_never_dates_a_measurement_in_the_future(parts in prop::collection::vec(
+    fn sensor_node_future_measurements(parts in prop::collection::vec(
         (0_usize..3, prop::collection::vec(any::<u8>(), 0..300), any::<bool>()), 1..60
     )) {
         let formats = [Format::Nmea, Format::Ubx, Format::Mavlink];
@@ -119,7 +120,7 @@ fn fate() -> impl Strategy<Value = Fate> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(12))]
     #[test]
-    fn estimate_survives_lost_late_and_damaged_sensor_messages(
+    fn estimate_with_lost_late_and_damaged_messages(
         fates in prop::collection::vec((50_i64..580, fate()), 0..120)
     ) {
         let mut sensors = node(1);
@@ -156,10 +157,10 @@ proptest! {
         let (k, e) = last.unwrap();
         prop_assert!(k >= 610, "silent since {k}");
         let roll = (0.1 * k as f64).sin().to_radians();
-        prop_assert!((e.eta[3] - roll).abs() < 0.01, "roll {} {roll}", e.eta[3]);
-        prop_assert!((e.eta[4] - 1_f64.to_radians()).abs() < 0.01, "pitch {}", e.eta[4]);
-        prop_assert!((e.eta[5] - core::f64::consts::FRAC_PI_2).abs() < 0.02, "heading {}", e.eta[5]);
-        prop_assert!(e.eta[0].abs() < 0.3 && e.eta[1].abs() < 0.3, "{:?}", e.eta);
+        prop_assert!((e.eta[ROLL] - roll).abs() < 0.01, "roll {} {roll}", e.eta[ROLL]);
+        prop_assert!((e.eta[PITCH] - 1_f64.to_radians()).abs() < 0.01, "pitch {}", e.eta[PITCH]);
+        prop_assert!((e.eta[YAW] - core::f64::consts::FRAC_PI_2).abs() < 0.02, "heading {}", e.eta[YAW]);
+        prop_assert!(e.eta[SURGE].abs() < 0.3 && e.eta[SWAY].abs() < 0.3, "{:?}", e.eta);
         prop_assert_eq!(vessel.gated().restarts, 0);
     }
 }

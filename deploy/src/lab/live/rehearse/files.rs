@@ -482,7 +482,7 @@ mod tests {
     }
 
     #[test]
-    fn rehearsal_changes_devices_addresses_and_keys_alone() {
+    fn rehearsal_changes_of_shipped_files() {
         let plan = plan(&[]).unwrap();
         let of = |shipped: &str, name: &str| {
             let text = std::fs::read_to_string(plan.directory.file(name)).unwrap();

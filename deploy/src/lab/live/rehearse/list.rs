@@ -78,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn steps_are_those_of_the_instructions() {
+    fn rehearsal_steps_of_the_instructions() {
         let text = include_str!("../../../../docs/install.md");
         for (step, begins) in [
             (
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn one_step_that_is_not_ok_is_said_and_counts() {
+    fn rehearsal_with_a_failed_step() {
         let mut list = CheckList::new(true);
         list.add(CERTIFICATES, "certificates", true, "vessel-1, drone-1");
         assert!(list.ok());

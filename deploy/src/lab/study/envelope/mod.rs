@@ -301,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn envelope_scene_has_the_relative_wind() {
+    fn envelope_scene_relative_wind() {
         let base = base(&args("--vessel straight --speed 3")).unwrap();
         let s = scene(&base, (3, 8.0, 90.0)).world;
         let to = s.drone.wind.to_deg.unwrap().to_radians();
@@ -318,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn envelope_limit_ends_at_the_first_cell_beyond() {
+    fn envelope_limit_at_the_first_cell_beyond() {
         let grid = Grid::of(&args("--winds 4,8,12"));
         let limit = |cells: &[Cell]| grid.limit(cells, 3, 90.0);
         assert_eq!(
@@ -333,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn envelope_picture_shows_every_cell() {
+    fn envelope_picture_of_every_cell() {
         let grid = Grid::of(&args("--winds 4,8 --directions 4 --sea-states 3"));
         let cells = [cell(4.0, 4, 0), cell(8.0, 2, 1)];
         let svg = polar::draw(&grid, &cells, "Envelope of <one>").unwrap();

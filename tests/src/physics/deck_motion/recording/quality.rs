@@ -1,5 +1,5 @@
-//! What a recording's channels carry: steps of their resolution, noise, held values and clipped peaks are
-//! recognised, and smoothed to the bandwidth that is left.
+//! Quality of a recording's channels: resolution, noise, held values and clipped peaks, and smoothing to
+//! the bandwidth that is left.
 //!
 //! A motion that is differentiated twice carries an error `e` of a sample at the interval `dt` as `e / dt²`: a
 //! heave in steps of 1 cm at 100 Hz is tens of m/s² that never were. Smoothing is a cubic fitted to the samples
@@ -41,11 +41,11 @@ fn smooth_channel(knots: &mut Knots<'_>, c: usize) -> Option<String> {
         _ => (1.0, "m"),
     };
     let steps = Steps::of(&values);
-    let mut said = Vec::new();
+    let mut notes = Vec::new();
     let (clipped, places, limits) = unclipped(knots, &values, steps.size);
     if places > 0 {
         let limits: Vec<String> = limits.iter().map(|l| format!("{:.3}", l * factor)).collect();
-        said.push(format!(
+        notes.push(format!(
             "clipped at {} {unit} in {places} places, whose peaks are drawn on from their flanks",
             limits.join(" and ")
         ));
@@ -56,23 +56,23 @@ fn smooth_channel(knots: &mut Knots<'_>, c: usize) -> Option<String> {
     if held {
         let every = knots.step / steps.changed.max(1e-6);
         window = 5.0 * every;
-        said.push(format!("values held for {every:.2} s"));
+        notes.push(format!("values held for {every:.2} s"));
     } else if steps.size > 0.0
         && needed(steps.size / 12_f64.sqrt(), knots.step, steps.size) > 3.0 * knots.step
     {
         window = needed(steps.size / 12_f64.sqrt(), knots.step, steps.size);
-        said.push(format!("steps of {:.3} {unit}", steps.size * factor));
+        notes.push(format!("steps of {:.3} {unit}", steps.size * factor));
     }
     if let Some(noise) = white_noise(&clipped)
         && needed(noise, knots.step, 0.0) > window.max(3.0 * knots.step)
     {
         window = needed(noise, knots.step, 0.0);
-        said.push(format!("noise of {:.3} {unit}", noise * factor));
+        notes.push(format!("noise of {:.3} {unit}", noise * factor));
     }
-    if said.is_empty() {
+    if notes.is_empty() {
         return None;
     }
-    let mut text = format!("{}: {}", COLUMNS[c].0, said.join(", "));
+    let mut text = format!("{}: {}", COLUMNS[c].0, notes.join(", "));
     let smoothed = if window > 0.0 {
         let window = window.min(MAX_WINDOW_S).max(5.0 * knots.step);
         text += &format!("; smoothed to {:.1} Hz", BANDWIDTH / window);
@@ -282,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn heave_in_steps_of_a_centimetre_is_smoothed_and_said() {
+    fn recording_heave_in_centimetre_steps() {
         let r = heave(100.0, 60.0, |t| (swell(t) * 100.0).round() / 100.0);
         assert_eq!(r.remarks.len(), 1, "{:?}", r.remarks);
         assert!(
@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn clean_recordings_stay_as_they_are() {
+    fn clean_recordings() {
         for hz in [5.0, 10.0, 25.0, 100.0] {
             let r = heave(hz, 60.0, swell);
             assert!(r.remarks.is_empty(), "{hz}: {:?}", r.remarks);
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_is_recognised_and_smoothed() {
+    fn recording_noise() {
         let mut noise = crate::sensors::noise::Noise::new(&Streams::new(1), "test");
         let r = heave(50.0, 60.0, |t| swell(t) + 0.02 * noise.normal());
         assert!(
@@ -325,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn held_values_are_recognised() {
+    fn recording_held_values() {
         let r = heave(100.0, 60.0, |t| swell((t * 10.0 + 1e-6).floor() / 10.0));
         assert!(
             r.remarks.len() == 1 && r.remarks[0].contains("held for 0.10 s"),
@@ -336,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn clipped_peaks_are_drawn_on() {
+    fn recording_clipped_peaks() {
         let r = heave(25.0, 60.0, |t| swell(t).clamp(-0.6, 0.6));
         assert!(
             r.remarks.len() == 1 && r.remarks[0].contains("clipped at -0.600 and 0.600 m"),

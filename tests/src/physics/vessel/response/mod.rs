@@ -1,4 +1,4 @@
-//! A vessel that answers waves as a table says: linear seakeeping, in the place of the hull of
+//! Linear seakeeping by a response table, in the place of the hull of
 //! [`crate::physics::vessel::Vessel`].
 //!
 //! Motion about the mean path, which carries amidships at the still water line with the mean heading:

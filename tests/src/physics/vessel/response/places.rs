@@ -1,5 +1,5 @@
-//! What an installer measures on a vessel: the deck, the sensors, how she is trimmed. One TOML file beside
-//! the response table.
+//! Places on a vessel, as an installer measures them: deck, sensors, trim. One TOML file beside the
+//! response table.
 
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::tags::Tags;

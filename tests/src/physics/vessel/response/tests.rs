@@ -31,7 +31,7 @@ fn flat(response: impl Fn(f64, f64) -> [f64; 12]) -> String {
 }
 
 #[test]
-fn supplied_hulls_are_complete_and_follow_long_waves() {
+fn supplied_hulls_in_long_waves() {
     for name in HULLS {
         let hull = HullFiles::load(name).unwrap();
         assert_eq!(hull.table.range(), [0.4, 5.0], "{name}");
@@ -53,7 +53,7 @@ fn supplied_hulls_are_complete_and_follow_long_waves() {
 }
 
 #[test]
-fn response_passes_its_nodes_and_is_mirrored_to_the_other_side() {
+fn response_nodes_and_symmetry() {
     let table = HullFiles::load("mono-5m").unwrap().table;
     let text = SUPPLIED[1].1;
     let row: Vec<f64> = text
@@ -82,7 +82,7 @@ fn response_passes_its_nodes_and_is_mirrored_to_the_other_side() {
 }
 
 #[test]
-fn bad_table_is_an_error_that_names_file_and_line() {
+fn bad_response_table() {
     let good = flat(|_, _| [0.1; 12]);
     assert!(ResponseTable::parse(&good, "boat.csv").is_ok());
     let line = |n: usize, text: &str| {
@@ -131,7 +131,7 @@ fn bad_table_is_an_error_that_names_file_and_line() {
 }
 
 #[test]
-fn vessel_in_a_long_wave_rides_its_surface() {
+fn response_in_a_long_wave() {
     // 300 m long, from astern, abeam and ahead, to either side; slope and elevation as the water's.
     for towards in [0.0, 0.8, 1.9, 3.1, -0.8, -2.2] {
         let wave = Component::deep(2.0, 0.453, towards, 0.7);
@@ -165,7 +165,7 @@ fn vessel_in_a_long_wave_rides_its_surface() {
 }
 
 #[test]
-fn motion_derivatives_are_those_of_its_values_on_every_course() {
+fn response_motion_derivatives() {
     let config = "jonswap:0.8,4.5+jonswap:1,8@60".parse::<SeaConfig>().unwrap();
     let sea = Sea::linear(&config, &Streams::new(5));
     assert!(sea.components().len() >= 240);
@@ -201,7 +201,7 @@ fn motion_derivatives_are_those_of_its_values_on_every_course() {
 }
 
 #[test]
-fn vessel_under_way_meets_the_waves_at_the_frequency_of_encounter() {
+fn response_frequency_of_encounter() {
     // omega - k U cos(beta): head, following and overtaking a short following wave.
     for (beta, omega, speed) in [
         (core::f64::consts::PI, 1.2, 3.0),
@@ -247,7 +247,7 @@ fn vessel_under_way_meets_the_waves_at_the_frequency_of_encounter() {
 }
 
 #[test]
-fn square_path_closes_and_keeps_its_speed() {
+fn square_path_closure_and_speed() {
     for (speed, side) in [(2.0, 40.0), (1.0, 10.0), (6.0, 40.0)] {
         let config = VesselConfig {
             course: Course::Square,
@@ -284,7 +284,7 @@ fn square_path_closes_and_keeps_its_speed() {
 }
 
 #[test]
-fn seas_have_the_height_and_period_asked_for() {
+fn sea_heights_and_periods() {
     let config: SeaConfig = "jonswap:1.5,6".parse().unwrap();
     for seed in 0..3 {
         let sea = Sea::linear(&config, &Streams::new(seed));
@@ -319,7 +319,7 @@ fn seas_have_the_height_and_period_asked_for() {
 }
 
 #[test]
-fn linear_water_is_consistent() {
+fn linear_water_consistency() {
     let config: SeaConfig = "pm:1,5".parse().unwrap();
     let sea = Sea::linear(&config, &Streams::new(4));
     for i in 0..50 {
@@ -338,7 +338,7 @@ fn linear_water_is_consistent() {
 }
 
 #[test]
-fn seeds_draw_phases_directions_and_the_heading_against_the_sea() {
+fn seed_draws_of_phases_directions_and_heading() {
     let config: SeaConfig = "jonswap:1,5".parse().unwrap();
     let angle = |seed: u64| {
         let sea = Sea::linear(&config, &Streams::new(seed));

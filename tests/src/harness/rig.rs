@@ -1,0 +1,167 @@
+//! One flight in the simulated world, as tests drive it: commands, faults and measurements at moments.
+
+use alight_shared::msg::{CommandKind, MissionState, State};
+
+use super::physics::TICK;
+use super::scenario::{NodeConfigs, Scenario, SetupError};
+use super::tap::{NoTap, Tap};
+use super::world::{Checkpoints, World};
+
+/// What may fail of a drone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// The process of the predictor.
+    Predictor,
+    /// The process of the mission.
+    Mission,
+    /// The process of the pilot.
+    Pilot,
+    /// The process that links to the autopilot.
+    Link,
+    /// The cable to the autopilot.
+    Cable,
+    /// The supervisor, and with it every process of the drone's computer.
+    Supervisor,
+}
+
+/// The world of one flight, and the states that the missions went through.
+pub struct Rig {
+    /// The world.
+    pub world: World,
+    /// Its scenario.
+    pub scenario: Scenario,
+    /// Its nodes.
+    pub nodes: NodeConfigs,
+    /// Of each drone: states, with the time after the start at which each was entered, s.
+    visited: Vec<Vec<(State, f64)>>,
+}
+
+impl Rig {
+    /// At the start of the flight of `seed`.
+    pub fn new(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<Rig, SetupError> {
+        Rig::tapped(scenario, nodes, seed, &mut NoTap)
+    }
+    /// The same, with a warm-up that is shown to a tap.
+    pub fn tapped(
+        scenario: &Scenario,
+        nodes: &NodeConfigs,
+        seed: u64,
+        tap: &mut impl Tap,
+    ) -> Result<Rig, SetupError> {
+        let mut world = World::new(scenario, nodes, seed)?;
+        world.warm_up(tap);
+        Ok(Rig {
+            world,
+            scenario: scenario.clone(),
+            nodes: nodes.clone(),
+            visited: vec![vec![(State::Idle, 0.0)]; scenario.drones as usize],
+        })
+    }
+    /// At the start, with the order to land.
+    pub fn landing(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<Rig, SetupError> {
+        let mut rig = Rig::new(scenario, nodes, seed)?;
+        rig.world.command(CommandKind::Land);
+        Ok(rig)
+    }
+
+    /// One tick of the world, shown to a tap. At no time may two drones use the deck.
+    pub fn tick(&mut self, tap: &mut impl Tap) {
+        self.world.tick(tap);
+        let t_s = self.t_s();
+        for (drone, visited) in self.world.drones().iter().zip(&mut self.visited) {
+            let state = drone.mission_state.state;
+            if visited.last().is_none_or(|(last, _)| *last != state) {
+                visited.push((state, t_s));
+            }
+        }
+        assert!(self.using_the_deck().len() <= 1, "{:?}", self.visited);
+    }
+    /// For so long, s.
+    pub fn run(&mut self, seconds: f64) {
+        self.until(seconds, |_| false);
+    }
+    /// Until `done`, `limit_s` at most; whether it was done.
+    pub fn until(&mut self, limit_s: f64, mut done: impl FnMut(&Rig) -> bool) -> bool {
+        for _ in 0..(limit_s / TICK.secs()) as u32 {
+            if done(self) {
+                return true;
+            }
+            self.tick(&mut NoTap);
+        }
+        done(self)
+    }
+    /// With `after` behind every tick until that says that the flight is over, `limit_s` at most.
+    pub fn each(&mut self, limit_s: f64, mut after: impl FnMut(&mut Rig) -> bool) {
+        for _ in 0..(limit_s / TICK.secs()) as u32 {
+            self.tick(&mut NoTap);
+            if after(self) {
+                break;
+            }
+        }
+    }
+
+    /// A part of the first drone fails.
+    pub fn fail(&mut self, part: Part) {
+        match part {
+            Part::Predictor => self.world.kill_predictor(0),
+            Part::Mission => self.world.kill_mission(0),
+            Part::Pilot => self.world.kill_pilot(0),
+            Part::Link => self.world.kill_link(0),
+            Part::Cable => self.cut(true),
+            Part::Supervisor => self.world.kill_computer(0),
+        }
+    }
+    /// It is there again; a process with or without the checkpoint of the one before it.
+    pub fn restore(&mut self, part: Part, checkpoints: Checkpoints) {
+        let (world, scenario, nodes) = (&mut self.world, &self.scenario, &self.nodes);
+        match part {
+            Part::Predictor => world.start_predictor(0, nodes, checkpoints),
+            Part::Mission => world.start_mission(0, scenario, nodes, checkpoints),
+            Part::Pilot => world.start_pilot(0, nodes),
+            Part::Link => world.start_link(0, checkpoints),
+            Part::Cable => self.cut(false),
+            Part::Supervisor => world.start_computer(0, scenario, nodes, checkpoints),
+        }
+    }
+    fn cut(&mut self, cut: bool) {
+        self.world.linked(0).into_iter().for_each(|l| l.cut = cut);
+    }
+    /// The vessel's computer starts anew, with what it kept.
+    pub fn restart_vessel(&mut self) {
+        self.world.restart_vessel(&self.nodes);
+    }
+    /// A person takes a drone away and starts it anew.
+    pub fn restart_drone(&mut self, k: usize) {
+        self.world.restart_drone(k, &self.scenario, &self.nodes);
+    }
+
+    /// Time since the start, s.
+    pub fn t_s(&self) -> f64 {
+        self.world.physics().time_since_start().secs()
+    }
+    /// A drone's mission.
+    pub fn mission(&self, k: usize) -> &MissionState {
+        &self.world.drones()[k].mission_state
+    }
+    /// Its state.
+    pub fn state(&self, k: usize) -> State {
+        self.mission(k).state
+    }
+    /// The states that it went through.
+    pub fn visited(&self, k: usize) -> Vec<State> {
+        self.visited[k].iter().map(|(state, _)| *state).collect()
+    }
+    /// When it entered its state, after the start, s.
+    pub fn entered_s(&self, k: usize) -> f64 {
+        self.visited[k].last().map_or(0.0, |(_, t_s)| *t_s)
+    }
+    /// The first drone has been in this state for so long, s.
+    pub fn is_due(&self, state: State, after_s: f64) -> bool {
+        self.state(0) == state && self.t_s() >= self.entered_s(0) + after_s
+    }
+    /// The drones that are on the way down or stand on the deck.
+    pub fn using_the_deck(&self) -> Vec<usize> {
+        let uses = |k: &usize| matches!(self.state(*k), State::Descent | State::Flare | State::Landed);
+        (0..self.visited.len()).filter(uses).collect()
+    }
+}
