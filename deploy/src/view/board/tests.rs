@@ -122,7 +122,7 @@ fn board_of_a_waiting_and_a_silent_mission() {
     let silent = board.picture(at(13.0));
     assert!(silent.state.unwrap().stale);
     assert!(
-        silent.alarms[0].text.contains("nothing for 3 s"),
+        silent.alarms[0].text == "no message from the mission for 3 s",
         "{:?}",
         silent.alarms
     );
