@@ -74,7 +74,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn braking_ends_at_the_least_speed_on_the_deck() {
+    fn braking_to_the_least_speed() {
         let drone = DroneGeometry::default();
         let climb = Climb::new(-2.0, 2.0, &drone);
         let (mut v, mut h) = (2.0_f64, 0.8_f64);

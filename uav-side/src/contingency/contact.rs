@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn climb_from_a_resting_deck_touches_only_within_the_way_that_it_takes_to_brake() {
+    fn climb_from_a_resting_deck() {
         // 0.2 s at 0.5 m/s, then v² / 2a: 0.11 m.
         assert_eq!(climb_mps(0.14, 0.5, |_| (-1.3, 0.0)), None);
         let touch = climb_mps(0.08, 0.5, |_| (-1.3, 0.0));
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn climb_from_a_deck_that_begins_to_rise_needs_more_height() {
+    fn climb_from_a_rising_deck() {
         // Up at 4 m/s² from now on, to 2 m/s.
         let rising = |t: f64| {
             let v = (4.0 * t).min(2.0);
@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn landing_brakes_to_a_soft_contact_where_there_is_height_for_it() {
+    fn landing_with_height_for_a_soft_contact() {
         let landing = |clearance, sink| ends(clearance, sink, |_| (-1.3, 0.0)).landing.speed_mps;
         for sink in [0.4, 2.0] {
             assert!((landing(0.5, sink) - SINK_MPS).abs() < 1e-9, "{sink}");

@@ -41,7 +41,7 @@ mod tests {
     use alight_shared::surroundings::KeepOut;
 
     #[test]
-    fn escape_waits_for_clearance_and_for_a_free_way() {
+    fn escape_with_clearance_and_a_free_way() {
         let mut around = Surroundings {
             escape: Some(core::f32::consts::PI),
             ..Surroundings::default()

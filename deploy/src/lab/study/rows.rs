@@ -381,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn sizes_known_to_world_and_nodes_alike() {
+    fn sizes_of_world_and_nodes() {
         for row in expanded(&of("size"), "").unwrap() {
             let (world, nodes, name) = (&row.world, &row.nodes, &row.scenario);
             assert_eq!(
@@ -395,7 +395,7 @@ mod tests {
     }
 
     #[test]
-    fn flags_leave_the_rows_that_agree_or_take_their_place() {
+    fn flags_beside_the_rows() {
         let names = |study: &str, words: &str| -> Vec<String> {
             let rows = expanded(&of(study), words).unwrap();
             rows.into_iter().map(|r| r.scenario).collect()

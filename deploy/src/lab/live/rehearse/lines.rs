@@ -150,7 +150,7 @@ mod tests {
     use crate::io::link_url::LinkUrl;
 
     #[tokio::test]
-    async fn serial_line_is_opened_again_and_keeps_nothing_unread() {
+    async fn serial_line_opened_again() {
         let path = std::env::temp_dir().join(format!("alight-line-{}", std::process::id()));
         let mut line = SerialLine::at(&path).unwrap();
         assert_eq!(line.exchange(b"before anybody listens").unwrap(), 0);
