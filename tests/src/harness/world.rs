@@ -25,7 +25,7 @@ use alight_uav::pilot::{Output, Pilot, PilotIn};
 use alight_uav::planner::{Planner, PlannerIn, PlannerOut};
 use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
 use alight_usv::deck::{DeckInputs, DeckOrder};
-use alight_usv::{ComputerIn, VesselComputer, VesselNode};
+use alight_usv::{ComputerIn, VesselComputer};
 use serde::Serialize;
 
 use super::cameras::SimulatedCameras;
@@ -355,10 +355,6 @@ impl World {
     /// Whether a drone wants the vessel to keep course and speed now.
     pub fn wants_steady(&self) -> bool {
         self.vessel.arbiter().wants_steady(self.physics.vessel_now())
-    }
-    /// The vessel's node.
-    pub fn vessel_node(&self) -> &VesselNode {
-        self.vessel.node()
     }
     /// The drones' computers.
     pub fn drones(&self) -> &[DroneComputer] {

@@ -250,7 +250,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn climb_is_never_chosen_where_it_meets_the_deck_harder(
+        fn climb_that_meets_the_deck_harder(
             amplitude in 0.0..2.0_f64, period in 3.0..10.0_f64, phase in 0.0..6.3_f64, pitch in 0.0..0.3_f64,
             clearance in -0.2..1.5_f64, sink in -2.0..3.0_f64,
         ) {
