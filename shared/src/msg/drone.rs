@@ -200,8 +200,8 @@ pub struct LinkCheckpoint {
     pub origin_resets: u8,
     /// The same as it counts them, where it does.
     pub reported_resets: Option<u8>,
-    /// Smooth odometry less the autopilot's: position (m) and velocity (m/s), NED; and the bias of its
-    /// acceleration, m/s².
+    /// Smooth odometry less the autopilot's: position (m) and velocity (m/s), NED; the bias of its acceleration, m/s²; and
+    /// the disturbance, m/s², its third component 0.
     pub smoothing: [[f64; 3]; 4],
     /// Collective thrust that hovers, 0 to 1.
     pub hover_thrust: f64,
