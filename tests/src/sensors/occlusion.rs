@@ -27,6 +27,22 @@ pub struct Occlusion {
     sun: Vector<TrueNed>,
 }
 
+/// What the body takes the sun from: a cylinder along the sun's direction.
+pub(super) struct Shadow {
+    body: Vector3<f64>,
+    radius_m: f64,
+    sun: Vector3<f64>,
+}
+
+impl Shadow {
+    /// Whether this point lies in it.
+    pub(super) fn covers(&self, point: Vector3<f64>) -> bool {
+        let to_body = self.body - point;
+        let along = to_body.dot(&self.sun);
+        along > 0.0 && to_body.norm_squared() - along * along < self.radius_m * self.radius_m
+    }
+}
+
 impl Occlusion {
     /// Of this drone with this mount of its camera in this light.
     pub fn new(drone: &DroneGeometry, mount: &CameraMount, sun: Vector<TrueNed>) -> Occlusion {
@@ -50,12 +66,13 @@ impl Occlusion {
             sun,
         }
     }
-    /// Whether the body takes the sun from a point in the camera's axes.
-    pub(super) fn shades(&self, view: &View, point: Vector3<f64>) -> bool {
-        let sun = (view.camera_from_world * self.sun).0;
-        let to_body = self.body - point;
-        let along = to_body.dot(&sun);
-        along > 0.0 && to_body.norm_squared() - along * along < self.radius_m * self.radius_m
+    /// The body's shadow in the camera's axes.
+    pub(super) fn shadow(&self, view: &View) -> Shadow {
+        Shadow {
+            body: self.body,
+            radius_m: self.radius_m,
+            sun: (view.camera_from_world * self.sun).0,
+        }
     }
     /// Whether a leg crosses the convex quadrilateral at unit distance, its corners clockwise as [`super::tag`] has them.
     pub(super) fn covers(&self, quad: &[Vector2<f64>; 4]) -> bool {
@@ -99,7 +116,8 @@ mod tests {
         // A metre above the deck its shadow lies a metre aft of it.
         let view = mount.view(&RigidState::<DroneBody>::default());
         let below = |ahead: f64| view.to_camera_frame(alight_shared::frames::Point::new(ahead, 0.0, 1.0));
-        assert!(hidden.shades(&view, below(-1.0)));
-        assert!(!hidden.shades(&view, below(0.0)) && !hidden.shades(&view, below(-1.4)));
+        let shadow = hidden.shadow(&view);
+        assert!(shadow.covers(below(-1.0)));
+        assert!(!shadow.covers(below(0.0)) && !shadow.covers(below(-1.4)));
     }
 }

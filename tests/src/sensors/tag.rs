@@ -185,7 +185,8 @@ impl TagDetector {
         if let Some(drone) = &self.occlusion {
             // Shadow is far larger than a tag of a few centimetres, and far away where a larger one is seen whole.
             let points = corners.into_iter().chain([centre]);
-            let shaded = points.into_iter().any(|p| drone.shades(view, p));
+            let shadow = drone.shadow(view);
+            let shaded = points.into_iter().any(|p| shadow.covers(p));
             if shaded || drone.covers(&corners.map(|p| p.xy() / p.z)) {
                 return None;
             }

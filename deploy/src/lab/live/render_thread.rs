@@ -4,6 +4,8 @@
 use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::os::unix::fs::OpenOptionsExt;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::time::Duration;
 
@@ -23,10 +25,14 @@ use crate::process::supervisor::pause;
 /// Shots that wait for the thread; more are lost, as a camera that is overrun loses images.
 const QUEUE_LENGTH: usize = 2;
 
+/// A device delivers an image within this time of its delay, or has lost it, ns: who reads it takes that for its age.
+const MAX_LATE_NS: i64 = 5_000_000;
+
 /// The way to that thread.
 pub struct RenderThread {
     shots: SyncSender<Shot>,
-    lost: u64,
+    /// Images that came to nobody.
+    lost: Arc<AtomicU64>,
 }
 
 /// Where images go.
@@ -38,10 +44,21 @@ enum Sink {
 }
 
 impl Sink {
-    fn take(&mut self, shot: &Shot, size: [u32; 2], pixels: &[u8]) {
+    /// False for an image that is lost.
+    fn take(&mut self, shot: &Shot, size: [u32; 2], pixels: &[u8]) -> bool {
         match self {
-            Sink::Memory { images, .. } => images.send(shot.at.nanos(), size, pixels),
+            Sink::Memory { images, .. } => {
+                images.send(shot.at.nanos(), size, pixels);
+                true
+            }
             Sink::Pipe(pipe) => pipe.write(shot.at.nanos(), pixels),
+        }
+    }
+    /// Whether an image that was exposed at this time would be lost. In memory it has its time with it, and never is.
+    fn too_late(&self, shot: &Shot) -> bool {
+        match self {
+            Sink::Memory { .. } => false,
+            Sink::Pipe(pipe) => pipe.early_ns(shot.at.nanos()) < -MAX_LATE_NS,
         }
     }
 }
@@ -53,22 +70,31 @@ struct Pipe {
 }
 
 impl Pipe {
-    /// Delivers the image that was exposed when the drone's clock, the steady one, read `at_ns`. While nobody reads it
-    /// is lost, as a camera's is.
-    fn write(&mut self, at_ns: i64, pixels: &[u8]) {
-        let due_ns = at_ns + (self.devices.camera_delay_s * 1e9) as i64;
-        let early_ns = due_ns - steady_ns();
+    /// Time until an image is due that was exposed when the drone's clock, the steady one, read `at_ns`, ns.
+    fn early_ns(&self, at_ns: i64) -> i64 {
+        at_ns + (self.devices.camera_delay_s * 1e9) as i64 - steady_ns()
+    }
+    /// Delivers the image that was exposed at `at_ns`. One that is too late, or that nobody reads, is lost, as a
+    /// camera's is.
+    fn write(&mut self, at_ns: i64, pixels: &[u8]) -> bool {
+        let early_ns = self.early_ns(at_ns);
+        if early_ns < -MAX_LATE_NS {
+            return false;
+        }
         if early_ns > 0 {
             pause(Duration::from_nanos(early_ns.unsigned_abs()));
         }
         if self.open.is_none() {
             self.open = self.reader();
         }
-        if let Some(pipe) = &mut self.open
-            && pipe.write_all(pixels).is_err()
-        {
+        let written = self
+            .open
+            .as_mut()
+            .is_some_and(|pipe| pipe.write_all(pixels).is_ok());
+        if !written {
             self.open = None;
         }
+        written
     }
     /// The pipe's end, if it has a reader; what is written then waits for that one.
     fn reader(&self) -> Option<File> {
@@ -119,6 +145,8 @@ impl RenderThread {
         let (shots, waiting) = sync_channel::<Shot>(QUEUE_LENGTH);
         let (result, joined) = sync_channel::<Result<(), CliError>>(1);
         let scenario = scenario.clone();
+        let lost = Arc::<AtomicU64>::default();
+        let lost_here = Arc::clone(&lost);
         std::thread::spawn(move || {
             let mut sink = match open() {
                 Ok(sink) => sink,
@@ -136,14 +164,20 @@ impl RenderThread {
             }
             // Ends with the world, which holds the other end.
             while let Ok(shot) = waiting.recv() {
-                if let Some(image) = renderer.image(&shot) {
+                let image = if sink.too_late(&shot) {
+                    None
+                } else {
+                    renderer.image(&shot)
+                };
+                let delivered = image.is_some_and(|image| {
                     let size = [image.width() as u32, image.height() as u32];
-                    sink.take(&shot, size, image.pixels());
-                }
+                    sink.take(&shot, size, image.pixels())
+                });
+                lost_here.fetch_add(u64::from(!delivered), Ordering::Relaxed);
             }
         });
         match joined.recv() {
-            Ok(Ok(())) => Ok(RenderThread { shots, lost: 0 }),
+            Ok(Ok(())) => Ok(RenderThread { shots, lost }),
             Ok(Err(why)) => Err(why),
             Err(e) => Err(CliError::because("starting the simulated camera", e)),
         }
@@ -151,11 +185,12 @@ impl RenderThread {
     /// Renders these.
     pub fn take(&mut self, shots: &[Shot]) {
         for shot in shots {
-            self.lost += u64::from(self.shots.try_send(*shot).is_err());
+            let full = self.shots.try_send(*shot).is_err();
+            self.lost.fetch_add(u64::from(full), Ordering::Relaxed);
         }
     }
-    /// Images that were never rendered.
+    /// Images that came to nobody.
     pub fn lost(&self) -> u64 {
-        self.lost
+        self.lost.load(Ordering::Relaxed)
     }
 }

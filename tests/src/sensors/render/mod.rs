@@ -19,11 +19,11 @@ use nalgebra::{Rotation3, Vector3};
 use super::camera::{CameraMount, View};
 use super::clocks::ClockModel;
 use super::noise::{Noise, Schedule};
-use super::occlusion::Occlusion;
+use super::occlusion::{Occlusion, Shadow};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
-use paint::{DeckPaint, Sea};
-use rays::{Pattern, Rays};
+use paint::{DeckPaint, Paint, Patch, Sea};
+use rays::{Pattern, Ray, Rays, Sample};
 
 config! {
     /// The camera and the light, as they are.
@@ -163,11 +163,14 @@ impl DeckInCamera {
             axes: axes.0.to_rotation_matrix(),
         }
     }
-    /// How far along the optical axis a ray meets the deck's plane, m.
-    fn depth(&self, u: f32, v: f32) -> Option<f64> {
-        let normal = self.axes * Vector3::z();
-        let depth = normal.dot(&self.at) / normal.dot(&Vector3::new(f64::from(u), f64::from(v), 1.0));
-        (depth > 0.0).then_some(depth)
+    /// Where a ray meets the deck's plane, m.
+    fn meet(&self, [u, v]: [f32; 2]) -> Option<Vector3<f64>> {
+        let (ray, normal) = (
+            Vector3::new(f64::from(u), f64::from(v), 1.0),
+            self.axes.matrix().column(2),
+        );
+        let depth = normal.dot(&self.at) / normal.dot(&ray);
+        (depth > 0.0).then(|| ray * depth)
     }
     /// Deck's centre and axes `s` seconds from the middle of the exposure.
     fn after(&self, s: f64) -> (Vector3<f64>, Rotation3<f64>) {
@@ -204,6 +207,84 @@ impl ToDeck {
         let dot = |r: &[f32; 3]| r[0] * u + r[1] * v + r[2];
         let z = dot(&self.z);
         (z > 1e-4).then(|| [dot(&self.x) / z, dot(&self.y) / z])
+    }
+}
+
+/// Side of the largest block of pixels that is drawn at once, px.
+const BLOCK_PX: usize = 16;
+/// The lens bends a straight line by less than this within a block, px.
+const BEND_PX: f32 = 0.5;
+
+/// A block of pixels, its ends included.
+#[derive(Clone, Copy)]
+struct Block {
+    left: usize,
+    top: usize,
+    right: usize,
+    bottom: usize,
+}
+
+impl Block {
+    /// Each of its pixels by its place in an image that is so wide.
+    fn pixels(&self, width: usize, mut each: impl FnMut(usize)) {
+        for row in self.top..=self.bottom {
+            (row * width + self.left..=row * width + self.right).for_each(&mut each);
+        }
+    }
+    /// Its quarters; of a line of pixels its halves.
+    fn parts(&self) -> impl Iterator<Item = Block> {
+        let halves = |from: usize, to: usize| {
+            let middle = from + (to - from) / 2;
+            [Some((from, middle)), (middle < to).then_some((middle + 1, to))]
+        };
+        let rows = halves(self.top, self.bottom).into_iter().flatten();
+        let columns = halves(self.left, self.right);
+        rows.flat_map(move |(top, bottom)| {
+            columns.into_iter().flatten().map(move |(left, right)| Block {
+                left,
+                top,
+                right,
+                bottom,
+            })
+        })
+    }
+}
+
+/// The deck as one image shows it.
+struct DeckScene<'a> {
+    deck: DeckInCamera,
+    /// Rays of a pixel, each with the deck at its time.
+    rays: Vec<(ToDeck, &'a Sample)>,
+    /// Rays are at most so far from their pixel's middle, px.
+    reach_px: f32,
+    /// What moves is smeared so far, px.
+    blur_px: f64,
+    shadow: Option<Shadow>,
+    glare: Option<Glare>,
+}
+
+impl DeckScene<'_> {
+    /// The deck at both ends of the exposure: between them is what moves.
+    fn ends(&self) -> Option<[&ToDeck; 2]> {
+        let time = |(_, sample): &&(ToDeck, &Sample)| sample.time;
+        let by_time = |a: &&(ToDeck, &Sample), b: &&(ToDeck, &Sample)| time(a).total_cmp(&time(b));
+        let (first, last) = (
+            self.rays.iter().min_by(by_time)?,
+            self.rays.iter().max_by(by_time)?,
+        );
+        Some([&first.0, &last.0])
+    }
+    /// Light along a ray: of the paint where the sun or only the sky reaches it, and of the sun's mirror image on this
+    /// share of the pixel.
+    fn lit(&self, ray: &Ray, paint: f32, share: f32) -> f32 {
+        let in_shadow = |shadow: &Shadow| self.deck.meet(ray.at).is_some_and(|at| shadow.covers(at));
+        let shade = if self.shadow.as_ref().is_some_and(in_shadow) {
+            SHADE
+        } else {
+            1.0
+        };
+        let shine = self.glare.as_ref().map_or(0.0, |g| g.at(ray.at));
+        paint * shade + shine * share
     }
 }
 
@@ -292,11 +373,31 @@ impl Renderer {
         exposure_s: f64,
         width: usize,
     ) {
-        let deck_in_camera = DeckInCamera::new(view, deck);
+        let Some(scene) = self.scene(view, deck, exposure_s) else {
+            return;
+        };
+        let Some([left, top, right, bottom]) = self.bounds(&scene.deck, exposure_s, scene.blur_px) else {
+            return;
+        };
+        for top in (top..=bottom).step_by(BLOCK_PX) {
+            for left in (left..=right).step_by(BLOCK_PX) {
+                let block = Block {
+                    left,
+                    top,
+                    right: (left + BLOCK_PX - 1).min(right),
+                    bottom: (top + BLOCK_PX - 1).min(bottom),
+                };
+                self.draw_block(light, &scene, &block, width);
+            }
+        }
+    }
+    /// None when the camera is not above the deck.
+    fn scene(&self, view: &View, deck: &RigidState<Deck>, exposure_s: f64) -> Option<DeckScene<'_>> {
+        let deck = DeckInCamera::new(view, deck);
         let focal = self.config.lens.focal_px[0];
-        let distance = deck_in_camera.at.norm().max(0.1);
+        let distance = deck.at.norm().max(0.1);
         let cell_px = self.paint.least_cell_px(focal / distance);
-        let speed = deck_in_camera.drift.norm() / distance + deck_in_camera.turn.norm();
+        let speed = deck.drift.norm() / distance + deck.turn.norm();
         let blur_px = speed * exposure_s * focal;
         // Enough rays for cells of few pixels, and for every half pixel of a smear.
         let side = if cell_px > 16.0 {
@@ -307,50 +408,87 @@ impl Renderer {
             4
         };
         let side = side.max((2.0 * blur_px).sqrt().ceil().min(5.0) as usize);
-        let Some(pattern) = self.patterns.iter().find(|p| p.side >= side) else {
-            return;
+        let pattern = self.patterns.iter().find(|p| p.side >= side)?;
+        let deck_at = |ray: &'_ Sample| {
+            let (at, axes) = deck.after(ray.time * exposure_s);
+            ToDeck::new(&at, &axes)
         };
-        let maps: Option<Vec<ToDeck>> = pattern
+        let rays: Option<Vec<_>> = pattern
             .rays
             .iter()
-            .map(|ray| {
-                let (at, axes) = deck_in_camera.after(ray.time * exposure_s);
-                ToDeck::new(&at, &axes)
-            })
+            .map(|ray| Some((deck_at(ray)?, ray)))
             .collect();
-        let Some(maps) = maps else { return };
-        let Some([left, top, right, bottom]) = self.bounds(&deck_in_camera, exposure_s, blur_px) else {
-            return;
-        };
-        let glare = self.glare_on(view, &deck_in_camera);
-        let fraction = 1.0 / maps.len() as f32;
-        for row in top..=bottom {
-            for column in left..=right {
-                let k = row * width + column;
-                let (Some(ray), Some(out)) = (self.rays.all.get(k), light.get_mut(k)) else {
-                    continue;
-                };
-                let (mut sum, mut hits) = (0.0_f32, 0.0_f32);
-                for (map, sample) in maps.iter().zip(&pattern.rays) {
-                    let [u, v] = ray.moved(sample.right, sample.down);
-                    if let Some(bright) = map.meet(u, v).and_then(|[x, y]| self.paint.at(x, y)) {
-                        sum += bright;
-                        hits += 1.0;
+        Some(DeckScene {
+            rays: rays?,
+            reach_px: pattern.reach_px() + BEND_PX,
+            blur_px,
+            shadow: self.drone.as_ref().map(|(drone, _)| drone.shadow(view)),
+            glare: self.glare_on(view, &deck),
+            deck,
+        })
+    }
+
+    /// Draws a block of pixels: at once where all their rays meet the same light, else in four parts.
+    fn draw_block(&self, light: &mut [f32], scene: &DeckScene, block: &Block, width: usize) {
+        let paint = self
+            .patch(scene, block, width)
+            .map_or(Paint::Edges, |p| self.paint.within(&p));
+        match paint {
+            Paint::Beside => {}
+            Paint::Even(even) => {
+                block.pixels(width, |k| {
+                    if let (Some(ray), Some(out)) = (self.rays.all.get(k), light.get_mut(k)) {
+                        *out = scene.lit(ray, even, 1.0);
                     }
-                }
-                if hits > 0.0 {
-                    let [u, v] = ray.at;
-                    if let Some((drone, _)) = &self.drone
-                        && let Some(depth) = deck_in_camera.depth(u, v)
-                        && drone.shades(view, Vector3::new(f64::from(u), f64::from(v), 1.0) * depth)
-                    {
-                        sum *= SHADE;
+                });
+            }
+            Paint::Edges if block.right - block.left <= 1 && block.bottom - block.top <= 1 => {
+                block.pixels(width, |k| {
+                    if let (Some(ray), Some(out)) = (self.rays.all.get(k), light.get_mut(k)) {
+                        self.draw_pixel(out, scene, ray);
                     }
-                    let shine = glare.as_ref().map_or(0.0, |g| g.at(ray.at)) * hits * fraction;
-                    *out = *out * (1.0 - hits * fraction) + sum * fraction + shine;
+                });
+            }
+            Paint::Edges => {
+                for part in block.parts() {
+                    self.draw_block(light, scene, &part, width);
                 }
             }
         }
+    }
+    /// Draws a pixel as the mean of its rays.
+    fn draw_pixel(&self, out: &mut f32, scene: &DeckScene, ray: &Ray) {
+        let (mut sum, mut hits) = (0.0_f32, 0.0_f32);
+        for (map, sample) in &scene.rays {
+            let [u, v] = ray.moved(sample.right, sample.down);
+            if let Some(bright) = map.meet(u, v).and_then(|[x, y]| self.paint.at(x, y)) {
+                sum += bright;
+                hits += 1.0;
+            }
+        }
+        if hits > 0.0 {
+            let fraction = 1.0 / scene.rays.len() as f32;
+            *out = *out * (1.0 - hits * fraction) + scene.lit(ray, sum * fraction, hits * fraction);
+        }
+    }
+    /// Where on the deck's plane all rays of a block's pixels meet it; None where one does not.
+    fn patch(&self, scene: &DeckScene, block: &Block, width: usize) -> Option<Patch> {
+        let mut patch = Patch {
+            x: [f32::INFINITY, f32::NEG_INFINITY],
+            y: [f32::INFINITY, f32::NEG_INFINITY],
+        };
+        let (ends, reach) = (scene.ends()?, scene.reach_px);
+        for (row, down) in [(block.top, -reach), (block.bottom, reach)] {
+            for (column, right) in [(block.left, -reach), (block.right, reach)] {
+                let [u, v] = self.rays.all.get(row * width + column)?.moved(right, down);
+                for map in ends {
+                    let [x, y] = map.meet(u, v)?;
+                    patch.x = [patch.x[0].min(x), patch.x[1].max(x)];
+                    patch.y = [patch.y[0].min(y), patch.y[1].max(y)];
+                }
+            }
+        }
+        Some(patch)
     }
 
     /// Pixels that may show the deck: left, top, right, bottom.

@@ -21,6 +21,11 @@ const PLANK_M: f32 = 0.14;
 /// Cells of the index along each axis of the deck.
 const INDEX: usize = 64;
 
+/// Light from white or black paint.
+fn light(white: bool) -> f32 {
+    if white { WHITE } else { BLACK }
+}
+
 /// A tag with its white margin.
 #[derive(Clone, Debug)]
 struct Painted {
@@ -33,20 +38,57 @@ struct Painted {
 impl Painted {
     /// Light from a point of the deck; None beside it.
     fn at(&self, x: f32, y: f32) -> Option<f32> {
-        // Cells from the upper left corner of the margin; the tag's upper edge is forward.
-        let half = 0.5 * CELLS as f32;
-        let column = (y - self.centre[1]) / self.cell + half;
-        let row = half - (x - self.centre[0]) / self.cell;
+        let [row, column] = [self.row(x), self.column(y)];
         let across = 0.0..CELLS as f32;
-        let white = across.contains(&column) && across.contains(&row);
-        white.then(|| {
-            if self.white[row as usize][column as usize] {
-                WHITE
-            } else {
-                BLACK
-            }
-        })
+        let on = across.contains(&column) && across.contains(&row);
+        on.then(|| light(self.white[row as usize][column as usize]))
     }
+    /// Cells from the upper left corner of the margin; the tag's upper edge is forward.
+    fn row(&self, x: f32) -> f32 {
+        0.5 * CELLS as f32 - (x - self.centre[0]) / self.cell
+    }
+    fn column(&self, y: f32) -> f32 {
+        (y - self.centre[1]) / self.cell + 0.5 * CELLS as f32
+    }
+    /// What a patch shows of it.
+    fn within(&self, patch: &Patch) -> Paint {
+        let rows = [self.row(patch.x[1]), self.row(patch.x[0])];
+        let columns = [self.column(patch.y[0]), self.column(patch.y[1])];
+        let across = 0.0..CELLS as f32;
+        if [rows, columns]
+            .iter()
+            .any(|[from, to]| *to < 0.0 || *from >= across.end)
+        {
+            return Paint::Beside;
+        }
+        if ![rows, columns].as_flattened().iter().all(|v| across.contains(v)) {
+            return Paint::Edges;
+        }
+        let [rows, columns] = [rows, columns].map(|[from, to]| from as usize..=to as usize);
+        let mut cells = self.white[rows].iter().flat_map(|row| &row[columns.clone()]);
+        match cells.next() {
+            Some(first) if cells.all(|c| c == first) => Paint::Even(light(*first)),
+            Some(_) | None => Paint::Edges,
+        }
+    }
+}
+
+/// A rectangle on the deck: forward from..to, to starboard from..to, m.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Patch {
+    pub(super) x: [f32; 2],
+    pub(super) y: [f32; 2],
+}
+
+/// What is within a patch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Paint {
+    /// Nothing of the deck.
+    Beside,
+    /// The deck, of one light everywhere.
+    Even(f32),
+    /// Edges.
+    Edges,
 }
 
 /// The deck's upper surface.
@@ -115,8 +157,37 @@ impl DeckPaint {
             }
             bits &= bits - 1;
         }
+        Some(Self::plank(y))
+    }
+    fn plank(y: f32) -> f32 {
         let plank = (y / PLANK_M).floor() as i32;
-        Some(if plank % 2 == 0 { 0.42 } else { 0.50 })
+        if plank % 2 == 0 { 0.42 } else { 0.50 }
+    }
+    /// What is within a patch; edges where that would take long to tell.
+    pub(super) fn within(&self, patch: &Patch) -> Paint {
+        let sides = [(patch.x, self.half[0]), (patch.y, self.half[1])];
+        if sides.iter().any(|([from, to], half)| *to < -half || from > half) {
+            return Paint::Beside;
+        }
+        if sides
+            .iter()
+            .any(|([from, to], half)| !(-half <= *from && to <= half))
+        {
+            return Paint::Edges;
+        }
+        // The first tag that has something of it decides, as at a point.
+        for tag in &self.tags {
+            match tag.within(patch) {
+                Paint::Beside => {}
+                paint => return paint,
+            }
+        }
+        let [from, to] = patch.y.map(|y| (y / PLANK_M).floor());
+        if from == to {
+            Paint::Even(Self::plank(patch.y[0]))
+        } else {
+            Paint::Edges
+        }
     }
     /// Points along the deck's edge, in its own axes, m.
     pub(super) fn outline(&self) -> impl Iterator<Item = Vector3<f64>> {

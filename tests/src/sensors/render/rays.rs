@@ -109,6 +109,11 @@ pub(super) struct Pattern {
 }
 
 impl Pattern {
+    /// The furthest of its rays from the pixel's middle along an axis, px.
+    pub(super) fn reach_px(&self) -> f32 {
+        let furthest = |r: &Sample| r.right.abs().max(r.down.abs());
+        self.rays.iter().map(furthest).fold(0.0, f32::max)
+    }
     pub(super) fn new(side: usize, optics_sd_px: f64, draw: &mut Noise) -> Pattern {
         // Variance of a pixel's area is 1/12 px².
         let sd = (1.0 / 12.0 + optics_sd_px * optics_sd_px).sqrt();

@@ -297,3 +297,50 @@ fn rendered_tags_from_contact_to_10_m() {
         );
     }
 }
+
+/// Every pixel drawn by its own rays, as blocks of one light are not.
+fn by_pixels(renderer: &Renderer, shot: &Shot) -> Vec<f32> {
+    let lens = &renderer.config.lens;
+    let mut light = vec![0.0; (lens.width_px * lens.height_px) as usize];
+    let scene = renderer
+        .scene(&shot.view, &shot.deck, shot.exposure_s)
+        .expect("seen");
+    for (out, ray) in light.iter_mut().zip(&renderer.rays.all) {
+        renderer.draw_pixel(out, &scene, ray);
+    }
+    light
+}
+
+#[test]
+fn blocks_of_one_light_and_their_pixels() {
+    let (deck_geometry, drone) = (DeckGeometry::default(), DroneGeometry::default());
+    let mount = CameraMount {
+        position: Vector3::from(drone.camera_m),
+        attitude: body_from_camera(),
+    };
+    for lens in [Lens::default(), distorted()] {
+        let config = RenderConfig {
+            lens,
+            glare: 1.0,
+            ..RenderConfig::default()
+        };
+        let renderer = Renderer::new(&config, &deck_geometry, &Streams::new(1)).below(&drone, &mount);
+        for (up, speed) in [(0.0, 0.0), (0.4, 1.0), (2.0, 2.0), (8.0, -1.0)] {
+            let at = RigidState::<DroneBody> {
+                position: Point::new(0.3, -0.2, -up - drone.feet_below_m),
+                attitude: Rotation::from_euler(0.1, -0.2, 0.5),
+                velocity: Vector::new(speed, -0.5 * speed, speed),
+                rates: Vector::new(speed, 0.3, -0.2),
+                ..Default::default()
+            };
+            let shot = shot(&mount.view(&at), &deck([0.05, 0.1, -0.4]), 0.004);
+            let width = config.lens.width_px as usize;
+            let mut light = vec![0.0; width * config.lens.height_px as usize];
+            renderer.draw_deck(&mut light, &shot.view, &shot.deck, shot.exposure_s, width);
+            let whole = by_pixels(&renderer, &shot);
+            let differ = light.iter().zip(&whole).filter(|(a, b)| (**a - **b).abs() > 1e-5);
+            assert_eq!(differ.count(), 0, "{up} m, {speed} m/s");
+            assert!(whole.iter().any(|l| *l > 0.0));
+        }
+    }
+}
