@@ -9,6 +9,11 @@ use rustix::thread::{CpuSet, sched_setaffinity};
 /// processes: ticks of the simulated world up to 6 s late without it.
 const NICENESS: i32 = -10;
 
+/// Real-time priority of a simulated world, before the processes of flight: what moves waits for nobody. Measured on two
+/// cores beside another landing's start: ticks up to 0.9 s late at that niceness alone, which the autopilot's link takes
+/// for an autopilot that restarted.
+const WORLD_PRIORITY: u8 = 40;
+
 /// Asks for that niceness for this process and all that it starts; without the permission nothing changes.
 pub fn raise() {
     let own = getpriority_process(None).unwrap_or(0);
@@ -23,6 +28,17 @@ pub fn set_real_time(priority: u8) -> bool {
     let scaled = u8::try_from(scaled.div_ceil(98)).unwrap_or(u8::MAX);
     let mut own = Process::from_self();
     own.set_scheduler(Scheduler::Fifo).is_ok() && own.set_priority(scaled).is_ok()
+}
+
+/// The same for a thread of the simulated world, where it is permitted.
+pub fn set_real_time_world() {
+    set_real_time(WORLD_PRIORITY);
+}
+
+/// The usual scheduling for this thread, whoever started it.
+pub fn leave_real_time() {
+    // From the usual one to itself is always permitted.
+    let _same = Process::from_self().set_scheduler(Scheduler::Other);
 }
 
 /// Whether the system permits real-time priorities; tried on this thread for a moment.

@@ -90,6 +90,7 @@ fn rehearsal_with_a_firmware_outside() {
 
 #[test]
 fn interrupted_rehearsal() {
+    alone();
     let mut child = alight("rehearse --json")
         .stdin(Stdio::null())
         .stdout(Stdio::null())

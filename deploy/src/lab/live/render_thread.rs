@@ -20,6 +20,7 @@ use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 
 use crate::exit::CliError;
 use crate::lab::live::config::Devices;
+use crate::process::scheduling;
 use crate::process::supervisor::pause;
 
 /// Shots that wait for the thread; more are lost, as a camera that is overrun loses images.
@@ -148,6 +149,8 @@ impl RenderThread {
         let lost = Arc::<AtomicU64>::default();
         let lost_here = Arc::clone(&lost);
         std::thread::spawn(move || {
+            // What moves is before the images of it.
+            scheduling::leave_real_time();
             let mut sink = match open() {
                 Ok(sink) => sink,
                 Err(e) => {

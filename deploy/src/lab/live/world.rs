@@ -29,6 +29,7 @@ use crate::lab::live::render_thread::RenderThread;
 use crate::lab::live::truth::Truth;
 use crate::process::instance::owner;
 use crate::process::life::{Life, draw_boot, node_recorder};
+use crate::process::scheduling;
 use crate::terminal;
 
 /// The line that reports the first contact.
@@ -111,6 +112,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         Some(_) | None => None,
     };
 
+    scheduling::set_real_time_world();
     while !life.ended() {
         DroneSide::rejoin(&mut computer, &instance, &world, &mut looked_ns);
         let memory = computer.as_ref().map(|c| &c.memory);

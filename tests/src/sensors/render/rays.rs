@@ -42,12 +42,16 @@ fn distort(lens: &Lens, x: f64, y: f64) -> [f64; 2] {
     ]
 }
 
-/// Its inverse by fixed-point iteration, damped.
+/// Its inverse by fixed-point iteration, damped, until nothing changes.
 fn straight(lens: &Lens, x: f64, y: f64) -> [f64; 2] {
     let mut n = [x, y];
     for _ in 0..60 {
         let d = distort(lens, n[0], n[1]);
-        n = [n[0] + 0.7 * (x - d[0]), n[1] + 0.7 * (y - d[1])];
+        let next = [n[0] + 0.7 * (x - d[0]), n[1] + 0.7 * (y - d[1])];
+        if next == n {
+            break;
+        }
+        n = next;
     }
     n
 }

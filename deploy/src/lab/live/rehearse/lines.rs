@@ -20,6 +20,7 @@ use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
 use crate::exit::{CliError, Doing};
 use crate::io::sensor_socket::SensorSocket;
+use crate::process::scheduling;
 
 /// Longest wait for readings.
 const MAX_WAIT: Duration = Duration::from_millis(5);
@@ -111,6 +112,7 @@ impl SensorFeed {
         let (told, counted) = (Arc::clone(&end), Arc::clone(&readings));
         let mut lines = lines;
         let feed = move || {
+            scheduling::set_real_time_world();
             while !told.load(Ordering::Relaxed) {
                 let all = socket.read(MAX_WAIT);
                 let count: usize = all.counts().iter().sum();
