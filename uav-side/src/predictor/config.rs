@@ -100,8 +100,6 @@ config! {
         /// The vessel's wave model is used.
         /// Source: Less than all is for comparisons.
         pub use_wave_model: bool = true;
-        /// Detections of tag and UV markers are used.
-        pub use_vision: bool = true;
         /// The vessel's estimates are used only while the newest tag detection is older than this, s; 0
         /// for always.
         pub radio_after_vision_s: f64 = 0.0, in 0.0..=60.0;

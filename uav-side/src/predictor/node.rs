@@ -405,12 +405,11 @@ impl Predictor {
 
     /// What camera and rangefinder see of the deck.
     fn measure(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
-        let use_vision = self.config.use_vision;
-        for m in input.uvdar.iter().filter(|_| use_vision) {
+        for m in &input.uvdar {
             let admitted = self.vision(now, m, false, |p, mount, c| observation::uvdar(m, p, mount, c));
             self.count(admitted);
         }
-        for m in input.tags.iter().filter(|_| use_vision) {
+        for m in &input.tags {
             let admitted = self.vision(now, m, true, |p, mount, c| observation::tag(m, p, mount, c));
             self.count(admitted);
         }
