@@ -264,7 +264,7 @@ fn mission_killed_on_the_deck_without_checkpoint() {
 }
 
 #[test]
-fn live_supervisor_killed_in_descent() {
+fn supervisor_killed_in_descent() {
     all_land(&over_seas(Part::Supervisor, &IN_DESCENT, Checkpoints::Kept));
 }
 

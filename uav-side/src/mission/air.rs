@@ -1,12 +1,12 @@
 //! The true wind apart from the drone's way through the air, and the drone's drag.
 //!
-//! Drag pushes a drone that moves at `v` in the wind `w` by `d = -k s u` with `u = v - w` and `s = sqrt(|u|² + u0²)`:
-//! quadratic, and linear below `u0`, where the rotors' drag rules (Faessler et al. 2018). What the odometry shows of it at
-//! the different speeds of an approach tells both. An extended Kalman filter over `(ln k, w)` takes the mean of each second:
-//! `dd/d(ln k) = d`, `dd/dw = k (s 1 + u u' / s)`. What gusts do is its noise, and for as long as a gust lasts no
-//! other sample.
+//! Drag pushes a drone that moves at `v` in the mean wind `w` with the gust `g` by `d = -k s u` with `u = v - w - g` and
+//! `s = sqrt(|u|² + u0²)`: quadratic, and linear below `u0`, where the rotors' drag rules (Faessler et al. 2018). What the
+//! odometry shows of it at the different speeds of an approach tells both. An extended Kalman filter over `(ln k, w, g)` takes
+//! the mean of each second: `dd/d(ln k) = d`, `dd/dw = dd/dg = k (s 1 + u u' / s)`. A gust dies away with the turbulence's
+//! integral time, and is as strong as its intensity: what changes faster than gusts do is drag.
 
-use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x5, SMatrix, SVector, Vector2};
 
 /// A drag per mass that is taken before any is learnt, 1/m: a multirotor of 3.5 kg that leans by 16 deg in 10 m/s; and the
 /// standard deviation of its logarithm.
@@ -25,16 +25,22 @@ const CHANGE_MPS: f64 = 0.05;
 /// integral time at 8 to 10 m/s.
 pub(super) const INTENSITY: f64 = 0.19;
 pub(super) const INDEPENDENT_S: f64 = 10.0;
+/// The turbulence's integral time, s.
+const GUST_S: f64 = 0.5 * INDEPENDENT_S;
 /// Error of the disturbance itself, m/s²: tilt, accelerometers, and what the drone's own manoeuvres add.
 const MEASURED_SD_MPS2: f64 = 0.15;
 /// Time that makes a sample, s.
 const SAMPLE_S: f64 = 1.0;
 
+/// `(ln k, w_north, w_east, g_north, g_east)`.
+type State = SVector<f64, 5>;
+type Covariance = SMatrix<f64, 5, 5>;
+
 /// Wind and drag by odometry.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Air {
-    /// `(ln k, w_north, w_east)`; None before the first sample.
-    state: Option<(Vector3<f64>, Matrix3<f64>)>,
+    /// None before the first sample.
+    state: Option<(State, Covariance)>,
     /// Sums of disturbance and velocity times time, and that time.
     sum: (Vector2<f64>, Vector2<f64>, f64),
 }
@@ -73,22 +79,23 @@ impl Air {
     }
 
     fn sample(&mut self, d: &Vector2<f64>, v: &Vector2<f64>) {
-        let (x, p) = self.state.unwrap_or_else(|| first(d, v));
-        let (k, wind) = (x[0].exp(), x.fixed_rows::<2>(1).into_owned());
-        let (expected, slope) = drag(k, &(v - wind));
-        let mut h = Matrix2x3::zeros();
+        let (x, p) = match &self.state {
+            Some((x, p)) => a_second_later(x, p),
+            None => first(d, v),
+        };
+        let (expected, slope) = drag(x[0].exp(), &(v - mean(&x) - gust(&x)));
+        let mut h = Matrix2x5::zeros();
         h.set_column(0, &expected);
         h.fixed_columns_mut::<2>(1).copy_from(&slope);
-        let gust = slope.norm() * core::f64::consts::FRAC_1_SQRT_2 * INTENSITY * wind.norm();
-        let noise = MEASURED_SD_MPS2.powi(2) + INDEPENDENT_S * gust * gust;
-        let p = p + Matrix3::from_diagonal(&Vector3::new(0.0, 1.0, 1.0)) * CHANGE_MPS.powi(2);
-        let Some(inverse) = (h * p * h.transpose() + Matrix2::identity() * noise).try_inverse() else {
+        h.fixed_columns_mut::<2>(3).copy_from(&slope);
+        let noise = Matrix2::identity() * MEASURED_SD_MPS2.powi(2);
+        let Some(inverse) = (h * p * h.transpose() + noise).try_inverse() else {
             return;
         };
         let gain = p * h.transpose() * inverse;
-        let (x, p) = (x + gain * (d - expected), (Matrix3::identity() - gain * h) * p);
+        let (x, p) = (x + gain * (d - expected), (Covariance::identity() - gain * h) * p);
         if x.iter().chain(p.iter()).all(|v| v.is_finite()) {
-            self.state = Some((bounded(&x), 0.5 * (p + p.transpose())));
+            self.state = Some((bounded(x), 0.5 * (p + p.transpose())));
         }
     }
 
@@ -96,7 +103,7 @@ impl Air {
     pub(super) fn wind(&self) -> Option<(Vector2<f64>, f64)> {
         let (x, p) = self.state?;
         let sd = p[(1, 1)].max(p[(2, 2)]).max(0.0).sqrt();
-        Some((x.fixed_rows::<2>(1).into_owned(), sd))
+        Some((mean(&x), sd))
     }
     /// What its gusts do to a drone that moves at `v`, standard deviation of one axis, m/s².
     pub(super) fn gust_sd(&self, v: &Vector2<f64>) -> Option<f64> {
@@ -107,21 +114,46 @@ impl Air {
     }
 }
 
+/// The mean wind and the gust on it, m/s.
+fn mean(x: &State) -> Vector2<f64> {
+    Vector2::new(x[1], x[2])
+}
+fn gust(x: &State) -> Vector2<f64> {
+    Vector2::new(x[3], x[4])
+}
+
 /// Within what drag and wind may be.
-fn bounded(x: &Vector3<f64>) -> Vector3<f64> {
+fn bounded(x: State) -> State {
     let usual = DRAG_PER_M.ln();
     let drag = x[0].clamp(usual - DRAG_LOG_BOUND, usual + DRAG_LOG_BOUND);
-    let wind = x.fixed_rows::<2>(1).into_owned().cap_magnitude(MAX_WIND_MPS);
-    Vector3::new(drag, wind.x, wind.y)
+    let [w, g] = [mean(&x), gust(&x)].map(|v| v.cap_magnitude(MAX_WIND_MPS));
+    State::from([drag, w.x, w.y, g.x, g.y])
+}
+
+/// Variance of a gust's components in this wind, m²/s².
+fn gust_variance(x: &State) -> f64 {
+    (INTENSITY * mean(x).norm()).powi(2)
+}
+
+/// Drag stays, the mean wind changes slowly, the gust dies away and another rises.
+fn a_second_later(x: &State, p: &Covariance) -> (State, Covariance) {
+    let left = (-SAMPLE_S / GUST_S).exp();
+    let rises = gust_variance(x) * (1.0 - left * left);
+    let keep = State::from([1.0, 1.0, 1.0, left, left]);
+    let changes = CHANGE_MPS.powi(2);
+    let noise = Covariance::from_diagonal(&State::from([0.0, changes, changes, rises, rises]));
+    let kept = Covariance::from_diagonal(&keep);
+    (x.component_mul(&keep), kept * p * kept + noise)
 }
 
 /// The wind that the first sample means with the usual drag.
-fn first(d: &Vector2<f64>, v: &Vector2<f64>) -> (Vector3<f64>, Matrix3<f64>) {
+fn first(d: &Vector2<f64>, v: &Vector2<f64>) -> (State, Covariance) {
     let u = -d / (DRAG_PER_M * d.norm()).sqrt().max(DRAG_PER_M * LINEAR_MPS);
     let wind = v - u;
+    let x = bounded(State::from([DRAG_PER_M.ln(), wind.x, wind.y, 0.0, 0.0]));
     let [k, w] = [DRAG_LOG_SD, UNKNOWN_MPS].map(|sd| sd * sd);
-    let variance = Matrix3::from_diagonal(&Vector3::new(k, w, w));
-    (bounded(&Vector3::new(DRAG_PER_M.ln(), wind.x, wind.y)), variance)
+    let g = gust_variance(&x);
+    (x, Covariance::from_diagonal(&State::from([k, w, w, g, g])))
 }
 
 #[cfg(test)]
@@ -157,7 +189,7 @@ mod tests {
             let air = flown(k, wind, way);
             let (found, sd) = air.wind().unwrap();
             let error = (found - wind).norm();
-            assert!(error < sd && error < 2.0, "{k} {wind} {way}: {found} sd {sd}");
+            assert!(error < sd && error < 1.0, "{k} {wind} {way}: {found} sd {sd}");
             assert!(sd < 3.0, "{sd}");
         }
     }
