@@ -63,7 +63,7 @@ fn landing_on_every_hull() {
 fn landing_with_a_hardly_damped_attitude_loop() {
     let (mut scenario, nodes) = world("mono-5m", "jonswap:1.5,6");
     // A quick attitude loop above slow rotors oscillates; at little thrust PX4's mixer then cuts its torque.
-    scenario.drone.autopilot.attitude_lag_s = 0.083;
+    scenario.drone.autopilot.attitude_lag_s = Some(0.083);
     scenario.drone.airframe.rotor_lag_s = 0.05;
     let o = flown(&scenario, &nodes, 112);
     assert!(o.success && o.water_contacts == 0, "{}", o.reason);

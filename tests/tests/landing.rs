@@ -170,7 +170,7 @@ fn touchdown_alignment_in_steady_wind() {
 fn landing_with_half_and_twice_the_attitude_lag() {
     for (seed, lag_s) in [(34, 0.1), (35, 0.4)] {
         let mut scenario = at_sea(0.5, 5.0);
-        scenario.drone.autopilot.attitude_lag_s = lag_s;
+        scenario.drone.autopilot.attitude_lag_s = Some(lag_s);
         let o = outcome(&scenario, seed);
         assert!(o.success, "lag {lag_s} s: {}", o.reason);
         assert!(o.tilt_error_deg.unwrap() < 6.0);

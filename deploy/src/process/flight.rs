@@ -11,6 +11,10 @@ use crate::process::snapshot::Snapshot;
 use crate::record::flight::keeper::{FlightKeeper, SUMMARY_PERIOD_NS};
 use crate::record::flight::summary::Summary;
 
+/// Figures of the attitude's response: the time constant of the slower axis, and the dead time before it, s.
+pub const ATTITUDE_LAG: &str = "attitude_lag_s";
+/// See [`ATTITUDE_LAG`].
+pub const ATTITUDE_DEAD_TIME: &str = "attitude_dead_time_s";
 /// Drones that a vessel sums up, at most: a hostile one may invent numbers.
 const MAX_DRONES: usize = 16;
 
@@ -171,6 +175,10 @@ impl FlightLog {
         self.set("restarts", f64::from(restarts));
         if let Some(battery) = seen.autopilot.as_ref().and_then(|a| a.battery) {
             self.set("battery", battery);
+        }
+        if let Some(r) = seen.response.filter(|r| r.identified) {
+            self.set(ATTITUDE_LAG, r.lag_s[0].max(r.lag_s[1]));
+            self.set(ATTITUDE_DEAD_TIME, r.dead_time_s);
         }
         if let Some(link) = seen
             .link

@@ -1,6 +1,6 @@
 //! Observer of the reports of an instance's processes.
 
-use alight_shared::msg::{AutopilotState, DeckForecast, DroneState, LinkState, MissionState, Plan};
+use alight_shared::msg::{AutopilotState, DeckForecast, DroneState, LinkState, MissionState, Plan, SetPoint};
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Memory, Subscriber};
 use alight_shared::transport::process::ProcessState;
@@ -17,6 +17,7 @@ pub struct Observer {
     forecast: Subscriber<DeckForecast>,
     link: Subscriber<LinkState>,
     plan: Subscriber<Plan>,
+    set_point: Subscriber<SetPoint>,
     /// What was seen.
     pub snapshot: Snapshot,
     /// Ages of the vessel's newest state since they were taken last, s.
@@ -34,6 +35,7 @@ impl Observer {
             forecast: memory.subscriber()?,
             link: memory.subscriber()?,
             plan: memory.subscriber()?,
+            set_point: memory.subscriber()?,
             snapshot: Snapshot::default(),
             ages_s: Vec::new(),
         })
@@ -49,6 +51,8 @@ impl Observer {
         self.snapshot.autopilot = self.autopilot.newest(t).or(self.snapshot.autopilot);
         self.snapshot.drone = self.drone.newest(t).or(self.snapshot.drone);
         self.snapshot.forecast = self.forecast.newest(t).or(self.snapshot.forecast);
+        let newest = self.set_point.newest(t).map(|s| s.response);
+        self.snapshot.response = newest.or(self.snapshot.response);
         let links = self.link.all(t);
         // Who does not take them does not keep them.
         self.ages_s.truncate(64);

@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 
 use alight_shared::geodesy::Datum;
-use alight_shared::msg::{AutopilotState, DeckForecast, DroneState, LinkState, MissionState, Plan};
+use alight_shared::msg::{
+    AttitudeResponse, AutopilotState, DeckForecast, DroneState, LinkState, MissionState, Plan,
+};
 use alight_shared::topics::{self, Topic};
 use alight_shared::transport::process::{InputState, ProcessKind, ProcessState};
 use alight_uav::autopilot::config::DisarmConfig;
@@ -43,6 +45,8 @@ pub struct Snapshot {
     pub link: Option<LinkState>,
     /// Plan, and its age when it was looked at, s.
     pub plan: Option<(Plan, f64)>,
+    /// How the drone's attitude answers set-points, by the pilot.
+    pub response: Option<AttitudeResponse>,
 }
 
 impl Snapshot {

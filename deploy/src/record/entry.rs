@@ -7,8 +7,8 @@
 //! holds it, the others say that it is the one before.
 
 use alight_shared::msg::{
-    AutopilotState, Command, DeckForecast, DeckGrant, DroneState, Header, MissionCheckpoint, MissionState,
-    Plan, RangeSample, SetPoint,
+    AttitudeResponse, AutopilotState, Command, DeckForecast, DeckGrant, DroneState, Header,
+    MissionCheckpoint, MissionState, Plan, RangeSample, SetPoint,
 };
 use alight_shared::time::DroneClock;
 use alight_uav::mission::MissionIn;
@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 /// Encoding of the channels of this module, as MCAP calls it.
 pub const ENCODING: &str = "alight-record";
 /// Format of the entries, in recordings and in the flight recorder's files; a replay rejects any other.
-pub const FORMAT: u32 = 16;
+pub const FORMAT: u32 = 17;
 
 /// One step of a node.
 #[derive(Serialize, Deserialize)]
@@ -204,6 +204,10 @@ impl MissionEntry {
     /// Whether the motors may turn, when the autopilot says so.
     pub fn armed(&self) -> Option<bool> {
         self.autopilot.map(|a| a.armed)
+    }
+    /// How the drone's attitude answers, when a set-point came.
+    pub fn response(&self) -> Option<AttitudeResponse> {
+        self.set_point.map(|s| s.response)
     }
     /// The input that was recorded.
     pub fn input(self, computed: &mut Computed) -> Result<MissionIn, Missing> {

@@ -361,6 +361,31 @@ pub enum Motors {
     Stop,
 }
 
+/// How the drone's attitude answers set-points, `T_r w'(t) + w(t) = (c(t - tau) - x(t)) / T` for roll and for pitch.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct AttitudeResponse {
+    /// The dead time `tau` from a set-point to the first answer, its way to the autopilot included, s.
+    pub dead_time_s: f64,
+    /// The time constants `T` of roll and pitch, s.
+    pub lag_s: [f64; 2],
+    /// The lag `T_r` of the rate loop, s.
+    pub rate_lag_s: f64,
+    /// It was identified in flight; else it is what the configuration says.
+    pub identified: bool,
+}
+
+impl Default for AttitudeResponse {
+    fn default() -> Self {
+        AttitudeResponse {
+            dead_time_s: 0.0,
+            lag_s: [0.2; 2],
+            rate_lag_s: 0.06,
+            identified: false,
+        }
+    }
+}
+
 /// The pilot's set-point to the autopilot.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
@@ -387,6 +412,8 @@ pub struct SetPoint {
     pub rates: [f64; 3],
     /// Collective thrust, 0 to 1 of the maximum.
     pub thrust: f64,
+    /// The response that the pilot counts on.
+    pub response: AttitudeResponse,
 }
 
 impl Default for SetPoint {
@@ -403,6 +430,7 @@ impl Default for SetPoint {
             attitude: [1.0, 0.0, 0.0, 0.0],
             rates: [0.0; 3],
             thrust: 0.0,
+            response: AttitudeResponse::default(),
         }
     }
 }
@@ -471,4 +499,5 @@ message!(SetPoint, DroneClock, |m| {
         "acceleration or yaw",
     is_unit(&m.attitude) && within(&m.rates, MAX_RATE_RPS) => "attitude or rates",
     (0.0..=1.0).contains(&m.thrust) => "thrust",
+    within([&m.response.dead_time_s, &m.response.rate_lag_s], 2.0) && within(&m.response.lag_s, 2.0) => "response",
 });

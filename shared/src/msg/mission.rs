@@ -189,6 +189,8 @@ pub enum ReasonCode {
     CourseEnds,
     /// A landing is not likely enough, by its probability: the vessel's turn costs most of it.
     TurnTooFast,
+    /// The commanded attitude swings to and fro besides what plan and wind ask for, root mean square, rad.
+    Swings,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -312,6 +314,12 @@ impl fmt::Display for Reason {
             ReasonCode::TiltExcess => write!(
                 f,
                 "tilts {:.0} deg beyond what was commanded (limit {:.0})",
+                v.to_degrees(),
+                l.to_degrees()
+            ),
+            ReasonCode::Swings => write!(
+                f,
+                "attitude set-points swing by {:.0} deg rms (limit {:.0}): the autopilot's attitude gains do not suit",
                 v.to_degrees(),
                 l.to_degrees()
             ),

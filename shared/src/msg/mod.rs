@@ -46,8 +46,8 @@ pub use deck::{
     RangeSample, Source, TagPose, UvdarFix,
 };
 pub use drone::{
-    AutopilotMode, AutopilotState, DroneState, LandedState, LinkCheckpoint, Motors, PLAN_STAGES, Plan,
-    PlanStage, PredictorCheckpoint, SetPoint, SetPointKind, ShadowComparison, Solve,
+    AttitudeResponse, AutopilotMode, AutopilotState, DroneState, LandedState, LinkCheckpoint, Motors,
+    PLAN_STAGES, Plan, PlanStage, PredictorCheckpoint, SetPoint, SetPointKind, ShadowComparison, Solve,
 };
 pub use grant::{
     Course, DECK_CLOSED, DeckGrant, MAX_STEADY_S, OWNER_ONLY_M, PLACES, WAITING_DISTANCE_M, WaitingPlace,
@@ -70,7 +70,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 18;
+pub const MESSAGE_VERSION: u16 = 19;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

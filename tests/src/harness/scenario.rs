@@ -233,7 +233,7 @@ impl Scenario {
         (self.deck, self.airframe) = (*deck, *drone);
         self.keep_out_m = around.keep_out_m.clone();
         // As far as the simulated autopilot goes.
-        self.drone.autopilot.attitude_lag_s = drone.attitude_lag_s.clamp(0.08, 1.0);
+        self.drone.autopilot.attitude_lag_s = Some(drone.attitude_lag_s.clamp(0.08, 1.0));
     }
     /// Lets the wind blow that raises such a sea, along its waves.
     pub fn raise_wind(&mut self) {

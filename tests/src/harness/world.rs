@@ -408,7 +408,8 @@ pub struct DroneComputer {
     /// The newest forecast.
     pub forecast: Option<DeckForecast>,
     autopilot_state: AutopilotState,
-    last_set_point: Option<SetPoint>,
+    /// The newest set-point.
+    pub last_set_point: Option<SetPoint>,
 }
 
 /// A descent that begins anyway does so within this time of being steady, s.

@@ -17,6 +17,7 @@ mod place;
 mod situation;
 mod states;
 mod staying;
+mod swing;
 mod tilt;
 mod transition;
 mod waiting;
@@ -57,6 +58,7 @@ use situation::{ControlState, Deck, OwnState, Reservation, Situation, rotors_car
 pub use states::MAX_VESSEL_DISTANCE_M;
 use states::{RADIO_BLIND_S, blind_limit};
 use staying::{Stand, Staying};
+use swing::SwingMonitor;
 use tilt::TiltMonitor;
 use transition::{Decision, decide};
 use waiting::Waiting;
@@ -133,6 +135,7 @@ pub struct Mission {
     wind: WindMonitor,
     waiting: Waiting,
     tilt: TiltMonitor,
+    swing: SwingMonitor,
     battery: BatteryMonitor,
     /// Flies over the deck at its speed: the wind now is the wind on the deck.
     follows: bool,
@@ -243,6 +246,7 @@ impl Mission {
             && self.set_point.offer(now, m)
         {
             self.tilt.update(m, self.drone.get());
+            self.swing.update(m, self.drone.get());
         }
         if let Some(m) = &input.deck {
             self.grant.offer(now, m);
@@ -269,6 +273,7 @@ impl Mission {
             drone,
             plate,
             chooses: deck.clearance_m > self.config.flare_clearance_m,
+            response: self.set_point.get().map(|s| s.response).unwrap_or_default(),
         };
         s.odds = outlook.odds(now);
         if let Some(odds) = s.odds.filter(|_| self.phase.state().phase() == Phase::Follow) {
@@ -325,6 +330,7 @@ impl Mission {
             deck,
             mean_deck_z,
             tilt_excess_rad: drone.map_or(0.0, |d| self.tilt.excess(d)),
+            swing_rad: self.swing.rms(),
             staying: Staying::default(),
             odds: None,
             anyway: self.anyway.map(|(after, at)| at.unwrap_or(now + after)),

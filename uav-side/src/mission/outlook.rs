@@ -20,7 +20,7 @@
 use core::f64::consts::FRAC_1_SQRT_2;
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
-use alight_shared::msg::{DeckForecast, DeckStage};
+use alight_shared::msg::{AttitudeResponse, DeckForecast, DeckStage};
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{Vector2, Vector3};
 
@@ -37,6 +37,8 @@ use crate::planner::rendezvous::touchdown_time::aligned_acceleration;
 /// What the deck does unforeseen for so long the drone does not follow, s: a tenth from measurement to thrust, and two
 /// tenths until its sink has changed.
 const REACTION_S: f64 = 0.3;
+/// A time constant of the attitude that this includes, s: what is slower, and the dead time, comes on top.
+const FOLLOWS_S: f64 = 0.2;
 /// Usual speed onto the deck, m/s, and how it is spread by drone and pilot alone.
 const CONTACT_MPS: f64 = 0.33;
 const CONTACT_SD_MPS: f64 = 0.12;
@@ -81,6 +83,8 @@ pub struct Outlook<'a> {
     pub plate: &'a DeckGeometry,
     /// The planner still chooses the instant of contact.
     pub chooses: bool,
+    /// How the drone's attitude answers.
+    pub response: AttitudeResponse,
 }
 
 impl Outlook<'_> {
@@ -88,13 +92,19 @@ impl Outlook<'_> {
     pub fn odds(&self, now: Time<DroneClock>) -> Option<Odds> {
         let left_s = self.time_to_contact_s();
         let start = now.max(self.forecast.header.at);
-        let reacted = self.at(start, REACTION_S)?;
+        let reacted = self.at(start, self.reaction_s())?;
         let window_s = if self.chooses { WINDOW_S } else { 0.0 };
         let moments = (0..=(window_s / GRID_S) as usize).filter_map(|k| {
             let contact = self.at(start, left_s + GRID_S * k as f64)?;
             Some(self.at_contact(&reacted, &contact, left_s))
         });
         moments.reduce(|best, next| if next.whole() > best.whole() { next } else { best })
+    }
+    /// What the deck does unforeseen for so long this drone does not follow sideways and in tilt, s.
+    fn reaction_s(&self) -> f64 {
+        let r = &self.response;
+        let slowest = r.lag_s[0].max(r.lag_s[1]);
+        REACTION_S + r.dead_time_s + (slowest - FOLLOWS_S).max(0.0)
     }
     /// Down from here at the plan's usual pace, s.
     fn time_to_contact_s(&self) -> f64 {
@@ -110,7 +120,8 @@ impl Outlook<'_> {
         let left = (-left_s / CLOSING_S).exp();
         let (wind, gust) = (self.wind.mean(), self.wind.gust_sd());
         let slips = ALONG_PER_GUST_S * gust;
-        let [ax, ay, az] = reacted.acceleration_sd.map(|sd| REACTION_S * sd);
+        let reaction_s = self.reaction_s();
+        let [ax, ay, az] = reacted.acceleration_sd.map(|sd| reaction_s * sd);
         let horizontal = (0.5 * (ax * ax + ay * ay)).sqrt();
         // Both to and fro: of what an aligned drone is parted by, the plan allows for the part that is foreseen.
         let apart = Vector3::from(contact.acceleration).xy() - aligned_acceleration(contact) - wind;
@@ -192,6 +203,7 @@ mod tests {
             drone: &DroneGeometry::default(),
             plate: &DeckGeometry::default(),
             chooses: false,
+            response: AttitudeResponse::default(),
         };
         outlook.odds(Time::EPOCH).unwrap()
     }

@@ -323,6 +323,8 @@ pub struct Situation {
     pub staying: Staying,
     /// How far the drone tilts beyond what was commanded lately, rad.
     pub tilt_excess_rad: f64,
+    /// Root mean square of what is commanded to and fro besides what plan and wind ask for, rad.
+    pub swing_rad: f64,
     /// How likely a landing from here succeeds; None while that is not known.
     pub odds: Option<Odds>,
     /// In a simulation alone: a descent begins at this time, however likely it succeeds.

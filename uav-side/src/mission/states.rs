@@ -2,8 +2,8 @@
 
 use alight_shared::msg::ReasonCode::{
     Commanded, CourseEnds, Deviated, Infeasible, Matched, Matching, Missed, NoPlace, NoPlan, NoVessel,
-    NoVision, NotCommanded, NotFlying, NotSteady, Operator, Reached, TiltExcess, TooFar, TooFast, TooNear,
-    TooSteep, VesselTooFar, VesselTurns, VisionLost,
+    NoVision, NotCommanded, NotFlying, NotSteady, Operator, Reached, Swings, TiltExcess, TooFar, TooFast,
+    TooNear, TooSteep, VesselTooFar, VesselTurns, VisionLost,
 };
 use alight_shared::msg::{Course, PLACES, Reason, ReasonCode};
 use nalgebra::Vector3;
@@ -258,6 +258,7 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
             return None;
         }
         (s.rejection)
+            .or_else(|| exceeds(Swings, s.swing_rad, MAX_SWING_RAD))
             .or_else(|| course_rejection(deck, s, c))
             .or_else(|| unlikely(progress, s, s.worth_waiting.max(c.min_probability)))
     });
@@ -296,6 +297,10 @@ fn withdrawn(progress: &Progress, s: &Situation) -> Option<Reason> {
 
 /// A vessel that turns faster than this is led sideways by its rudder as no forecast knows, rad/s: 11 deg/s.
 const MAX_TURN_RADPS: f64 = 0.2;
+
+/// Set-points of a loop that settles swing by less than this besides what plan and wind ask for, rad: half of the angle at
+/// which a contact is harmful, 5 deg rms.
+const MAX_SWING_RAD: f64 = 0.087;
 
 /// What no likelihood overrules: the deck moves or tilts more than drone and planner follow.
 fn deck_infeasible(deck: &Deck, c: &MissionConfig, slack: f64) -> Option<Reason> {
@@ -340,6 +345,7 @@ fn violation(
     exceeds(VisionLost, deck.vision_age_s, blind_s)
         .or_else(|| exceeds(Deviated, deck.distance_m, cone))
         .or_else(|| deck_infeasible(deck, c, WIDER * widening(progress)))
+        .or_else(|| exceeds(Swings, s.swing_rad, WIDER * MAX_SWING_RAD))
         .or_else(|| unlikely(progress, s, needed))
         .or_else(|| exceeds(NoPlan, s.plan_age_s, s.plan_limit_s))
 }

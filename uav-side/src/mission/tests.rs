@@ -3,7 +3,7 @@
 use alight_shared::msg::ReasonCode::{
     AutopilotParameter, Commanded, CourseEnds, DeckGrantStale, DeckReserved, Deviated, ForecastStale,
     Infeasible, LikelyBeside, LikelyFast, LikelyHard, LikelySlides, LikelyTilted, Missed, NoPlan, NoVessel,
-    NoVision, NotCommanded, NotFlying, NotSteady, OriginMoved, Reached, TiltExcess, TooFar, TooFast,
+    NoVision, NotCommanded, NotFlying, NotSteady, OriginMoved, Reached, Swings, TiltExcess, TooFar, TooFast,
     TooSteep, Touchdown, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
 };
 use alight_shared::msg::{AutopilotMode, BatteryPlace, Course, DECK_CLOSED};
@@ -69,6 +69,7 @@ pub(super) fn fair() -> Situation {
         }),
         mean_deck_z: Some(-1.3),
         tilt_excess_rad: 0.0,
+        swing_rad: 0.0,
         staying: Staying::default(),
         odds: Some(SURE),
         anyway: None,
@@ -328,6 +329,7 @@ fn reasons_not_to_descend() {
         (promised(15.0), stays(CourseEnds)),
         (with(|s| s.plan_age_s = f64::INFINITY), stays(NoPlan)),
         (rejected(), stays(AutopilotParameter)),
+        (with(|s| s.swing_rad = 0.1), stays(Swings)),
         (others, stays(DeckReserved)),
         (unknown, stays(DeckGrantStale)),
         (fair(), Enter(Descent, Reached)),
@@ -359,6 +361,7 @@ fn descent_with_a_lasting_violation() {
         (with_odds(|p| p.tilted = 0.85), LikelyTilted),
         (with_deck(|d| d.tilt_rad = 0.8), TooSteep),
         (with(|s| s.plan_age_s = 0.6), NoPlan),
+        (with(|s| s.swing_rad = 0.2), Swings),
     ] {
         let rows = [(s, 0.2, Stay(Descent, why)), (s, 1.0, Enter(Tracking, why))];
         table(DESCENT, rows);

@@ -113,22 +113,16 @@ config! {
 }
 
 config! {
-    /// How the lag of the attitude loop is learnt and compensated.
-    ///
-    /// Chosen: Prior: a second of 1 deg.
+    /// How the response of the autopilot's attitude loop is identified and compensated.
     pub struct LagConfig {
-        /// The lag that the tracking loop's gains are laid out for, s.
+        /// The time constant that the tracking loop's gains are laid out for, s.
         pub design_s: f64 = 0.2, in 0.02..=2.0;
-        /// Smallest and largest lag accepted, s.
-        pub bounds_s: [f64; 2] = [0.08, 0.6], in 0.02..=2.0;
-        /// Lag of the rate loop below, s.
-        pub rate_loop_s: f64 = 0.06, in 0.0..=0.5;
+        /// Smallest and largest time constant accepted, s.
+        pub bounds_s: [f64; 2] = [0.04, 0.6], in 0.02..=2.0;
+        /// Lag of the rate loop below before one is identified, s.
+        pub rate_loop_s: f64 = 0.06, in 0.0..=0.2;
         /// Observations count for this long, s.
         pub memory_s: f64 = 10.0, in 0.5..=1e4;
-        /// What the nominal lag counts for: squared angle times time, rad² s.
-        pub prior_rad2s: f64 = 3e-4, in 1e-6..=10.0;
-        /// Angles beyond this are not learnt from: the autopilot limits its rates, rad.
-        pub angle_limit_rad: f64 = 0.4, in 0.05..=2.0;
     }
     check |this, at| {
         at.require(
@@ -141,13 +135,9 @@ config! {
 }
 
 config! {
-    /// How the dead time of the link to the autopilot is learnt.
-    ///
-    /// Chosen: Least: the period of the pilot's own steps hides as much.
+    /// How the age of odometry, the dead time of the link from the autopilot, is learnt.
     pub struct DelayConfig {
-        /// Below this it is none, s.
-        pub min_s: f64 = 0.005, in 0.0..=0.5;
-        /// Largest accepted, one way, s; 0: none is compensated.
+        /// Largest accepted, one way, s.
         pub limit_s: f64 = 0.15, in 0.0..=0.25;
         /// Time constant of its estimate, s.
         pub time_s: f64 = 1.0, in 0.05..=60.0;

@@ -1,21 +1,16 @@
-//! Dead time of the link to the autopilot: prediction of the drone's state to the arrival of a
-//! command.
+//! The time from a set-point to its answer: prediction of the drone's state to when a command acts.
 //!
-//! Odometry is `d` old when it arrives, and a command takes about as long on its way, so the answer to a
-//! command is observed `2 d` after it. A loop that takes the old state for the present one loses `2 d w` of its
-//! phase at the frequency `w`. So the state is led to the instant at which the command acts by a model of the
-//! drone under the commands that are under way, and the plan is sampled there (Smith 1957, "Closer control
-//! of loops with dead time"; the model starts from each odometry, it does not run in parallel).
-//!
-//! Simulated over MAVLink at Moderate (`tests/tests/autopilot/landings.rs`), 40 ms each way: without it none of 3 flights
-//! landed well (23 contacts that were too hard), with it 32 of 32, 0.033 m off on average. At 80 ms 94 of 100: thrust
-//! removed on the deck is measured 160 ms later, and the contact is in doubt meanwhile. Over an autopilot in
-//! the same computer the dead time is below [`DelayConfig::min_s`] and nothing changes.
+//! Odometry is `d` old when it arrives, and a command acts its dead time `tau` after it was sent: the way to the autopilot,
+//! about `d` again, and what the autopilot adds. A loop that takes the old state for the present one loses
+//! `(d + tau) w` of its phase at the frequency `w`. So the state is led to the instant at which the command acts by a model of
+//! the drone under the commands that are under way, and the plan is sampled there (Smith 1957, "Closer control of loops with
+//! dead time"; the model starts from each odometry, it does not run in parallel). The dead time of attitudes and their time
+//! constants are identified in flight ([`super::response`]), that of the thrust by [`ThrustDelay`].
 
 use std::collections::VecDeque;
 
 use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::DroneState;
+use alight_shared::msg::{AttitudeResponse, DroneState, Plan, PlanStage};
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -24,31 +19,154 @@ use super::config::DelayConfig;
 use super::estimate::FlightEstimator;
 use crate::contingency::Body;
 
-/// Commands kept: those of 0.6 s at 100 Hz.
-const KEPT: usize = 60;
+/// Commands kept: those of 0.8 s at 100 Hz, more than the longest dead time and the oldest odometry.
+const KEPT: usize = 80;
 /// Step of the model, s.
 const STEP_S: f64 = 0.01;
+/// Candidates of the thrust's dead time, and the step between them, s.
+const CANDIDATES: usize = 16;
+const CANDIDATE_STEP_S: f64 = 0.02;
+/// The thrust's dead time is learnt from what changes within this time, s, and counts for that long, s.
+const CHANGES_S: f64 = 1.0;
+const MEMORY_S: f64 = 10.0;
+/// Residual that is no evidence of another dead time: vibration in a second of samples, (m/s²)².
+const RESIDUAL: f64 = 4.0;
+/// Spread of the dead time about the odometry's own way before anything is learnt, s.
+const DEAD_TIME_SD_S: f64 = 0.03;
 
 /// Attitude (NED from body) and collective thrust (0 to 1) that were commanded; None: the autopilot closed the
 /// loop.
 pub(crate) type Commanded = Option<(UnitQuaternion<f64>, f64)>;
 
-/// The lags of the drone under a command.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Lags {
-    /// Of the attitude loop, s.
-    pub(crate) attitude_s: f64,
-    /// Of the rate loop below it, s.
-    pub(crate) rate_s: f64,
-    /// Of the thrust, s.
-    pub(crate) thrust_s: f64,
+/// The commands of the last moments.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Sent(VecDeque<(Time<DroneClock>, Commanded)>);
+
+impl Sent {
+    /// What was commanded at `now`.
+    pub(crate) fn push(&mut self, now: Time<DroneClock>, command: Commanded) {
+        if self.0.len() >= KEPT {
+            self.0.pop_front();
+        }
+        self.0.push_back((now, command));
+    }
+    /// The newest command sent by `at`.
+    pub(crate) fn by(&self, at: Time<DroneClock>) -> Commanded {
+        let newer = self.0.partition_point(|(sent, _)| *sent <= at);
+        self.0
+            .get(newer.checked_sub(1)?)
+            .and_then(|(_, command)| *command)
+    }
 }
 
-/// The dead time, learnt from the age of odometry at its arrival, and the commands under way.
+/// Dead time of the thrust: the candidate under which the changes of the commanded thrust, after the thrust's lag, explain
+/// those of the measured specific force best (least squares with forgetting).
+#[derive(Clone, Debug, Default)]
+pub(crate) struct ThrustDelay {
+    candidates: [ThrustCandidate; CANDIDATES],
+    last: Option<Time<DroneClock>>,
+    force: Option<f64>,
+    ff: f64,
+    found_s: Option<f64>,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct ThrustCandidate {
+    acting: Option<f64>,
+    mean: f64,
+    uu: f64,
+    uf: f64,
+}
+
+impl ThrustDelay {
+    /// From a specific force along the thrust (m/s²) of the time `at`, in free flight, with the thrust's lag (s) and the
+    /// odometry's own way (s).
+    fn learn(&mut self, at: Time<DroneClock>, force: f64, sent: &Sent, lag_s: f64, one_way_s: f64) {
+        let dt = self.last.replace(at).map_or(0.0, |last| (at - last).secs());
+        if !(dt > 0.0 && dt < 0.2 && force.is_finite()) {
+            return;
+        }
+        let share = |time_s: f64| 1.0 - (-dt / time_s.max(1e-3)).exp();
+        let (slow, keep) = (share(CHANGES_S), 1.0 - share(MEMORY_S));
+        let mean = self.force.map_or(force, |mean| mean + slow * (force - mean));
+        self.force = Some(mean);
+        let df = force - mean;
+        self.ff = keep * self.ff + df * df;
+        for (k, c) in self.candidates.iter_mut().enumerate() {
+            let at = at - Span::from_secs(CANDIDATE_STEP_S * k as f64);
+            let Some((_, u)) = sent.by(at) else {
+                *c = ThrustCandidate::default();
+                continue;
+            };
+            let last = c.acting.unwrap_or(u);
+            let acting = last + share(lag_s) * (u - last);
+            if c.acting.is_none() {
+                c.mean = u;
+            }
+            c.acting = Some(acting);
+            c.mean += slow * (acting - c.mean);
+            let du = acting - c.mean;
+            c.uu = keep * c.uu + du * du;
+            c.uf = keep * c.uf + du * df;
+        }
+        self.choose(one_way_s);
+    }
+
+    fn choose(&mut self, one_way_s: f64) {
+        let cost = |k: usize| {
+            let c = self.candidates[k];
+            let explained = if c.uf > 0.0 {
+                c.uf * c.uf / c.uu.max(1e-9)
+            } else {
+                0.0
+            };
+            let surprise = (CANDIDATE_STEP_S * k as f64 - one_way_s) / DEAD_TIME_SD_S;
+            self.ff - explained + RESIDUAL * surprise * surprise
+        };
+        let costs: [f64; CANDIDATES] = core::array::from_fn(cost);
+        self.found_s = least(&costs).map(|k| CANDIDATE_STEP_S * k);
+    }
+
+    /// The dead time, s.
+    fn get(&self, one_way_s: f64) -> f64 {
+        self.found_s.unwrap_or(one_way_s)
+    }
+}
+
+/// Where the parabola through the smallest of `costs` and its neighbours is least, in steps.
+pub(super) fn least(costs: &[f64]) -> Option<f64> {
+    let (best, lowest) = costs.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1))?;
+    let neighbours = best
+        .checked_sub(1)
+        .and_then(|k| costs.get(k))
+        .zip(costs.get(best + 1));
+    let aside = neighbours.map_or(0.0, |(before, after)| {
+        let curvature = before - 2.0 * lowest + after;
+        if curvature > 0.0 {
+            0.5 * (before - after) / curvature
+        } else {
+            0.0
+        }
+    });
+    Some(best as f64 + aside.clamp(-0.5, 0.5))
+}
+
+/// The age of odometry at its arrival, the commands under way, and the thrust's dead time.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Delay {
     age_s: Option<f64>,
-    sent: VecDeque<(Time<DroneClock>, Commanded)>,
+    /// The commands under way.
+    pub(crate) sent: Sent,
+    thrust: ThrustDelay,
+}
+
+/// How the drone answers.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Dynamics {
+    /// Of attitude.
+    pub(crate) response: AttitudeResponse,
+    /// Lag of the thrust, s.
+    pub(crate) thrust_s: f64,
 }
 
 impl Delay {
@@ -60,47 +178,42 @@ impl Delay {
             Some(last) => last + (1.0 - (-dt / c.time_s).exp()) * (age_s - last),
         });
     }
-    /// One way, s; zero when it is too short to matter.
-    pub(crate) fn one_way_s(&self, c: &DelayConfig) -> f64 {
-        self.age_s.filter(|a| *a >= c.min_s).unwrap_or(0.0)
+    /// The odometry's way, s.
+    pub(crate) fn one_way_s(&self) -> f64 {
+        self.age_s.unwrap_or(0.0)
     }
-    /// What was commanded at `now`.
-    pub(crate) fn sent(&mut self, now: Time<DroneClock>, command: Commanded) {
-        if self.sent.len() >= KEPT {
-            self.sent.pop_front();
-        }
-        self.sent.push_back((now, command));
+    /// Learns the thrust's dead time from odometry in free flight.
+    pub(crate) fn learn_thrust(&mut self, drone: &DroneState, lag_s: f64) {
+        let one_way_s = self.one_way_s();
+        let force = -drone.specific_force[2];
+        self.thrust
+            .learn(drone.header.at, force, &self.sent, lag_s, one_way_s);
     }
-    /// The newest command sent by `at`.
-    fn by(&self, at: Time<DroneClock>) -> Commanded {
+    /// From a thrust commanded to its action, s.
+    pub(crate) fn thrust_s(&self) -> f64 {
+        self.thrust.get(self.one_way_s())
+    }
+    /// The command whose thrust is measured by what is received at `now`.
+    pub(crate) fn answered(&self, now: Time<DroneClock>) -> Commanded {
         self.sent
-            .iter()
-            .rev()
-            .find(|(sent, _)| *sent <= at)
-            .and_then(|(_, command)| *command)
+            .by(now - Span::from_secs(self.one_way_s() + self.thrust_s()))
     }
-    /// The command whose answer is received at `now`.
-    pub(crate) fn answered(&self, now: Time<DroneClock>, c: &DelayConfig) -> Commanded {
-        self.by(now - Span::from_secs(2.0 * self.one_way_s(c)))
-    }
-    /// The drone when a command of `now` acts, from its newest odometry; None when that is now.
+    /// The drone `lead_s` after `now`, from its newest odometry.
     ///
-    /// `w' = (e / T - w) / T_w` with the angle `e` to the command in force, `R' = R [w]`, and
-    /// `v' = g + d - R e_z f(u)` with the thrust `u` after its lag.
+    /// `w' = (e / T - w) / T_r` with the angle `e` to the command in force, `R' = R [w]`, and
+    /// `v' = g + d - R e_z f(u)` with the thrust `u` after its lag. None where a figure is none.
     pub(crate) fn ahead(
         &self,
         now: Time<DroneClock>,
+        lead_s: f64,
         drone: &DroneState,
         estimate: &FlightEstimator,
-        lags: &Lags,
+        dynamics: &Dynamics,
         c: &DelayConfig,
     ) -> Option<Body> {
-        let one_way_s = self.one_way_s(c);
-        if one_way_s <= 0.0 {
-            return None;
-        }
+        let response = &dynamics.response;
         let age_s = (now - drone.header.at).secs().clamp(0.0, 2.0 * c.limit_s);
-        let horizon_s = age_s + one_way_s;
+        let horizon_s = age_s + lead_s;
         let (mut position, mut velocity) = (drone.position(), drone.velocity());
         let (mut attitude, mut rates) = (drone.attitude(), Vector3::from(drone.rates));
         let measured_force = -drone.specific_force[2];
@@ -116,18 +229,24 @@ impl Delay {
                 1.0
             }
         };
+        let [roll, pitch] = response.lag_s;
+        let lags = Vector3::new(roll, pitch, 0.5 * (roll + pitch)).map(|t| t.max(0.02));
+        let thrust_dead_s = self.thrust_s();
         for k in 0..steps as u32 {
-            let at = drone.header.at + Span::from_secs(f64::from(k) * h - one_way_s);
-            let wanted = match self.by(at) {
-                Some((command, u)) => {
-                    let last = thrust.unwrap_or(u);
-                    thrust = Some(last + fraction(lags.thrust_s) * (u - last));
-                    (attitude.inverse() * command).scaled_axis() / lags.attitude_s.max(0.02)
+            let at = drone.header.at + Span::from_secs(f64::from(k) * h);
+            let wanted = match self.sent.by(at - Span::from_secs(response.dead_time_s)) {
+                Some((command, _)) => {
+                    let angle = (attitude.inverse() * command).scaled_axis();
+                    angle.component_div(&lags)
                 }
                 // Whoever flies keeps it as it is.
                 None => Vector3::zeros(),
             };
-            rates += (wanted - rates) * fraction(lags.rate_s);
+            if let Some((_, u)) = self.sent.by(at - Span::from_secs(thrust_dead_s)) {
+                let last = thrust.unwrap_or(u);
+                thrust = Some(last + fraction(dynamics.thrust_s) * (u - last));
+            }
+            rates += (wanted - rates) * fraction(response.rate_lag_s);
             attitude *= UnitQuaternion::from_scaled_axis(rates * h);
             let lift = thrust.map_or(measured_force, |u| estimate.specific(u));
             let acceleration = outside - attitude * Vector3::z() * lift;
@@ -144,34 +263,57 @@ impl Delay {
 }
 
 impl Pilot {
-    /// When a command of `now` acts.
-    pub(super) fn acts_at(&self, now: Time<DroneClock>) -> Time<DroneClock> {
-        now + Span::from_secs(self.delay.one_way_s(&self.config.delay))
+    /// When an attitude commanded at `now` acts.
+    pub(super) fn turns_at(&self, now: Time<DroneClock>) -> Time<DroneClock> {
+        now + Span::from_secs(self.response.get().dead_time_s)
+    }
+    /// When a thrust commanded at `now` acts.
+    pub(super) fn thrusts_at(&self, now: Time<DroneClock>) -> Time<DroneClock> {
+        now + Span::from_secs(self.delay.thrust_s())
     }
 
-    /// The drone then; `body` is the drone now.
+    /// The plan's stage that a command of `now` serves: its attitude and horizontal motion when the attitude acts, its
+    /// vertical motion when the thrust does.
+    pub(super) fn served(&self, now: Time<DroneClock>, plan: &Plan) -> Option<PlanStage> {
+        let mut stage = plan.sample(self.turns_at(now))?;
+        let vertical = plan.sample(self.thrusts_at(now))?;
+        stage.position[2] = vertical.position[2];
+        stage.velocity[2] = vertical.velocity[2];
+        // The thrust that acts after its lag is the one that the plan has by then.
+        let lag = Span::from_secs(self.config.tracking.thrust_lag_s);
+        let acting = plan.sample(self.thrusts_at(now) + lag).unwrap_or(vertical);
+        stage.acceleration[2] = acting.acceleration[2];
+        Some(stage)
+    }
+
+    /// The drone on which a command of `now` acts, in the same parts; `body` is the drone now.
     pub(super) fn acted_on(&self, now: Time<DroneClock>, body: &Body) -> Body {
-        let lags = Lags {
-            attitude_s: self.lag.lag(&self.config.lag),
-            rate_s: self.config.lag.rate_loop_s,
-            thrust_s: self.config.tracking.thrust_lag_s,
-        };
-        let c = &self.config.delay;
-        let received = self.drone.get();
-        let Some(mut ahead) = received.and_then(|d| self.delay.ahead(now, d, &self.estimate, &lags, c))
-        else {
-            return *body;
-        };
+        let at = |at| self.ahead_at(now, at).unwrap_or(*body);
+        let (turned, mut thrust) = (at(self.turns_at(now)), at(self.thrusts_at(now)));
         // The model knows of no deck, which carries the drone from the contact on.
         if let Some(b) = self
-            .below(self.acts_at(now), &ahead)
-            .filter(|b| b.clearance < 0.0)
+            .below(self.thrusts_at(now), &thrust)
+            .filter(|b| b.clearance < 0.0 && b.is_near(&thrust, 0.0, &self.geometry))
         {
             let up = b.stage.normal();
-            ahead.position -= up * b.clearance;
-            ahead.velocity -= up * b.normal_speed.min(0.0);
+            thrust.position -= up * b.clearance;
+            thrust.velocity -= up * b.normal_speed.min(0.0);
         }
-        ahead
+        Body {
+            position: turned.position.xy().push(thrust.position.z),
+            velocity: turned.velocity.xy().push(thrust.velocity.z),
+            attitude: turned.attitude,
+        }
+    }
+
+    fn ahead_at(&self, now: Time<DroneClock>, at: Time<DroneClock>) -> Option<Body> {
+        let dynamics = Dynamics {
+            response: self.response.get(),
+            thrust_s: self.config.tracking.thrust_lag_s,
+        };
+        let (lead_s, c) = ((at - now).secs(), &self.config.delay);
+        let drone = self.drone.get()?;
+        self.delay.ahead(now, lead_s, drone, &self.estimate, &dynamics, c)
     }
 }
 
@@ -179,9 +321,14 @@ impl Pilot {
 mod tests {
     use super::*;
 
-    const LAGS: Lags = Lags {
-        attitude_s: 0.2,
-        rate_s: 0.06,
+    /// Of a drone whose set-points are under way for as long as its odometry.
+    const DYNAMICS: Dynamics = Dynamics {
+        response: AttitudeResponse {
+            dead_time_s: 0.04,
+            lag_s: [0.2; 2],
+            rate_lag_s: 0.06,
+            identified: true,
+        },
         thrust_s: 0.05,
     };
 
@@ -215,22 +362,24 @@ mod tests {
             if k >= one_way {
                 let received = history[k - one_way].0;
                 delay.received(dt * one_way as f64, dt, &c);
-                let body = delay.ahead(at(k), &received, &estimate, &LAGS, &c).unwrap();
+                let body = delay
+                    .ahead(at(k), 0.04, &received, &estimate, &DYNAMICS, &c)
+                    .unwrap();
                 led.push(body);
             }
             let wanted =
                 UnitQuaternion::from_euler_angles(0.2 * (4.0 * t).sin(), 0.15 * (3.0 * t).cos(), 0.1);
             let command = (wanted, 0.4 + 0.06 * (5.0 * t).sin());
             commands.push(command);
-            delay.sent(at(k), Some(command));
-            estimate.commanded(delay.answered(at(k), &c).map(|a| a.1), dt, LAGS.thrust_s);
+            delay.sent.push(at(k), Some(command));
+            estimate.commanded(delay.answered(at(k)).map(|a| a.1), dt, DYNAMICS.thrust_s);
             // The drone follows what was sent 40 ms ago.
             let Some((command, thrust)) = k.checked_sub(one_way).and_then(|i| commands.get(i)) else {
                 continue;
             };
-            u += (1.0 - (-dt / LAGS.thrust_s).exp()) * (thrust - u);
-            let set = (q.inverse() * command).scaled_axis() / LAGS.attitude_s;
-            w += (set - w) * (1.0 - (-dt / LAGS.rate_s).exp());
+            u += (1.0 - (-dt / DYNAMICS.thrust_s).exp()) * (thrust - u);
+            let set = (q.inverse() * command).scaled_axis() / DYNAMICS.response.lag_s[0];
+            w += (set - w) * (1.0 - (-dt / DYNAMICS.response.rate_lag_s).exp());
             q *= UnitQuaternion::from_scaled_axis(w * dt);
             let a = Vector3::z() * GRAVITY - q * Vector3::z() * estimate.specific(u);
             p += v * dt + a * (0.5 * dt * dt);
@@ -267,19 +416,29 @@ mod tests {
     }
 
     #[test]
-    fn delay_prediction_without_dead_time() {
-        let c = DelayConfig::default();
-        let mut delay = Delay::default();
-        delay.received(0.001, 0.01, &c);
-        let now = Time::from_secs(1.0);
-        let command = Some((UnitQuaternion::identity(), 0.3));
-        delay.sent(now, command);
-        assert_eq!(delay.answered(now, &c), command);
-        let estimate = FlightEstimator::new(0.4);
-        assert!(
-            delay
-                .ahead(now, &DroneState::default(), &estimate, &LAGS, &c)
-                .is_none()
-        );
+    fn thrust_delay_from_the_specific_force() {
+        for (dead_s, one_way_s) in [(0.0, 0.004), (0.12, 0.004), (0.24, 0.02)] {
+            let mut delay = Delay::default();
+            delay.received(one_way_s, 1.0, &DelayConfig::default());
+            let command = |t: f64| 0.4 + 0.04 * (3.0 * t).sin() + 0.02 * (7.0 * t).cos();
+            let mut acting = 0.4;
+            for k in 0..600 {
+                let t = 0.01 * f64::from(k);
+                acting += (1.0 - f64::exp(-0.01 / 0.05)) * (command(t - dead_s) - acting);
+                let level = UnitQuaternion::identity();
+                delay.sent.push(Time::from_secs(t), Some((level, command(t))));
+                let mut state = DroneState {
+                    specific_force: [0.0, 0.0, -acting * GRAVITY / 0.37],
+                    ..DroneState::default()
+                };
+                state.header.at = Time::from_secs(t);
+                delay.learn_thrust(&state, 0.05);
+            }
+            assert!(
+                (delay.thrust_s() - dead_s).abs() < 0.015,
+                "{dead_s}: {}",
+                delay.thrust_s()
+            );
+        }
     }
 }

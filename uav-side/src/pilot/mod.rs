@@ -1,7 +1,7 @@
 //! The pilot: samples the plan at 100 Hz, tracks it into the set-point, and ends the flight when
 //! the feet are on the deck.
 //!
-//! [`attitude`] is the flatness inverse, [`tracking`] the loop, [`estimate`], [`lag`] and [`delay`] what it
+//! [`attitude`] is the flatness inverse, [`tracking`] the loop, [`estimate`], [`response`] and [`delay`] what it
 //! learns in flight, [`touchdown`] the evidence of contact, [`set_points`] what each action sends. What the drone does
 //! without a plan or a mission is decided in [`crate::contingency`].
 
@@ -9,7 +9,7 @@ pub mod attitude;
 pub mod config;
 mod delay;
 mod estimate;
-mod lag;
+mod response;
 mod set_points;
 pub mod touchdown;
 mod tracking;
@@ -41,7 +41,7 @@ use crate::contingency::{
 use crate::odometry::origin::DroneFrame;
 use delay::Delay;
 use estimate::FlightEstimator;
-use lag::AttitudeLagEstimator;
+use response::ResponseEstimator;
 use set_points::OLD_PLAN_S;
 use touchdown::{AUTOPILOT_AGE_S, Evidence, TouchdownDetector};
 use tracking::Tracker;
@@ -99,7 +99,7 @@ pub struct Pilot {
     frame: DroneFrame,
 
     estimate: FlightEstimator,
-    lag: AttitudeLagEstimator,
+    response: ResponseEstimator,
     delay: Delay,
     tracker: Tracker,
     detector: TouchdownDetector,
@@ -136,7 +136,7 @@ impl Pilot {
             range: Latest::default(),
             frame: DroneFrame::default(),
             estimate: FlightEstimator::new(hover),
-            lag: AttitudeLagEstimator::new(geometry.attitude_lag_s, &config.lag),
+            response: ResponseEstimator::new(geometry.attitude_lag_s, &config.lag),
             delay: Delay::default(),
             tracker: Tracker::default(),
             detector: TouchdownDetector::new(geometry.feet_below_m - geometry.rangefinder_m[2]),
@@ -246,14 +246,13 @@ impl Pilot {
                 set_point.thrust,
             )
         });
-        self.delay.sent(now, own);
-        let answered = self.delay.answered(now, &self.config.delay);
-        self.lag.answers(answered.map(|(attitude, _)| attitude));
+        self.delay.sent.push(now, own);
+        let answered = self.delay.answered(now);
         self.estimate
             .commanded(answered.map(|(_, u)| u), dt, self.config.tracking.thrust_lag_s);
     }
 
-    /// Learns hover thrust, lag and disturbance from new odometry in free flight.
+    /// Learns hover thrust, response and disturbance from new odometry in free flight.
     fn learn(&mut self, now: Time<DroneClock>, new: Option<&DroneState>, dt: f64, below: Option<&DeckBelow>) {
         let Some(d) = new else { return };
         let force = Vector3::from(d.specific_force);
@@ -263,12 +262,15 @@ impl Pilot {
         }
         let free = self.detector.contact() == Contact::Clear && below.is_none_or(|b| b.clearance > 0.5);
         if !free {
+            self.response.interrupt();
             return;
         }
         self.estimate.use_disturbance(d.disturbance());
-        let rates = Vector3::from(d.rates);
-        self.lag.learn(&d.attitude(), &rates, dt, &self.config.lag);
         let c = &self.config.tracking;
+        let one_way_s = self.delay.one_way_s();
+        self.response
+            .learn(d, &self.delay.sent, one_way_s, &self.config.lag);
+        self.delay.learn_thrust(d, c.thrust_lag_s);
         let reported = self.armed(now).filter(|a| a.thrust > 0.0).map(|a| a.thrust);
         if let Some(u) = self.estimate.acting().or(reported) {
             self.estimate.learn_hover(&force, u, dt, c);
@@ -373,12 +375,12 @@ impl Pilot {
         }
     }
 
-    /// The plan, and its stage when a command of `now` acts, while the mission wants it.
+    /// The plan, and its stage that a command of `now` serves, while the mission wants it.
     fn wanted_plan(&self, now: Time<DroneClock>, mission: &MissionState) -> Option<(Plan, PlanStage)> {
         self.plan
             .fresh(now, topics::PLAN.stale_after)
             .filter(|p| mission.state != State::Landed && !self.is_withdrawn(now, p, mission))
-            .and_then(|p| p.sample(self.acts_at(now)).map(|stage| (*p, stage)))
+            .and_then(|p| self.served(now, p).map(|stage| (*p, stage)))
     }
 
     /// The autopilot's state, while it is fresh and armed.
@@ -433,7 +435,8 @@ impl Node for Pilot {
         if new.is_some() {
             self.delay.received(age_s, dt, &self.config.delay);
         }
-        self.learn(now, new.as_ref(), dt, below.as_ref());
+        let near = below.as_ref().filter(|b| b.is_near(&body, 0.0, &self.geometry));
+        self.learn(now, new.as_ref(), dt, near);
         if mission.is_some_and(|m| m.mode == LandingMode::Shadow) {
             // Nobody follows the last command.
             self.tracker.reset();

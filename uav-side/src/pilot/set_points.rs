@@ -22,6 +22,7 @@ impl Pilot {
         let vessel = self.mission.get().map_or(0, |m| m.header.vessel);
         SetPoint {
             header: Header::new(vessel, self.drone_id, self.boot, self.sequence, now),
+            response: self.response.get(),
             ..SetPoint::default()
         }
     }
@@ -51,7 +52,7 @@ impl Pilot {
         self.hold = None;
         self.tracker.reset();
         let ahead = plan
-            .sample(self.acts_at(now) + Span::from_secs(self.lag.lag(&self.config.lag)))
+            .sample(self.turns_at(now) + Span::from_secs(self.response.slowest_s()))
             .map_or(stage.acceleration, |s| s.acceleration);
         let q = UnitQuaternion::from_euler_angles(stage.euler[0], stage.euler[1], stage.euler[2]);
         SetPoint {
@@ -81,7 +82,9 @@ impl Pilot {
         let stage = stage.copied().unwrap_or_default();
         let (_, _, yaw) = a.attitude.euler_angles();
         // Making up for the lag lengthens the turn, and must not tip the drone over.
-        let attitude = self.lag.command(&a.attitude, &body.attitude, &self.config.lag);
+        let attitude = self
+            .response
+            .command(&a.attitude, &body.attitude, &self.config.lag);
         let attitude = upright(&attitude, self.config.tracking.tilt_limit_rad);
         let least = if presses {
             0.0
@@ -198,7 +201,10 @@ impl Pilot {
         authority: Authority,
         dt: f64,
     ) -> SetPoint {
-        let (c, lag) = (&self.config.tracking, self.config.lag.design_s);
+        let (c, lag) = (
+            &self.config.tracking,
+            self.response.compensated_s(&self.config.lag),
+        );
         let a = self
             .tracker
             .track(led, body, &self.estimate, authority, lag, dt, c);
@@ -219,8 +225,7 @@ impl Pilot {
             return self.trajectory(now, plan, stage);
         }
         let c = &self.config.tracking;
-        let then = self.acts_at(now);
-        let ahead = self.below(then, body);
+        let ahead = self.below(self.thrusts_at(now), body);
         let mut authority = Authority {
             planned: plan.disturbance.into(),
             ..match ahead.as_ref().or(below) {
@@ -228,11 +233,7 @@ impl Pilot {
                 Some(_) | None => Authority::descent(c),
             }
         };
-        // The thrust that acts after its lag is the one that the plan has by then.
         let mut led = *stage;
-        if let Some(then) = plan.sample(then + Span::from_secs(c.thrust_lag_s)) {
-            led.acceleration[2] = then.acceleration[2];
-        }
         let lands = mission.state.phase() == Phase::Landing && mission.lowest_clearance_m.is_none();
         let old = lands && self.plan.age_s(now) > OLD_PLAN_S;
         let ahead = ahead.filter(|_| old);
@@ -250,7 +251,7 @@ impl Pilot {
         dt: f64,
         below: &DeckBelow,
     ) -> SetPoint {
-        let b = self.below(self.acts_at(now), body).unwrap_or(*below);
+        let b = self.below(self.thrusts_at(now), body).unwrap_or(*below);
         let stage = self.completion(body, &b).stage();
         let c = &self.config.tracking;
         let authority = Authority {

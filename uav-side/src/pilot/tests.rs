@@ -187,10 +187,10 @@ fn idle_thrust_on_the_ground() {
 }
 
 #[test]
-fn lag_with_attitudes_of_a_person() {
+fn response_with_attitudes_of_a_person() {
     // A person rocks the drone while the pilot's set-points are streamed for the hand-over.
     let mut pilot = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
-    let before = pilot.lag.lag(&pilot.config.lag);
+    let before = pilot.response.get().lag_s;
     for k in 0..1000 {
         let t = f64::from(k) * 0.01;
         let now = Time::from_secs(5.0 + t);
@@ -201,7 +201,7 @@ fn lag_with_attitudes_of_a_person() {
         (d.attitude, d.rates) = ([q.w, q.i, q.j, q.k], [0.4 * (2.0 * t).cos(), 0.0, 0.0]);
         pilot.step(now, &i);
     }
-    assert_eq!(pilot.lag.lag(&pilot.config.lag), before);
+    assert_eq!(pilot.response.get().lag_s, before);
 }
 
 #[test]

@@ -2,6 +2,7 @@
 //! to put into the file. Nothing is changed by itself.
 
 mod deck;
+mod drone;
 mod vessel;
 
 use std::fmt::Write;
@@ -23,6 +24,8 @@ pub struct CalibrateArgs {
 pub enum What {
     /// The deck's place on the vessel and the camera's mount, by the drone that stands on the deck.
     Deck(deck::DeckArgs),
+    /// How the drone's attitude answers set-points, by a flight.
+    Drone(drone::DroneArgs),
     /// Damping, stiffness and the GNSS antenna's place, from a recording of the vessel's sensors.
     Vessel(vessel::VesselArgs),
 }
@@ -31,6 +34,7 @@ pub enum What {
 pub fn run(args: &CalibrateArgs) -> Result<Exit, CliError> {
     match &args.what {
         What::Deck(a) => deck::run(a),
+        What::Drone(a) => drone::run(a),
         What::Vessel(a) => vessel::run(a),
     }
 }

@@ -195,6 +195,8 @@ pub struct Facts {
     pub reported: Option<Option<AutopilotReport>>,
     /// Where the frame of a running drone begins, and how far away the deck is, m; None while nothing runs or is known.
     pub frame: Option<(Datum, Option<f64>)>,
+    /// Dead time and time constant of the attitude that the newest flight with a response identified, s; None without one.
+    pub flown: Option<[f64; 2]>,
     /// Each camera that is configured.
     pub cameras: Vec<CameraCheck>,
     /// What the sensors sent; None when it was not listened to.

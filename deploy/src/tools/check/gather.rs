@@ -22,9 +22,11 @@ use crate::exit::{CliError, Doing};
 use crate::io::digital_line::DigitalLine;
 use crate::io::link_url::LinkUrl;
 use crate::io::sensor_socket::SensorSocket;
+use crate::process::flight::{ATTITUDE_DEAD_TIME, ATTITUDE_LAG};
 use crate::process::observer::Observer;
 use crate::process::snapshot::Snapshot;
 use crate::process::{instance, scheduling};
+use crate::record::flight::store;
 use crate::tools::check::facts::{
     CameraCheck, ClockSync, Computer, DeckInputCheck, Facts, Identity, Port, PortState, Reach,
     SensorReadings, SharedMemory,
@@ -56,6 +58,7 @@ pub fn gather(path: &Path) -> Facts {
         autopilot: None,
         reported: None,
         frame: None,
+        flown: None,
         cameras: Vec::new(),
         sensors: None,
         sources: None,
@@ -120,6 +123,7 @@ pub fn gather(path: &Path) -> Facts {
                 .filter(|_| facts.running)
                 .and_then(snapshot);
             facts.frame = snapshot.as_ref().and_then(Snapshot::frame);
+            facts.flown = flown(&d.recorder.directory);
             facts.cameras = cameras(d, snapshot.as_ref());
             facts.memory = Some(memory(instance.map_err(|e| e.to_string())));
         }
@@ -127,6 +131,17 @@ pub fn gather(path: &Path) -> Facts {
     }
     facts.computer = computer;
     facts
+}
+
+/// Dead time and time constant of the attitude by the newest recorded flight that identified them, s.
+fn flown(directory: &str) -> Option<[f64; 2]> {
+    // Without a recorder there is none, and one that cannot be read is for `alight flights` to report.
+    let flights = store::flights(Path::new(directory)).unwrap_or_default();
+    flights.iter().rev().find_map(|f| {
+        let figures = f.summary()?.figures;
+        let of = |name: &str| figures.get(name).copied();
+        Some([of(ATTITUDE_DEAD_TIME)?, of(ATTITUDE_LAG)?])
+    })
 }
 
 /// What the processes of a running drone publish.

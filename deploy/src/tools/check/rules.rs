@@ -72,6 +72,11 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     }
     all.extend(facts.frame.map(frame));
     if let Computer::Drone(d) = computer {
+        all.extend(
+            facts
+                .flown
+                .map(|flown| response(flown, d.drone.airframe.attitude_lag_s)),
+        );
         all.push(equipment::deck(&d.drone.deck, &d.drone.airframe));
         all.extend(d.camera.is_there().then(|| equipment::tags(&d.drone)));
     }
@@ -85,6 +90,33 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     }
     all.extend(processors(facts, matches!(computer, Computer::Drone(_))));
     all
+}
+
+/// Slower than this, dead time and time constant together, no autopilot of those flown has answered, s: ArduCopter with
+/// default gains 0.3 s.
+const SLOW_RESPONSE_S: f64 = 0.45;
+/// A time constant that differs from the configured one by more than this factor is worth a line.
+const LAG_RATIO: f64 = 1.5;
+
+/// How the attitude answered in the last flight.
+fn response([dead_s, lag_s]: [f64; 2], configured_s: f64) -> Finding {
+    const TOPIC: Topic = Topic("response");
+    let found = format!("in the last flight the attitude answered after {dead_s:.2} s, with {lag_s:.2} s");
+    if dead_s + lag_s > SLOW_RESPONSE_S {
+        return TOPIC.warning(
+            format!("{found}: slow, deck and gusts are followed late"),
+            "raise the autopilot's attitude gains (PX4 MC_ROLL_P, MC_PITCH_P; ArduCopter ATC_ANG_RLL_P, \
+             ATC_ANG_PIT_P, less ATC_INPUT_TC), or shorten its link",
+        );
+    }
+    let ratio = lag_s / configured_s.max(1e-3);
+    if !(1.0 / LAG_RATIO..=LAG_RATIO).contains(&ratio) {
+        return TOPIC.warning(
+            format!("{found}; configured are {configured_s:.2} s"),
+            format!("set drone.airframe.attitude_lag_s = {lag_s:.2}: a flight begins with it"),
+        );
+    }
+    TOPIC.fine(found)
 }
 
 fn clock(facts: &Facts) -> Vec<Finding> {

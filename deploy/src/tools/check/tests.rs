@@ -80,6 +80,7 @@ fn vessel() -> Facts {
         autopilot: None,
         reported: None,
         frame: None,
+        flown: None,
         cameras: Vec::new(),
         sensors: Some(SensorReadings {
             imu: 300,

@@ -1,7 +1,8 @@
 //! The status of a drone's processes on one page, and with all its tables.
 
 use alight_shared::msg::{
-    AutopilotState, LandedState, LandingMode, MissionState, ReasonCode, ShadowComparison, Wind, still_armed,
+    AttitudeResponse, AutopilotState, LandedState, LandingMode, MissionState, ReasonCode, ShadowComparison,
+    Wind, still_armed,
 };
 use alight_shared::topics;
 use alight_shared::transport::process::ProcessKind;
@@ -35,6 +36,9 @@ pub fn page(name: &str, snapshot: &Snapshot, disarm: &DisarmConfig, now_ns: i64)
     if let Some(a) = &snapshot.autopilot {
         page.entry("battery", battery(a, snapshot.mission.as_ref()));
         page.state_entry("autopilot", autopilot(a));
+    }
+    if let Some(r) = &snapshot.response {
+        page.entry("response", response(r));
     }
     let silent = silent(snapshot, now_ns);
     let running: Vec<&str> = snapshot
@@ -110,6 +114,18 @@ fn autopilot(a: &AutopilotState) -> String {
     };
     let armed = if a.armed { "armed" } else { "disarmed" };
     format!("mode {:?}, {armed}{landed}", a.mode)
+}
+
+/// How the attitude answers set-points.
+fn response(r: &AttitudeResponse) -> String {
+    let [roll, pitch] = r.lag_s;
+    let source = if r.identified {
+        "identified in flight"
+    } else {
+        "as configured, not flown yet"
+    };
+    let (dead, roll, pitch) = (time(r.dead_time_s), time(roll), time(pitch));
+    format!("dead time {dead}, then roll {roll}, pitch {pitch}; {source}")
 }
 
 /// Processes of a drone without a report, and such as report no more.
@@ -248,6 +264,9 @@ pub fn tables(name: &str, snapshot: &Snapshot, disarm: &DisarmConfig, now_ns: i6
             l.clock_offset_s,
             time(l.clock_offset_sd_s)
         ));
+    }
+    if let Some(r) = &snapshot.response {
+        lines.push(format!("  response  {}", response(r)));
     }
     if let Some((plan, age_s)) = &snapshot.plan {
         lines.push(format!(

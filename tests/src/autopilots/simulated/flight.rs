@@ -1,7 +1,7 @@
 //! The autopilot's flight: modes, failsafe of lost set-points, position control, land detector. It flies by its own
 //! estimate and knows the nominal airframe only.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::{AutopilotMode, LandedState};
@@ -13,6 +13,7 @@ use super::attitude::{AttitudeTarget, RateLoop, rate_set_point};
 use super::estimator::{Errors, Estimate};
 use super::mixer::Mixer;
 use super::modes::mode_number;
+use super::shaping::InputShaping;
 use crate::physics::drone::{AutopilotConfig, Frame, MAX_ROTORS, PlantState};
 
 /// PX4 wants set-points no further apart than this before OFFBOARD ...
@@ -121,6 +122,12 @@ pub(super) struct Flight {
     hover_thrust: f64,
     still_s: f64,
     target: AttitudeTarget,
+    /// Targets of the attitude loop that are not in force yet, with the time at which they will be.
+    delayed: VecDeque<(Time<TrueTime>, AttitudeTarget)>,
+    /// The one in force.
+    in_force: AttitudeTarget,
+    /// ArduCopter's.
+    shaping: InputShaping,
 }
 
 impl Flight {
@@ -143,6 +150,12 @@ impl Flight {
         let yaw = estimate.attitude.euler_angles().2;
         let mode = mode_number(config.firmware, AutopilotMode::Other);
         let still = Vector3::zeros();
+        let target = AttitudeTarget {
+            attitude: UnitQuaternion::from_euler_angles(0.0, 0.0, yaw),
+            yaw_rate: 0.0,
+            rates: still,
+            thrust: hover_thrust,
+        };
         Flight {
             config: config.with_gains_of_firmware(),
             rate_loop: RateLoop::new(drone, Frame::QuadX),
@@ -168,12 +181,10 @@ impl Flight {
             integral: still,
             hover_thrust,
             still_s: 0.0,
-            target: AttitudeTarget {
-                attitude: UnitQuaternion::from_euler_angles(0.0, 0.0, yaw),
-                yaw_rate: 0.0,
-                rates: still,
-                thrust: hover_thrust,
-            },
+            target,
+            delayed: VecDeque::new(),
+            in_force: target,
+            shaping: InputShaping::at(estimate.attitude),
         }
     }
 
@@ -260,9 +271,6 @@ impl Flight {
         self.hold_here(estimate);
         self.target = *target;
         if self.firmware() == Firmware::ArduCopter {
-            // ArduCopter 4.6 and 4.7 lead the attitude by the rates, but turn them by it once too often. PX4 drops them.
-            let ahead = target.attitude * target.rates * self.config.attitude_lag_s;
-            self.target.attitude *= UnitQuaternion::from_scaled_axis(ahead);
             self.target.thrust = (target.thrust / self.tilt_compensation(&target.attitude)).min(1.0);
         }
     }
@@ -512,13 +520,40 @@ impl Flight {
         truth: &PlantState,
         dt: f64,
     ) -> Option<[f64; MAX_ROTORS]> {
+        let is = errors.attitude * truth.attitude;
         if !self.armed {
+            self.delayed.clear();
+            self.shaping = InputShaping::at(is);
             return None;
         }
-        let wanted = rate_set_point(&self.config, &self.target, &(errors.attitude * truth.attitude));
+        let target = self.acting(truth.at);
+        let c = &self.config;
+        let wanted = match self.firmware() {
+            // PX4 drops the rates.
+            Firmware::Px4 => rate_set_point(c, &target, &is),
+            Firmware::ArduCopter => {
+                let tc = c.attitude_lag_s();
+                self.shaping.step(&target, &is, tc, c.max_yaw_rate_rps, dt)
+            }
+        };
         let rates = truth.rates + errors.rates;
-        let thrust = self.target.thrust;
-        Some(self.rate_loop.step(&self.config, &wanted, &rates, thrust, dt))
+        Some(
+            self.rate_loop
+                .step(&self.config, &wanted, &rates, target.thrust, dt),
+        )
+    }
+
+    /// The target in force at `now`: the newest that is older than the dead time.
+    fn acting(&mut self, now: Time<TrueTime>) -> AttitudeTarget {
+        let dead = Span::from_secs(self.config.dead_time_s);
+        if dead <= Span::ZERO {
+            return self.target;
+        }
+        self.delayed.push_back((now + dead, self.target));
+        while let Some((_, target)) = self.delayed.pop_front_if(|(at, _)| *at <= now) {
+            self.in_force = target;
+        }
+        self.in_force
     }
 }
 

@@ -4,7 +4,7 @@
 //!
 //! [`SimulatedAutopilot::step`] is one turn of the inner loops; every fifth estimates, decides and reports. [`protocol`]
 //! has messages, streams, commands and parameters, [`flight`] modes, failsafes, position control and the land detector,
-//! [`attitude`] and [`mixer`] the inner loops, [`estimator`] its sensors.
+//! [`attitude`], [`shaping`] and [`mixer`] the inner loops, [`estimator`] its sensors.
 
 mod attitude;
 mod estimator;
@@ -12,6 +12,7 @@ mod flight;
 mod mixer;
 mod modes;
 mod protocol;
+mod shaping;
 
 #[cfg(test)]
 mod tests;

@@ -213,7 +213,7 @@ fn circle_as_measured_on_the_firmwares() {
 /// Lag that maximises the cross-correlation of a 0.5 Hz roll set-point and the true roll.
 fn measured_lag(lag_s: f64) -> f64 {
     let mut c = ideal(Firmware::Px4);
-    c.autopilot.attitude_lag_s = lag_s;
+    c.autopilot.attitude_lag_s = Some(lag_s);
     let mut f = Flown::offboard(&c, 1, Vector3::new(0.0, 0.0, -50.0));
     let hover = f.drone.hover_thrust();
     let roll = |t: f64| 0.1 * (core::f64::consts::PI * t).sin();

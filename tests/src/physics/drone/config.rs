@@ -111,9 +111,13 @@ config! {
         /// Whose character it has: px4, or ardupilot, which has position and velocity gains of its own in the place of
         /// those below, and no `loss_action`.
         pub firmware: Firmware = Firmware::Px4;
-        /// Lag with which a tilt set-point is followed, s: the gain of the attitude loop is its inverse.
-        /// Source: Issue; PX4 0.18 to 0.32 s, ArduCopter 0.21 s (measured).
-        pub attitude_lag_s: f64 = 0.2, in 0.08..=1.0;
+        /// Time constant with which a tilt set-point is followed, s; missing: the firmware's own. Of PX4 the inverse of the
+        /// attitude loop's gain, of ArduCopter that of its input shaping (ATC_INPUT_TC).
+        /// Source: fits to flights of PX4 main of March 2026 (0.10 s) and of ArduCopter 4.7-dev (0.15 s).
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub attitude_lag_s: Option<f64> = None;
+        /// Dead time of a set-point of attitude and thrust in the autopilot, besides the wire's, s.
+        pub dead_time_s: f64 = 0.0, in 0.0..=0.5;
         /// Gain of the heading loop, 1/s.
         /// Source: MC_YAW_P.
         pub yaw_gain_hz: f64 = 2.8, in 0.1..=10.0;
@@ -195,9 +199,19 @@ config! {
         /// Hover time that a full battery gives, s.
         pub endurance_s: f64 = 1500.0, in 10.0..=1e6;
     }
+    check |this, at| {
+        at.range("attitude_lag_s", this.attitude_lag_s(), 0.04, 1.0)?;
+    }
 }
 
 impl AutopilotConfig {
+    /// Time constant with which a tilt set-point is followed, s.
+    pub fn attitude_lag_s(&self) -> f64 {
+        self.attitude_lag_s.unwrap_or(match self.firmware {
+            Firmware::Px4 => 0.10,
+            Firmware::ArduCopter => 0.15,
+        })
+    }
     /// With ArduCopter's own gains where it is ArduCopter (PSC_POSXY_P, PSC_VELXY_*, PSC_VELZ_P; in units of
     /// acceleration).
     pub fn with_gains_of_firmware(&self) -> AutopilotConfig {
