@@ -44,7 +44,7 @@ config! {
         /// Positive direction of its heave: up, down, or none where it measures none.
         pub heave: HeaveSign = HeaveSign::Up;
         /// Sentences without a time of their own (HDT, THS, ROT, VTG, PRDID) belong to the next time in the
-        /// stream, not to the last.
+        /// stream, not to the last: in a recording, and live until the pauses between their arrivals show it.
         /// Source: most receivers begin an epoch with a sentence that has its time.
         pub untimed_lead: bool = false;
         /// Standard deviation of its heave, m.
@@ -83,6 +83,9 @@ config! {
         pub connect: String = "udpin://0.0.0.0:10110".into();
         /// Its protocol.
         pub format: Format = Format::Nmea;
+        /// The vessel's system on a MAVLink link; zero: the first whose heartbeat is a boat's.
+        /// Source: MAV_TYPE in its heartbeat; an autopilot set up as another vehicle needs its number here.
+        pub system: u8 = 0;
         /// Smallest delay from a measurement to its arrival, s: from its data sheet, or half of a round trip.
         pub latency_s: f64 = 0.0, in 0.0..=0.5;
         /// Mounting and accuracy of its sensors.
