@@ -7,6 +7,7 @@ use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCE
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::{Decoder, NmeaDecoder};
 use crate::config::{GnssConfig, ImuConfig};
 
 /// Sign of a source's heave.
@@ -71,6 +72,22 @@ pub enum Format {
     Ubx,
     /// MAVLink.
     Mavlink,
+}
+
+impl Format {
+    /// Whether a datagram may be of such a source: all but whole NMEA sentences of kinds that are not read (a wind
+    /// sensor's, AIS).
+    pub fn speaks(self) -> impl Fn(&[u8]) -> bool + Send + Sync {
+        move |datagram| match self {
+            Format::Nmea => {
+                let mut decoder = NmeaDecoder::new(&Mounting::default());
+                decoder.push(datagram, &mut Vec::new());
+                let found = decoder.decoded();
+                found.good > 0 || found.ignored == 0
+            }
+            Format::Ubx | Format::Mavlink => true,
+        }
+    }
 }
 
 config! {

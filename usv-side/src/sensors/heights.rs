@@ -15,6 +15,8 @@ pub(super) struct Heights {
     /// Fixes whose receiver stated its separation, and fixes for which the model stood in.
     stated: u64,
     modelled: u64,
+    /// Fixes without any height.
+    flat: u64,
     /// Newest model, where it stood in.
     model: Undulation,
     /// Newest stated separation that cannot be a receiver's geoid, and the model there, m.
@@ -37,7 +39,12 @@ impl Heights {
         (stated, if self.doubtful.is_some() { apart } else { 0.0 })
     }
 
-    /// Whose separation the heights have; None without a height.
+    /// A fix has no height.
+    pub(super) fn none(&mut self) {
+        self.flat += 1;
+    }
+
+    /// Whose separation the heights have; None without a fix.
     pub(super) fn remark(&self) -> Option<Remark> {
         if let Some((stated, model)) = self.doubtful {
             return Some(Remark::fault(
@@ -59,6 +66,12 @@ impl Heights {
                     self.modelled + self.stated
                 ),
                 "let the receiver state its geoid separation (GGA, field 11): the height is uncertain by so much",
+            ));
+        }
+        if self.stated == 0 && self.flat > 0 {
+            return Some(Remark::fault(
+                format!("height: none of {} fixes has one, and it stays unknown", self.flat),
+                "let the receiver send GGA or GNS",
             ));
         }
         (self.stated > 0).then(|| Remark::fine("height above the ellipsoid by the receiver".into()))

@@ -367,6 +367,9 @@ impl NmeaDecoder {
             && !waits(p.has_height(), self.without_height)
         {
             e.fixed = true;
+            if !p.has_height() {
+                self.heights.none();
+            }
             let [north, east] = e.velocity.unwrap_or_default();
             let velocity_sd = e.velocity.map_or(NOT_MEASURED_SD, |_| sentences::VELOCITY_SD);
             let velocity_sd = [velocity_sd, velocity_sd, NOT_MEASURED_SD];

@@ -248,6 +248,9 @@ fn nmea_position_of_each_sentence() {
             }
         }
         assert_eq!(d.decoded().left_out, 0, "{body}");
+        if height.is_none() {
+            assert!(remark(&d, "height: none of 9 fixes has one").remedy.is_some());
+        }
     }
     // Beside GGA, which has the height, RMC and GLL make no fix of their own, in any order.
     let (gga, rmc) = (
