@@ -10,6 +10,7 @@ use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::os::fd::AsRawFd;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Duration;
 
 use alight_shared::transport::readiness::watched;
@@ -39,6 +40,9 @@ const MAX_READ_BYTES: usize = 2048;
 
 /// Reads and writes are waited for.
 const BOTH: Interest = Interest::READABLE.add(Interest::WRITABLE);
+
+/// Whether a datagram may make its sender the peer.
+pub type Speaks = Arc<dyn Fn(&[u8]) -> bool + Send + Sync>;
 
 /// An open end. Descriptors are non-blocking; reads wait in tokio, writes do not wait.
 enum Open {
@@ -134,6 +138,10 @@ pub struct ByteLink {
     /// The rest of a message of which the line took a part: nothing is sent before it.
     rest: Vec<u8>,
     last_error: Option<String>,
+    /// Who may be the peer of a UDP link that listens.
+    speaks: Option<Speaks>,
+    /// Datagrams of others than the peer, and who sent the newest.
+    strangers: Option<(u64, SocketAddr)>,
 }
 
 /// What ended a wait.
@@ -146,6 +154,10 @@ impl ByteLink {
     /// A link to `url`. What can be known to be wrong at once is refused: a port that is taken, a host
     /// that has no address; a peer that is not there yet is waited for.
     pub async fn new(url: LinkUrl) -> Result<ByteLink, CliError> {
+        ByteLink::with_peer(url, None).await
+    }
+    /// The same; over UDP its peer is the first that `speaks`.
+    pub async fn with_peer(url: LinkUrl, speaks: Option<Speaks>) -> Result<ByteLink, CliError> {
         let doing = || format!("opening {url}");
         let open = match &url {
             LinkUrl::UdpIn(_) | LinkUrl::UdpOut(_) | LinkUrl::TcpIn(_) => {
@@ -167,6 +179,8 @@ impl ByteLink {
             unsent: 0,
             rest: Vec::new(),
             last_error: None,
+            speaks,
+            strangers: None,
         })
     }
     /// Times that the link was opened again.
@@ -176,6 +190,10 @@ impl ByteLink {
     /// Messages that could not be sent.
     pub fn unsent(&self) -> u64 {
         self.unsent
+    }
+    /// Datagrams that were left out because another than the peer sent them, and who sent the newest.
+    pub fn strangers(&self) -> Option<(u64, SocketAddr)> {
+        self.strangers
     }
     /// Why it could not be opened, once for each new reason.
     pub fn last_error(&mut self) -> Option<String> {
@@ -220,8 +238,13 @@ impl ByteLink {
     ) -> bool {
         match received {
             Ok(Received::Bytes(n, from)) => {
-                if from.is_none_or(|from| self.is_from_peer(from)) {
-                    take(buffer.get(..n).unwrap_or_default());
+                let bytes = buffer.get(..n).unwrap_or_default();
+                match from.filter(|from| !self.is_from_peer(*from, bytes)) {
+                    Some(stranger) => {
+                        let before = self.strangers.map_or(0, |(n, _)| n);
+                        self.strangers = Some((before + 1, stranger));
+                    }
+                    None => take(bytes),
                 }
                 true
             }
@@ -245,12 +268,13 @@ impl ByteLink {
         }
     }
     /// Whether a datagram is from the peer: who sends first, until it is silent, or who we send to.
-    fn is_from_peer(&mut self, from: SocketAddr) -> bool {
+    fn is_from_peer(&mut self, from: SocketAddr, datagram: &[u8]) -> bool {
         let Some(Open::Udp { peer, fixed, .. }) = &mut self.open else {
             return true;
         };
         let known = peer.is_some_and(|(to, _)| to == from);
-        let free = peer.is_none_or(|(_, at)| at.elapsed() > PEER_TIMEOUT);
+        let free = peer.is_none_or(|(_, at)| at.elapsed() > PEER_TIMEOUT)
+            && self.speaks.as_ref().is_none_or(|speaks| speaks(datagram));
         if *fixed {
             return known;
         }
@@ -490,6 +514,22 @@ mod tests {
         }
         second.send_to(b"four", at).unwrap();
         assert_eq!(read_at_least(&mut link, 4).await, b"four");
+        assert_eq!(link.strangers(), Some((1, second.local_addr().unwrap())));
+    }
+
+    #[tokio::test]
+    async fn udp_link_whose_first_sender_speaks_another_language() {
+        let speaks: Speaks = Arc::new(|datagram| datagram.starts_with(b"$GP"));
+        let url = LinkUrl::UdpIn("127.0.0.1:0".into());
+        let mut link = ByteLink::with_peer(url, Some(speaks)).await.unwrap();
+        let at = port(&link);
+        let [wind, receiver] = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
+        for _ in 0..3 {
+            wind.send_to(b"$WIMWV", at).unwrap();
+            receiver.send_to(b"$GPGGA", at).unwrap();
+        }
+        assert_eq!(read_at_least(&mut link, 18).await, b"$GPGGA$GPGGA$GPGGA");
+        assert_eq!(link.strangers(), Some((3, wind.local_addr().unwrap())));
     }
 
     /// A pseudo-terminal and its path.

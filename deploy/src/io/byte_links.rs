@@ -1,6 +1,7 @@
 //! Several byte links, each read and written by a task of its own.
 
 use std::collections::BTreeMap;
+use std::net::SocketAddr;
 
 use tokio::sync::mpsc;
 
@@ -19,6 +20,8 @@ pub struct Arrival {
     pub bytes: Vec<u8>,
     /// Why it could not be opened, or broke.
     pub error: Option<String>,
+    /// Datagrams of others than its peer so far, and who sent the newest.
+    pub strangers: Option<(u64, SocketAddr)>,
 }
 
 /// Links, by their numbers.
@@ -62,6 +65,7 @@ async fn run(
     to: mpsc::Sender<Arrival>,
     mut messages: mpsc::Receiver<Vec<u8>>,
 ) {
+    let mut strangers = None;
     loop {
         let mut bytes = Vec::new();
         tokio::select! {
@@ -72,12 +76,15 @@ async fn run(
             },
         }
         let error = link.last_error();
+        let news = link.strangers() != strangers;
+        strangers = link.strangers();
         let arrival = Arrival {
             link: number,
             bytes,
             error,
+            strangers,
         };
-        let something = !arrival.bytes.is_empty() || arrival.error.is_some();
+        let something = !arrival.bytes.is_empty() || arrival.error.is_some() || news;
         if something && to.send(arrival).await.is_err() {
             return;
         }

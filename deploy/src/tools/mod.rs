@@ -11,6 +11,7 @@ pub mod recording;
 pub mod replay;
 pub mod status;
 pub mod tag;
+mod vessel_sources;
 pub mod vessel_status;
 pub mod view;
 mod view_vessel;

@@ -20,9 +20,8 @@ use crate::tools::check::finding::{Finding, Level, Topic};
 use crate::tools::status::page::View;
 use crate::tools::status::vessel::page;
 use crate::tools::status::watch;
-use crate::vessel::status_file::{
-    self, CertificateStatus, DeckStatus, EstimatorStatus, HeadingAdvice, SourceHealth, VesselStatus,
-};
+use crate::tools::vessel_sources::{estimator, remark, source, strange_datagrams};
+use crate::vessel::status_file::{self, CertificateStatus, DeckStatus, HeadingAdvice, VesselStatus};
 use crate::vessel::{deck_inputs, helm_lamp};
 
 /// A status older than this is a dead or a frozen process's, s: six of its periods.
@@ -110,8 +109,12 @@ fn title(status: &VesselStatus) -> String {
 pub fn judge(status: &VesselStatus, now_ns: i64) -> Vec<Finding> {
     let mut all = vec![process(status, now_ns)];
     all.extend(recorder(status));
-    all.extend(status.sources.iter().map(source));
-    all.extend(estimator(&status.estimator));
+    all.extend(strange_datagrams(status));
+    for s in &status.sources {
+        all.push(source(s));
+        all.extend(s.remarks.iter().map(|r| remark(&s.name, r)));
+    }
+    all.extend(estimator(&status.estimator, &status.sources));
     all.push(certificate(&status.certificate));
     all.push(unauthorised_peers(status));
     all.extend(deck(status));
@@ -146,82 +149,6 @@ fn recorder(status: &VesselStatus) -> Option<Finding> {
             "the process goes on without; its journal names file and error: free space, or make it writable",
         )
     })
-}
-
-/// One source may be missing where another of its kind stands in: what is missing altogether is broken below.
-fn source(s: &SourceHealth) -> Finding {
-    const TOPIC: Topic = Topic("source");
-    let counts = format!(
-        "{}: {} good, {} corrupted, {} undated, {} out of order; {} used, {} gated, {} rejected",
-        s.name, s.good, s.corrupted, s.undated, s.out_of_order, s.used, s.gated, s.rejected
-    );
-    let silent = match (s.age_s, &s.why) {
-        (Some(age_s), _) if age_s <= MISSING_S => None,
-        (_, Some(why)) => Some(why.clone()),
-        (Some(age_s), None) => Some(format!("nothing for {age_s:.0} s")),
-        (None, None) => Some("no measurement yet".into()),
-    };
-    if s.is_stuck {
-        return TOPIC.broken(
-            format!("{counts}; STUCK: it repeats one sample, {} rejected", s.stuck),
-            "its numbers are no measurement: power it off and on, then its cable and its driver",
-        );
-    }
-    match silent {
-        Some(why) => TOPIC.warning(
-            format!("{counts}; {why}"),
-            "its power, its cable, its rate and format in vessel.toml; alight check with the service stopped",
-        ),
-        None if s.mismatched_pulses > 0 => TOPIC.warning(
-            format!(
-                "{counts}; {} time pulses of another time base than its fixes",
-                s.mismatched_pulses
-            ),
-            "set the receiver's time pulse to GNSS time (CFG-TP): a clock kept by the pulse would be seconds wrong",
-        ),
-        None => TOPIC.fine(format!("{counts}; {} old", time(s.age_s.unwrap_or_default()))),
-    }
-}
-
-fn estimator(e: &EstimatorStatus) -> Vec<Finding> {
-    const TOPIC: Topic = Topic("estimator");
-    let mut all = Vec::new();
-    for (k, name) in ["inertial or attitude sensor", "GNSS", "heading"]
-        .iter()
-        .enumerate()
-    {
-        let found = match e.sensor_age_s.get(k).copied().flatten() {
-            Some(s) if s <= MISSING_S => continue,
-            Some(s) => format!("{name}: nothing for {s:.0} s"),
-            None => format!("{name}: nothing yet"),
-        };
-        all.push(Topic("sensors").broken(found, "see to its driver and to `sensors` in vessel.toml"));
-    }
-    let [horizontal, height, tilt, heading] = e.sd;
-    all.push(match e.estimate_age_s {
-        Some(s) if s <= MISSING_S => TOPIC.fine(format!(
-            "position +- {horizontal:.2} m, height {height:.2} m, tilt {:.2} deg, heading {:.1} deg; {}; {} inputs \
-             rejected, {:?} gated (inertial, GNSS, heading), {} restarts of the filter",
-            tilt.to_degrees(),
-            heading.to_degrees(),
-            e.waves.map_or_else(
-                || "no waves yet".into(),
-                |[h, c]| format!("waves of {h:.1} m, trusted to {:.0} %", 100.0 * c)
-            ),
-            e.rejected,
-            e.gated,
-            e.restarts,
-        )),
-        Some(s) => TOPIC.broken(
-            format!("no estimate for {s:.0} s"),
-            "drones receive no estimate; see to the sensors above",
-        ),
-        None => TOPIC.broken(
-            "no estimate yet",
-            "it needs inertial sensor, GNSS and heading for some seconds",
-        ),
-    });
-    all
 }
 
 fn certificate(c: &CertificateStatus) -> Finding {
@@ -427,7 +354,7 @@ mod tests {
     use super::*;
     use alight_usv::deck::Starved;
 
-    use crate::vessel::status_file::{DroneContact, ProcessStatus};
+    use crate::vessel::status_file::{DroneContact, EstimatorStatus, ProcessStatus, SourceHealth};
 
     fn status() -> VesselStatus {
         VesselStatus {

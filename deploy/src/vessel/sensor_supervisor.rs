@@ -3,7 +3,7 @@
 //! server, where somebody looks on.
 
 use alight_shared::transport::process::ProcessKind;
-use alight_usv::sensors::SourceStatus;
+use alight_usv::sensors::{Remark, SourceStatus};
 use serde::{Deserialize, Serialize};
 
 use crate::config::VesselComputer;
@@ -31,6 +31,9 @@ pub struct SourceReport {
     pub age_s: Option<f64>,
     /// Why its link is down, if it is.
     pub why: Option<String>,
+    /// What else is to be said of its bytes.
+    #[serde(default)]
+    pub remarks: Vec<Remark>,
 }
 
 /// The processes, if the vessel has real sensors or somebody looks on.

@@ -8,14 +8,14 @@ use alight_shared::node::Node;
 use alight_shared::time::{Time, VesselClock};
 use alight_shared::transport::clock::steady_ns;
 use alight_usv::KINDS;
-use alight_usv::sensors::{MAX_STEP_BYTES, SensorNode, SensorsIn, SourceConfig};
+use alight_usv::sensors::{MAX_STEP_BYTES, Remark, SensorNode, SensorsIn, SourceConfig};
 use serde_json::json;
 use tokio::time::{MissedTickBehavior, interval};
 use tracing::{info, warn};
 
 use crate::config::VesselComputer;
 use crate::exit::{CliError, Doing, Exit};
-use crate::io::byte_link::ByteLink;
+use crate::io::byte_link::{ByteLink, Speaks};
 use crate::io::byte_links::{Arrival, ByteLinks};
 use crate::io::link_url::LinkUrl;
 use crate::io::runtime;
@@ -25,6 +25,8 @@ use crate::process::life::{draw_boot, end_with_supervisor};
 use crate::terminal;
 use crate::vessel::sensor_supervisor::{self, SourceReport};
 use alight_shared::transport::wake::end_requested;
+use std::net::SocketAddr;
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 /// The node is stepped at least this often.
@@ -51,7 +53,8 @@ async fn read(args: &SensorsArgs) -> Result<Exit, CliError> {
     for (number, source) in sources.iter().enumerate() {
         let url: LinkUrl = source.connect.parse().map_err(CliError)?;
         info!("{}: {url}", source.name);
-        links.push((number, ByteLink::new(url).await?));
+        let speaks: Speaks = Arc::new(source.format.speaks());
+        links.push((number, ByteLink::with_peer(url, Some(speaks)).await?));
     }
     let mut links = ByteLinks::start(links);
     let to = SensorSender::to(&computer.sensors).doing(format_args!("sending to {}", computer.sensors))?;
@@ -64,6 +67,7 @@ async fn read(args: &SensorsArgs) -> Result<Exit, CliError> {
     };
     let mut next_report_ns = steady_ns() + report_period_ns;
     let mut faults: Vec<Option<String>> = vec![None; sources.len()];
+    let mut strangers: Vec<Strangers> = vec![None; sources.len()];
     let mut steps = interval(MAX_STEP_PERIOD);
     steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
     while !(end.load(Ordering::Relaxed) || end_requested()) {
@@ -75,6 +79,9 @@ async fn read(args: &SensorsArgs) -> Result<Exit, CliError> {
             _ = steps.tick() => None,
         };
         while let Some(a) = arrival {
+            if let Some(of) = strangers.get_mut(a.link) {
+                *of = a.strangers;
+            }
             take(a, sources, &mut input, &mut faults);
             // A step's bytes are a bound: more of them waits.
             let full = input.bytes.iter().any(|b| b.len() >= MAX_STEP_BYTES);
@@ -89,11 +96,11 @@ async fn read(args: &SensorsArgs) -> Result<Exit, CliError> {
         }
         if steady_ns() >= next_report_ns {
             next_report_ns = steady_ns() + report_period_ns;
-            print_reports(args, &reports(sources, &node, now, &faults));
+            print_reports(args, &reports(sources, &node, now, &faults, &strangers));
         }
     }
     let now = computer.clock.read(steady_ns());
-    print_reports(args, &reports(sources, &node, now, &faults));
+    print_reports(args, &reports(sources, &node, now, &faults, &strangers));
     Ok(Exit::Success)
 }
 
@@ -117,22 +124,40 @@ fn take(arrival: Arrival, sources: &[SourceConfig], input: &mut SensorsIn, fault
     }
 }
 
+/// Datagrams of others than a link's peer, and who sent the newest.
+type Strangers = Option<(u64, SocketAddr)>;
+
+/// Who else sends to a source's port.
+pub fn strangers_remark(strangers: Strangers) -> Option<Remark> {
+    let (count, from) = strangers?;
+    Some(Remark::fault(
+        format!("{from} sends to the same port: {count} datagrams left out"),
+        "one sender has the port, the first that sends what is read: give each device a port and a source of its own",
+    ))
+}
+
 /// The report about each source.
 fn reports(
     sources: &[SourceConfig],
     node: &SensorNode,
     now: Time<VesselClock>,
     faults: &[Option<String>],
+    strangers: &[Strangers],
 ) -> Vec<SourceReport> {
     let each = sources.iter().zip(node.status()).zip(faults).enumerate();
-    each.map(|(number, ((source, status), fault))| SourceReport {
-        number,
-        source: source.name.clone(),
-        status,
-        age_s: status.newest_s.map(|s| now.secs() - s),
-        why: fault.clone(),
-    })
-    .collect()
+    let said = node.remarks().into_iter().zip(strangers);
+    each.zip(said)
+        .map(
+            |((number, ((source, status), fault)), (remarks, strangers))| SourceReport {
+                remarks: strangers_remark(*strangers).into_iter().chain(remarks).collect(),
+                number,
+                source: source.name.clone(),
+                status,
+                age_s: status.newest_s.map(|s| now.secs() - s),
+                why: fault.clone(),
+            },
+        )
+        .collect()
 }
 
 /// A line for each source: for a person, or as JSON, which the vessel's process reads too.
@@ -172,5 +197,13 @@ fn print_reports(args: &SensorsArgs, all: &[SourceReport]) {
             s.duplicated,
             s.lost_bytes
         ));
+        for remark in &report.remarks {
+            let remedy = remark
+                .remedy
+                .as_ref()
+                .map(|r| format!(": {r}"))
+                .unwrap_or_default();
+            terminal::line(format_args!("  {}{remedy}", remark.text));
+        }
     }
 }

@@ -4,6 +4,7 @@
 //! The file is named after the port of the vessel's sensors, which no two processes of a computer have.
 
 use core::f64::consts::PI;
+use std::collections::VecDeque;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -13,6 +14,7 @@ use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessState;
 use alight_shared::transport::rejections::{AccessRejection, AccessRejections};
 use alight_usv::deck::{Closure, Starved};
+use alight_usv::sensors::Remark;
 use alight_usv::{ComputerIn, ComputerOut, Estimator, KINDS, VesselNode};
 use serde::{Deserialize, Serialize};
 
@@ -27,6 +29,8 @@ const MAX_BYTES: u64 = 1 << 20;
 /// Time between two samples of the motion, ns, and how many are kept until the next status.
 const MOTION_PERIOD_NS: i64 = 90_000_000;
 const MAX_MOTION: usize = 16;
+/// Statuses that `lately` reaches back: 10 s.
+const LATELY: usize = 20;
 /// The certificate's file is read again this often, ns.
 const CERTIFICATE_PERIOD_NS: i64 = 60_000_000_000;
 
@@ -152,6 +156,12 @@ pub struct SourceHealth {
     /// It does so now.
     #[serde(default)]
     pub is_stuck: bool,
+    /// Used and refused (rejected or gated) since some seconds ago.
+    #[serde(default)]
+    pub lately: [u64; 2],
+    /// What else is to be said of its bytes.
+    #[serde(default)]
+    pub remarks: Vec<Remark>,
 }
 
 impl SourceHealth {
@@ -166,6 +176,7 @@ impl SourceHealth {
             undated: d.undated + s.implausible_time,
             out_of_order: s.out_of_order,
             mismatched_pulses: d.mismatched_pulses,
+            remarks: status.remarks.clone(),
             ..SourceHealth::default()
         };
         // A source of bytes is two sources of measurements.
@@ -207,6 +218,9 @@ pub struct ProcessStatus {
     pub dropped: u64,
     /// Steps that are not recorded because the disk refused or was too slow.
     pub unrecorded: u64,
+    /// Datagrams at its sensors' port that were no measurements.
+    #[serde(default)]
+    pub datagrams_rejected: u64,
 }
 
 /// JSON has no infinity and no NaN.
@@ -355,6 +369,8 @@ pub struct StatusFile {
     waves: Option<[f64; 2]>,
     occupied: bool,
     certificate: (i64, CertificateStatus),
+    /// Used and refused of each source at the statuses before, oldest first.
+    counts: VecDeque<Vec<[u64; 2]>>,
 }
 
 impl StatusFile {
@@ -370,7 +386,24 @@ impl StatusFile {
             waves: None,
             occupied: false,
             certificate: (i64::MIN, CertificateStatus::None),
+            counts: VecDeque::new(),
         }
+    }
+    /// Works out what became of each source's measurements since some statuses ago.
+    fn compare(&mut self, sources: &mut [SourceHealth]) {
+        let now: Vec<[u64; 2]> = sources
+            .iter()
+            .map(|s| [s.used - s.gated.min(s.used), s.rejected + s.gated])
+            .collect();
+        if let Some(before) = self.counts.front().filter(|b| b.len() == now.len()) {
+            for ((source, now), before) in sources.iter_mut().zip(&now).zip(before) {
+                source.lately = [0, 1].map(|k| now[k].saturating_sub(before[k]));
+            }
+        }
+        if self.counts.len() >= LATELY {
+            self.counts.pop_front();
+        }
+        self.counts.push_back(now);
     }
     /// A step of the node at `now_ns` of the steady clock.
     pub fn observe(&mut self, now_ns: i64, input: &ComputerIn, out: &ComputerOut) {
@@ -422,6 +455,11 @@ impl StatusFile {
         let (drones, on_other_keys) = (node.drones().statuses(), node.on_other_keys().into());
         let node = node.node();
         let (gated, rejected) = (node.gated(), node.rejected());
+        let mut sources: Vec<SourceHealth> = sensor_supervisor
+            .reports(now)
+            .map(|(since_s, status)| SourceHealth::of(status, since_s, node))
+            .collect();
+        self.compare(&mut sources);
         let status = VesselStatus {
             vessel: computer.vessel_id,
             process: ProcessStatus {
@@ -435,6 +473,7 @@ impl StatusFile {
                 sent_bytes: process.count(MetricName::BytesSent),
                 dropped: process.count(MetricName::PacketsDropped),
                 unrecorded: process.count(MetricName::StepsUnrecorded),
+                datagrams_rejected: process.count(MetricName::SensorDatagramsRejected),
             },
             listen: computer.radio.listen.clone(),
             peers: computer.radio.tls.peers.clone(),
@@ -474,10 +513,7 @@ impl StatusFile {
                 rejected: rejected.total().into(),
             },
             sensors_pid: sensor_supervisor.pid(),
-            sources: sensor_supervisor
-                .reports(now)
-                .map(|(since_s, status)| SourceHealth::of(status, since_s, node))
-                .collect(),
+            sources,
         };
         let new = self.path.with_extension("new");
         // A reader sees the old status or the new one, never half of one.

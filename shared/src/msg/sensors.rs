@@ -45,6 +45,9 @@ pub struct GnssFix {
     pub position_sd: [f64; 3],
     /// Standard deviation of each component of `velocity`, m/s.
     pub velocity_sd: [f64; 3],
+    /// Standard deviation of the height's reference surface, m: one error for all fixes of a receiver, which does not
+    /// average out. Zero where the receiver itself states its height above the ellipsoid.
+    pub height_spread: f64,
     /// Which of the vessel's receivers.
     pub source: u8,
     /// Its antenna in the vessel's body frame, m; none: where the configuration has it.
@@ -108,6 +111,7 @@ message!(GnssFix, VesselClock, |m| {
     within(&m.velocity, MAX_SPEED_MPS) => "velocity",
     m.datum.is_on_earth() => "datum",
     positive(&m.position_sd, 1e4) && positive(&m.velocity_sd, 1e4) => "standard deviations",
+    within([&m.height_spread], 1e4) && m.height_spread >= 0.0 => "height_spread",
     is_source(m.source) => "source",
     is_lever_arm(&m.lever_arm) => "lever_arm",
 });

@@ -197,7 +197,7 @@ impl DroneStateAssembler {
     }
 }
 
-/// A reading of the rangefinder; None out of its limits.
+/// A reading of the rangefinder; None out of its limits, and of 0 m, which is no reading whatever its limits.
 pub(crate) fn range(at: DroneTime, d: &DistanceReport, c: &AutopilotLinkConfig) -> Option<RangeSample> {
     let [low, high] = d.limits_m;
     let sample = RangeSample {
@@ -209,7 +209,7 @@ pub(crate) fn range(at: DroneTime, d: &DistanceReport, c: &AutopilotLinkConfig) 
             .unwrap_or(c.range_sd_m * c.range_sd_m),
     };
     // A rangefinder without an echo reports its greatest distance.
-    ((low..high).contains(&d.range_m) && sample.check().is_ok()).then_some(sample)
+    (d.range_m > 0.0 && (low..high).contains(&d.range_m) && sample.check().is_ok()).then_some(sample)
 }
 
 #[cfg(test)]
@@ -325,6 +325,14 @@ mod tests {
             range(t(1.0), &report, &AutopilotLinkConfig::default())
         };
         assert!(sample(10.0, None).is_none() && sample(f64::NAN, None).is_none());
+        // No reading, of a rangefinder that states no least distance.
+        let none = DistanceReport {
+            time_ms: 0,
+            range_m: 0.0,
+            limits_m: [0.0, 30.0],
+            variance: None,
+        };
+        assert!(range(t(1.0), &none, &AutopilotLinkConfig::default()).is_none());
         let s = sample(2.0, Some(0.0)).unwrap();
         assert!((s.variance - 0.0004).abs() < 1e-12);
     }

@@ -154,6 +154,10 @@ impl AutopilotLink {
     }
 
     fn on_distance(&mut self, now: DroneTime, d: &DistanceReport, out: &mut AutopilotOut) {
+        if !(d.range_m > 0.0) {
+            self.drone_state.rejected = self.drone_state.rejected.saturating_add(1);
+            return;
+        }
         let at = self.clock.local_time(now, millis(d.time_ms));
         if let Some(mut sample) = at.and_then(|at| drone_state::range(at, d, &self.config))
             && self.range.is_none_or(|r| sample.header.at > r.header.at)

@@ -2,6 +2,7 @@
 
 use alight_shared::frames::{VesselNed, wrap_angle};
 use alight_shared::msg::{GnssFix, HeadingFix, NOT_MEASURED_SD};
+use alight_shared::time::{Time, VesselClock};
 use alight_shared::vessel_model::{ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, Term, YAW};
 use nalgebra::{Rotation2, Vector2, Vector3};
 
@@ -18,11 +19,53 @@ const MAX_REJECTED: u32 = 20;
 /// a hull aside faster than the inertial gate passes, and errors of Doppler velocities are independent. Errors of
 /// positions last for seconds, so their limit is higher.
 const MAX_REJECTED_VELOCITIES: u32 = 5;
+/// Standard deviation of a height that no receiver has measured, m: as far as the sea is from the ellipsoid, and more.
+const UNKNOWN_HEIGHT_SD: f64 = 200.0;
+/// The better of two height references is given up after this time without it, s.
+const REFERENCE_TIMEOUT_S: f64 = 10.0;
+
+/// The reference surface of the receivers' heights: what it is off by is the same in every fix.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct HeightReference {
+    /// Standard deviation, m.
+    pub(super) sd: f64,
+    /// Newest fix with it.
+    at: Time<VesselClock>,
+}
+
+impl HeightReference {
+    /// Of the filter's first fix.
+    pub(super) fn of(fix: &GnssFix) -> Self {
+        let measured = fix.position_sd[HEAVE] < NOT_MEASURED_SD;
+        HeightReference {
+            sd: if measured {
+                fix.height_spread
+            } else {
+                UNKNOWN_HEIGHT_SD
+            },
+            at: fix.header.at,
+        }
+    }
+    fn is_unknown(&self) -> bool {
+        self.sd >= UNKNOWN_HEIGHT_SD
+    }
+    /// Takes the reference of a fix with a height where it is as good, or the better one is gone.
+    fn take(&mut self, fix: &GnssFix) {
+        let gone = (fix.header.at - self.at).secs() > REFERENCE_TIMEOUT_S;
+        if gone || fix.height_spread <= self.sd {
+            *self = HeightReference::of(fix);
+        }
+    }
+}
 
 impl Filter {
     /// Fuses a fix; returns the number of its rejected components.
     pub(super) fn fuse_gnss(&mut self, config: &VesselNodeConfig, fix: &GnssFix) -> u64 {
         let late = (self.at - fix.header.at).secs();
+        let has_height = fix.position_sd[HEAVE] < NOT_MEASURED_SD;
+        if has_height {
+            self.refer_height(config, fix);
+        }
         let shift = self.datum.to::<VesselNed>(&fix.datum).0;
         let turn = Rotation2::new(-self.reference);
         let flat = |v: Vector3<f64>| {
@@ -61,7 +104,11 @@ impl Filter {
                 row.push(Term::new(HEAVE, GNSS_BIAS, 1.0));
             }
             let innovation = position[axis] - p;
-            let r = fix.position_sd[axis].powi(2);
+            let worse = match axis {
+                HEAVE => fix.height_spread.powi(2) - self.height_reference.sd.powi(2),
+                _ => 0.0,
+            };
+            let r = fix.position_sd[axis].powi(2) + worse.max(0.0);
             let gate = self.gate(axis, ETA, MAX_REJECTED, innovation);
             let update = self.belief.update(&row, innovation, r, gate);
             self.count(axis, ETA, update.fused());
@@ -104,11 +151,27 @@ impl Filter {
                     self.belief.set_variance(axis, NU, 0.25);
                 }
             }
-            let heave = self.belief.get(HEAVE, ETA);
-            self.belief.set(HEAVE, GNSS_BIAS, position[2] - arm.z - heave);
-            self.belief.set_variance(HEAVE, GNSS_BIAS, 4.0);
+            if has_height {
+                self.set_level(position[2] - arm.z);
+            }
         }
         rejected
+    }
+
+    /// The reference of the heights from now on. The first height that is measured is the level, whatever was assumed.
+    fn refer_height(&mut self, config: &VesselNodeConfig, fix: &GnssFix) {
+        if self.height_reference.is_unknown() {
+            let arm = Vector3::from(fix.lever_arm.unwrap_or(config.gnss.antenna_m));
+            self.datum.height_m = fix.datum.height_m;
+            self.set_level(fix.position[2] - (self.tilt().rotation() * arm).z);
+        }
+        self.height_reference.take(fix);
+    }
+    /// Puts the mean water level where the vessel is `down` (m) in its plane.
+    fn set_level(&mut self, down: f64) {
+        let heave = self.belief.get(HEAVE, ETA);
+        self.belief.set(HEAVE, GNSS_BIAS, down - heave);
+        self.belief.set_variance(HEAVE, GNSS_BIAS, 4.0);
     }
 
     /// The gate of an axis' position ([`ETA`]) or velocity ([`NU`]): open after `max_rejected` consecutive rejections,

@@ -88,6 +88,8 @@ pub(crate) struct Filter {
     pub(crate) model: VesselModel,
     pub(crate) reference: f64,
     pub(crate) datum: Datum,
+    /// What the heights refer to.
+    height_reference: gnss::HeightReference,
     /// Mean velocity north, east (m/s), mean heading (rad) and its rate (rad/s).
     pub(crate) mean_velocity: Vector2<f64>,
     pub(crate) mean_heading: f64,
@@ -402,6 +404,7 @@ impl Filter {
             model,
             reference,
             datum: fix.datum,
+            height_reference: gnss::HeightReference::of(fix),
             mean_velocity: Vector2::new(fix.velocity[0], fix.velocity[1]),
             mean_heading: reference,
             mean_heading_rate: 0.0,

@@ -89,8 +89,12 @@ impl Filter {
         (
             b.covariance((HEAVE, ETA), (HEAVE, GNSS_BIAS)),
             b.covariance((HEAVE, NU), (HEAVE, GNSS_BIAS)),
-            b.variance(HEAVE, GNSS_BIAS),
+            self.level_variance(),
         )
+    }
+    /// Variance of the mean water level's height above the ellipsoid, m².
+    fn level_variance(&self) -> f64 {
+        self.belief.variance(HEAVE, GNSS_BIAS).max(0.0) + self.height_reference.sd.powi(2)
     }
 
     /// The wave model, valid at the newest sample of the identification, with the apparent slopes of the deck.
@@ -255,7 +259,7 @@ impl Filter {
         // A velocity that is wrong by so much for so long.
         out[SURGE] = place[0].hypot(ahead * out[SURGE]);
         out[SWAY] = place[1].hypot(ahead * out[SWAY]);
-        out[HEAVE] = out[HEAVE].hypot(b.variance(HEAVE, GNSS_BIAS).max(0.0).sqrt());
+        out[HEAVE] = out[HEAVE].hypot(self.level_variance().sqrt());
         out
     }
 
@@ -263,7 +267,7 @@ impl Filter {
     /// that of heave about the level, m.
     pub(crate) fn level_and_sd(&self, ahead: f64) -> (f64, [f64; 6], f64) {
         let b = &self.belief;
-        let level = b.variance(HEAVE, GNSS_BIAS);
+        let level = self.level_variance();
         let sd = self.prediction_sd(ahead);
         let heave = (sd[HEAVE] * sd[HEAVE] - level).max(0.0).sqrt();
         (b.get(HEAVE, GNSS_BIAS), sd, heave)

@@ -1,7 +1,7 @@
 //! Bad input to the node: counted, no panic, no unsafe message.
 
 use alight_shared::admission::{RejectionReason, Rejections};
-use alight_shared::msg::Message;
+use alight_shared::msg::{Message, NOT_MEASURED_SD};
 use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, SURGE, SWAY};
 use alight_shared::wire::{decode, encode};
 use proptest::prelude::*;
@@ -119,6 +119,66 @@ fn estimate_of_a_vessel_at_rest() {
 
 /// Slamming pushes a hull aside by 2 m/s, and the gate rejects the inertial samples of it. Two rejected rows of six
 /// in each fix must not leave the estimate astray.
+/// Height above the ellipsoid and its standard deviation, m, of the last estimate of `ticks` at rest with these fixes.
+fn height_of(
+    n: &mut VesselNode,
+    ticks: core::ops::Range<i64>,
+    with: impl Fn(GnssFix) -> Vec<GnssFix>,
+) -> [f64; 2] {
+    let mut last = None;
+    for k in ticks {
+        let rest = rest(k);
+        let gnss = rest.gnss.iter().flat_map(|g| with(*g)).collect();
+        last = n.step(time(k), &VesselIn { gnss, ..rest }).estimate.or(last);
+    }
+    let e = last.unwrap();
+    [e.datum.height_m - e.eta[HEAVE], e.covariance(HEAVE)[0].sqrt()]
+}
+
+#[test]
+fn height_whose_reference_is_uncertain() {
+    let uncertain = |g: GnssFix| GnssFix {
+        height_spread: 3.0,
+        ..g
+    };
+    // It is one error in all fixes: it does not average out.
+    let mut n = node();
+    let [_, sd] = height_of(&mut n, 0..6000, |g| vec![uncertain(g)]);
+    assert!((3.0..3.5).contains(&sd), "{sd}");
+    // A receiver that measures it is the better witness, and the other does not draw the height away.
+    let [height, sd] = height_of(&mut n, 6000..12_000, |g| {
+        let up = GnssFix {
+            source: 2,
+            position: [g.position[0], g.position[1], g.position[2] - 5.0],
+            ..uncertain(g)
+        };
+        vec![g, up]
+    });
+    assert!(sd < 1.2 && (height - 0.0).abs() < 1.0, "{height} +- {sd}");
+    // Where it is gone, the uncertain one is all there is.
+    let [_, sd] = height_of(&mut n, 12_000..13_500, |g| vec![uncertain(g)]);
+    assert!((3.0..4.0).contains(&sd), "{sd}");
+}
+
+#[test]
+fn height_that_is_not_measured() {
+    let flat = |g: GnssFix| GnssFix {
+        position_sd: [0.3, 0.3, NOT_MEASURED_SD],
+        ..g
+    };
+    let mut n = node();
+    let [_, sd] = height_of(&mut n, 0..6000, |g| vec![flat(g)]);
+    assert!(sd > 100.0, "no height is not a height of zero: {sd}");
+    // The first one that comes is it, whatever was assumed.
+    let [height, sd] = height_of(&mut n, 6000..6500, |g| {
+        vec![GnssFix {
+            datum: alight_shared::geodesy::Datum::new(0.0, 0.0, 48.0),
+            ..g
+        }]
+    });
+    assert!((height - 48.0).abs() < 1.0 && sd < 2.0, "{height} +- {sd}");
+}
+
 #[test]
 fn lateral_push_observed_by_gnss_only() {
     let mut n = node();

@@ -11,15 +11,37 @@ const DRIFT: f64 = 1e-4;
 const MAX_DELAY_S: f64 = 2.0;
 /// After so many deviating times in a row that agree among themselves the source has restarted.
 const AGREEING: u32 = 10;
+/// A delay above this is no jitter of the arrival, s: an admitted fix or heading is at most about as old.
+const JITTER_S: f64 = 0.3;
+/// Times that are all later than the offset by as much, in a row for this long, are of another clock, s: where they began
+/// with a time that came again while the arrivals went on (the clock was set back, as at a leap second), and otherwise (it
+/// restarted, or what it sent was held up, which is caught up with before).
+const STEPPED_S: f64 = 2.0;
+const HELD_UP_S: f64 = 10.0;
 
 /// The offset of a source's clock.
 #[derive(Clone, Debug, Default)]
 pub struct SourceClock {
     /// Vessel's less source's, ns, and the time of its last update.
     offset: Option<(i64, Time<VesselClock>)>,
-    /// Another offset observed since, and how often in a row.
-    other: Option<(i64, u32)>,
+    /// Another offset observed since.
+    other: Option<Other>,
+    /// The newest arrival and its source time, ns.
+    newest: Option<(Time<VesselClock>, i64)>,
     restarts: u64,
+    /// What the source's clock changed by at its newest restart, s, forward positive.
+    step_s: f64,
+}
+
+/// Offsets in a row that deviate from the one in use, and agree.
+#[derive(Clone, Copy, Debug)]
+struct Other {
+    /// Smallest, ns.
+    least: i64,
+    count: u32,
+    since: Time<VesselClock>,
+    /// It began with a clock that was set back.
+    stepped: bool,
 }
 
 /// Unwraps a time that starts anew every `PERIOD_NS` (time of day, time of week).
@@ -57,36 +79,69 @@ impl SourceClock {
         let seen = now.nanos().saturating_sub(at_ns);
         let max_delay_ns = Span::from_secs(MAX_DELAY_S).nanos();
         let Some((offset, updated)) = self.offset else {
-            self.offset = Some((seen, now));
+            (self.offset, self.newest) = (Some((seen, now)), Some((now, at_ns)));
             return Some(now - least);
         };
         // The smallest observed, enlarged by the drift possible since.
         let drifted = offset.saturating_add(((now - updated).nanos() as f64 * DRIFT) as i64);
-        if seen.saturating_sub(drifted).saturating_abs() > max_delay_ns {
-            let (other, count) = self.other.unwrap_or((seen, 0));
-            let agrees = seen.saturating_sub(other).saturating_abs() < max_delay_ns;
-            let (other, count) = if agrees {
-                (other.min(seen), count + 1)
-            } else {
-                (seen, 1)
-            };
-            if count < AGREEING {
-                self.other = Some((other, count));
-                return None;
-            }
-            self.restarts += 1;
-            self.offset = Some((other, now));
-            self.other = None;
-        } else {
+        let excess = seen.saturating_sub(drifted);
+        // A clock that is set back shows a time again while the arrivals go on.
+        let half = excess.saturating_abs() / 2;
+        let newest = self.newest.replace((now, at_ns));
+        let stepped = newest.is_some_and(|(t, shown)| at_ns <= shown && (now - t).nanos() < half);
+        if excess <= Span::from_secs(JITTER_S).nanos() && excess >= -max_delay_ns {
             self.other = None;
             self.offset = Some((drifted.min(seen), now));
+        } else if let Some(least) = self.deviates(now, seen, excess, stepped) {
+            self.restarts += 1;
+            self.step_s = drifted.saturating_sub(least) as f64 * 1e-9;
+            self.offset = Some((least, now));
+            self.other = None;
+        } else if excess.saturating_abs() > max_delay_ns {
+            return None;
         }
         let (offset, _) = self.offset?;
         Some(Time::from_nanos(at_ns.saturating_add(offset)) - least)
     }
-    /// Restarts of the source's clock.
+    /// Counts an offset that deviates by `excess` ns; the new one once there is evidence enough.
+    fn deviates(&mut self, now: Time<VesselClock>, seen: i64, excess: i64, stepped: bool) -> Option<i64> {
+        let max_delay_ns = Span::from_secs(MAX_DELAY_S).nanos();
+        let is_delay = excess.saturating_abs() <= max_delay_ns;
+        let apart = if is_delay {
+            Span::from_secs(JITTER_S).nanos()
+        } else {
+            max_delay_ns
+        };
+        let other = match self.other {
+            Some(o) if seen.saturating_sub(o.least).saturating_abs() < apart => Other {
+                least: o.least.min(seen),
+                count: o.count + 1,
+                ..o
+            },
+            Some(_) | None => Other {
+                least: seen,
+                count: 1,
+                since: now,
+                stepped,
+            },
+        };
+        self.other = Some(other);
+        let long_enough = match (is_delay, other.stepped) {
+            (false, _) => 0.0,
+            (true, true) => STEPPED_S,
+            (true, false) => HELD_UP_S,
+        };
+        let enough = other.count >= AGREEING
+            || (is_delay && other.count >= 2 && (now - other.since).secs() >= HELD_UP_S);
+        (enough && (now - other.since).secs() >= long_enough).then_some(other.least)
+    }
+    /// Restarts and steps of the source's clock.
     pub fn restarts(&self) -> u64 {
         self.restarts
+    }
+    /// By how much it changed at the newest of them, s, forward positive.
+    pub fn step_s(&self) -> f64 {
+        self.step_s
     }
 }
 
@@ -131,5 +186,71 @@ mod tests {
         assert_eq!((taken, c.restarts()), (29, 1));
         let at = step(&mut c, 60, again(60)).unwrap();
         assert!((at.secs() - 106.0).abs() < 0.01, "{at:?}");
+    }
+
+    /// Times at 5 Hz with an arrival jitter of 50 ms; the errors of the dates from `from` s on, None where refused.
+    fn dated(
+        step_at_s: f64,
+        step_s: f64,
+        held_up: Option<(f64, f64)>,
+        until_s: f64,
+    ) -> (Vec<(f64, f64)>, SourceClock) {
+        let mut c = SourceClock::default();
+        let mut out = Vec::new();
+        for k in 0..(5.0 * until_s) as i64 {
+            let made_s = 0.2 * k as f64;
+            let jitter = 0.05 * ((k * 37) % 10) as f64 / 10.0;
+            // What is held up arrives at the end of it, in its order.
+            let arrives_s = match held_up {
+                Some((from, to)) if (from..to).contains(&made_s) => to + 0.001 * made_s,
+                _ => made_s + jitter,
+            };
+            let source_s = made_s + if made_s >= step_at_s { step_s } else { 0.0 };
+            let now = Time::<VesselClock>::from_secs(100.0 + arrives_s);
+            let at = c.vessel_time(now, (source_s * 1e9) as i64, Span::ZERO);
+            out.extend(at.map(|at| (made_s, at.secs() - 100.0 - made_s)));
+        }
+        (out, c)
+    }
+
+    #[test]
+    fn source_clock_across_a_step_of_utc() {
+        // A leap second, the first almanac of a receiver, an hour after midnight of a wrong zone.
+        for step_s in [-1.0, 1.0, -2.0, -3.0, 3600.0] {
+            let (errors, c) = dated(60.0, step_s, None, 90.0);
+            let late = errors.iter().filter(|(at, _)| *at >= 64.0);
+            assert!(late.clone().count() >= 129, "{step_s}: {} of 130", late.count());
+            for (at, e) in errors.iter().filter(|(at, _)| *at < 60.0 || *at >= 64.0) {
+                assert!(e.abs() < 0.06, "{step_s} at {at}: {e}");
+            }
+            // Forward the smallest offset shows it at once.
+            let counted = u64::from(!(0.0..=MAX_DELAY_S).contains(&step_s));
+            assert_eq!(c.restarts(), counted, "{step_s}");
+            if counted > 0 {
+                assert!((c.step_s() - step_s).abs() < 0.06, "{}", c.step_s());
+            }
+        }
+    }
+
+    #[test]
+    fn source_clock_while_the_line_is_held_up() {
+        // Held up for 1.5 s and then caught up with: the dates stay those of the source.
+        let (errors, c) = dated(1e9, 0.0, Some((60.0, 61.5)), 120.0);
+        assert_eq!(c.restarts(), 0);
+        assert!(errors.iter().all(|(_, e)| e.abs() < 0.06), "{errors:?}");
+    }
+
+    #[test]
+    fn source_clock_after_one_stamp_ahead() {
+        let mut c = SourceClock::default();
+        let mut errors = Vec::new();
+        for k in 0..300_i64 {
+            let made = Time::<VesselClock>::from_secs(100.0 + 0.1 * k as f64);
+            let wrong = if k == 100 { 1_500_000_000 } else { 0 };
+            let at = c.vessel_time(made, made.nanos() + wrong, Span::ZERO);
+            errors.extend(at.filter(|_| k != 100).map(|at| (k, (at - made).secs())));
+        }
+        let late = errors.iter().filter(|(k, e)| *k > 125 && e.abs() > 0.01).count();
+        assert_eq!(late, 0, "{errors:?}");
     }
 }

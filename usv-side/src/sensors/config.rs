@@ -7,6 +7,7 @@ use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCE
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::{Decoder, NmeaDecoder};
 use crate::config::{GnssConfig, ImuConfig};
 
 /// Sign of a source's heave.
@@ -44,7 +45,7 @@ config! {
         /// Positive direction of its heave: up, down, or none where it measures none.
         pub heave: HeaveSign = HeaveSign::Up;
         /// Sentences without a time of their own (HDT, THS, ROT, VTG, PRDID) belong to the next time in the
-        /// stream, not to the last.
+        /// stream, not to the last: in a recording, and live until the pauses between their arrivals show it.
         /// Source: most receivers begin an epoch with a sentence that has its time.
         pub untimed_lead: bool = false;
         /// Standard deviation of its heave, m.
@@ -73,6 +74,22 @@ pub enum Format {
     Mavlink,
 }
 
+impl Format {
+    /// Whether a datagram may be of such a source: all but whole NMEA sentences of kinds that are not read (a wind
+    /// sensor's, AIS).
+    pub fn speaks(self) -> impl Fn(&[u8]) -> bool + Send + Sync {
+        move |datagram| match self {
+            Format::Nmea => {
+                let mut decoder = NmeaDecoder::new(&Mounting::default());
+                decoder.push(datagram, &mut Vec::new());
+                let found = decoder.decoded();
+                found.good > 0 || found.ignored == 0
+            }
+            Format::Ubx | Format::Mavlink => true,
+        }
+    }
+}
+
 config! {
     /// A source of measurements.
     pub struct SourceConfig {
@@ -83,6 +100,9 @@ config! {
         pub connect: String = "udpin://0.0.0.0:10110".into();
         /// Its protocol.
         pub format: Format = Format::Nmea;
+        /// The vessel's system on a MAVLink link; zero: the first whose heartbeat is a boat's.
+        /// Source: MAV_TYPE in its heartbeat; an autopilot set up as another vehicle needs its number here.
+        pub system: u8 = 0;
         /// Smallest delay from a measurement to its arrival, s: from its data sheet, or half of a round trip.
         pub latency_s: f64 = 0.0, in 0.0..=0.5;
         /// Mounting and accuracy of its sensors.

@@ -1,13 +1,18 @@
 //! MAVLink of a boat's autopilot or INS: ATTITUDE_QUATERNION, HIGHRES_IMU, RAW_IMU, GPS_RAW_INT,
 //! GPS2_RAW, ODOMETRY (with GPS_GLOBAL_ORIGIN for its place). Payloads are read by their place in the message
-//! definition (common.xml), extension fields and left-out zeros included.
+//! definition (common.xml), extension fields and left-out zeros included. Of the systems on the link one is the vessel's
+//! ([`systems`]).
+
+mod systems;
 
 use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::{self, Fields, FrameReader, MAX_WAITING, Sender, dialect as m};
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, NOT_MEASURED_SD};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use super::{Decoded, Decoder, Mounting, SourceMeasurement, euler};
+use super::heights::Heights;
+use super::{Decoded, Decoder, Mounting, Remark, SourceMeasurement, euler};
+use systems::{AUTOPILOT, Systems};
 
 /// `RAW_IMU` of ArduPilot: m/s² per mG, rad/s per mrad/s.
 const MILLI_G: f64 = 9.806_65e-3;
@@ -24,7 +29,6 @@ const VELOCITY_SD: f64 = 0.3;
 const WANTED: [(u32, f32); 4] = [(31, 40_000.0), (105, 10_000.0), (24, 200_000.0), (124, 200_000.0)];
 /// Our own component: an onboard computer of the autopilot's system.
 const COMPANION: u8 = 191;
-const AUTOPILOT: u8 = 1;
 
 /// Decodes MAVLink.
 #[derive(Default)]
@@ -32,8 +36,12 @@ pub struct MavlinkDecoder {
     mounting: Mounting,
     frames: FrameReader,
     decoded: Decoded,
-    system: Option<u8>,
+    systems: Systems,
     sequence: u8,
+    heights: Heights,
+    /// What the receiver said last of sea and ellipsoid, m.
+    separation: Option<f64>,
+    /// Of the local frame, its height above the sea.
     origin: Option<Datum>,
     heading_ns: i64,
     gps_heading: bool,
@@ -56,6 +64,14 @@ impl MavlinkDecoder {
             mounting: mounting.clone(),
             heading_ns: i64::MIN,
             ..MavlinkDecoder::default()
+        }
+    }
+
+    /// The same of the system with this number; zero: the first that says that it is a boat.
+    pub fn of_system(self, system: u8) -> Self {
+        MavlinkDecoder {
+            systems: Systems::new(Some(system).filter(|s| *s > 0)),
+            ..self
         }
     }
 
@@ -151,11 +167,6 @@ impl MavlinkDecoder {
         if latitude_deg.abs() > 90.0 || longitude_deg.abs() > 180.0 {
             return None;
         }
-        // Above the ellipsoid where it is known.
-        let height_m = match p.i32(at.ellipsoid) {
-            0.0 => p.i32(16),
-            known => known,
-        } * 1e-3;
         let across = known_mm(p, at.accuracy).unwrap_or(POSITION_SD[0]) * FAST_FRACTION;
         let down = known_mm(p, at.accuracy + 4).unwrap_or(POSITION_SD[1]) * FAST_FRACTION;
         let (speed, course) = (p.u16(at.speed), p.u16(at.speed + 2));
@@ -172,19 +183,31 @@ impl MavlinkDecoder {
             _ => self.mounting.mount.second_antenna_m,
         };
         if kind >= 2 {
+            // Zero above the ellipsoid is an autopilot that does not give it.
+            let place = Datum::new(latitude_deg, longitude_deg, 0.0);
+            let sea_m = p.i32(16) * 1e-3;
+            let stated = Some(p.i32(at.ellipsoid) * 1e-3)
+                .filter(|h| *h != 0.0)
+                .map(|h| h - sea_m);
+            self.separation = stated.or(self.separation);
+            let (separation, height_spread) = self.heights.separation(&place, self.separation);
             let down = if kind >= 3 {
                 down.max(0.005)
             } else {
                 NOT_MEASURED_SD
             };
             let across = across.max(0.005);
-            let datum = Datum::new(latitude_deg, longitude_deg, height_m);
+            let datum = Datum {
+                height_m: sea_m + separation,
+                ..place
+            };
             let (position_sd, velocity_sd) = (
                 [across, across, down],
                 [velocity_sd, velocity_sd, NOT_MEASURED_SD],
             );
             let fix = GnssFix {
                 source,
+                height_spread,
                 lever_arm: Some(antenna),
                 ..self.mounting.fix(datum, velocity, position_sd, velocity_sd)
             };
@@ -213,7 +236,14 @@ impl MavlinkDecoder {
             return Some(());
         }
         self.attitude(at_ns, q, Some(p.floats(48)), out)?;
-        let Some(datum) = self.origin else { return Some(()) };
+        let Some(origin) = self.origin else {
+            return Some(());
+        };
+        let (separation, height_spread) = self.heights.separation(&origin, self.separation);
+        let datum = Datum {
+            height_m: origin.height_m + separation,
+            ..origin
+        };
         let [w, x, y, z] = q;
         let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
         let measured = finite(velocity).map(Vector3::from);
@@ -240,6 +270,7 @@ impl MavlinkDecoder {
         let fix = GnssFix {
             position: finite(position)?,
             source: 2,
+            height_spread,
             // The place of the autopilot itself.
             lever_arm: Some(self.mounting.mount.lever_arm_m.unwrap_or_default()),
             ..self.mounting.fix(datum, velocity, position_sd, velocity_sd)
@@ -250,7 +281,7 @@ impl MavlinkDecoder {
 
     fn frame(&mut self, message: &m::MavMessage) -> Vec<u8> {
         let from = Sender {
-            system: self.system.unwrap_or(1),
+            system: self.systems.own().unwrap_or(1),
             component: COMPANION,
             sequence: self.sequence,
         };
@@ -264,10 +295,11 @@ impl Decoder for MavlinkDecoder {
         for part in bytes.chunks(MAX_WAITING / 4) {
             self.frames.push(part);
             while let Some(raw) = self.frames.next_frame() {
-                if raw.component == AUTOPILOT {
-                    self.system = u8::try_from(raw.system).ok();
+                if self.systems.is_own(&raw) {
+                    self.take(raw.id, &raw.fields(), out);
+                } else {
+                    self.decoded.left_out += 1;
                 }
-                self.take(raw.id, &raw.fields(), out);
             }
         }
     }
@@ -277,9 +309,15 @@ impl Decoder for MavlinkDecoder {
             ..self.decoded
         }
     }
+    fn remarks(&self) -> Vec<Remark> {
+        self.heights
+            .remark()
+            .into_iter()
+            .chain(self.systems.remarks())
+            .collect()
+    }
     /// Our heartbeat, and with every fifth one the requested messages.
     fn request(&mut self) -> Option<Vec<u8>> {
-        let system = self.system.unwrap_or(1);
         let mut bytes = self.frame(&m::MavMessage::HEARTBEAT(m::HEARTBEAT_DATA {
             mavtype: m::MavType::MAV_TYPE_ONBOARD_CONTROLLER,
             autopilot: m::MavAutopilot::MAV_AUTOPILOT_INVALID,
@@ -287,7 +325,8 @@ impl Decoder for MavlinkDecoder {
             mavlink_version: 3,
             ..m::HEARTBEAT_DATA::DEFAULT
         }));
-        if self.system.is_some() && self.requests.is_multiple_of(5) {
+        let own = self.systems.own().filter(|_| self.requests.is_multiple_of(5));
+        if let Some(system) = own {
             for (id, interval_us) in WANTED {
                 let wanted = m::COMMAND_LONG_DATA {
                     target_system: system,

@@ -6,6 +6,7 @@
 mod average;
 mod clock;
 mod config;
+mod heights;
 mod mav;
 mod nmea;
 mod node;
@@ -190,13 +191,46 @@ impl SourceMeasurement {
 
 /// Makes measurements of the bytes of one source.
 pub trait Decoder {
+    /// The bytes that are pushed next arrive at `now`. A recording has no arrivals.
+    fn arrive(&mut self, _now: Time<VesselClock>) {}
     /// Takes bytes, cut anywhere, and appends the measurements that they complete.
     fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>);
     /// Statistics of its bytes.
     fn decoded(&self) -> Decoded;
+    /// The measurements of the bytes pushed last whose time is their arrival, because their source gives them none.
+    fn timeless(&mut self) -> Vec<Measurement> {
+        Vec::new()
+    }
+    /// What a person should know of its bytes beside the counts.
+    fn remarks(&self) -> Vec<Remark> {
+        Vec::new()
+    }
     /// Bytes to be sent to the source now, once a second, where it sends only what it is asked for.
     fn request(&mut self) -> Option<Vec<u8>> {
         None
+    }
+}
+
+/// What became of a source's bytes, in words.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Remark {
+    /// What is so, with its figures.
+    pub text: String,
+    /// What to do about it; None: it is as it should be.
+    pub remedy: Option<String>,
+}
+
+impl Remark {
+    /// Something that is as it should be.
+    pub fn fine(text: String) -> Self {
+        Remark { text, remedy: None }
+    }
+    /// Something that a person should mend.
+    pub fn fault(text: String, remedy: impl Into<String>) -> Self {
+        Remark {
+            text,
+            remedy: Some(remedy.into()),
+        }
     }
 }
 
@@ -209,8 +243,14 @@ pub struct Decoded {
     pub corrupted: u64,
     /// Whole messages of other kinds.
     pub ignored: u64,
+    /// Whole messages of a kind that is used, without a measurement: no fix, simulated, empty, of another system.
+    pub left_out: u64,
     /// Measurements without a time of their source.
     pub undated: u64,
+    /// Measurements whose time is their arrival, because their source gives them none.
+    pub by_arrival: u64,
+    /// Measurements of a recording that are spread evenly between two times of their source.
+    pub spread: u64,
     /// Time pulses announced (UBX TIM-TP).
     pub pulses: u64,
     /// Of those, at a time that cannot be the next pulse's after the last fix: another time base.

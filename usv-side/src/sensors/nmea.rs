@@ -1,33 +1,44 @@
-//! NMEA 0183: GGA, RMC, VTG, HDT, THS, ROT, PASHR, PRDID and ZDA to measurements.
+//! NMEA 0183: GGA, GNS, RMC, GLL, VTG, HDT, THS, HDG, HDM, ROT, XDR, HPR, PASHR, PRDID, PSXN, PTNTHPR and ZDA to
+//! measurements.
 //!
-//! A sentence with a time opens an epoch. Those without one (HDT, THS, ROT, VTG, PRDID) belong to the epoch in
-//! which they arrive, each kind once: a second one in the same epoch has no time, and is counted and dropped.
-//! Position and velocity of an epoch make one fix, heading and rate of turn one heading.
+//! A sentence with a time opens an epoch. Those without one belong to the epoch in which they arrive, or to the next, as
+//! the pauses between arrivals show ([`attribution`]), each kind once: a second one in the same epoch has no time, and is
+//! counted and dropped. Where several come with each time, or no time at all, their arrival is their time; in a recording,
+//! which has no arrivals, attitudes are spread evenly to the next time. Position and velocity of an epoch make one fix,
+//! heading and rate of turn one heading.
+
+mod account;
+mod attribution;
+mod sentences;
 
 use alight_shared::geodesy::Datum;
-use alight_shared::msg::{AttitudeFix, HeadingFix, NOT_MEASURED_SD};
+use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, NOT_MEASURED_SD};
+use alight_shared::time::{Time, VesselClock};
 use nmea_kit::nmea::NmeaSentence;
-use nmea_kit::nmea::sentences::{Gga, Hdt, Pashr, Prdid, Rmc, Rot, Ths, Vtg, Zda};
-use nmea_kit::parse_frame;
+use nmea_kit::{NmeaFrame, parse_frame};
 
 use super::clock::Rollover;
-use super::{Decoded, Decoder, Mounting, SourceMeasurement};
+use super::heights::Heights;
+use super::{Decoded, Decoder, Measurement, Mounting, Remark, SourceMeasurement};
+use account::{Account, Why};
+use attribution::Attribution;
 
 /// Longest line, bytes: the standard allows 82, makers' own sentences are longer.
 const MAX_LINE: usize = 512;
 const DAY_NS: i64 = 86_400_000_000_000;
-/// After this many epochs without the partner (velocity of a position, rate of a heading) it is not waited for.
+/// After this many epochs without the partner (velocity of a position, rate of a heading, a position with a height) it is
+/// not waited for.
 const MAX_EPOCHS_WITHOUT: u8 = 3;
-const KNOT_MPS: f64 = 1852.0 / 3600.0;
-/// Below it a velocity needs no course, m/s.
-const STILL_MPS: f64 = 0.3;
-/// Standard deviation of a velocity in tenths of a knot, m/s (ours).
-const VELOCITY_SD: f64 = 0.1;
-/// Standard deviation of a position by the quality in GGA, m at a dilution of 1 (ours: the error that changes
-/// within a minute; slow error is the filter's height bias).
-const POSITION_SD: [(u8, f64); 5] = [(1, 0.5), (2, 0.3), (3, 0.5), (4, 0.01), (5, 0.1)];
-/// The same for dead reckoning, manual input and simulation, m.
-const POSITION_SD_OTHER: f64 = 5.0;
+/// So many headings from magnetic north are spare after one from true north: 2 s at 25 Hz.
+const MAX_SPARE: u8 = 50;
+/// After so many sentences without one, a stream has no checksums (the standard's versions before 2 leave them out).
+const UNCHECKED_STREAM: u32 = 10;
+/// Longest time that attitudes of a recording are spread over, ns.
+const MAX_SPREAD_NS: i64 = 2_000_000_000;
+/// Most of them.
+const MAX_SPREAD: usize = 1000;
+/// A rate of turn of its own time is used this long, ns.
+const RATE_AGE_NS: i64 = 200_000_000;
 
 /// Decodes NMEA 0183.
 #[derive(Clone, Debug)]
@@ -36,24 +47,60 @@ pub struct NmeaDecoder {
     line: Vec<u8>,
     /// The line has grown too long: the rest of it is dropped.
     overlong: bool,
+    /// Sentences without a checksum in a row from the start; None once there was one.
+    unchecked: Option<u32>,
     decoded: Decoded,
+    account: Account,
+    heights: Heights,
     day: Rollover<DAY_NS>,
     epoch: Option<Epoch>,
+    attribution: Attribution,
     /// Sentences before their time, where those without one lead.
     waiting: Vec<Untimed>,
-    /// Epochs since the last velocity with a position and the last rate with a heading.
+    /// Attitudes of a recording that came after the first of their epoch.
+    spread: Vec<([f64; 2], Option<f64>)>,
+    /// Measurements whose time is their arrival.
+    timeless: Vec<Measurement>,
+    /// Newest rate of turn that has its own time, rad/s, and when it arrived.
+    own_rate: Option<(f64, i64)>,
+    /// Magnetic variation, rad, east positive, as the source stated it last.
+    variation: Option<f64>,
+    /// Half of an attitude in XDR: roll, pitch, rad.
+    half_tilt: [Option<f64>; 2],
+    /// Epochs since the last velocity with a position, rate with a heading, position with a height.
     without_velocity: u8,
     without_rate: u8,
+    without_height: u8,
+    /// No epoch is complete yet: whether a better position comes in each is not known.
+    is_first: bool,
+    /// Headings from magnetic north since the last from true north.
+    without_true: u8,
+}
+
+/// A position and how good it is.
+#[derive(Clone, Copy, Debug)]
+struct Position {
+    datum: Datum,
+    sd: [f64; 3],
+    height_spread: f64,
+}
+
+impl Position {
+    fn has_height(&self) -> bool {
+        self.sd[2] < NOT_MEASURED_SD
+    }
 }
 
 /// The content of one time.
 #[derive(Clone, Debug, Default)]
 struct Epoch {
     at_ns: i64,
-    position: Option<(Datum, [f64; 3])>,
+    position: Option<Position>,
     velocity: Option<[f64; 2]>,
     heading: Option<(f64, f64)>,
     rate: Option<f64>,
+    /// Its receiver says that the position is none.
+    refused: bool,
     fixed: bool,
     headed: bool,
     tilted: bool,
@@ -66,12 +113,21 @@ enum Untimed {
     /// And its standard deviation, rad.
     Heading(f64, f64),
     Rate(f64),
-    /// Roll, pitch, heading, rad.
-    Tilt([f64; 3]),
+    /// Roll and pitch, heading where there is one, rad; heave as shown, m.
+    Tilt([f64; 2], Option<f64>, Option<f64>),
 }
 
-/// Most sentences that wait for a time.
-const MAX_WAITING: usize = 8;
+impl Untimed {
+    /// Its kind in [`Attribution`].
+    const fn kind(&self) -> usize {
+        match self {
+            Untimed::Velocity(_) => 0,
+            Untimed::Heading(..) => 1,
+            Untimed::Rate(_) => 2,
+            Untimed::Tilt(..) => 3,
+        }
+    }
+}
 
 impl NmeaDecoder {
     /// For a source with this mounting.
@@ -80,12 +136,24 @@ impl NmeaDecoder {
             mounting: mounting.clone(),
             line: Vec::with_capacity(MAX_LINE),
             overlong: false,
+            unchecked: Some(0),
             decoded: Decoded::default(),
+            account: Account::default(),
+            heights: Heights::default(),
             day: Rollover::default(),
             epoch: None,
+            attribution: Attribution::new(mounting.mount.untimed_lead),
             waiting: Vec::new(),
+            spread: Vec::new(),
+            timeless: Vec::new(),
+            own_rate: None,
+            variation: None,
+            half_tilt: [None; 2],
             without_velocity: MAX_EPOCHS_WITHOUT,
             without_rate: MAX_EPOCHS_WITHOUT,
+            without_height: MAX_EPOCHS_WITHOUT,
+            is_first: true,
+            without_true: MAX_SPARE,
         }
     }
     /// Ends the stream: the last epoch is complete.
@@ -94,7 +162,7 @@ impl NmeaDecoder {
             self.decoded.corrupted += 1;
             self.line.clear();
         }
-        self.close(out);
+        self.close(None, out);
     }
 
     fn take(&mut self, line: &[u8], out: &mut Vec<SourceMeasurement>) {
@@ -102,39 +170,106 @@ impl NmeaDecoder {
             self.decoded.corrupted += 1;
             return;
         };
-        if !text.contains('$') && !text.contains('*') {
+        if !text.contains(['$', '!', '*']) {
             self.decoded.ignored += 1;
             return;
         }
-        // A checksum is required: a sentence that is cut off before it would pass.
-        let sound = text.starts_with('$') && text.contains('*');
-        let Some(frame) = sound.then(|| parse_frame(text).ok()).flatten() else {
+        // A logger's prefix, or the tags of IEC 61162-450.
+        let sentence = text
+            .find(['$', '!'])
+            .and_then(|at| text.get(at..))
+            .unwrap_or_default();
+        let Some(frame) = self.frame(sentence) else {
             self.decoded.corrupted += 1;
             return;
         };
-        match NmeaSentence::parse(&frame) {
-            NmeaSentence::Gga(s) => self.gga(&s, out),
-            NmeaSentence::Rmc(s) => self.rmc(&s, out),
-            NmeaSentence::Vtg(s) => self.vtg(&s, out),
-            NmeaSentence::Hdt(s) => self.hdt(&s, out),
-            NmeaSentence::Ths(s) => self.ths(&s, out),
-            NmeaSentence::Rot(s) => self.rot(&s, out),
-            NmeaSentence::Pashr(s) => self.pashr(&s, out),
-            NmeaSentence::Prdid(s) => self.prdid(&s, out),
-            NmeaSentence::Zda(s) => self.zda(&s, out),
-            _ => self.decoded.ignored += 1,
+        self.sentence(&frame, out);
+    }
+    /// The frame of a sentence whose checksum is right. One without a checksum may be cut off: it is taken whole only in a
+    /// stream that has none.
+    fn frame<'a>(&mut self, sentence: &'a str) -> Option<NmeaFrame<'a>> {
+        if sentence.contains('*') {
+            self.unchecked = None;
+            return parse_frame(sentence).ok();
+        }
+        let count = self.unchecked.as_mut()?;
+        *count = count.saturating_add(1);
+        if *count < UNCHECKED_STREAM {
+            return None;
+        }
+        let frame = parse_frame(sentence).ok().filter(sentences::is_whole)?;
+        self.account.unchecked += 1;
+        Some(frame)
+    }
+    fn sentence(&mut self, frame: &NmeaFrame<'_>, out: &mut Vec<SourceMeasurement>) {
+        let address = format!("{}{}", frame.talker, frame.sentence_type);
+        let fields = &frame.fields;
+        match NmeaSentence::parse(frame) {
+            NmeaSentence::Gga(s) => self.gga(&address, &s, fields, out),
+            NmeaSentence::Gns(s) => self.gns(&address, &s, fields, out),
+            NmeaSentence::Rmc(s) => self.rmc(&address, &s, fields, out),
+            NmeaSentence::Gll(s) => self.gll(&address, &s, fields, out),
+            NmeaSentence::Vtg(s) => self.vtg(&address, &s, out),
+            NmeaSentence::Hdt(s) => self.heading(&address, s.heading_true, true, out),
+            // Autonomous or estimated; manual, simulated and invalid headings are dropped.
+            NmeaSentence::Ths(s) => {
+                self.heading(&address, s.heading_true, matches!(s.mode, Some('A' | 'E')), out)
+            }
+            NmeaSentence::Hdg(s) => self.hdg(&address, &s, out),
+            NmeaSentence::Hdm(s) => self.magnetic(&address, s.heading_mag, None, out),
+            NmeaSentence::Rot(s) => self.rot(&address, &s, out),
+            NmeaSentence::Xdr(s) => self.xdr(&address, &s, out),
+            NmeaSentence::Pashr(s) => self.pashr(&address, &s, out),
+            NmeaSentence::Prdid(s) => self.prdid(&address, &s, out),
+            NmeaSentence::Zda(s) => {
+                // Its time opens an epoch; its date is not needed.
+                let _epoch = self.open(&address, s.time.as_deref(), out);
+            }
+            _ => match frame.sentence_type {
+                "PSXN" if fields.first() == Some(&"23") => self.psxn(&address, fields, out),
+                "PTNTHPR" => self.ptnthpr(&address, fields, out),
+                "HPR" => self.hpr(&address, fields, out),
+                _ => {
+                    self.decoded.ignored += 1;
+                    self.account.leave_out(&address, Why::NotRead);
+                }
+            },
         }
     }
+    /// A whole sentence of a kind that is read gives nothing.
+    fn leave_out(&mut self, address: &str, why: Why) {
+        self.decoded.good += 1;
+        self.left_out(address, why);
+    }
+    /// The same of a sentence that is counted already.
+    fn left_out(&mut self, address: &str, why: Why) {
+        self.decoded.left_out += 1;
+        self.account.leave_out(address, why);
+    }
+
     /// The epoch of a sentence's time; None, and counted, where that is no time.
-    fn open(&mut self, time: Option<&str>, out: &mut Vec<SourceMeasurement>) -> Option<&mut Epoch> {
-        let Some(of_day) = time.and_then(time_of_day_ns) else {
+    fn open(
+        &mut self,
+        address: &str,
+        time: Option<&str>,
+        out: &mut Vec<SourceMeasurement>,
+    ) -> Option<&mut Epoch> {
+        let Some(time) = time.filter(|t| !t.is_empty()) else {
+            // A receiver that does not know the time yet.
+            self.leave_out(address, Why::Empty);
+            return None;
+        };
+        let Some(of_day) = time_of_day_ns(time) else {
             self.decoded.corrupted += 1;
             return None;
         };
         self.decoded.good += 1;
         let at_ns = self.day.unwrap(of_day);
-        if self.epoch.as_ref().is_none_or(|e| e.at_ns != at_ns) {
-            self.close(out);
+        self.account.stamp(address, at_ns);
+        let is_new = self.epoch.as_ref().is_none_or(|e| e.at_ns != at_ns);
+        self.attribution.timed(is_new);
+        if is_new {
+            self.close(Some(at_ns), out);
             self.epoch = Some(Epoch {
                 at_ns,
                 ..Epoch::default()
@@ -146,20 +281,52 @@ impl NmeaDecoder {
         self.epoch.as_mut()
     }
 
-    /// A sentence without a time goes to its epoch, or waits for it.
+    /// A sentence without a time has its own, goes to its epoch, or waits for it.
     fn untimed(&mut self, untimed: Untimed, out: &mut Vec<SourceMeasurement>) {
         self.decoded.good += 1;
-        if self.mounting.mount.untimed_lead {
-            if self.waiting.len() < MAX_WAITING {
-                self.waiting.push(untimed);
-            } else {
-                self.decoded.undated += 1;
-            }
+        let kind = untimed.kind();
+        self.attribution.untimed(kind);
+        if let Some(now_ns) = self.attribution.own_time(kind) {
+            self.arrived(untimed, now_ns, out);
+        } else if self.attribution.leads(kind) {
+            // The newest is nearest to the time that comes.
+            let before = self.waiting.len();
+            self.waiting.retain(|w| w.kind() != kind);
+            self.decoded.undated += (before - self.waiting.len()) as u64;
+            self.waiting.push(untimed);
         } else {
             self.add(untimed, out);
         }
     }
+    /// A sentence whose arrival is its time.
+    fn arrived(&mut self, untimed: Untimed, now_ns: i64, out: &mut Vec<SourceMeasurement>) {
+        let before = self.timeless.len();
+        match untimed {
+            // Without its position it is of no use; one goes with each time.
+            Untimed::Velocity(_) => return self.add(untimed, out),
+            Untimed::Rate(rate) => self.own_rate = Some((rate, now_ns)),
+            Untimed::Heading(heading, sd) => self.own_heading(now_ns, heading, sd),
+            Untimed::Tilt(tilt, heading, heave) => {
+                let fix = self.tilt(tilt, heave, self.mounting.tilt_sd());
+                self.timeless.push(fix.into());
+                if let Some(heading) = heading {
+                    self.own_heading(now_ns, heading, self.mounting.heading_sd());
+                }
+            }
+        }
+        self.decoded.by_arrival += (self.timeless.len() - before) as u64;
+    }
+    fn own_heading(&mut self, now_ns: i64, heading: f64, heading_sd: f64) {
+        let rate = self.own_rate.filter(|(_, at)| now_ns - at <= RATE_AGE_NS);
+        let fix = HeadingFix {
+            heading_sd,
+            rate: rate.map(|(rate, _)| rate),
+            ..self.mounting.heading_fix(self.mounting.heading(heading))
+        };
+        self.timeless.push(fix.into());
+    }
     fn add(&mut self, untimed: Untimed, out: &mut Vec<SourceMeasurement>) {
+        let is_recorded = self.attribution.now_ns.is_none();
         let Some(e) = self.epoch.as_mut() else {
             self.decoded.undated += 1;
             return;
@@ -168,17 +335,20 @@ impl NmeaDecoder {
             Untimed::Velocity(v) => e.velocity.replace(v).is_none(),
             Untimed::Heading(h, sd) => e.heading.replace((h, sd)).is_none(),
             Untimed::Rate(r) => e.rate.replace(r).is_none(),
-            Untimed::Tilt(angles) => {
-                if core::mem::replace(&mut e.tilted, true) {
-                    false
-                } else {
+            Untimed::Tilt(tilt, heading, heave) => {
+                if !core::mem::replace(&mut e.tilted, true) {
                     let at_ns = e.at_ns;
-                    let sd = self.mounting.tilt_sd();
-                    self.tilt(at_ns, angles, None, sd, out);
-                    if let Some(e) = self.epoch.as_mut() {
-                        e.heading.get_or_insert((angles[2], self.mounting.heading_sd()));
+                    if let Some(heading) = heading {
+                        e.heading.get_or_insert((heading, self.mounting.heading_sd()));
                     }
+                    let fix = self.tilt(tilt, heave, self.mounting.tilt_sd());
+                    out.push(SourceMeasurement::new(at_ns, fix));
                     true
+                } else if is_recorded && self.spread.len() < MAX_SPREAD {
+                    self.spread.push((tilt, heave));
+                    true
+                } else {
+                    false
                 }
             }
         };
@@ -190,18 +360,27 @@ impl NmeaDecoder {
     fn emit(&mut self, last: bool, out: &mut Vec<SourceMeasurement>) {
         let Some(e) = self.epoch.as_mut() else { return };
         let at_ns = e.at_ns;
-        if let Some((datum, sd)) = e.position.filter(|_| !e.fixed)
-            && (e.velocity.is_some() || last || self.without_velocity >= MAX_EPOCHS_WITHOUT)
+        let waits = |here: bool, without: u8| !here && !last && without < MAX_EPOCHS_WITHOUT;
+        let is_first = self.is_first;
+        if let Some(p) = e.position.filter(|p| !e.fixed && (p.has_height() || !is_first))
+            && !waits(e.velocity.is_some(), self.without_velocity)
+            && !waits(p.has_height(), self.without_height)
         {
             e.fixed = true;
+            if !p.has_height() {
+                self.heights.none();
+            }
             let [north, east] = e.velocity.unwrap_or_default();
-            let velocity_sd = e.velocity.map_or(NOT_MEASURED_SD, |_| VELOCITY_SD);
+            let velocity_sd = e.velocity.map_or(NOT_MEASURED_SD, |_| sentences::VELOCITY_SD);
             let velocity_sd = [velocity_sd, velocity_sd, NOT_MEASURED_SD];
-            let fix = self.mounting.fix(datum, [north, east, 0.0], sd, velocity_sd);
+            let fix = GnssFix {
+                height_spread: p.height_spread,
+                ..self.mounting.fix(p.datum, [north, east, 0.0], p.sd, velocity_sd)
+            };
             out.push(SourceMeasurement::new(at_ns, fix));
         }
         if let Some((heading, heading_sd)) = e.heading.filter(|_| !e.headed)
-            && (e.rate.is_some() || last || self.without_rate >= MAX_EPOCHS_WITHOUT)
+            && !waits(e.rate.is_some(), self.without_rate)
         {
             e.headed = true;
             let fix = HeadingFix {
@@ -212,154 +391,60 @@ impl NmeaDecoder {
             out.push(SourceMeasurement::new(at_ns, fix));
         }
     }
-    fn close(&mut self, out: &mut Vec<SourceMeasurement>) {
+    /// The epoch is complete; `next_ns` begins another.
+    fn close(&mut self, next_ns: Option<i64>, out: &mut Vec<SourceMeasurement>) {
         self.emit(true, out);
-        if let Some(e) = &self.epoch {
-            let later = |seen: bool, since: u8| {
-                if seen {
-                    0
-                } else {
-                    (since + 1).min(MAX_EPOCHS_WITHOUT)
+        let Some(e) = &self.epoch else { return };
+        self.is_first = false;
+        let later = |seen: bool, since: u8| {
+            if seen {
+                0
+            } else {
+                (since + 1).min(MAX_EPOCHS_WITHOUT)
+            }
+        };
+        if let Some(p) = e.position {
+            self.without_velocity = later(e.velocity.is_some(), self.without_velocity);
+            self.without_height = later(p.has_height(), self.without_height);
+        }
+        if e.heading.is_some() {
+            self.without_rate = later(e.rate.is_some(), self.without_rate);
+        }
+        let at_ns = e.at_ns;
+        self.spread_evenly(at_ns, next_ns, out);
+    }
+    /// Dates the attitudes after the first of a recorded epoch evenly between its time and the next.
+    fn spread_evenly(&mut self, at_ns: i64, next_ns: Option<i64>, out: &mut Vec<SourceMeasurement>) {
+        let all = core::mem::take(&mut self.spread);
+        let count = all.len() as i64 + 1;
+        let whole = next_ns.map(|next| next.saturating_sub(at_ns));
+        match whole.filter(|t| (1..=MAX_SPREAD_NS).contains(t)) {
+            Some(whole) => {
+                self.decoded.spread += all.len() as u64;
+                for (k, (tilt, heave)) in (1..).zip(all) {
+                    let fix = self.tilt(tilt, heave, self.mounting.tilt_sd());
+                    out.push(SourceMeasurement::new(at_ns + whole / count * k, fix));
                 }
-            };
-            if e.position.is_some() {
-                self.without_velocity = later(e.velocity.is_some(), self.without_velocity);
             }
-            if e.heading.is_some() {
-                self.without_rate = later(e.rate.is_some(), self.without_rate);
-            }
+            None => self.decoded.undated += all.len() as u64,
         }
     }
 
-    fn tilt(
-        &self,
-        at_ns: i64,
-        angles: [f64; 3],
-        heave: Option<f64>,
-        sd: f64,
-        out: &mut Vec<SourceMeasurement>,
-    ) {
-        let [roll, pitch, _] = self.mounting.attitude(angles);
-        let fix = AttitudeFix {
-            tilt_sd: sd,
-            heave,
+    fn tilt(&self, [roll, pitch]: [f64; 2], heave: Option<f64>, tilt_sd: f64) -> AttitudeFix {
+        let [roll, pitch, _] = self.mounting.attitude([roll, pitch, 0.0]);
+        AttitudeFix {
+            tilt_sd,
+            heave: heave.and_then(|h| self.mounting.heave(h)),
             heave_sd: self.mounting.mount.heave_sd_m,
             ..self.mounting.tilt([roll, pitch])
-        };
-        out.push(SourceMeasurement::new(at_ns, fix));
-    }
-
-    fn gga(&mut self, s: &Gga, out: &mut Vec<SourceMeasurement>) {
-        let height = s
-            .altitude
-            .map(|a| f64::from(a) + s.geoid_sep.map_or(0.0, f64::from));
-        let datum = position(s.lat, s.ns, s.lon, s.ew);
-        let quality = s.quality.unwrap_or_default();
-        let Some(e) = self.open(s.time.as_deref(), out) else {
-            return;
-        };
-        // Quality 0: no fix; 6 to 8: dead reckoning, manual, simulated.
-        if let (Some(datum), 1..=8) = (datum, quality) {
-            let sd = POSITION_SD
-                .iter()
-                .find(|q| q.0 == quality)
-                .map_or(POSITION_SD_OTHER, |q| {
-                    q.1 * s.hdop.map_or(1.0, f64::from).clamp(0.5, 50.0)
-                });
-            let down = height.map_or(NOT_MEASURED_SD, |_| 2.0 * sd);
-            let datum = Datum {
-                height_m: height.unwrap_or_default(),
-                ..datum
-            };
-            // A position of RMC in the same epoch has no height.
-            e.position = Some((datum, [sd, sd, down]));
         }
-        self.emit(false, out);
-    }
-    fn rmc(&mut self, s: &Rmc, out: &mut Vec<SourceMeasurement>) {
-        let velocity = velocity(s.sog, s.cog);
-        let valid = s.status == Some('A');
-        let Some(e) = self.open(s.time.as_deref(), out) else {
-            return;
-        };
-        if valid && let Some(v) = velocity {
-            e.velocity.get_or_insert(v);
-        }
-        self.emit(false, out);
-    }
-    fn vtg(&mut self, s: &Vtg, out: &mut Vec<SourceMeasurement>) {
-        match velocity(s.speed_kts, s.course_true) {
-            // RMC of this epoch has it as well.
-            Some(_) if self.epoch.as_ref().is_some_and(|e| e.velocity.is_some()) => self.decoded.good += 1,
-            Some(v) if s.mode != Some('N') => self.untimed(Untimed::Velocity(v), out),
-            Some(_) | None => self.decoded.ignored += 1,
-        }
-    }
-    fn hdt(&mut self, s: &Hdt, out: &mut Vec<SourceMeasurement>) {
-        self.heading(s.heading_true, true, out);
-    }
-    fn ths(&mut self, s: &Ths, out: &mut Vec<SourceMeasurement>) {
-        // Autonomous or estimated; manual, simulated and invalid headings are dropped.
-        self.heading(s.heading_true, matches!(s.mode, Some('A' | 'E')), out);
-    }
-    fn heading(&mut self, degrees: Option<f32>, valid: bool, out: &mut Vec<SourceMeasurement>) {
-        match degrees.filter(|d| valid && (0.0..=360.0).contains(d)) {
-            Some(d) => {
-                let sd = self.mounting.heading_sd();
-                self.untimed(Untimed::Heading(f64::from(d).to_radians(), sd), out);
-            }
-            None => self.decoded.ignored += 1,
-        }
-    }
-    fn rot(&mut self, s: &Rot, out: &mut Vec<SourceMeasurement>) {
-        // Degrees a minute, to starboard positive.
-        match s.rate_of_turn.filter(|_| s.valid == Some('A')) {
-            Some(r) => self.untimed(Untimed::Rate(f64::from(r).to_radians() / 60.0), out),
-            None => self.decoded.ignored += 1,
-        }
-    }
-    fn pashr(&mut self, s: &Pashr, out: &mut Vec<SourceMeasurement>) {
-        let rad = |d: Option<f32>| d.map(|d| f64::from(d).to_radians());
-        let heading = rad(s.heading);
-        let angles = rad(s.roll).zip(rad(s.pitch));
-        // Zero means unknown.
-        let known = |a: Option<f32>| rad(a).filter(|a| *a > 0.0);
-        let sd = known(s.roll_accuracy)
-            .into_iter()
-            .chain(known(s.pitch_accuracy))
-            .reduce(f64::max)
-            .unwrap_or(self.mounting.tilt_sd());
-        let heading_sd = known(s.heading_accuracy).unwrap_or(self.mounting.heading_sd());
-        let heave = s.heave.and_then(|h| self.mounting.heave(h.into()));
-        let Some(e) = self.open(s.time.as_deref(), out) else {
-            return;
-        };
-        let at_ns = e.at_ns;
-        if let Some(h) = heading {
-            e.heading.get_or_insert((h, heading_sd));
-        }
-        // A second attitude of the same time is counted where measurements are admitted.
-        if let Some((roll, pitch)) = angles {
-            self.tilt(at_ns, [roll, pitch, heading.unwrap_or_default()], heave, sd, out);
-        }
-        self.emit(false, out);
-    }
-    fn prdid(&mut self, s: &Prdid, out: &mut Vec<SourceMeasurement>) {
-        let rad = |d: Option<f32>| d.map(|d| f64::from(d).to_radians());
-        match (rad(s.roll), rad(s.pitch), rad(s.heading)) {
-            (Some(roll), Some(pitch), Some(heading)) => {
-                self.untimed(Untimed::Tilt([roll, pitch, heading]), out)
-            }
-            _ => self.decoded.ignored += 1,
-        }
-    }
-    fn zda(&mut self, s: &Zda, out: &mut Vec<SourceMeasurement>) {
-        // Its time opens an epoch; its date is not needed.
-        let _epoch = self.open(s.time.as_deref(), out);
     }
 }
 
 impl Decoder for NmeaDecoder {
+    fn arrive(&mut self, now: Time<VesselClock>) {
+        self.attribution.arrive(now.nanos());
+    }
     fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>) {
         for byte in bytes {
             match byte {
@@ -390,6 +475,16 @@ impl Decoder for NmeaDecoder {
     fn decoded(&self) -> Decoded {
         self.decoded
     }
+    fn timeless(&mut self) -> Vec<Measurement> {
+        core::mem::take(&mut self.timeless)
+    }
+    fn remarks(&self) -> Vec<Remark> {
+        self.heights
+            .remark()
+            .into_iter()
+            .chain(self.account.remarks())
+            .collect()
+    }
 }
 
 /// `hhmmss` with a fraction, to nanoseconds of the day.
@@ -407,38 +502,6 @@ fn time_of_day_ns(text: &str) -> Option<i64> {
     }
     let fraction: i64 = format!("{fraction:0<9}").parse().ok()?;
     Some(((h * 60 + m) * 60 + s) * 1_000_000_000 + fraction)
-}
-
-/// Degrees from `ddmm.mmmm` and a letter.
-fn position(lat: Option<f64>, ns: Option<char>, lon: Option<f64>, ew: Option<char>) -> Option<Datum> {
-    let degrees = |v: f64, limit: f64| {
-        let whole = (v / 100.0).trunc();
-        let minutes = v - 100.0 * whole;
-        (v >= 0.0 && minutes < 60.0)
-            .then_some(whole + minutes / 60.0)
-            .filter(|d| *d <= limit)
-    };
-    let sign = |letter: char, plus: char, minus: char| match letter {
-        l if l == plus => Some(1.0),
-        l if l == minus => Some(-1.0),
-        _ => None,
-    };
-    Some(Datum::new(
-        degrees(lat?, 90.0)? * sign(ns?, 'N', 'S')?,
-        degrees(lon?, 180.0)? * sign(ew?, 'E', 'W')?,
-        0.0,
-    ))
-}
-
-/// North and east, m/s.
-fn velocity(knots: Option<f32>, course: Option<f32>) -> Option<[f64; 2]> {
-    let speed = f64::from(knots?) * KNOT_MPS;
-    let course = match course {
-        Some(c) => f64::from(c).to_radians(),
-        None if speed < STILL_MPS => 0.0,
-        None => return None,
-    };
-    Some([speed * course.cos(), speed * course.sin()])
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Average, Decoded, Decoder, Format, MavlinkDecoder, Measurement, Mounting, NmeaDecoder, Readings,
+    Average, Decoded, Decoder, Format, MavlinkDecoder, Measurement, Mounting, NmeaDecoder, Readings, Remark,
     SourceClock, SourceConfig, SourceMeasurement, SourcesConfig, UbxDecoder,
 };
 use crate::node::KINDS;
@@ -50,8 +50,10 @@ pub struct SourceStatus {
     pub out_of_order: u64,
     /// Of an implausible time.
     pub implausible_time: u64,
-    /// Restarts of its clock.
+    /// Restarts and steps of its clock, and by how much it changed at the newest, s, forward positive.
     pub restarts: u64,
+    /// See `restarts`.
+    pub step_s: f64,
     /// Bytes lost because too many came at once.
     pub lost_bytes: u64,
     /// Newest measurement, s of the vessel's clock.
@@ -64,8 +66,8 @@ struct Source {
     /// Of times from the source's start, and of times from 1970.
     clocks: [SourceClock; 2],
     average: [Average; WITHIN as usize],
-    /// Newest time passed on, per kind and source within, on the source's own clock.
-    newest: [[Option<i64>; WITHIN as usize + 1]; KINDS.len()],
+    /// Newest time passed on, per kind and source within, on the source's own clock, and of those dated by arrival.
+    newest: [[[Option<i64>; WITHIN as usize + 1]; KINDS.len()]; 2],
     status: SourceStatus,
     requested: Option<Time<VesselClock>>,
 }
@@ -76,7 +78,7 @@ impl Source {
         let decoder: Box<dyn Decoder> = match config.format {
             Format::Nmea => Box::new(NmeaDecoder::new(&mounting)),
             Format::Ubx => Box::new(UbxDecoder::new(&mounting)),
-            Format::Mavlink => Box::new(MavlinkDecoder::new(&mounting)),
+            Format::Mavlink => Box::new(MavlinkDecoder::new(&mounting).of_system(config.system)),
         };
         Source {
             decoder,
@@ -89,9 +91,10 @@ impl Source {
         }
     }
 
-    fn push(&mut self, bytes: &[u8], decoded: &mut Vec<SourceMeasurement>) {
+    fn push(&mut self, now: Time<VesselClock>, bytes: &[u8], decoded: &mut Vec<SourceMeasurement>) {
         let taken = bytes.get(..bytes.len().min(MAX_STEP_BYTES)).unwrap_or_default();
         self.status.lost_bytes += (bytes.len() - taken.len()) as u64;
+        self.decoder.arrive(now);
         self.decoder.push(taken, decoded);
         self.status.decoded = self.decoder.decoded();
     }
@@ -106,41 +109,80 @@ impl Source {
         Some(SourceMeasurement::new(at_ns, mean))
     }
 
-    /// The measurement on the vessel's clock; None, and counted, when it is not passed on.
-    fn date(&mut self, now: Time<VesselClock>, decoded: &SourceMeasurement) -> Option<Measurement> {
-        let (kind, within) = (decoded.measurement.kind(), decoded.measurement.source());
-        let clock = usize::from(decoded.at_ns > EPOCH_NS);
-        let status = &mut self.status;
-        let before: u64 = self.clocks.iter().map(SourceClock::restarts).sum();
-        let at = self
-            .clocks
-            .get_mut(clock)
-            .and_then(|c| c.vessel_time(now, decoded.at_ns, self.least));
-        status.restarts = self.clocks.iter().map(SourceClock::restarts).sum();
-        if status.restarts > before {
+    /// The vessel's time of a time of the source's own clock.
+    fn source_time(&mut self, now: Time<VesselClock>, at_ns: i64) -> Option<Time<VesselClock>> {
+        let clock = self.clocks.get_mut(usize::from(at_ns > EPOCH_NS))?;
+        let before = clock.restarts();
+        let at = clock.vessel_time(now, at_ns, self.least);
+        if clock.restarts() > before {
+            self.status.step_s = clock.step_s();
+            self.status.restarts += 1;
             self.newest = Default::default();
         }
-        let Some(at) = at else {
-            status.implausible_time += 1;
+        at
+    }
+    /// What a person should know of its bytes and its clock.
+    fn remarks(&self) -> Vec<Remark> {
+        let mut all = self.decoder.remarks();
+        let s = &self.status;
+        if s.restarts > 0 {
+            all.push(Remark::fine(format!(
+                "its clock changed {} times, at last by {:+.2} s: dated anew",
+                s.restarts, s.step_s
+            )));
+        }
+        if s.decoded.by_arrival > 0 {
+            all.push(Remark::fine(format!(
+                "{} measurements without a time of their own, dated by their arrival",
+                s.decoded.by_arrival
+            )));
+        }
+        all
+    }
+
+    /// The measurement on the vessel's clock; None, and counted, when it is not passed on.
+    fn date(&mut self, now: Time<VesselClock>, decoded: &SourceMeasurement) -> Option<Measurement> {
+        let Some(at) = self.source_time(now, decoded.at_ns) else {
+            self.status.implausible_time += 1;
             return None;
         };
-        let newest = self.newest.get_mut(kind)?.get_mut(usize::from(within))?;
+        self.pass(now, at, (0, decoded.at_ns), decoded.measurement)
+    }
+    /// The same of a measurement whose arrival is its time.
+    fn date_by_arrival(&mut self, now: Time<VesselClock>, measurement: Measurement) -> Option<Measurement> {
+        self.pass(now, now - self.least, (1, now.nanos()), measurement)
+    }
+    /// The measurement where its time on its own clock (0: the source's, 1: ours), ns, is newer than the last of its kind.
+    fn pass(
+        &mut self,
+        now: Time<VesselClock>,
+        at: Time<VesselClock>,
+        (clock, own_ns): (usize, i64),
+        measurement: Measurement,
+    ) -> Option<Measurement> {
+        let (kind, within) = (measurement.kind(), measurement.source());
+        let newest = self
+            .newest
+            .get_mut(clock)?
+            .get_mut(kind)?
+            .get_mut(usize::from(within))?;
+        let status = &mut self.status;
         match newest {
-            Some(n) if *n == decoded.at_ns => {
+            Some(n) if *n == own_ns => {
                 status.duplicated += 1;
                 return None;
             }
-            Some(n) if *n > decoded.at_ns => {
+            Some(n) if *n > own_ns => {
                 status.out_of_order += 1;
                 return None;
             }
-            Some(_) | None => *newest = Some(decoded.at_ns),
+            Some(_) | None => *newest = Some(own_ns),
         }
         if let Some(given) = status.given.get_mut(kind) {
             *given += 1;
         }
         status.newest_s = Some(at.secs());
-        Some(decoded.measurement.of(within, at.min(now)))
+        Some(measurement.of(within, at.min(now)))
     }
 }
 
@@ -162,6 +204,10 @@ impl SensorNode {
             sequence: 0,
         }
     }
+    /// What a person should know of each source beside its statistics.
+    pub fn remarks(&self) -> Vec<Vec<Remark>> {
+        self.sources.iter().map(Source::remarks).collect()
+    }
     /// Statistics of each source.
     pub fn status(&self) -> Vec<SourceStatus> {
         self.sources.iter().map(|s| s.status).collect()
@@ -178,13 +224,17 @@ impl Node for SensorNode {
         let mut decoded = Vec::new();
         for (k, source) in self.sources.iter_mut().enumerate() {
             if let Some(bytes) = input.bytes.get(k).filter(|b| !b.is_empty()) {
-                source.push(bytes, &mut decoded);
+                source.push(now, bytes, &mut decoded);
             }
+            let mut dated = Vec::new();
             for m in decoded.drain(..) {
                 let averaged = source.average(m);
-                let Some(m) = averaged.and_then(|m| source.date(now, &m)) else {
-                    continue;
-                };
+                dated.extend(averaged.and_then(|m| source.date(now, &m)));
+            }
+            for m in source.decoder.timeless() {
+                dated.extend(source.date_by_arrival(now, m));
+            }
+            for m in dated {
                 // An autopilot's odometry is the filter of its own receivers: it counts as the second.
                 let number = k as u8 * WITHIN + m.source().min(WITHIN - 1);
                 let header = Header::new(self.vessel, 0, self.boot, self.sequence, m.at());

@@ -6,7 +6,7 @@ use alight_shared::autopilot_parameters::Parameter;
 use alight_shared::geodesy::Datum;
 use alight_uav::autopilot::parameters::Finding;
 use alight_uav::camera::metering::Setting;
-use alight_usv::sensors::SourceStatus;
+use alight_usv::sensors::{Remark, SourceStatus};
 
 use crate::certificates::Certificate;
 use crate::config::{DroneComputer, VesselComputer};
@@ -105,6 +105,8 @@ pub struct SourceCheck {
     pub connect: String,
     /// Bytes that came and what became of them, or why none can come.
     pub received: Result<(usize, SourceStatus), String>,
+    /// What else is to be said of its bytes.
+    pub remarks: Vec<Remark>,
 }
 
 /// A digital input of the vessel's deck.

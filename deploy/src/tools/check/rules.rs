@@ -5,6 +5,7 @@ use alight_shared::geodesy::Datum;
 use alight_shared::transport::radio::RadioConfig;
 use alight_uav::autopilot::parameters::Finding as ParameterFinding;
 use alight_uav::mission::MAX_VESSEL_DISTANCE_M;
+use alight_usv::sensors::Remark;
 
 use crate::certificates::{Certificate, RENEWAL_DAYS, common_name};
 use crate::tools::check::facts::{
@@ -84,7 +85,10 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     all.extend(facts.cameras.iter().filter_map(camera_view));
     if matches!(computer, Computer::Vessel(_)) {
         all.extend(sensors(facts));
-        all.extend(facts.sources.iter().flatten().map(source));
+        for found in facts.sources.iter().flatten() {
+            all.push(source(found));
+            all.extend(found.remarks.iter().map(|r| said(&found.name, r)));
+        }
         all.extend(facts.sources.as_deref().and_then(equipment::vessel));
         all.extend(facts.deck_inputs.iter().map(deck_input));
     }
@@ -540,6 +544,18 @@ fn source(found: &SourceCheck) -> Finding {
             s.given.iter().sum::<u64>(),
             s.decoded.corrupted
         )),
+    }
+}
+
+/// What is to be said of a source's bytes beside their counts.
+fn said(name: &str, remark: &Remark) -> Finding {
+    const TOPIC: Topic = Topic("sensors");
+    match &remark.remedy {
+        Some(remedy) => TOPIC.warning(
+            format!("{name}: {}", remark.text),
+            format!("{remedy} (docs/sensors.md)"),
+        ),
+        None => TOPIC.fine(format!("{name}: {}", remark.text)),
     }
 }
 

@@ -1,17 +1,19 @@
 //! Short reception of the vessel's real sensors, as by `alight sensors`.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use alight_shared::node::Node;
 use alight_shared::transport::clock::steady_ns;
-use alight_usv::sensors::{SensorNode, SensorsIn, SourceStatus};
+use alight_usv::sensors::{SensorNode, SensorsIn, SourceConfig, SourceStatus};
 use tokio::time::{Instant, timeout_at};
 
 use crate::config::VesselComputer;
-use crate::io::byte_link::ByteLink;
+use crate::io::byte_link::{ByteLink, Speaks};
 use crate::io::byte_links::ByteLinks;
 use crate::io::runtime;
 use crate::tools::check::facts::SourceCheck;
+use crate::vessel::sensors::strangers_remark;
 
 /// All sources are listened to for so long, s: two periods of the slowest receivers and the pause of a link that is opened
 /// late.
@@ -28,7 +30,7 @@ async fn received(computer: &VesselComputer) -> Vec<SourceCheck> {
     let sources = &computer.sensor.sources;
     let (mut links, mut why) = (Vec::new(), vec![None; sources.len()]);
     for (k, source) in sources.iter().enumerate() {
-        match open(&source.connect).await {
+        match open(source).await {
             Ok(link) => links.push((k, link)),
             Err(e) => why[k] = Some(e),
         }
@@ -36,6 +38,7 @@ async fn received(computer: &VesselComputer) -> Vec<SourceCheck> {
     let mut links = ByteLinks::start(links);
     let mut node = SensorNode::new(&computer.placed_sensors(), computer.vessel_id, 0);
     let mut bytes_in = vec![0_usize; sources.len()];
+    let mut strangers = vec![None; sources.len()];
     let end = Instant::now() + Duration::from_secs_f64(if sources.is_empty() { 0.0 } else { LISTEN_S });
     while Instant::now() < end {
         let mut input = SensorsIn {
@@ -45,6 +48,7 @@ async fn received(computer: &VesselComputer) -> Vec<SourceCheck> {
         if let Ok(arrival) = timeout_at(step, links.next()).await {
             let k = arrival.link;
             bytes_in[k] += arrival.bytes.len();
+            strangers[k] = arrival.strangers;
             input.bytes[k] = arrival.bytes;
             why[k] = arrival.error.or(why[k].take());
         }
@@ -53,7 +57,7 @@ async fn received(computer: &VesselComputer) -> Vec<SourceCheck> {
             links.write(*k, bytes);
         }
     }
-    let status = node.status();
+    let (status, remarks) = (node.status(), node.remarks());
     sources
         .iter()
         .zip(why)
@@ -62,6 +66,10 @@ async fn received(computer: &VesselComputer) -> Vec<SourceCheck> {
         .map(|(k, ((source, why), bytes))| SourceCheck {
             name: source.name.clone(),
             connect: source.connect.clone(),
+            remarks: strangers_remark(strangers.get(k).copied().flatten())
+                .into_iter()
+                .chain(remarks.get(k).cloned().unwrap_or_default())
+                .collect(),
             received: match why.filter(|_| bytes == 0) {
                 Some(why) => Err(why),
                 None => Ok((
@@ -73,6 +81,8 @@ async fn received(computer: &VesselComputer) -> Vec<SourceCheck> {
         .collect()
 }
 
-async fn open(connect: &str) -> Result<ByteLink, String> {
-    ByteLink::new(connect.parse()?).await.map_err(|e| e.to_string())
+async fn open(source: &SourceConfig) -> Result<ByteLink, String> {
+    let speaks: Speaks = Arc::new(source.format.speaks());
+    let link = ByteLink::with_peer(source.connect.parse()?, Some(speaks)).await;
+    link.map_err(|e| e.to_string())
 }

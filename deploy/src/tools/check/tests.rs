@@ -202,6 +202,7 @@ fn check_of_each_fault() {
             name: "compass".into(),
             connect: "serial:///dev/ttyUSB0:115200".into(),
             received,
+            remarks: Vec::new(),
         }]);
     }
     fn input(f: &mut Facts, level: Result<bool, String>) {

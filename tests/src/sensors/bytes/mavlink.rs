@@ -73,10 +73,10 @@ pub fn highres_imu(at_ns: i64, force: [f64; 3], rates: [f64; 3]) -> [u8; 62] {
     p
 }
 
-/// GPS_RAW_INT: a fix in three dimensions; with the heading of two antennas (rad) and no fix where there is one.
+/// GPS_RAW_INT: a fix in three dimensions, with the height of the sea above the ellipsoid; with the heading of two antennas (rad) and no fix where there is one.
 pub fn gps_raw_int(
     at_ns: i64,
-    place: Datum,
+    (place, geoid_m): (Datum, f64),
     velocity: [f64; 3],
     stated: &StatedErrors,
     heading: Option<f64>,
@@ -89,7 +89,7 @@ pub fn gps_raw_int(
     let signed = |v: f64| (v.round() as i32).to_le_bytes();
     put(&mut p, 8, &signed(place.latitude_deg * 1e7));
     put(&mut p, 12, &signed(place.longitude_deg * 1e7));
-    put(&mut p, 16, &signed(place.height_m * 1e3));
+    put(&mut p, 16, &signed((place.height_m - geoid_m) * 1e3));
     // Dilutions of the position are unknown.
     put(&mut p, 20, &[0xff; 4]);
     put(&mut p, 24, &centi(100.0 * north.hypot(east)));

@@ -8,6 +8,7 @@ pub mod mavlink;
 pub mod nmea;
 pub mod ubx;
 
+use alight_shared::geoid::LocalGeoid;
 use alight_shared::msg::{GnssFix, HeadingFix, ImuSample};
 use alight_usv::sensors::{Format, Mount, Readings};
 use nalgebra::{Rotation3, Vector3};
@@ -75,6 +76,8 @@ pub struct BoatSensor {
     heading_offset_rad: f64,
     sequence: u8,
     heartbeat_ns: Option<i64>,
+    /// The receiver's own table.
+    geoid: LocalGeoid,
 }
 
 impl BoatSensor {
@@ -89,6 +92,7 @@ impl BoatSensor {
             heading_offset_rad: mount.heading_offset_deg.to_radians(),
             sequence: 0,
             heartbeat_ns: None,
+            geoid: LocalGeoid::default(),
         }
     }
     /// The bytes of what it measured; its clock is that of the measurements' stamps.
@@ -109,13 +113,17 @@ impl BoatSensor {
         bytes
     }
 
+    /// A heartbeat of a MAVLink source, where it is due.
+    fn heartbeat(&mut self, at_ns: i64) -> Vec<u8> {
+        if self.heartbeat_ns.is_some_and(|t| at_ns - t < HEARTBEAT_NS) {
+            return Vec::new();
+        }
+        self.heartbeat_ns = Some(at_ns);
+        self.frame(mavlink::HEARTBEAT, &mavlink::boat_heartbeat())
+    }
     fn imu(&mut self, m: &ImuSample) -> Vec<u8> {
         let at_ns = m.header.at.nanos();
-        let mut bytes = Vec::new();
-        if self.heartbeat_ns.is_none_or(|t| at_ns - t >= HEARTBEAT_NS) {
-            self.heartbeat_ns = Some(at_ns);
-            bytes = self.frame(mavlink::HEARTBEAT, &mavlink::boat_heartbeat());
-        }
+        let mut bytes = self.heartbeat(at_ns);
         let turned = |v: [f64; 3]| -> [f64; 3] { (self.turn * Vector3::from(v)).into() };
         let payload = mavlink::highres_imu(at_ns, turned(m.accelerometer), turned(m.gyro));
         bytes.extend(self.frame(mavlink::HIGHRES_IMU, &payload));
@@ -123,12 +131,13 @@ impl BoatSensor {
     }
     fn gnss(&mut self, m: &GnssFix) -> Vec<u8> {
         let at_ns = m.header.at.nanos();
+        let geoid_m = self.geoid.at(&m.datum).height_m;
         match self.format {
             Format::Nmea => {
                 let gga = nmea::Gga {
                     utc_ns: at_ns,
                     place: m.datum,
-                    geoid_m: 0.0,
+                    geoid_m,
                     // The dilution that such noise has at quality 1: 0.5 m at a dilution of 1.
                     hdop: m.position_sd[0] / 0.5,
                     satellites: 12,
@@ -138,8 +147,8 @@ impl BoatSensor {
             }
             Format::Ubx => ubx::nav_pvt(at_ns, m.datum, m.velocity, &self.stated),
             Format::Mavlink => {
-                let payload = mavlink::gps_raw_int(at_ns, m.datum, m.velocity, &self.stated, None);
-                self.frame(mavlink::GPS_RAW_INT, &payload)
+                let payload = mavlink::gps_raw_int(at_ns, (m.datum, geoid_m), m.velocity, &self.stated, None);
+                [self.heartbeat(at_ns), self.frame(mavlink::GPS_RAW_INT, &payload)].concat()
             }
         }
     }
@@ -151,7 +160,7 @@ impl BoatSensor {
             Format::Mavlink => {
                 // Two antennas of one receiver: without a fix of its own in this message.
                 let (nowhere, still) = (Default::default(), [0.0; 3]);
-                let payload = mavlink::gps_raw_int(at_ns, nowhere, still, &self.stated, Some(shown));
+                let payload = mavlink::gps_raw_int(at_ns, (nowhere, 0.0), still, &self.stated, Some(shown));
                 self.frame(mavlink::GPS_RAW_INT, &payload)
             }
         }

@@ -8,7 +8,7 @@ use super::super::message::{
     HilSensor, ImuReport, Message, OdometryReport, ParameterValue, PositionReport, PositionTarget,
     RcChannels, VelocityFrame,
 };
-use super::extension::{ELLIPSOID_HEIGHT_AT, RESET_COUNTER_AT};
+use super::extension::{DISTANCE_INVALID, DISTANCE_QUALITY_AT, ELLIPSOID_HEIGHT_AT, RESET_COUNTER_AT};
 use super::{text, wide};
 
 /// Standard gravity as `SCALED_IMU` means it, m/s² per mG.
@@ -54,9 +54,15 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
                 return None;
             }
             let metres = |cm: u16| f64::from(cm) * 0.01;
+            let is_invalid = payload.u8(DISTANCE_QUALITY_AT) == DISTANCE_INVALID;
             Message::Distance(DistanceReport {
                 time_ms: d.time_boot_ms,
-                range_m: metres(d.current_distance),
+                // No rangefinder measures 0 m: it is the word for no reading.
+                range_m: if is_invalid {
+                    0.0
+                } else {
+                    metres(d.current_distance)
+                },
                 limits_m: [metres(d.min_distance), metres(d.max_distance)],
                 // cm²; 255 is unknown.
                 variance: Some(d.covariance)
@@ -248,4 +254,41 @@ fn odometry(d: &m::ODOMETRY_DATA, payload: Fields<'_>) -> Option<OdometryReport>
         variances: known.then_some([[p[0], p[6], p[11]], [p[15], p[18], p[20]], [v[0], v[6], v[11]]]),
         resets: payload.u8(RESET_COUNTER_AT),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use alight_shared::mavlink::{Sender, encode_payload};
+
+    use super::*;
+    use crate::autopilot::wire::Decoder;
+
+    /// `DISTANCE_SENSOR` of a rangefinder that looks down, m, with `signal_quality`, as it is read.
+    fn range_m(reading_cm: u16, quality: u8) -> f64 {
+        let mut payload = vec![0; 39];
+        // Time 0; least 0, greatest 30 m.
+        payload[6..8].copy_from_slice(&3000_u16.to_le_bytes());
+        payload[8..10].copy_from_slice(&reading_cm.to_le_bytes());
+        payload[12] = 25;
+        payload[38] = quality;
+        let from = Sender {
+            system: 1,
+            component: 1,
+            sequence: 0,
+        };
+        let mut decoder = Decoder::default();
+        decoder.push(&encode_payload::<132, 85>(from, payload));
+        match decoder.next_frame().map(|f| f.message) {
+            Some(Message::Distance(d)) => d.range_m,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn rangefinder_reading_marked_invalid() {
+        assert_eq!(range_m(350, 1), 0.0, "invalid, whatever it says");
+        for quality in [0, 2, 100] {
+            assert!((range_m(350, quality) - 3.5).abs() < 1e-9, "{quality}");
+        }
+    }
 }

@@ -27,6 +27,9 @@ impl Row {
 /// Places of extension fields in their payloads.
 pub(super) const RESET_COUNTER_AT: usize = 230;
 pub(super) const ELLIPSOID_HEIGHT_AT: usize = 30;
+/// `signal_quality` of `DISTANCE_SENSOR`, and its value for a reading that is invalid; 0 is unknown.
+pub(super) const DISTANCE_QUALITY_AT: usize = 38;
+pub(super) const DISTANCE_INVALID: u8 = 1;
 const TARGET_DISTANCE_AT: usize = 16;
 const TARGET_SIZE_AT: usize = 20;
 const TARGET_FRAME_AT: usize = 29;

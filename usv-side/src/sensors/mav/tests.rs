@@ -4,12 +4,25 @@ use crate::sensors::{Measurement, Mount};
 use proptest::prelude::*;
 
 fn frame(sequence: u8, message: &m::MavMessage) -> Vec<u8> {
+    frame_of(7, 1, sequence, message)
+}
+fn frame_of(system: u8, component: u8, sequence: u8, message: &m::MavMessage) -> Vec<u8> {
     let from = Sender {
-        system: 7,
-        component: 1,
+        system,
+        component,
         sequence,
     };
     mavlink::encode(from, message)
+}
+fn heartbeat(mavtype: m::MavType) -> m::MavMessage {
+    m::MavMessage::HEARTBEAT(m::HEARTBEAT_DATA {
+        mavtype,
+        autopilot: m::MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+        ..m::HEARTBEAT_DATA::DEFAULT
+    })
+}
+fn boat() -> m::MavMessage {
+    heartbeat(m::MavType::MAV_TYPE_SURFACE_BOAT)
 }
 fn half(angle: f64) -> (f32, f32) {
     ((0.5 * angle).cos() as f32, (0.5 * angle).sin() as f32)
@@ -47,7 +60,7 @@ fn gps(us: u64) -> m::MavMessage {
 }
 /// A second of a boat's Pixhawk.
 fn second(from_ms: u32) -> Vec<u8> {
-    let mut out = Vec::new();
+    let mut out = frame(255, &boat());
     for k in 0..50_u32 {
         let ms = from_ms + 20 * k;
         out.extend(frame(k as u8, &imu(u64::from(ms) * 1000)));
@@ -94,7 +107,11 @@ fn mavlink_kinds_of_measurement() {
     assert!((a.rates.unwrap()[1] - 0.25).abs() < 1e-6);
     assert!((h.heading + core::f64::consts::FRAC_PI_2).abs() < 1e-6, "{h:?}");
     assert!((g.velocity[1] - 2.0).abs() < 1e-6 && g.velocity_sd[2] == NOT_MEASURED_SD);
-    assert_eq!((g.lever_arm, g.datum.height_m), (Some([0.0, 0.0, -2.0]), 210.0));
+    assert_eq!(g.lever_arm, Some([0.0, 0.0, -2.0]));
+    // Its receiver gives 210 m above the sea only; the geoid lies 45.25 m above the ellipsoid there.
+    assert!((g.datum.height_m - 255.25).abs() < 0.01, "{g:?}");
+    assert!((1.0..4.0).contains(&g.height_spread), "{g:?}");
+    assert!(d.remarks()[0].text.contains("EGM96 45.2 m"), "{:?}", d.remarks());
 }
 
 #[test]
@@ -117,7 +134,7 @@ fn mavlink_odometry_with_and_without_origin() {
     });
     let odometry = frame(1, &m::MavMessage::ODOMETRY(data));
     let (all, _) = decode(
-        &[&odometry[..], &frame(2, &origin), &odometry].concat(),
+        &[&frame(0, &boat()), &odometry[..], &frame(2, &origin), &odometry].concat(),
         50,
         Mount::default(),
     );
@@ -148,10 +165,138 @@ fn mavlink_frames_after_damage() {
 fn mavlink_stream_requests() {
     let (_, mut d) = decode(&second(0), 500, Mount::default());
     let (first, second) = (d.request().unwrap(), d.request().unwrap());
-    let messages = |bytes: &[u8]| decode(bytes, 500, Mount::default()).1.decoded().ignored;
+    let messages = |bytes: &[u8]| decode(bytes, 500, Mount::default()).1.decoded().left_out;
     assert_eq!(
         (messages(&first), messages(&second)),
         (1 + WANTED.len() as u64, 1)
+    );
+}
+
+/// Half a second of a drone's autopilot, system 1: rolled by 20 deg, a kilometre to the north.
+fn drone(with_heartbeat: bool) -> Vec<u8> {
+    let m::MavMessage::GPS_RAW_INT(own) = gps(600_000_000) else {
+        panic!("GPS_RAW_INT");
+    };
+    let away = m::MavMessage::GPS_RAW_INT(m::GPS_RAW_INT_DATA {
+        lat: own.lat + 100_000,
+        ..own
+    });
+    let mut out = Vec::new();
+    if with_heartbeat {
+        out.extend(frame_of(1, 1, 0, &heartbeat(m::MavType::MAV_TYPE_QUADROTOR)));
+    }
+    for k in 0..20_u32 {
+        out.extend(frame_of(
+            1,
+            1,
+            k as u8,
+            &attitude(600_000 + 20 * k, 20_f64.to_radians()),
+        ));
+        out.extend(frame_of(1, 1, k as u8, &away));
+    }
+    out
+}
+
+#[test]
+fn mavlink_of_two_systems() {
+    let gcs = frame_of(255, 190, 0, &heartbeat(m::MavType::MAV_TYPE_GCS));
+    let companion = frame_of(7, 191, 0, &attitude(77, 1.0));
+    // The drone is heard first, also before its heartbeat.
+    let bytes = [
+        drone(false),
+        drone(true),
+        gcs,
+        second(5000),
+        companion,
+        drone(true),
+    ]
+    .concat();
+    let (all, d) = decode(&bytes, 91, Mount::default());
+    assert_eq!(all.len(), 50 + 5 + 25 + 5, "the boat's alone");
+    for m in &all {
+        match m.measurement {
+            Measurement::Attitude(a) => assert!((a.tilt[0] - 0.1).abs() < 1e-6, "{a:?}"),
+            Measurement::Gnss(g) => assert!((g.datum.latitude_deg - 50.0).abs() < 1e-6, "{g:?}"),
+            Measurement::Imu(_) | Measurement::Heading(_) => {}
+        }
+    }
+    let n = d.decoded();
+    assert_eq!(
+        (n.good, n.undated, n.corrupted, n.left_out),
+        (80, 0, 0, 3 * 40 + 2 + 1 + 1)
+    );
+    let text = &d.remarks()[1].text;
+    for part in [
+        "system 7 component 1 is the vessel's",
+        "system 1 component 1, a multirotor (122 messages)",
+    ] {
+        assert!(text.contains(part), "{text}");
+    }
+    // Who asks, asks the boat.
+    let mut d = d;
+    let asked = d.request().unwrap();
+    assert!(asked.len() > 100);
+}
+
+#[test]
+fn mavlink_without_a_boat() {
+    let (all, mut d) = decode(&[drone(true), drone(true)].concat(), 91, Mount::default());
+    assert!(all.is_empty(), "{all:?}");
+    let remark = &d.remarks()[0];
+    assert!(
+        remark.text.contains("no system") && remark.text.contains("a multirotor"),
+        "{remark:?}"
+    );
+    assert!(remark.remedy.as_ref().is_some_and(|r| r.contains("system = N")));
+    assert!(d.request().unwrap().len() < 30, "a stranger is asked for nothing");
+    // By its number it is the vessel's.
+    let named = MavlinkDecoder::new(&Mounting::default()).of_system(1);
+    assert_eq!(fixtures::decode(named, &drone(true), 91).0.len(), 20 + 20 + 2);
+    // A sensor that sends no heartbeats is taken after a while.
+    let silent: Vec<u8> = (0..150)
+        .flat_map(|k| frame(k, &imu(u64::from(k) * 1000)))
+        .collect();
+    assert_eq!(decode(&silent, 91, Mount::default()).0.len(), 50);
+}
+
+#[test]
+fn mavlink_heights_above_the_ellipsoid() {
+    let m::MavMessage::GPS_RAW_INT(own) = gps(1_000_000) else {
+        panic!("GPS_RAW_INT");
+    };
+    // The dialect knows no extension fields: the payload up to `alt_ellipsoid`, and the frame's checksum (X.25, extra 24).
+    let with = |time_usec: u64, alt_ellipsoid: i32| {
+        let whole = frame(
+            1,
+            &m::MavMessage::GPS_RAW_INT(m::GPS_RAW_INT_DATA { time_usec, ..own }),
+        );
+        let mut bytes = whole[..10].to_vec();
+        bytes.extend(&whole[10..whole.len() - 2]);
+        bytes.resize(10 + 30, 0);
+        bytes.extend(alt_ellipsoid.to_le_bytes());
+        bytes[1] = 34;
+        let crc = bytes[1..].iter().chain([&24]).fold(0xffff_u16, |crc, b| {
+            (0..8).fold(crc ^ u16::from(*b), |c, _| {
+                (c >> 1) ^ if c & 1 == 1 { 0x8408 } else { 0 }
+            })
+        });
+        bytes.extend(crc.to_le_bytes());
+        bytes
+    };
+    // Given; and then a zero, which is one where the receiver gives them.
+    let bytes = [frame(0, &boat()), with(1, 254_000), with(2, 0)].concat();
+    let heights: Vec<(f64, f64)> = decode(&bytes, 91, Mount::default())
+        .0
+        .iter()
+        .filter_map(|m| match m.measurement {
+            Measurement::Gnss(g) => Some((g.datum.height_m, g.height_spread)),
+            Measurement::Imu(_) | Measurement::Heading(_) | Measurement::Attitude(_) => None,
+        })
+        .collect();
+    assert_eq!(heights.len(), 2);
+    assert!(
+        heights.iter().all(|(h, s)| (h - 254.0).abs() < 1e-6 && *s == 0.0),
+        "{heights:?}"
     );
 }
 

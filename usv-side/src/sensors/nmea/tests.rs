@@ -1,6 +1,7 @@
 use super::*;
 use crate::fixtures::sentence;
 use crate::sensors::{HeaveSign, Measurement, Mount};
+use alight_shared::frames::wrap_angle;
 use proptest::prelude::*;
 
 fn decoder(mount: Mount) -> NmeaDecoder {
@@ -160,6 +161,391 @@ fn nmea_sentences_after_damage() {
     assert_eq!(all.iter().filter(|h| h.measurement.kind() == 3).count(), 1);
 }
 
+fn fixes(all: &[SourceMeasurement]) -> Vec<GnssFix> {
+    let fix = |m: &SourceMeasurement| match m.measurement {
+        Measurement::Gnss(g) => Some(g),
+        Measurement::Imu(_) | Measurement::Heading(_) | Measurement::Attitude(_) => None,
+    };
+    all.iter().filter_map(fix).collect()
+}
+/// Ten epochs at 1 Hz of these sentences, `T` being the time, and the decoder then.
+fn epochs(sentences: &[&str]) -> (Vec<SourceMeasurement>, NmeaDecoder) {
+    let mut d = decoder(Mount::default());
+    let mut out = Vec::new();
+    for k in 0..10 {
+        for body in sentences {
+            let body = body.replace(",T,", &format!(",1200{k:02}.00,"));
+            d.push(sentence(&body).as_bytes(), &mut out);
+        }
+    }
+    d.finish(&mut out);
+    (out, d)
+}
+fn remark(d: &NmeaDecoder, part: &str) -> Remark {
+    let all = d.remarks();
+    let found = all.iter().find(|r| r.text.contains(part));
+    found.unwrap_or_else(|| panic!("{part}: {all:?}")).clone()
+}
+const PLACE: &str = "5000.00000,N,01430.00000,E";
+
+#[test]
+fn nmea_height_without_a_separation() {
+    let (all, d) = epochs(&[&format!("GPGGA,T,{PLACE},1,12,0.8,3.0,M,,,,")]);
+    let fixes = fixes(&all);
+    assert_eq!(fixes.len(), 10);
+    for g in &fixes {
+        assert!(
+            (g.datum.height_m - 48.25).abs() < 0.01 && (1.0..4.0).contains(&g.height_spread),
+            "{g:?}"
+        );
+    }
+    assert!(remark(&d, "by EGM96 45.2 m").remedy.is_some());
+    // Stated, it is the receiver's, whose table may be another.
+    let (all, d) = epochs(&[&format!("GPGGA,T,{PLACE},1,12,0.8,3.0,M,47.0,M,,")]);
+    assert!(
+        self::fixes(&all)
+            .iter()
+            .all(|g| g.datum.height_m == 50.0 && g.height_spread == 0.0)
+    );
+    assert!(remark(&d, "by the receiver").remedy.is_none());
+    // Zero stated 45 m off the geoid: taken, and uncertain by as much.
+    let (all, d) = epochs(&[&format!("GPGGA,T,{PLACE},1,12,0.8,48.0,M,0.0,M,,")]);
+    assert!(
+        self::fixes(&all)
+            .iter()
+            .all(|g| g.datum.height_m == 48.0 && (g.height_spread - 45.25).abs() < 0.1)
+    );
+    assert!(remark(&d, "0.0 m above").remedy.is_some());
+    // No altitude at all is no height of zero.
+    let (all, _) = epochs(&[&format!("GPGGA,T,{PLACE},1,12,0.8,,M,,M,,")]);
+    assert!(
+        self::fixes(&all)
+            .iter()
+            .all(|g| g.position_sd[2] == NOT_MEASURED_SD)
+    );
+}
+
+#[test]
+fn nmea_position_of_each_sentence() {
+    for (body, height) in [
+        (format!("GNGNS,T,{PLACE},AAN,14,0.8,3.0,45.0,,"), Some(48.0)),
+        (format!("GNGNS,T,{PLACE},RR,14,0.8,3.0,,,"), Some(48.25)),
+        (format!("GPRMC,T,A,{PLACE},5.0,0.0,010126,,,A"), None),
+        (format!("GPRMC,T,A,{PLACE},5.0,0.0,010126,,"), None),
+        (format!("IIGLL,{PLACE},T,A,D"), None),
+    ] {
+        let (all, d) = epochs(&[&body]);
+        let fixes = fixes(&all);
+        // One without a height waits for an epoch in which a better one might come.
+        assert_eq!(fixes.len(), if height.is_some() { 10 } else { 9 }, "{body}");
+        for g in fixes {
+            assert!(
+                (g.datum.latitude_deg - 50.0).abs() < 1e-9 && (g.datum.longitude_deg - 14.5).abs() < 1e-9
+            );
+            match height {
+                Some(h) => assert!((g.datum.height_m - h).abs() < 0.01, "{body}: {g:?}"),
+                None => assert_eq!(g.position_sd[2], NOT_MEASURED_SD, "{body}"),
+            }
+        }
+        assert_eq!(d.decoded().left_out, 0, "{body}");
+        if height.is_none() {
+            assert!(remark(&d, "height: none of 9 fixes has one").remedy.is_some());
+        }
+    }
+    // Beside GGA, which has the height, RMC and GLL make no fix of their own, in any order.
+    let (gga, rmc) = (
+        format!("GPGGA,T,{PLACE},1,12,0.8,3.0,M,45.0,M,,"),
+        format!("GPRMC,T,A,{PLACE},5.0,0.0,010126,,,A"),
+    );
+    for order in [[&gga, &rmc], [&rmc, &gga]] {
+        let (all, _) = epochs(&order.map(String::as_str));
+        let fixes = fixes(&all);
+        assert_eq!(fixes.len(), 10);
+        assert!(
+            fixes
+                .iter()
+                .skip(3)
+                .all(|g| g.datum.height_m == 48.0 && g.velocity_sd[0] < 1.0),
+            "{fixes:?}"
+        );
+    }
+}
+
+#[test]
+fn nmea_position_in_few_decimals() {
+    let of = |place: &str| {
+        let (all, _) = epochs(&[&format!("GPRMC,T,A,{place},5.0,0.0,010126,,,A")]);
+        fixes(&all)[5].position_sd[0]
+    };
+    // A hundredth of a minute is 18.5 m.
+    assert!((of("5000.00,N,01430.00,E") - 5.37).abs() < 0.1 && of("5000.00000,N,01430.00000,E") < 0.6);
+}
+
+#[test]
+fn nmea_fix_that_is_none() {
+    for (gga, rmc, why) in [
+        ("0", "V,A", "no fix"),
+        ("7", "A,M", "simulated or set by hand"),
+        ("8", "V,S", "simulated or set by hand"),
+        ("8", "A,S", "simulated or set by hand"),
+        // Of the standard before 2.3, which knows no mode.
+        ("8", "A", "simulated or set by hand"),
+    ] {
+        let (status, mode) = rmc.split_once(',').unwrap_or((rmc, ""));
+        let gga = format!("GPGGA,T,{PLACE},{gga},12,0.8,3.0,M,45.0,M,,");
+        let rmc = format!("GPRMC,T,{status},{PLACE},5.0,0.0,010126,,,{mode}");
+        for order in [[&gga, &rmc], [&rmc, &gga]] {
+            let (all, d) = epochs(&order.map(String::as_str));
+            assert!(fixes(&all).is_empty(), "{order:?}: {}", fixes(&all).len());
+            assert!(remark(&d, why).remedy.is_some());
+            assert!(d.decoded().left_out >= 10);
+        }
+    }
+}
+
+#[test]
+fn nmea_beside_ais_and_unread_kinds() {
+    let gga = format!("GPGGA,T,{PLACE},1,12,0.8,3.0,M,45.0,M,,");
+    let mut d = decoder(Mount::default());
+    let mut out = Vec::new();
+    for k in 0..10 {
+        d.push(
+            sentence(&gga.replace(",T,", &format!(",1200{k:02}.00,"))).as_bytes(),
+            &mut out,
+        );
+        d.push(b"!AIVDM,1,1,,A,1000000P000000000000000000000,0*77\r\n", &mut out);
+        d.push(
+            b"2026-01-01T00:00:00Z !AIVDM,1,1,,A,1000000P000000000000000000000,0*77\r\n",
+            &mut out,
+        );
+        d.push(sentence("WIMWV,40.0,R,8.0,N,A").as_bytes(), &mut out);
+    }
+    let n = d.decoded();
+    assert_eq!((n.good, n.corrupted, n.ignored), (10, 0, 30));
+    assert!(
+        remark(&d, "20 AIVDM, 10 WIMWV (a kind that is not read)")
+            .remedy
+            .is_none()
+    );
+}
+
+#[test]
+fn nmea_stream_without_checksums() {
+    let mut d = decoder(Mount::default());
+    let mut out = Vec::new();
+    for k in 0..30 {
+        d.push(
+            format!("$GPHDT,10.0,T\r\n$GPGGA,1200{k:02},{PLACE},1,12,0.8,3.0,M,45.0,M,,\r\n").as_bytes(),
+            &mut out,
+        );
+    }
+    // Cut off.
+    d.push(b"$GPGGA,120030,5000.0\r\n", &mut out);
+    let n = d.decoded();
+    assert!(fixes(&out).len() >= 23 && n.corrupted == 10, "{n:?}");
+    assert!(remark(&d, "51 sentences without a checksum").remedy.is_none());
+}
+
+#[test]
+fn nmea_whole_seconds_at_ten_hertz() {
+    let mut d = decoder(Mount::default());
+    let mut out = Vec::new();
+    for k in 0..100 {
+        let body = format!("GPGGA,1200{:02},{PLACE},1,12,0.8,3.0,M,45.0,M,,", k / 10);
+        d.push(sentence(&body).as_bytes(), &mut out);
+    }
+    d.finish(&mut out);
+    assert_eq!(fixes(&out).len(), 10);
+    assert!(
+        remark(&d, "90 of 100 GPGGA carry the time of the one before")
+            .remedy
+            .is_some()
+    );
+}
+
+#[test]
+fn nmea_attitudes_of_each_sentence() {
+    let zda = "GPZDA,T,01,01,2026,00,00";
+    for body in [
+        "PSXN,23,2.00,-1.00,210.00,-0.25",
+        "YXXDR,A,-1.0,D,PTCH,A,2.0,D,ROLL",
+        "IIXDR,A,2.0,D,ROLL,P,1.02,B,Barometer,A,-1.0,D,PITCH",
+        "PTNTHPR,85.9,N,-1.0,N,2.0,N",
+        "GNHPR,T,210.00,-1.00,2.00,4,30,0.0,0999",
+    ] {
+        let (all, d) = epochs(&[zda, body]);
+        let tilts: Vec<AttitudeFix> = all
+            .iter()
+            .filter_map(|m| match m.measurement {
+                Measurement::Attitude(a) => Some(a),
+                Measurement::Imu(_) | Measurement::Gnss(_) | Measurement::Heading(_) => None,
+            })
+            .collect();
+        assert_eq!((tilts.len(), d.decoded().undated), (10, 0), "{body}");
+        for a in tilts {
+            let [roll, pitch] = a.tilt.map(f64::to_degrees);
+            assert!(
+                (roll - 2.0).abs() < 1e-4 && (pitch + 1.0).abs() < 1e-4,
+                "{body}: {a:?}"
+            );
+            // Seatex counts heave down.
+            assert_eq!(a.heave, body.starts_with("PSXN").then_some(-0.25), "{body}");
+        }
+    }
+    // Two antennas show one angle: the other's zero is no measurement.
+    let (all, _) = epochs(&["GNHPR,T,210.00,-1.00,000.00,4,30,0.0,0999"]);
+    assert!(all.iter().all(|m| m.measurement.kind() == 2) && all.len() == 10);
+}
+
+#[test]
+fn nmea_recorded_attitudes_between_two_times() {
+    let zda = |k: i64| sentence(&format!("GPZDA,1200{k:02}.00,01,01,2026,00,00"));
+    let mut text = String::new();
+    for k in 0..20 {
+        if k % 5 == 0 {
+            text += &zda(k / 5);
+        }
+        text += &sentence(&format!("PSXN,23,{k}.00,0.00,0.00,0.00"));
+    }
+    text += &zda(4);
+    let (all, counts) = decode(&text, Mount::default());
+    let tilts: Vec<(i64, f64)> = all
+        .iter()
+        .filter_map(|m| match m.measurement {
+            Measurement::Attitude(a) => Some((m.at_ns, a.tilt[0].to_degrees())),
+            Measurement::Imu(_) | Measurement::Gnss(_) | Measurement::Heading(_) => None,
+        })
+        .collect();
+    assert_eq!((tilts.len(), counts.spread, counts.undated), (20, 16, 0));
+    for (k, (at, roll)) in tilts.iter().enumerate() {
+        let since_ms = (at - tilts[0].0) / 1_000_000;
+        assert!(
+            (since_ms - 200 * k as i64).abs() <= 1 && (roll - k as f64).abs() < 1e-4,
+            "{k}: {since_ms} {roll}"
+        );
+    }
+}
+
+#[test]
+fn nmea_heading_from_magnetic_north() {
+    let headings = |sentences: &[&str]| {
+        let (all, d) = epochs(sentences);
+        let found: Vec<f64> = all
+            .iter()
+            .filter_map(|m| match m.measurement {
+                Measurement::Heading(h) => Some(h.heading.to_degrees()),
+                Measurement::Imu(_) | Measurement::Gnss(_) | Measurement::Attitude(_) => None,
+            })
+            .collect();
+        (found, d)
+    };
+    let zda = "GPZDA,T,01,01,2026,00,00";
+    let (all, _) = headings(&[zda, "HCHDG,100.0,1.0,E,4.0,W"]);
+    assert!(
+        all.len() == 10 && all.iter().all(|h| (h - 97.0).abs() < 1e-4),
+        "{all:?}"
+    );
+    let (all, _) = headings(&[
+        &format!("GPRMC,T,A,{PLACE},5.0,0.0,010126,4.0,E,A"),
+        "HCHDM,100.0,M",
+    ]);
+    assert!(
+        all.len() == 10 && all.iter().all(|h| (h - 104.0).abs() < 1e-4),
+        "{all:?}"
+    );
+    let (all, d) = headings(&[zda, "HCHDG,100.0,,,,"]);
+    assert!(all.is_empty() && remark(&d, "10 HCHDG (magnetic").remedy.is_some());
+    // Beside one from true north it is spare.
+    let (all, _) = headings(&[zda, "HEHDT,97.5,T", "HCHDG,100.0,1.0,E,4.0,W"]);
+    assert!(
+        all.len() == 10 && all.iter().all(|h| (h - 97.5).abs() < 1e-4),
+        "{all:?}"
+    );
+}
+
+/// Times, s, and measurements.
+type Timed = Vec<(f64, Measurement)>;
+
+/// Sentences in bursts as they arrive: time of arrival (s) and body. Measurements with their time (s) after noon, and
+/// those dated by their arrival.
+fn live(bursts: &[(f64, String)]) -> (Timed, Timed, NmeaDecoder) {
+    let mut d = decoder(Mount::default());
+    let (mut all, mut timeless) = (Vec::new(), Vec::new());
+    for (at, body) in bursts {
+        d.arrive(Time::from_secs(1000.0 + at));
+        let mut out = Vec::new();
+        d.push(sentence(body).as_bytes(), &mut out);
+        let noon = 12 * 3600 * 1_000_000_000_i64;
+        all.extend(
+            out.iter()
+                .map(|m| ((m.at_ns - noon) as f64 * 1e-9, m.measurement)),
+        );
+        timeless.extend(d.timeless().into_iter().map(|m| (*at, m)));
+    }
+    (all, timeless, d)
+}
+
+#[test]
+fn nmea_heading_before_and_velocity_after_the_time() {
+    // A compass at 2 Hz on a slow line: HDT, GGA, VTG 60 ms apart. Its heading and its speed are ten times the time.
+    let mut bursts = Vec::new();
+    for k in 0..40 {
+        let t = 0.5 * f64::from(k);
+        bursts.push((t + 0.05, format!("GPHDT,{:.2},T", 10.0 * t)));
+        bursts.push((
+            t + 0.11,
+            format!("GPGGA,1200{t:05.2},{PLACE},1,12,0.8,3.0,M,45.0,M,,"),
+        ));
+        bursts.push((t + 0.17, format!("GPVTG,0.0,T,,M,{:.2},N,,K,A", t)));
+    }
+    let (all, timeless, d) = live(&bursts);
+    assert!(timeless.is_empty());
+    let (mut headings, mut velocities) = (0, 0);
+    for (at, m) in all.iter().filter(|(at, _)| *at >= 1.0) {
+        match m {
+            Measurement::Heading(h) => {
+                headings += 1;
+                let apart = wrap_angle(h.heading - (10.0 * at).to_radians());
+                assert!(apart.abs() < 1e-4, "{at}: {h:?}");
+            }
+            Measurement::Gnss(g) => {
+                velocities += 1;
+                assert!((g.velocity[0] * 3600.0 / 1852.0 - at).abs() < 1e-3, "{at}: {g:?}");
+            }
+            Measurement::Imu(_) | Measurement::Attitude(_) => {}
+        }
+    }
+    assert!(
+        headings >= 36 && velocities >= 36 && d.decoded().undated <= 1,
+        "{headings} {velocities}"
+    );
+}
+
+#[test]
+fn nmea_compass_faster_than_the_receiver() {
+    // HDT at 10 Hz beside GGA at 1 Hz, and then without it: the arrival is its time.
+    let mut bursts = Vec::new();
+    for k in 0..200 {
+        let t = 0.1 * f64::from(k);
+        if k % 10 == 0 && k < 100 {
+            bursts.push((t, format!("GPGGA,1200{t:05.2},{PLACE},1,12,0.8,3.0,M,45.0,M,,")));
+        }
+        bursts.push((t + 0.03, format!("HEHDT,{:.2},T", t)));
+    }
+    let (_, timeless, d) = live(&bursts);
+    assert!(timeless.len() >= 170, "{}", timeless.len());
+    for (at, m) in &timeless {
+        let Measurement::Heading(h) = m else {
+            panic!("{m:?}")
+        };
+        assert!(
+            (h.heading.to_degrees() - (at - 0.03)).abs() < 0.006,
+            "{at}: {h:?}"
+        );
+    }
+    assert_eq!(d.decoded().by_arrival, timeless.len() as u64);
+}
+
 proptest! {
     #[test]
     fn nmea_arbitrary_bytes(bytes in prop::collection::vec(any::<u8>(), 0..4000), cut in 1_usize..40) {
@@ -167,7 +553,7 @@ proptest! {
         let mut out = Vec::new();
         for part in bytes.chunks(cut) {
             d.push(part, &mut out);
-            prop_assert!(d.line.len() <= MAX_LINE && d.waiting.len() <= MAX_WAITING);
+            prop_assert!(d.line.len() <= MAX_LINE && d.waiting.len() <= attribution::KINDS);
         }
         d.finish(&mut out);
         prop_assert!(out.len() <= bytes.len());
@@ -175,7 +561,10 @@ proptest! {
 
     #[test]
     fn nmea_arbitrary_fields(
-        name in prop::sample::select(vec!["GPGGA", "GPRMC", "GPVTG", "HEHDT", "HETHS", "HEROT", "PASHR", "PRDID", "GPZDA"]),
+        name in prop::sample::select(vec![
+            "GPGGA", "GNGNS", "GPRMC", "GPGLL", "GPVTG", "HEHDT", "HETHS", "HCHDG", "HCHDM", "HEROT", "PASHR", "PRDID", "GPZDA",
+            "PSXN,23", "GNHPR", "PTNTHPR", "YXXDR", "AIVDM",
+        ]),
         time in prop::sample::select(vec!["120000.00", "235959.99", "", "996099", "12"]),
         fields in prop::collection::vec("[-+0-9.eENSAWTMVinf]{0,8}", 0..15),
     ) {

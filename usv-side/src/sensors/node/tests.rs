@@ -76,6 +76,52 @@ fn sensor_node_byte_limit() {
     assert_eq!(n.status()[0].lost_bytes, 2 * MAX_STEP_BYTES as u64);
 }
 
+#[test]
+fn sensor_node_across_a_leap_second() {
+    // The receiver's UTC falls back by 1 s at 60 s: it is dated anew within seconds, and said.
+    let mut n = node(1);
+    let mut late = Vec::new();
+    for k in 0..900 {
+        let text = messages(if k < 600 { k } else { k - 10 });
+        let now = at(k) + Span::from_millis(30 + 20 * (k % 3));
+        for a in step(&mut n, now, &[text.as_bytes()]).attitude {
+            late.push((k, (now - a.header.at).secs()));
+        }
+    }
+    let old = late.iter().filter(|(_, age)| *age > 0.2).count();
+    assert!((1..=30).contains(&old), "{old} of {}", late.len());
+    assert!(
+        late.iter().filter(|(k, _)| *k > 630).count() >= 268,
+        "{}",
+        late.len()
+    );
+    let remark = &n.remarks()[0][1];
+    assert!(
+        remark
+            .text
+            .starts_with("its clock changed 1 times, at last by -1.0"),
+        "{remark:?}"
+    );
+}
+
+#[test]
+fn sensor_node_with_a_sensor_without_a_time() {
+    let mut n = node(1);
+    let mut ages = Vec::new();
+    for k in 0..200 {
+        let text = sentence(&format!("PSXN,23,{:.2},1.00,210.00,0.00", 0.1 * k as f64));
+        for a in step(&mut n, at(k), &[text.as_bytes()]).attitude {
+            assert_eq!(a.header.at, at(k));
+            ages.push((a.tilt[0].to_degrees() - 0.1 * k as f64).abs());
+        }
+    }
+    assert!(
+        ages.len() >= 175 && ages.iter().all(|a| *a < 1e-3),
+        "{}",
+        ages.len()
+    );
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
     #[test]

@@ -1,0 +1,165 @@
+//! Who speaks on a MAVLink link, and whose messages are the vessel's: of one system and one component, for as long as the
+//! process runs.
+
+use alight_shared::mavlink::{Fields, RawFrame};
+
+use crate::sensors::Remark;
+
+const HEARTBEAT: u32 = 0;
+pub(super) const AUTOPILOT: u8 = 1;
+/// `MAV_AUTOPILOT_INVALID`: a component that flies or steers nothing.
+const NO_AUTOPILOT: u8 = 8;
+/// `MAV_TYPE` of vehicles on or in the water, and of those that do not say.
+const GENERIC: u8 = 0;
+const ROVER: u8 = 10;
+const BOAT: u8 = 11;
+const SUBMARINE: u8 = 12;
+/// `MAV_TYPE_ONBOARD_CONTROLLER`: any computer.
+const COMPUTER: u8 = 18;
+/// A sensor without heartbeats is taken for the vessel's after so many messages (every autopilot sends one a second).
+const SILENT_HEARTBEAT: u64 = 100;
+/// Most systems and components that are told apart.
+const MAX_HEARD: usize = 16;
+
+/// A component that was heard.
+#[derive(Clone, Copy, Debug)]
+struct Heard {
+    system: u32,
+    component: u8,
+    /// Type and autopilot in its heartbeat.
+    kind: Option<(u8, u8)>,
+    messages: u64,
+    left_out: u64,
+}
+
+/// What a component may be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kin {
+    Boat,
+    Unknown,
+    Other,
+}
+
+impl Heard {
+    fn kin(&self) -> Kin {
+        match self.kind {
+            None | Some((COMPUTER, _)) => Kin::Unknown,
+            Some((GENERIC | ROVER | BOAT | SUBMARINE, autopilot))
+                if autopilot != NO_AUTOPILOT || self.component == AUTOPILOT =>
+            {
+                Kin::Boat
+            }
+            Some(_) => Kin::Other,
+        }
+    }
+    fn name(&self) -> String {
+        let kind = match self.kind.map(|(kind, _)| kind) {
+            None => "without a heartbeat".into(),
+            Some(1) => "an aeroplane".into(),
+            Some(2 | 3 | 4 | 13 | 14 | 15 | 29 | 35) => "a multirotor".into(),
+            Some(6) => "a ground station".into(),
+            Some(BOAT) => "a boat".into(),
+            Some(COMPUTER) => "a computer".into(),
+            Some(other) => format!("of MAV_TYPE {other}"),
+        };
+        format!("system {} component {}, {kind}", self.system, self.component)
+    }
+}
+
+/// All of a link.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Systems {
+    /// The vessel's by configuration.
+    configured: Option<u32>,
+    own: Option<(u32, u8)>,
+    heard: Vec<Heard>,
+    beyond: u64,
+}
+
+impl Systems {
+    pub(super) fn new(configured: Option<u8>) -> Self {
+        Systems {
+            configured: configured.map(u32::from),
+            ..Systems::default()
+        }
+    }
+    /// The vessel's system, once it is known.
+    pub(super) fn own(&self) -> Option<u8> {
+        let own = self.own.map(|(system, _)| system).or(self.configured);
+        own.and_then(|system| u8::try_from(system).ok())
+    }
+    /// Whether a message is the vessel's.
+    pub(super) fn is_own(&mut self, raw: &RawFrame) -> bool {
+        let id = (raw.system, raw.component);
+        let at = self.heard.iter().position(|h| (h.system, h.component) == id);
+        let at = match at {
+            Some(at) => at,
+            None if self.heard.len() < MAX_HEARD => {
+                self.heard.push(Heard {
+                    system: raw.system,
+                    component: raw.component,
+                    kind: None,
+                    messages: 0,
+                    left_out: 0,
+                });
+                self.heard.len() - 1
+            }
+            None => {
+                self.beyond += 1;
+                return false;
+            }
+        };
+        let configured = self.configured;
+        let Some(heard) = self.heard.get_mut(at) else {
+            return false;
+        };
+        heard.messages += 1;
+        if raw.id == HEARTBEAT {
+            let p: Fields<'_> = raw.fields();
+            heard.kind = Some((p.u8(4), p.u8(5)));
+        }
+        let may_be = match (configured, heard.kin()) {
+            (Some(system), _) if system != heard.system => false,
+            (Some(_), _) if heard.component == AUTOPILOT => true,
+            (_, Kin::Boat) => true,
+            (_, Kin::Unknown) => heard.messages > SILENT_HEARTBEAT,
+            (Some(_), Kin::Other) | (None, Kin::Other) => false,
+        };
+        // One that was taken without a heartbeat, and then says that it is something else, is given up.
+        if self.own == Some(id) && !may_be {
+            self.own = None;
+        }
+        if self.own.is_none() && may_be {
+            self.own = Some(id);
+        }
+        let own = self.own == Some(id);
+        heard.left_out += u64::from(!own);
+        own
+    }
+
+    /// Whose messages are used, and who else speaks.
+    pub(super) fn remarks(&self) -> Vec<Remark> {
+        let mut others: Vec<String> = self
+            .heard
+            .iter()
+            .filter(|h| h.left_out > 0 && Some((h.system, h.component)) != self.own)
+            .map(|h| format!("{} ({} messages)", h.name(), h.left_out))
+            .collect();
+        if self.beyond > 0 {
+            others.push(format!("more ({} messages)", self.beyond));
+        }
+        if others.is_empty() {
+            return Vec::new();
+        }
+        let others = others.join("; ");
+        vec![match self.own {
+            Some((system, component)) => Remark::fine(format!(
+                "system {system} component {component} is the vessel's; left out: {others}"
+            )),
+            None => Remark::fault(
+                format!("no system on this link is known as the vessel's; left out: {others}"),
+                "its heartbeat must say that it is a boat (MAV_TYPE); or name its number: system = N at this source",
+            ),
+        }]
+    }
+}

@@ -1,0 +1,464 @@
+//! What each kind of sentence says.
+
+use alight_shared::geodesy::Datum;
+use alight_shared::msg::NOT_MEASURED_SD;
+use nmea_kit::NmeaFrame;
+use nmea_kit::nmea::sentences::{Gga, Gll, Gns, Hdg, Pashr, Prdid, Rmc, Rot, Vtg, Xdr};
+
+use super::account::Why;
+use super::{MAX_SPARE, NmeaDecoder, Position, SourceMeasurement, Untimed};
+
+const KNOT_MPS: f64 = 1852.0 / 3600.0;
+/// Below it a velocity needs no course, m/s.
+const STILL_MPS: f64 = 0.3;
+/// Standard deviation of a velocity in tenths of a knot, m/s (ours).
+pub(super) const VELOCITY_SD: f64 = 0.1;
+/// Standard deviation of a position by the quality in GGA, m at a dilution of 1 (ours: the error that changes
+/// within a minute; slow error is the filter's height bias).
+const POSITION_SD: [(u8, f64); 5] = [(1, 0.5), (2, 0.3), (3, 0.5), (4, 0.01), (5, 0.1)];
+/// The same for dead reckoning, m.
+const DEAD_RECKONING_SD: f64 = 5.0;
+/// Qualities of GGA: dead reckoning, input by hand, simulated.
+const DEAD_RECKONING: u8 = 6;
+const MANUAL: u8 = 7;
+const SIMULATED: u8 = 8;
+/// A minute of arc of latitude, m.
+const MINUTE_M: f64 = 1852.0;
+/// Standard deviation of a magnetic compass, rad: its deviation on a boat (2 deg, ours).
+const MAGNETIC_SD: f64 = 0.035;
+/// Least number of fields of a sentence without a checksum: what is cut off is shorter.
+const FIELDS: [(&str, usize); 9] = [
+    ("GGA", 14),
+    ("GNS", 12),
+    ("RMC", 11),
+    ("GLL", 6),
+    ("VTG", 8),
+    ("HDT", 2),
+    ("HDG", 5),
+    ("ROT", 2),
+    ("ZDA", 6),
+];
+
+/// A sentence without a checksum has all its fields, as far as that is known of its kind.
+pub(super) fn is_whole(frame: &NmeaFrame<'_>) -> bool {
+    let least = FIELDS.iter().find(|(kind, _)| *kind == frame.sentence_type);
+    least.is_none_or(|(_, least)| frame.fields.len() >= *least)
+}
+
+/// Quality as in GGA by the mode letters of GNS, RMC, GLL and VTG; the best of several constellations, unless one is
+/// simulated.
+fn quality_of(modes: &str) -> u8 {
+    let has = |letter: char| modes.contains(letter);
+    for (letter, quality) in [
+        ('S', SIMULATED),
+        ('M', MANUAL),
+        ('R', 4),
+        ('F', 5),
+        ('P', 2),
+        ('D', 2),
+        ('A', 1),
+        ('E', DEAD_RECKONING),
+    ] {
+        if has(letter) {
+            return quality;
+        }
+    }
+    0
+}
+/// The quality of a sentence with a status and, since version 2.3, a mode.
+fn quality_with_status(status: Option<char>, mode: Option<char>) -> u8 {
+    let by_mode = mode.map_or(1, |m| quality_of(m.encode_utf8(&mut [0; 4])));
+    match status {
+        Some('V') if !matches!(by_mode, MANUAL | SIMULATED) => 0,
+        Some(_) | None => by_mode,
+    }
+}
+/// Standard deviation at a dilution of 1, m, or why it is no fix.
+fn accuracy(quality: u8) -> Result<f64, Why> {
+    match quality {
+        0 => Err(Why::NoFix),
+        MANUAL | SIMULATED => Err(Why::Simulated),
+        DEAD_RECKONING => Ok(DEAD_RECKONING_SD),
+        known => {
+            let of = POSITION_SD.iter().find(|q| q.0 == known);
+            of.map(|q| q.1).ok_or(Why::NoFix)
+        }
+    }
+}
+/// Half a step of a coordinate that is written with so many decimals of a minute, as a standard deviation, m.
+fn resolution(coordinate: Option<&&str>) -> f64 {
+    let decimals = coordinate
+        .and_then(|c| c.split_once('.'))
+        .map_or(0, |(_, d)| d.len().min(9));
+    MINUTE_M * 0.1_f64.powi(decimals as i32) / 12_f64.sqrt()
+}
+fn rad(degrees: Option<f32>) -> Option<f64> {
+    degrees.map(|d| f64::from(d).to_radians())
+}
+fn number(fields: &[&str], at: usize) -> Option<f64> {
+    fields.get(at)?.parse::<f64>().ok().filter(|v| v.is_finite())
+}
+
+impl NmeaDecoder {
+    pub(super) fn gga(&mut self, address: &str, s: &Gga, fields: &[&str], out: &mut Vec<SourceMeasurement>) {
+        let place = position(s.lat, s.ns, s.lon, s.ew);
+        let height = (s.altitude, s.geoid_sep);
+        let quality = s.quality.unwrap_or_default();
+        let sd = accuracy(quality).map(|sd| sd_at(quality, sd, s.hdop, fields.get(1)));
+        if self.open(address, s.time.as_deref(), out).is_some() {
+            self.with_height(address, place, sd, height, out);
+        }
+    }
+    pub(super) fn gns(&mut self, address: &str, s: &Gns, fields: &[&str], out: &mut Vec<SourceMeasurement>) {
+        let place = position(s.lat, s.ns, s.lon, s.ew);
+        let height = (s.altitude, s.geoid_sep);
+        let quality = quality_of(s.mode.as_deref().unwrap_or_default());
+        let sd = accuracy(quality).map(|sd| sd_at(quality, sd, s.hdop, fields.get(1)));
+        if self.open(address, s.time.as_deref(), out).is_some() {
+            self.with_height(address, place, sd, height, out);
+        }
+    }
+    /// A position with a height above the sea and perhaps the sea's above the ellipsoid.
+    fn with_height(
+        &mut self,
+        address: &str,
+        place: Option<Datum>,
+        sd: Result<f64, Why>,
+        (altitude, separation): (Option<f32>, Option<f32>),
+        out: &mut Vec<SourceMeasurement>,
+    ) {
+        let sd = match sd.and_then(|sd| place.map(|p| (p, sd)).ok_or(Why::Empty)) {
+            Ok((place, sd)) => {
+                let position = self.position(place, sd, altitude, separation);
+                if let Some(e) = self.epoch.as_mut() {
+                    // A position of RMC in the same epoch has no height.
+                    if !e.position.is_some_and(|p| p.has_height()) {
+                        e.position = Some(position);
+                    }
+                }
+                None
+            }
+            Err(why) => Some(why),
+        };
+        if let Some(why) = sd {
+            self.left_out(address, why);
+            // It comes with each epoch, and is waited for.
+            self.without_height = 0;
+            if let Some(e) = self.epoch.as_mut().filter(|e| !e.fixed && why != Why::Empty) {
+                (e.refused, e.position, e.velocity) = (true, None, None);
+            }
+        }
+        self.emit(false, out);
+    }
+    fn position(
+        &mut self,
+        place: Datum,
+        sd: f64,
+        altitude: Option<f32>,
+        separation: Option<f32>,
+    ) -> Position {
+        let Some(altitude) = altitude else {
+            return without_height(place, sd);
+        };
+        let (separation, height_spread) = self.heights.separation(&place, separation.map(f64::from));
+        Position {
+            datum: Datum {
+                height_m: f64::from(altitude) + separation,
+                ..place
+            },
+            sd: [sd, sd, 2.0 * sd],
+            height_spread,
+        }
+    }
+
+    pub(super) fn rmc(&mut self, address: &str, s: &Rmc, fields: &[&str], out: &mut Vec<SourceMeasurement>) {
+        let quality = quality_with_status(s.status, s.pos_mode);
+        let sd = accuracy(quality).map(|sd| sd_at(quality, sd, None, fields.get(2)));
+        let place = position(s.lat, s.ns, s.lon, s.ew);
+        if let Some(variation) = variation(s.mag_var, s.mag_var_ew) {
+            self.variation = Some(variation);
+        }
+        let velocity = velocity(s.sog, s.cog);
+        if self.open(address, s.time.as_deref(), out).is_none() {
+            return;
+        }
+        if let (Ok(_), Some(v), Some(e)) = (sd, velocity, self.epoch.as_mut().filter(|e| !e.refused)) {
+            e.velocity.get_or_insert(v);
+        }
+        self.flat(address, place, sd, out);
+    }
+    pub(super) fn gll(&mut self, address: &str, s: &Gll, fields: &[&str], out: &mut Vec<SourceMeasurement>) {
+        let quality = quality_with_status(s.status, s.mode);
+        let sd = accuracy(quality).map(|sd| sd_at(quality, sd, None, fields.first()));
+        let place = position(s.lat, s.ns, s.lon, s.ew);
+        if self.open(address, s.time.as_deref(), out).is_some() {
+            self.flat(address, place, sd, out);
+        }
+    }
+    /// A position without a height: it stands in where no sentence of the epoch has one.
+    fn flat(
+        &mut self,
+        address: &str,
+        place: Option<Datum>,
+        sd: Result<f64, Why>,
+        out: &mut Vec<SourceMeasurement>,
+    ) {
+        match sd.and_then(|sd| place.map(|p| (p, sd)).ok_or(Why::Empty)) {
+            Ok((place, sd)) => {
+                if let Some(e) = self.epoch.as_mut().filter(|e| !e.refused) {
+                    e.position.get_or_insert_with(|| without_height(place, sd));
+                }
+            }
+            Err(why) => self.left_out(address, why),
+        }
+        self.emit(false, out);
+    }
+
+    pub(super) fn vtg(&mut self, address: &str, s: &Vtg, out: &mut Vec<SourceMeasurement>) {
+        // Version 2.3 added the mode.
+        let verdict = s
+            .mode
+            .map_or(Ok(0.0), |m| accuracy(quality_of(m.encode_utf8(&mut [0; 4]))));
+        let knots = s.speed_kts.or_else(|| s.speed_kmh.map(|v| v / 1.852));
+        match (verdict, velocity(knots, s.course_true)) {
+            (Err(why), _) => self.leave_out(address, why),
+            (Ok(_), None) => self.leave_out(address, Why::Empty),
+            // RMC of this epoch has it as well; where VTG leads, it is of the next.
+            (Ok(_), Some(_))
+                if !self.attribution.leads(0)
+                    && self.epoch.as_ref().is_some_and(|e| e.velocity.is_some()) =>
+            {
+                self.decoded.good += 1;
+            }
+            (Ok(_), Some(v)) => self.untimed(Untimed::Velocity(v), out),
+        }
+    }
+    pub(super) fn heading(
+        &mut self,
+        address: &str,
+        degrees: Option<f32>,
+        valid: bool,
+        out: &mut Vec<SourceMeasurement>,
+    ) {
+        match degrees.filter(|d| (0.0..=360.0).contains(d)) {
+            Some(d) if valid => {
+                self.without_true = 0;
+                let sd = self.mounting.heading_sd();
+                self.untimed(Untimed::Heading(f64::from(d).to_radians(), sd), out);
+            }
+            Some(_) => self.leave_out(address, Why::Invalid),
+            None => self.leave_out(address, Why::Empty),
+        }
+    }
+    pub(super) fn hdg(&mut self, address: &str, s: &Hdg, out: &mut Vec<SourceMeasurement>) {
+        if let Some(variation) = variation(s.variation, s.variation_ew) {
+            self.variation = Some(variation);
+        }
+        let deviation = variation(s.deviation, s.deviation_ew);
+        self.magnetic(address, s.heading_mag, deviation, out);
+    }
+    /// `true = magnetic + deviation + variation`, east positive. It stands in where no heading from true north comes.
+    pub(super) fn magnetic(
+        &mut self,
+        address: &str,
+        degrees: Option<f32>,
+        deviation: Option<f64>,
+        out: &mut Vec<SourceMeasurement>,
+    ) {
+        let Some(shown) = rad(degrees.filter(|d| (0.0..=360.0).contains(d))) else {
+            return self.leave_out(address, Why::Empty);
+        };
+        if self.without_true < MAX_SPARE {
+            self.without_true += 1;
+            return self.leave_out(address, Why::Spare);
+        }
+        let Some(variation) = self.variation else {
+            return self.leave_out(address, Why::Magnetic);
+        };
+        let sd = self.mounting.heading_sd().max(MAGNETIC_SD);
+        let heading = shown + deviation.unwrap_or_default() + variation;
+        self.untimed(Untimed::Heading(heading, sd), out);
+    }
+    pub(super) fn rot(&mut self, address: &str, s: &Rot, out: &mut Vec<SourceMeasurement>) {
+        // Degrees a minute, to starboard positive.
+        match (rad(s.rate_of_turn), s.valid) {
+            (Some(r), Some('A')) => self.untimed(Untimed::Rate(r / 60.0), out),
+            (Some(_), _) => self.leave_out(address, Why::Invalid),
+            (None, _) => self.leave_out(address, Why::Empty),
+        }
+    }
+
+    pub(super) fn pashr(&mut self, address: &str, s: &Pashr, out: &mut Vec<SourceMeasurement>) {
+        let heading = rad(s.heading);
+        let angles = rad(s.roll).zip(rad(s.pitch));
+        // Zero means unknown.
+        let known = |a: Option<f32>| rad(a).filter(|a| *a > 0.0);
+        let sd = known(s.roll_accuracy)
+            .into_iter()
+            .chain(known(s.pitch_accuracy))
+            .reduce(f64::max)
+            .unwrap_or(self.mounting.tilt_sd());
+        let heading_sd = known(s.heading_accuracy).unwrap_or(self.mounting.heading_sd());
+        let Some(e) = self.open(address, s.time.as_deref(), out) else {
+            return;
+        };
+        let at_ns = e.at_ns;
+        if let Some(h) = heading {
+            e.heading.get_or_insert((h, heading_sd));
+        }
+        match angles {
+            // A second attitude of the same time is counted where measurements are admitted.
+            Some((roll, pitch)) => {
+                let fix = self.tilt([roll, pitch], s.heave.map(f64::from), sd);
+                out.push(SourceMeasurement::new(at_ns, fix));
+            }
+            None => self.left_out(address, Why::Empty),
+        }
+        self.emit(false, out);
+    }
+    pub(super) fn prdid(&mut self, address: &str, s: &Prdid, out: &mut Vec<SourceMeasurement>) {
+        match (rad(s.roll), rad(s.pitch), rad(s.heading)) {
+            (Some(roll), Some(pitch), heading) => {
+                self.untimed(Untimed::Tilt([roll, pitch], heading, None), out);
+            }
+            _ => self.leave_out(address, Why::Empty),
+        }
+    }
+    /// Seatex: 23, roll (port up), pitch (bow up), heading, deg; heave, m, down positive.
+    pub(super) fn psxn(&mut self, address: &str, fields: &[&str], out: &mut Vec<SourceMeasurement>) {
+        let [roll, pitch, heading, heave] = [1, 2, 3, 4].map(|k| number(fields, k));
+        match roll.zip(pitch) {
+            Some((roll, pitch)) => {
+                let tilt = [roll, pitch].map(f64::to_radians);
+                let untimed = Untimed::Tilt(tilt, heading.map(f64::to_radians), heave.map(|h| -h));
+                self.untimed(untimed, out);
+            }
+            None => self.leave_out(address, Why::Empty),
+        }
+    }
+    /// True North Technologies: heading (magnetic), pitch, roll, deg, each followed by its state, N where it is normal.
+    pub(super) fn ptnthpr(&mut self, address: &str, fields: &[&str], out: &mut Vec<SourceMeasurement>) {
+        let normal = |k: usize| fields.get(k) == Some(&"N");
+        match number(fields, 4).zip(number(fields, 2)) {
+            Some((roll, pitch)) if normal(3) && normal(5) => {
+                self.untimed(Untimed::Tilt([roll, pitch].map(f64::to_radians), None, None), out);
+            }
+            Some(_) => self.leave_out(address, Why::Invalid),
+            None => self.leave_out(address, Why::Empty),
+        }
+    }
+    /// Receivers with two antennas: time, heading, pitch, roll, deg, quality as in GGA. Two antennas show one of pitch and
+    /// roll, and zero for the other, which is no measurement.
+    pub(super) fn hpr(&mut self, address: &str, fields: &[&str], out: &mut Vec<SourceMeasurement>) {
+        let [heading, pitch, roll] = [1, 2, 3].map(|k| number(fields, k));
+        let quality = number(fields, 4);
+        let Some(at_ns) = self.open(address, fields.first().copied(), out).map(|e| e.at_ns) else {
+            return;
+        };
+        let heading = heading.filter(|h| (0.0..=360.0).contains(h));
+        match heading {
+            Some(h) if quality.is_none_or(|q| q == 4.0 || q == 5.0) => {
+                let sd = self.mounting.heading_sd();
+                if let Some(e) = self.epoch.as_mut() {
+                    e.heading.get_or_insert((h.to_radians(), sd));
+                }
+                if let Some((roll, pitch)) = roll.zip(pitch).filter(|(r, p)| *r != 0.0 && *p != 0.0) {
+                    let tilt = [roll, pitch].map(f64::to_radians);
+                    let fix = self.tilt(tilt, None, self.mounting.tilt_sd());
+                    out.push(SourceMeasurement::new(at_ns, fix));
+                }
+            }
+            Some(_) => self.left_out(address, Why::Invalid),
+            None => self.left_out(address, Why::Empty),
+        }
+        self.emit(false, out);
+    }
+    /// Angles by their names: PTCH, PITCH, TRIM (bow up) and ROLL, HEEL (starboard down), deg, in one sentence or two.
+    pub(super) fn xdr(&mut self, address: &str, s: &Xdr, out: &mut Vec<SourceMeasurement>) {
+        let mut any = false;
+        for group in s.groups.iter().filter(|g| g.sensor_type == Some('A')) {
+            let name = group.name.as_deref().unwrap_or_default().to_ascii_uppercase();
+            let has = |part: &str| name.contains(part);
+            let which = match (
+                has("ROLL") || has("HEEL"),
+                has("PTCH") || has("PITCH") || has("TRIM"),
+            ) {
+                (true, false) => 0,
+                (false, true) => 1,
+                (true, true) | (false, false) => continue,
+            };
+            if let (Some(angle), Some(half)) = (rad(group.value), self.half_tilt.get_mut(which)) {
+                (any, *half) = (true, Some(angle));
+            }
+        }
+        match self.half_tilt {
+            [Some(roll), Some(pitch)] if any => {
+                self.half_tilt = [None; 2];
+                self.untimed(Untimed::Tilt([roll, pitch], None, None), out);
+            }
+            _ if any => self.decoded.good += 1,
+            _ => {
+                self.decoded.ignored += 1;
+                self.account.leave_out(address, Why::NotRead);
+            }
+        }
+    }
+}
+
+fn without_height(place: Datum, sd: f64) -> Position {
+    Position {
+        datum: place,
+        sd: [sd, sd, NOT_MEASURED_SD],
+        height_spread: 0.0,
+    }
+}
+
+/// Standard deviation of a position, m: by quality and dilution, and of what its decimals leave out.
+fn sd_at(quality: u8, sd: f64, hdop: Option<f32>, latitude: Option<&&str>) -> f64 {
+    let dilution = match quality {
+        DEAD_RECKONING => 1.0,
+        _ => hdop.map_or(1.0, f64::from).clamp(0.5, 50.0),
+    };
+    (sd * dilution).hypot(resolution(latitude))
+}
+
+/// Degrees from `ddmm.mmmm` and a letter.
+fn position(lat: Option<f64>, ns: Option<char>, lon: Option<f64>, ew: Option<char>) -> Option<Datum> {
+    let degrees = |v: f64, limit: f64| {
+        let whole = (v / 100.0).trunc();
+        let minutes = v - 100.0 * whole;
+        (v >= 0.0 && minutes < 60.0)
+            .then_some(whole + minutes / 60.0)
+            .filter(|d| *d <= limit)
+    };
+    let sign = |letter: char, plus: char, minus: char| match letter {
+        l if l == plus => Some(1.0),
+        l if l == minus => Some(-1.0),
+        _ => None,
+    };
+    Some(Datum::new(
+        degrees(lat?, 90.0)? * sign(ns?, 'N', 'S')?,
+        degrees(lon?, 180.0)? * sign(ew?, 'E', 'W')?,
+        0.0,
+    ))
+}
+
+/// North and east, m/s.
+fn velocity(knots: Option<f32>, course: Option<f32>) -> Option<[f64; 2]> {
+    let speed = f64::from(knots?) * KNOT_MPS;
+    let course = match course {
+        Some(c) => f64::from(c).to_radians(),
+        None if speed < STILL_MPS => 0.0,
+        None => return None,
+    };
+    Some([speed * course.cos(), speed * course.sin()])
+}
+
+/// A magnetic variation or a compass's deviation, rad, east positive.
+fn variation(degrees: Option<f32>, letter: Option<char>) -> Option<f64> {
+    match letter {
+        Some('E') => rad(degrees),
+        Some('W') => rad(degrees).map(|v| -v),
+        Some(_) | None => None,
+    }
+}
