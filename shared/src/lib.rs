@@ -1,7 +1,7 @@
 //! Types and models that vessel and drone share, without any middleware.
 //!
-//! Read in this order: [`time`], [`frames`], [`geodesy`], [`msg`], [`topics`], [`node`], [`config`], [`admission`], then
-//! what both computers estimate with: [`vessel_model`], [`motion_model`] and [`estimation`].
+//! Read in this order: [`time`], [`frames`], [`geodesy`], [`geoid`], [`msg`], [`topics`], [`node`], [`config`],
+//! [`admission`], then what both computers estimate with: [`vessel_model`], [`motion_model`] and [`estimation`].
 
 pub mod admission;
 pub mod autopilot_parameters;
@@ -10,6 +10,7 @@ pub mod config;
 pub mod estimation;
 pub mod frames;
 pub mod geodesy;
+pub mod geoid;
 pub mod geometry;
 #[cfg(feature = "mavlink")]
 pub mod mavlink;
