@@ -208,8 +208,8 @@ pub(crate) fn range(at: DroneTime, d: &DistanceReport, c: &AutopilotLinkConfig) 
             .filter(|v| *v > 0.0)
             .unwrap_or(c.range_sd_m * c.range_sd_m),
     };
-    // A rangefinder without an echo reports its greatest distance.
-    ((low..high).contains(&d.range_m) && sample.check().is_ok()).then_some(sample)
+    // A rangefinder without an echo reports its greatest distance, or nothing as 0.
+    ((low..high).contains(&d.range_m) && d.range_m > 0.0 && sample.check().is_ok()).then_some(sample)
 }
 
 #[cfg(test)]
@@ -319,12 +319,13 @@ mod tests {
             let report = DistanceReport {
                 time_ms: 0,
                 range_m,
-                limits_m: [0.1, 10.0],
+                limits_m: [0.0, 10.0],
                 variance,
             };
             range(t(1.0), &report, &AutopilotLinkConfig::default())
         };
         assert!(sample(10.0, None).is_none() && sample(f64::NAN, None).is_none());
+        assert!(sample(0.0, None).is_none());
         let s = sample(2.0, Some(0.0)).unwrap();
         assert!((s.variance - 0.0004).abs() < 1e-12);
     }

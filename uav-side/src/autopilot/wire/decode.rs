@@ -8,9 +8,11 @@ use super::super::message::{
     HilSensor, ImuReport, Message, OdometryReport, ParameterValue, PositionReport, PositionTarget,
     RcChannels, VelocityFrame,
 };
-use super::extension::{ELLIPSOID_HEIGHT_AT, RESET_COUNTER_AT};
+use super::extension::{ELLIPSOID_HEIGHT_AT, RESET_COUNTER_AT, SIGNAL_QUALITY_AT};
 use super::{text, wide};
 
+/// `DISTANCE_SENSOR`'s signal quality of a reading that is none; 0 is one without a quality.
+const INVALID_QUALITY: u8 = 1;
 /// Standard gravity as `SCALED_IMU` means it, m/s² per mG.
 const MILLI_G: f64 = 9.806_65e-3;
 
@@ -50,7 +52,8 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
             gyro: [d.xgyro, d.ygyro, d.zgyro].map(|w| f64::from(w) * 1e-3),
         }),
         M::DISTANCE_SENSOR(d) => {
-            if d.orientation != m::MavSensorOrientation::MAV_SENSOR_ROTATION_PITCH_270 {
+            let down = d.orientation == m::MavSensorOrientation::MAV_SENSOR_ROTATION_PITCH_270;
+            if !down || payload.u8(SIGNAL_QUALITY_AT) == INVALID_QUALITY {
                 return None;
             }
             let metres = |cm: u16| f64::from(cm) * 0.01;

@@ -27,6 +27,7 @@ impl Row {
 /// Places of extension fields in their payloads.
 pub(super) const RESET_COUNTER_AT: usize = 230;
 pub(super) const ELLIPSOID_HEIGHT_AT: usize = 30;
+pub(super) const SIGNAL_QUALITY_AT: usize = 38;
 const TARGET_DISTANCE_AT: usize = 16;
 const TARGET_SIZE_AT: usize = 20;
 const TARGET_FRAME_AT: usize = 29;
