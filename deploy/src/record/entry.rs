@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 /// Encoding of the channels of this module, as MCAP calls it.
 pub const ENCODING: &str = "alight-record";
 /// Format of the entries, in recordings and in the flight recorder's files; a replay rejects any other.
-pub const FORMAT: u32 = 16;
+pub const FORMAT: u32 = 17;
 
 /// One step of a node.
 #[derive(Serialize, Deserialize)]
@@ -73,6 +73,7 @@ pub struct MissionEntry {
     set_point: Option<SetPoint>,
     commands: Vec<Command>,
     deck: Option<DeckGrant<DroneClock>>,
+    ranges: Vec<RangeSample>,
     checkpoint: Option<MissionCheckpoint>,
 }
 /// The planner's input.
@@ -112,6 +113,7 @@ impl MissionEntry {
             set_point: i.set_point,
             commands: i.commands.clone(),
             deck: i.deck,
+            ranges: i.ranges.clone(),
             checkpoint: i.checkpoint,
         }
     }
@@ -215,6 +217,7 @@ impl MissionEntry {
             set_point: self.set_point,
             commands: self.commands,
             deck: self.deck,
+            ranges: self.ranges,
             checkpoint: self.checkpoint,
         })
     }
