@@ -97,9 +97,16 @@ pub const PX4: &[Parameter] = &[
     Parameter {
         name: "COM_LOW_BAT_ACT",
         unit: "",
-        wanted: Wanted::Is(0.0, "Warning"),
+        wanted: Wanted::OneOf(&[(2.0, "Land"), (3.0, "Return, then Land")]),
         severity: Severity::Warn,
-        why: "on a low battery it goes where the boat was, or lands on the water, before Alight has chosen a place",
+        why: "when Alight is dead for good it hovers until the battery is empty, and falls",
+    },
+    Parameter {
+        name: "BAT_CRIT_THR",
+        unit: "",
+        wanted: Wanted::Within(0.03, 0.08),
+        severity: Severity::Warn,
+        why: "below this charge COM_LOW_BAT_ACT acts, which is to be after Alight has chosen a place",
     },
     Parameter {
         name: "GF_ACTION",
@@ -189,9 +196,16 @@ pub const ARDU_COPTER: &[Parameter] = &[
     Parameter {
         name: "BATT_FS_CRT_ACT",
         unit: "",
-        wanted: Wanted::OneOf(&[(0.0, "nothing"), (1.0, "Land")]),
+        wanted: Wanted::Is(1.0, "Land"),
         severity: Severity::Warn,
-        why: "with the last of its battery it goes where the boat was, and falls on the way",
+        why: "with the last of its battery it hovers until it falls when Alight is dead, or goes where the boat was",
+    },
+    Parameter {
+        name: "BATT_CRT_VOLT",
+        unit: " V",
+        wanted: Wanted::Within(3.0, f64::INFINITY),
+        severity: Severity::Warn,
+        why: "without a critical voltage BATT_FS_CRT_ACT never acts",
     },
     Parameter {
         name: "FENCE_ACTION",
@@ -314,10 +328,13 @@ mod tests {
             ("FS_THR_ENABLE", &[0.0, 7.0], &[1.0, 3.0, 4.0, 5.0, f64::NAN]),
             ("NAV_RCL_ACT", &[1.0], &[2.0, 3.0, 5.0]),
             ("NAV_DLL_ACT", &[0.0, 1.0], &[2.0, 3.0]),
-            ("COM_LOW_BAT_ACT", &[0.0], &[2.0, 3.0]),
+            // A drone whose companion is dead for good must not hover until it falls.
+            ("COM_LOW_BAT_ACT", &[2.0, 3.0], &[0.0, 1.0]),
+            ("BAT_CRIT_THR", &[0.05, 0.07], &[0.0, 0.1, 0.15]),
             ("GF_ACTION", &[0.0, 1.0, 2.0], &[3.0, 4.0, 5.0]),
             ("RTL_LAND_DELAY", &[-1.0], &[0.0, 30.0]),
-            ("BATT_FS_CRT_ACT", &[0.0, 1.0], &[2.0, 3.0, 5.0]),
+            ("BATT_FS_CRT_ACT", &[1.0], &[0.0, 2.0, 3.0, 5.0]),
+            ("BATT_CRT_VOLT", &[13.2, 20.0], &[0.0]),
             ("FENCE_ACTION", &[0.0, 4.0], &[1.0, 2.0, 3.0]),
             ("RTL_ALT_FINAL", &[300.0, 1000.0], &[0.0, 50.0]),
             ("INS_GYR_CAL", &[0.0], &[1.0]),

@@ -111,3 +111,35 @@ fn drifting_barometer_and_steel_below_the_compass() {
     }
     assert!(lost.is_empty(), "{lost:#?}");
 }
+
+/// The vessel's receiver leaves out the geoid's height, so that its deck is 31 m, 55 m or 30 m too low by the radio, or 21 m too
+/// high: nobody flies into the sea, and where the camera sees the deck from a height that is safe under both, it lands.
+#[test]
+fn vessel_height_without_the_geoid() {
+    let mut landed_low = 0;
+    for (k, sea) in PlaceConfig::four_seas().among.iter().enumerate() {
+        let mut scenario = scene(k);
+        scenario.sensors.vessel_gnss.height_error_m = -sea.height_m;
+        let outcome = landed(&scenario, 300 + k as u64, None);
+        assert!(
+            matches!(
+                outcome.outcome,
+                Ending::Success | Ending::Timeout | Ending::GaveUp
+            ),
+            "{k}: {outcome:#?}"
+        );
+        landed_low += u32::from(sea.height_m > 0.0 && outcome.outcome == Ending::Success);
+    }
+    assert_eq!(landed_low, 3);
+}
+
+/// The drone's receiver gives no height above the ellipsoid: the geoid's table stands in, and all land.
+#[test]
+fn drone_without_ellipsoid_height() {
+    for k in 0..4 {
+        let mut scenario = scene(k);
+        scenario.drone.navigation.gnss_ellipsoid = false;
+        let outcome = landed(&scenario, 320 + k as u64, None);
+        assert_eq!(outcome.outcome, Ending::Success, "{k}: {outcome:#?}");
+    }
+}

@@ -3,7 +3,7 @@
 
 use alight_shared::msg::{
     AutopilotState, Command, DeckForecast, DeckGrant, DroneState, MissionCheckpoint, MissionState, Plan,
-    SetPoint,
+    RangeSample, SetPoint,
 };
 use alight_shared::time::DroneClock;
 use alight_shared::transport::TransportError;
@@ -26,6 +26,7 @@ reads! {
         newest set_point: SetPoint,
         all commands: Command,
         newest deck: DeckGrant<DroneClock>,
+        all ranges: RangeSample,
         ; checkpoint
     }
 }

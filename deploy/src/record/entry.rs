@@ -73,6 +73,7 @@ pub struct MissionEntry {
     set_point: Option<SetPoint>,
     commands: Vec<Command>,
     deck: Option<DeckGrant<DroneClock>>,
+    ranges: Vec<RangeSample>,
     checkpoint: Option<MissionCheckpoint>,
 }
 /// The planner's input.
@@ -112,6 +113,7 @@ impl MissionEntry {
             set_point: i.set_point,
             commands: i.commands.clone(),
             deck: i.deck,
+            ranges: i.ranges.clone(),
             checkpoint: i.checkpoint,
         }
     }
@@ -219,6 +221,7 @@ impl MissionEntry {
             set_point: self.set_point,
             commands: self.commands,
             deck: self.deck,
+            ranges: self.ranges,
             checkpoint: self.checkpoint,
         })
     }

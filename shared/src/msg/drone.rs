@@ -136,6 +136,8 @@ pub struct AutopilotState {
     pub landed: LandedState,
     /// Counts jumps of its position estimate.
     pub origin_resets: u8,
+    /// Height of the origin of its NED above mean sea level, as it reports it, m; None: not reported.
+    pub origin_sea_m: Option<f64>,
     /// Remaining battery, 0 to 1; None: not reported.
     pub battery: Option<f64>,
     /// Its voltage, V; None: not reported.
@@ -457,6 +459,7 @@ message!(DroneState, DroneClock, |m| {
     deviations([&m.position_sd, &m.velocity_sd, &m.euler_sd], 1e4) => "standard deviations",
 });
 message!(AutopilotState, DroneClock, |m| {
+    m.origin_sea_m.is_none_or(|h| h.abs() <= 1e4) => "origin_sea_m",
     m.battery.is_none_or(|b| FRACTION.contains(&b)) => "battery",
     m.battery_v.is_none_or(|v| (0.0..=1e3).contains(&v)) => "battery_v",
     m.battery_a.is_none_or(|a| a.abs() <= 1e4) => "battery_a",

@@ -191,6 +191,15 @@ pub enum ReasonCode {
     TurnTooFast,
     /// The commanded attitude swings to and fro besides what plan and wind ask for, root mean square, rad.
     Swings,
+    /// The order to land has ended: the drone did not fly, or nothing else let it begin, for so long, s.
+    OrderExpired,
+    /// Nothing but the radio gives the deck's height: the drone stays so high above it, m, until something confirms it.
+    HeightUnconfirmed,
+    /// Battery below the reserve, fraction, with the landing stopped: a place is chosen below the limit, unless an operator
+    /// decides before.
+    BatteryStopped,
+    /// By another witness the deck is so much higher than by the forecast, m: the drone stays above both.
+    HeightsDisagree,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -352,6 +361,26 @@ impl fmt::Display for Reason {
             ReasonCode::TooNear => write!(f, "{v:.2} m above the deck (lowest {l:.2})"),
             ReasonCode::Matched => write!(f, "matched the deck at {v:.1} m for {l:.0} s: climbs"),
             ReasonCode::VesselTurns => write!(f, "the vessel states that she turns"),
+            ReasonCode::OrderExpired => write!(
+                f,
+                "the order to land has ended after {v:.0} s in which the drone did not begin (limit {l:.0}): give it again"
+            ),
+            ReasonCode::BatteryStopped => write!(
+                f,
+                "battery at {:.0} %: below {:.0} % it lands on the deck, or at the next place, unless it is commanded otherwise",
+                100.0 * v,
+                100.0 * l
+            ),
+            ReasonCode::HeightUnconfirmed => write!(
+                f,
+                "only the radio gives the deck's height: stays {v:.0} m above it until the camera, mean sea level or a \
+                 take-off from the deck agrees, or a person flies lower"
+            ),
+            ReasonCode::HeightsDisagree => write!(
+                f,
+                "the deck is {v:.0} m higher by take-off, mean sea level or camera than by the forecast (limit {l:.0}): \
+                 stays above both; check the vessel's geoid separation and the autopilot's origin"
+            ),
             ReasonCode::CourseEnds => write!(
                 f,
                 "a landing takes {v:.0} s, and the vessel keeps her course for {l:.0} s more"
@@ -456,8 +485,10 @@ pub struct MissionCheckpoint {
     pub landing: bool,
     /// When the landing was begun.
     pub started: Time<DroneClock>,
-    /// The operator asked for a landing after the battery's reserve was reached.
-    pub reserve_waived: bool,
+    /// The charge at which the operator asked for a landing below the battery's reserve, 0 to 1; None: above it.
+    pub ordered_below: Option<f64>,
+    /// An operator has stopped a landing that the low battery had brought about: the deck is not chosen again.
+    pub deck_declined: bool,
     /// An operator stopped what the mission did, and has commanded no landing since.
     pub stopped: bool,
     /// Below the commit clearance: only hard reasons break the flare off.
@@ -684,4 +715,5 @@ message!(MissionCheckpoint, DroneClock, |m| {
     m.state.header.version == m.header.version && super::Message::check(&m.state).is_ok() => "state",
     m.datum.is_on_earth() => "datum",
     m.mean_deck_z.is_none_or(|z| within([&z], MAX_POSITION_M)) => "mean_deck_z",
+    m.ordered_below.is_none_or(|b| FRACTION.contains(&b)) => "ordered_below",
 });

@@ -583,6 +583,7 @@ impl DroneComputer {
             set_point: self.last_set_point,
             commands: self.commands.drain(..).chain(received.commands).collect(),
             deck: received.deck,
+            ranges: readings.ranges.clone(),
             checkpoint: self.mission.as_ref().and_then(|m| self.keeper.answer(m.boot())),
         };
         let mut decided = MissionOut::default();

@@ -88,6 +88,9 @@ config! {
         pub dropout: f64 = 0.01, in 0.0..=1.0;
         /// Windows `[start, end)` without fixes, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
+        /// What its heights are wrong by, up positive, m: a receiver that leaves out the geoid's height (field 11 of GGA) is
+        /// wrong by 22 to 51 m in seven of 56 logs of vessels.
+        pub height_error_m: f64 = 0.0, in -200.0..=200.0;
         /// What it states of its white noise, over the true one.
         pub stated_factor: f64 = 1.0, in 0.1..=10.0;
         /// Its errors.
@@ -136,7 +139,7 @@ impl VesselGnss {
             let (config, place) = (&self.config, self.place);
             self.outlet.send(t, lost, |header| {
                 let antenna = vessel.at::<VesselBody>(self.antenna);
-                let position = antenna.position.0 + dp;
+                let position = antenna.position.0 + dp - Vector3::z() * config.height_error_m;
                 // A receiver reports latitude, longitude and height.
                 let (datum, position) = match place {
                     Some(place) => (place.at(&Vector::<TrueNed>::from(position)), Vector3::zeros()),

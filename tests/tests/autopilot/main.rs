@@ -10,8 +10,10 @@ mod ground;
 mod home;
 mod landings;
 mod rig;
+mod silence;
 
 use alight_shared::geodesy::Datum;
+use alight_shared::geoid;
 use alight_shared::msg::{AutopilotMode, BatteryPlace, Reason, ReasonCode, SetPoint, State};
 use alight_shared::time::Time;
 use alight_sim::autopilots::simulated::mode_number;
@@ -586,15 +588,13 @@ fn autopilot_without_an_origin() {
 #[test]
 fn odometry_about_the_autopilots_origin() {
     let origin = Datum::new(-16.8, 179.9993, 5.0);
-    // The autopilot reports heights above the sea, here 40 m above the ellipsoid.
-    let c = AutopilotLinkConfig {
-        geoid_m: 40.0,
-        ..config()
-    };
+    // The autopilot reports heights above the sea, here so high above the ellipsoid.
+    let [latitude, longitude] = [origin.latitude_deg, origin.longitude_deg].map(f64::to_radians);
+    let by_model = geoid::undulation(latitude, longitude).height_m;
     for firmware in BOTH {
-        let mut p = LinkRig::new(firmware, 5.0, &c);
+        let mut p = LinkRig::new(firmware, 5.0, &config());
         p.linked.autopilot.origin = origin;
-        // One receiver gives both heights, the other does not.
+        // One receiver gives both heights, the other does not: missing is not zero.
         p.linked.autopilot.geoid_m = (firmware == Firmware::Px4).then_some(41.0);
         p.linked.autopilot.answer = Some(CommandResult::Denied);
         p.linked.autopilot.no_origin = true;
@@ -605,7 +605,9 @@ fn odometry_about_the_autopilots_origin() {
         (p.linked.autopilot.answer, p.linked.autopilot.no_origin) = (None, false);
         p.run(65.0);
         let (_, reported) = *p.odometry.last().unwrap();
-        let height_m = if firmware == Firmware::Px4 { 46.0 } else { 45.0 };
+        let above_m = if firmware == Firmware::Px4 { 41.0 } else { by_model };
+        let height_m = 5.0 + above_m;
+        assert!((p.state().origin_sea_m.unwrap() - 5.0).abs() < 0.01);
         let by_message = Datum { height_m, ..origin };
         assert!(
             reported.datum.distance_m(&by_message) < 0.02,

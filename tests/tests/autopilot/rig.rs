@@ -58,6 +58,8 @@ pub struct LinkRig {
     /// When that state was entered.
     since: Time<DroneClock>,
     published: State,
+    /// The link's computer stands still: what arrives waits.
+    pub stands_still: bool,
     /// The mission publishes nothing any more.
     pub mission_silent: bool,
     pub low_battery: Option<BatteryPlace>,
@@ -156,6 +158,7 @@ impl LinkRig {
             mission: State::Idle,
             since: Time::EPOCH,
             published: State::Idle,
+            stands_still: false,
             mission_silent: false,
             low_battery: None,
             forecast: true,
@@ -251,6 +254,9 @@ impl LinkRig {
             .step(t, STEP, &[deck; 2], 100.0, TURNS, |truth| linked.turn(truth));
         self.on_deck = reports.iter().any(|r| r.feet.contains(&true));
         self.t_s += STEP.secs();
+        if self.stands_still {
+            return;
+        }
         let (t, now) = (Time::from_secs(self.t_s), Time::from_secs(self.t_s));
         let out = self.linked.receive(t, now);
         self.take(out);

@@ -60,7 +60,8 @@ impl AutopilotLink {
         let peer = self.peer.get_or_insert_with(|| {
             // It was alive; a heartbeat that came meanwhile is lost.
             let mut peer = Peer::new(address, firmware, now, &self.config, self.attitudes);
-            (peer.mode, peer.armed, peer.landed) = (AutopilotMode::Offboard, true, m.landed);
+            (peer.mode, peer.armed) = (AutopilotMode::Offboard, true);
+            peer.resume_landed(m.header.at, m.landed);
             peer
         });
         peer.parameters.trust_thrust();
@@ -88,7 +89,7 @@ impl AutopilotLink {
             vehicle: peer.address.system,
             autopilot: peer.firmware.number(),
             mode: self.mode,
-            landed: peer.landed,
+            landed: peer.landed(now),
             clock_offset_ns,
             clock_error_s: clock_error_s.min(1.0),
             datum: self.datum?,

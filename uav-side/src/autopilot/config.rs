@@ -75,10 +75,6 @@ config! {
         pub odometry_sd: [f64; 3] = [0.3, 0.1, 0.02], in 1e-4..=10.0;
         /// Standard deviation of the rangefinder where the autopilot reports none, m.
         pub range_sd_m: f64 = 0.02, in 0.001..=1.0;
-        /// Height of mean sea level above the ellipsoid (geoid) where it flies, m, for an autopilot whose receiver does not
-        /// give both heights (`alt` and `alt_ellipsoid` of `GPS_RAW_INT`): it reports its origin above the sea, the vessel
-        /// hers above the ellipsoid.
-        pub geoid_m: f64 = 0.0, in -120.0..=120.0;
         /// No landing before the autopilot's parameters that it relies on were read and suit. Without: what does not
         /// suit is reported only.
         pub check_parameters: bool = true;

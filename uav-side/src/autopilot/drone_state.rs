@@ -319,7 +319,7 @@ mod tests {
             let report = DistanceReport {
                 time_ms: 0,
                 range_m,
-                limits_m: [0.1, 10.0],
+                limits_m: [0.0, 10.0],
                 variance,
             };
             range(t(1.0), &report, &AutopilotLinkConfig::default())

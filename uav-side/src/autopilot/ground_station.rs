@@ -132,19 +132,19 @@ impl GroundReports {
                 });
             }
         }
-        let battery = matches!(
+        let warns = matches!(
             code,
             ReasonCode::BatteryLow
+                | ReasonCode::BatteryStopped
+                | ReasonCode::HeightsDisagree
+                | ReasonCode::HeightUnconfirmed
+                | ReasonCode::OrderExpired
                 | ReasonCode::BatteryDeck
                 | ReasonCode::BatteryHome
                 | ReasonCode::BatteryHere
         );
         Some(Message::Text {
-            severity: if battery {
-                severity::WARNING
-            } else {
-                severity::INFO
-            },
+            severity: if warns { severity::WARNING } else { severity::INFO },
             text: fit(&format!("Waits: {}", m.waiting)),
         })
     }

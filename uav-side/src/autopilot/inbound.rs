@@ -1,6 +1,7 @@
 //! Inbound messages: heartbeats, clocks, samples, answers.
 
 use alight_shared::geodesy::Datum;
+use alight_shared::geoid;
 use alight_shared::msg::{CommandKind, DroneState, LandedState};
 
 use super::message::{
@@ -82,7 +83,7 @@ impl AutopilotLink {
             }
             Message::Landed { state } => {
                 peer.streams.received(message::id::EXTENDED_SYS_STATE);
-                peer.landed(*state);
+                peer.on_landed(now, *state);
             }
             Message::Battery {
                 number,
@@ -91,7 +92,7 @@ impl AutopilotLink {
                 current_a,
             } => {
                 peer.streams.received(message::id::BATTERY_STATUS);
-                peer.battery(*number, [*remaining, *voltage_v, *current_a]);
+                peer.battery(now, *number, [*remaining, *voltage_v, *current_a]);
             }
             Message::AttitudeTargetThrust { thrust } => {
                 peer.streams.received(message::id::ATTITUDE_TARGET);
@@ -235,14 +236,18 @@ impl AutopilotLink {
         }
     }
 
-    /// The origin of the autopilot's own NED, its height above the sea: without the receiver's heights the
-    /// configured height of the sea counts from its third report on.
+    /// The origin of the autopilot's own NED, its height above the sea: without the receiver's heights the geoid's height at
+    /// this place counts from its third report on.
     fn on_origin(&mut self, reported: &Datum) {
         self.origins = self.origins.saturating_add(1);
         if self.geoid_m.is_none() && self.origins < ORIGINS_WITHOUT_GEOID {
             return;
         }
-        let geoid_m = *self.geoid_m.get_or_insert(self.config.geoid_m);
+        let by_model = || {
+            let [latitude, longitude] = [reported.latitude_deg, reported.longitude_deg].map(f64::to_radians);
+            geoid::undulation(latitude, longitude).height_m
+        };
+        let geoid_m = *self.geoid_m.get_or_insert_with(by_model);
         let origin = Datum {
             height_m: reported.height_m + geoid_m,
             ..*reported
@@ -278,7 +283,7 @@ impl AutopilotLink {
         self.force = Some(self.force.map_or(up, |f| f + gain * (up - f)));
         if let Some(p) = &self.peer
             && p.armed
-            && p.landed != LandedState::OnGround
+            && p.landed(now) != LandedState::OnGround
             && !self.may_touch(now)
             && let Some(t) = p.thrust_now(now)
         {

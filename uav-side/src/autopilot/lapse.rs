@@ -1,7 +1,10 @@
-//! Lapse: distinction of PX4's own hold, after our set-points ceased, from a person's.
+//! Set-point loss: distinction of PX4's own hold, after our set-points ceased, from a person's.
 //!
-//! Both look the same on the link. PX4's own begins COM_OF_LOSS_T after the last set-point and ends with the next one; any
-//! other is the will of a person, who has taken the drone over. ArduCopter never holds by itself: its Brake is chosen.
+//! Both look the same on the link. PX4's own begins COM_OF_LOSS_T after the last set-point that it has taken and ends with the
+//! next one; any other is the will of a person, who has taken the drone over. Set-points cease where the pilot or this link
+//! pauses, where the whole computer stands still (then the link itself does not step), and where the autopilot does, or the
+//! wire, which its silence shows. A hold that may have begun in such a gap is PX4's own; for a person's it then counts as
+//! soon as set-points do not end it. ArduCopter never holds by itself: its Brake is chosen.
 
 use alight_shared::msg::AutopilotMode;
 use alight_shared::time::Span;
@@ -20,6 +23,42 @@ const PREDECESSOR: Span = Span::from_millis(5000);
 /// because a person chose the hold.
 const RETURNS_WITHIN_S: f64 = 3.0;
 
+/// What the link knows in a step.
+#[derive(Clone, Copy, Debug)]
+struct Observed {
+    /// The autopilot's mode.
+    mode: AutopilotMode,
+    /// Something of the autopilot arrived in this step.
+    heard: bool,
+    /// When the last set-point went out.
+    sent_at: Option<DroneTime>,
+    /// Without one PX4 leaves OFFBOARD after this, s; None for a firmware that does not.
+    loss_s: Option<f64>,
+}
+
+/// A stream's newest gap: when it ended, and how long it was, s.
+#[derive(Clone, Copy, Debug, Default)]
+struct Gaps {
+    last: Option<DroneTime>,
+    newest: Option<(DroneTime, f64)>,
+}
+
+impl Gaps {
+    /// The stream has gone on at `at`, known now.
+    fn goes_on(&mut self, now: DroneTime, at: DroneTime) {
+        if let Some(gap_s) = self.last.map(|last| (at - last).secs()).filter(|s| *s > GAP_S) {
+            self.newest = Some((now, gap_s));
+        }
+        self.last = Some(at);
+    }
+    /// A gap in which PX4 that waits `loss_s` for set-points may have begun to hold, of which it may report by now.
+    fn explains(&self, now: DroneTime, loss_s: f64) -> bool {
+        self.newest.is_some_and(|(ended, gap_s)| {
+            gap_s > (loss_s - GAP_S).max(GAP_S) && (now - ended).secs() <= loss_s + REPORTED_WITHIN_S
+        })
+    }
+}
+
 /// The hold's origin, decided where the mode changes and kept until it changes again.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct LapseMonitor {
@@ -29,6 +68,11 @@ pub(super) struct LapseMonitor {
     succeeded_at: Option<DroneTime>,
     /// Set-points have been sent into the hold since.
     streams: Option<DroneTime>,
+    /// The step before this one.
+    stepped: Option<DroneTime>,
+    /// Of our set-points, and of what the autopilot sends.
+    sent: Gaps,
+    heard: Gaps,
 }
 
 impl LapseMonitor {
@@ -42,39 +86,61 @@ impl LapseMonitor {
             self.succeeded_at = Some(now);
         }
     }
-    /// Takes the autopilot's `mode`. The last set-point went out at `sent_at`; without one PX4 leaves OFFBOARD after
-    /// `loss_s`, None for a firmware that does not.
-    fn step(&mut self, now: DroneTime, mode: AutopilotMode, sent_at: Option<DroneTime>, loss_s: Option<f64>) {
-        if mode != self.mode {
-            let left = self.mode == AutopilotMode::Offboard && mode == AutopilotMode::Hold;
-            let of_gap = |loss_s: f64| match (sent_at, self.succeeded_at) {
-                (Some(at), _) => {
-                    let gap_s = (now - at).secs();
-                    GAP_S < gap_s && gap_s <= loss_s + REPORTED_WITHIN_S
-                }
-                (None, Some(at)) => (now - at).secs() <= loss_s + REPORTED_WITHIN_S,
-                (None, None) => false,
-            };
-            self.lapsed = left && loss_s.is_some_and(of_gap);
-            self.mode = mode;
+    /// Judges a hold where it begins.
+    fn step(&mut self, now: DroneTime, o: &Observed) {
+        let before = self.stepped.replace(now).unwrap_or(now);
+        if let Some(at) = o.sent_at.filter(|at| self.sent.last != Some(*at)) {
+            self.sent.goes_on(now, at);
         }
+        if o.heard {
+            self.heard.goes_on(now, now);
+        }
+        if o.mode != self.mode {
+            let left = self.mode == AutopilotMode::Offboard && o.mode == AutopilotMode::Hold;
+            self.lapsed = left
+                && o.loss_s
+                    .is_some_and(|loss_s| self.follows_a_gap(now, before, o.sent_at, loss_s));
+            self.mode = o.mode;
+        }
+        let sent_at = o.sent_at;
         let sends = self.lapsed && sent_at.is_some_and(|at| (now - at).secs() <= GAP_S);
         self.streams = self.streams.filter(|_| sends).or(sends.then_some(now));
         self.lapsed &= self
             .streams
             .is_none_or(|since| (now - since).secs() <= RETURNS_WITHIN_S);
     }
+    /// Whether a hold that began between the step `before` and `now` may be PX4's own.
+    fn follows_a_gap(
+        &self,
+        now: DroneTime,
+        before: DroneTime,
+        sent_at: Option<DroneTime>,
+        loss_s: f64,
+    ) -> bool {
+        let ours = match (sent_at, self.succeeded_at) {
+            (Some(at), _) => (now - at).secs() > GAP_S && (before - at).secs() <= loss_s + REPORTED_WITHIN_S,
+            (None, Some(at)) => (now - at).secs() <= loss_s + REPORTED_WITHIN_S,
+            (None, None) => false,
+        };
+        ours || self.sent.explains(now, loss_s) || self.heard.explains(now, loss_s)
+    }
 }
 
 impl AutopilotLink {
-    /// Judges a hold that has just begun.
-    pub(super) fn watch_lapse(&mut self, now: DroneTime) {
+    /// Judges a hold that has just begun; `heard`: something of the autopilot arrived in this step.
+    pub(super) fn watch_lapse(&mut self, now: DroneTime, heard: bool) {
         let Some(peer) = &self.peer else { return };
         let loss_s = match peer.firmware {
             Firmware::Px4 => Some(peer.parameters.loss_s()),
             Firmware::ArduCopter => None,
         };
-        self.lapse.step(now, peer.mode, self.sent_at, loss_s);
+        let observed = Observed {
+            mode: peer.mode,
+            heard,
+            sent_at: self.sent_at,
+            loss_s,
+        };
+        self.lapse.step(now, &observed);
     }
 }
 
@@ -85,12 +151,29 @@ mod tests {
 
     const SENT_S: f64 = 10.0;
 
+    fn at(s: f64) -> DroneTime {
+        Time::from_secs(SENT_S + s)
+    }
+    fn observed(mode: AutopilotMode, sent_s: f64, loss_s: Option<f64>) -> Observed {
+        Observed {
+            mode,
+            heard: true,
+            sent_at: Some(at(sent_s)),
+            loss_s,
+        }
+    }
+    /// Steps of 10 ms between these times, s.
+    fn steps(from_s: f64, to_s: f64) -> impl Iterator<Item = f64> {
+        (0..((to_s - from_s) * 100.0).round() as u32).map(move |k| from_s + 0.01 * f64::from(k))
+    }
+
     /// Whether a hold that is seen so long after the last set-point is a lapse.
     fn lapsed(from: AutopilotMode, to: AutopilotMode, after_s: f64, loss_s: Option<f64>) -> bool {
-        let sent_at = Some(Time::from_secs(SENT_S));
         let mut m = LapseMonitor::default();
-        m.step(Time::from_secs(SENT_S), from, sent_at, loss_s);
-        m.step(Time::from_secs(SENT_S + after_s), to, sent_at, loss_s);
+        for t in steps(-1.0, after_s) {
+            m.step(at(t), &observed(from, t.min(0.0), loss_s));
+        }
+        m.step(at(after_s), &observed(to, 0.0, loss_s));
         m.is_lapsed()
     }
 
@@ -114,19 +197,68 @@ mod tests {
         }
     }
 
+    /// This computer, or the autopilot's, stands still for so long, s; the hold is reported so long after the gap. Its
+    /// set-points go on meanwhile where it is the autopilot that is silent.
+    #[test]
+    fn lapse_after_a_standstill() {
+        use AutopilotMode::{Hold, Offboard};
+        for (own, gap_s, after_s, expected) in [
+            (true, 0.5, 0.0, true),
+            (true, 0.8, 0.0, true),
+            (true, 1.5, 0.0, true),
+            // Of the frames that have queued up, those of the hold come later.
+            (true, 1.5, 0.4, true),
+            (false, 0.76, 0.0, true),
+            (false, 0.76, 0.4, true),
+            // A person's, a second after it or after a hiccup.
+            (true, 1.5, 1.0, false),
+            (false, 0.76, 1.0, false),
+            (true, 0.12, 0.2, false),
+            (false, 0.12, 0.2, false),
+        ] {
+            let mut m = LapseMonitor::default();
+            let goes_on = |m: &mut LapseMonitor, t: f64, mode, heard| {
+                m.step(
+                    at(t),
+                    &Observed {
+                        heard,
+                        ..observed(mode, t, Some(0.25))
+                    },
+                );
+            };
+            for t in steps(-1.0, 0.0) {
+                goes_on(&mut m, t, Offboard, true);
+            }
+            for t in steps(0.0, if own { 0.0 } else { gap_s }) {
+                goes_on(&mut m, t, Offboard, false);
+            }
+            // The step's own set-point goes out after it.
+            let seen = |m: &mut LapseMonitor, t: f64, mode| {
+                let sent_s = if t > gap_s || !own { t - 0.01 } else { -0.01 };
+                m.step(at(t), &observed(mode, sent_s, Some(0.25)));
+            };
+            for t in steps(gap_s, gap_s + after_s) {
+                seen(&mut m, t, Offboard);
+            }
+            seen(&mut m, gap_s + after_s, Hold);
+            assert_eq!(m.is_lapsed(), expected, "own {own}, {gap_s} s, {after_s} s after");
+        }
+    }
+
     #[test]
     fn lapse_not_ended_by_set_points() {
         let mut m = LapseMonitor::default();
-        let at = |s: f64| Time::from_secs(SENT_S + s);
-        m.step(at(0.0), AutopilotMode::Offboard, Some(at(0.0)), Some(0.25));
-        m.step(at(0.3), AutopilotMode::Hold, Some(at(0.0)), Some(0.25));
+        let mut step = |t: f64, mode, sent_s: f64| {
+            m.step(at(t), &observed(mode, sent_s, Some(0.25)));
+            m.is_lapsed()
+        };
+        step(0.0, AutopilotMode::Offboard, 0.0);
+        step(0.3, AutopilotMode::Hold, 0.0);
         // The pilot is away: nobody knows.
-        m.step(at(60.0), AutopilotMode::Hold, Some(at(0.0)), Some(0.25));
-        assert!(m.is_lapsed());
+        assert!(step(60.0, AutopilotMode::Hold, 0.0));
         for k in 0..40 {
-            let now = at(60.0 + 0.1 * f64::from(k));
-            m.step(now, AutopilotMode::Hold, Some(now), Some(0.25));
-            assert_eq!(m.is_lapsed(), k <= 30, "{k}");
+            let t = 60.0 + 0.1 * f64::from(k);
+            assert_eq!(step(t, AutopilotMode::Hold, t), k <= 30, "{k}");
         }
     }
 }

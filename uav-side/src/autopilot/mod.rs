@@ -58,7 +58,7 @@ use disarm::DisarmSequence;
 use drone_state::DroneStateAssembler;
 use ground_station::GroundReports;
 use lapse::LapseMonitor;
-use message::{Address, CUSTOM_MODE, CommandLong, Frame, Heartbeat, Message, command};
+use message::{Address, CUSTOM_MODE, CommandLong, Frame, Heartbeat, Message, command, severity};
 use peer::Peer;
 use rc_switch::RcSwitch;
 use thrust::HoverThrust;
@@ -358,11 +358,15 @@ impl AutopilotLink {
                 mode => mode,
             },
             lapsed: self.lapse.is_lapsed(),
-            landed: p.landed,
+            landed: p.landed(now),
             origin_resets: self.drone_state.resets,
-            battery: p.charge(),
-            battery_v: p.voltage_v(),
-            battery_a: p.current_a(),
+            origin_sea_m: self
+                .datum
+                .zip(self.geoid_m)
+                .map(|(d, geoid_m)| d.height_m - geoid_m),
+            battery: p.charge(now),
+            battery_v: p.voltage_v(now),
+            battery_a: p.current_a(now),
             thrust: p
                 .thrust_now(now)
                 .map_or(0.0, |t| thrust::fraction(t, self.config.thrust_curve)),
@@ -392,9 +396,10 @@ impl AutopilotLink {
             )
     }
     /// What of the autopilot is reported at once when it changes.
-    fn mode_and_frame(&self) -> Option<(AutopilotMode, bool, LandedState, u8)> {
+    fn mode_and_frame(&self, now: DroneTime) -> Option<(AutopilotMode, bool, LandedState, u8)> {
         let resets = self.drone_state.resets;
-        self.peer.as_ref().map(|p| (p.mode, p.armed, p.landed, resets))
+        let peer = self.peer.as_ref();
+        peer.map(|p| (p.mode, p.armed, p.landed(now), resets))
     }
 }
 
@@ -405,12 +410,14 @@ impl Node for AutopilotLink {
 
     fn step(&mut self, now: DroneTime, input: &AutopilotIn) -> AutopilotOut {
         let mut out = AutopilotOut::default();
-        let before = (self.mode_and_frame(), self.control_authority());
+        let before = (self.mode_and_frame(now), self.control_authority());
         let mut heartbeat = false;
         self.begin(now, input.checkpoint.as_ref(), &mut out);
         for frame in input.received.iter().take(MAX_FRAMES) {
             heartbeat |= self.receive(now, frame, &mut out);
         }
+        let peer = self.peer.as_ref().map(|p| p.address);
+        let heard = input.received.iter().any(|f| Some(f.from) == peer);
         if let Some(m) = &input.mission
             && self.mission.offer(now, m)
         {
@@ -421,7 +428,7 @@ impl Node for AutopilotLink {
         }
         let new = input.set_point.is_some_and(|s| self.set_point.offer(now, &s));
 
-        self.watch_lapse(now);
+        self.watch_lapse(now, heard);
         let evidence = self.evidence(now, heartbeat);
         self.authority
             .step(now, &evidence, Span::from_secs(self.config.takeover_pause_s));
@@ -440,12 +447,16 @@ impl Node for AutopilotLink {
         self.send_periodic(now, &mut out);
         self.publish_deck(now, &mut out);
 
-        let after = (self.mode_and_frame(), self.control_authority());
+        let after = (self.mode_and_frame(now), self.control_authority());
         if after.1 != before.1 {
             out.texts.push(after.1.to_string());
         }
+        let peer = &mut self.peer;
         out.texts
-            .extend(self.peer.iter_mut().flat_map(|p| p.parameters.news()));
+            .extend(peer.iter_mut().flat_map(|p| p.parameters.news()));
+        if let Some(text) = peer.as_mut().and_then(|p| p.battery_news(now)) {
+            out.alarm(severity::WARNING, text);
+        }
         out.checkpoint = self.checkpoint(now);
         out.state = self.state_report(now, after != before, evidence.alive);
         out.texts.truncate(MAX_TEXTS);

@@ -105,7 +105,7 @@ impl AutopilotLink {
                 .or_else(|| state.map(|s| s.velocity().norm())),
             load_factor: state.and(self.force).map(|f| f / GRAVITY),
             thrust: thrust.map(|t| t / self.hover.value()),
-            reports_on_ground: peer.is_some_and(|p| p.landed == LandedState::OnGround),
+            reports_on_ground: peer.is_some_and(|p| p.landed(now) == LandedState::OnGround),
         }
     }
 
@@ -416,7 +416,7 @@ impl AutopilotLink {
             Some(BatteryPlace::Deck) | None => (b.diversion, b.reserve, b.for_s),
         };
         // What the mission has chosen it may have by the voltage alone.
-        let charge = peer.charge().or(limit.is_infinite().then_some(0.0));
+        let charge = peer.charge(now).or(limit.is_infinite().then_some(0.0));
         let Some(charge) = charge.filter(|c| *c < limit) else {
             self.low_since = None;
             return;
@@ -469,7 +469,7 @@ impl AutopilotLink {
             .is_some_and(|m| m.state == State::Idle && matches!(m.waiting.code, ReasonCode::NotFlying));
         if !self.config.may_arm
             || self.control_authority() != ControlAuthority::Disarmed
-            || peer.landed != LandedState::OnGround
+            || peer.landed(now) != LandedState::OnGround
             || !commanded
             || self.arm_tries >= ARM_TRIES
             || !self.timers.command.is_ready(now)

@@ -1,4 +1,4 @@
-//! The autopilot at the other end, as it reports itself.
+//! The autopilot at the other end, as it reports itself: each quantity with the time of its own report.
 
 use alight_shared::msg::{AutopilotMode, LandedState};
 use alight_shared::time::Span;
@@ -12,6 +12,10 @@ use super::streams::Streams;
 
 /// A reported thrust is used for so long.
 const THRUST_STALE: Span = Span::from_millis(300);
+/// What it says of its batteries counts for so long: five reports at the usual 1 Hz.
+const BATTERY_STALE: Span = Span::from_millis(5000);
+/// Its opinion whether it is on the ground counts for so long: three reports at the slowest rate, 1 Hz.
+const LANDED_STALE: Span = Span::from_millis(3000);
 /// No battery of a multirotor has more, V.
 const MAX_V: f64 = 500.0;
 /// None gives or takes more, A.
@@ -27,10 +31,12 @@ pub(crate) struct Peer {
     pub(crate) mode: AutopilotMode,
     pub(crate) armed: bool,
     pub(crate) heartbeat_at: DroneTime,
-    pub(crate) landed: LandedState,
+    landed: Option<(DroneTime, LandedState)>,
     pub(crate) streams: Streams,
     /// Charge (0 to 1), voltage (V) and current (A) of each.
-    batteries: [[Option<f64>; 3]; MAX_BATTERIES],
+    batteries: [Option<(DroneTime, [Option<f64>; 3])>; MAX_BATTERIES],
+    /// It was reported that the gauge is silent.
+    battery_lost: bool,
     thrust: Option<(DroneTime, f64)>,
     pub(crate) parameters: Parameters,
 }
@@ -49,9 +55,10 @@ impl Peer {
             mode: AutopilotMode::Other,
             armed: false,
             heartbeat_at: now,
-            landed: LandedState::Unknown,
+            landed: None,
             streams: Streams::new(firmware, c, now),
-            batteries: [[None; 3]; MAX_BATTERIES],
+            batteries: [None; MAX_BATTERIES],
+            battery_lost: false,
             thrust: None,
             parameters: Parameters::new(firmware, attitudes, now),
         }
@@ -63,32 +70,80 @@ impl Peer {
         self.mode = self.firmware.mode(custom_mode);
     }
     /// Its `MAV_LANDED_STATE`.
-    pub(crate) fn landed(&mut self, state: u8) {
-        self.landed = match state {
+    pub(crate) fn on_landed(&mut self, now: DroneTime, state: u8) {
+        let state = match state {
             1 => LandedState::OnGround,
             2..=4 => LandedState::InAir,
             _ => LandedState::Unknown,
         };
+        self.resume_landed(now, state);
     }
-    pub(crate) fn battery(&mut self, number: u8, [charge, voltage_v, current_a]: [Option<f64>; 3]) {
+    /// Its opinion at `at`.
+    pub(crate) fn resume_landed(&mut self, at: DroneTime, state: LandedState) {
+        self.landed = Some((at, state));
+    }
+    /// Its opinion while that is fresh.
+    pub(crate) fn landed(&self, now: DroneTime) -> LandedState {
+        let fresh = self.landed.filter(|(at, _)| now - *at <= LANDED_STALE);
+        fresh.map_or(LandedState::Unknown, |(_, state)| state)
+    }
+    pub(crate) fn battery(
+        &mut self,
+        now: DroneTime,
+        number: u8,
+        [charge, voltage_v, current_a]: [Option<f64>; 3],
+    ) {
         if let Some(b) = self.batteries.get_mut(usize::from(number)) {
             let charge = charge.filter(|r| (0.0..=1.0).contains(r));
             let voltage_v = voltage_v.filter(|v| (0.0..=MAX_V).contains(v));
             let current_a = current_a.filter(|a| a.abs() <= MAX_A);
-            *b = [charge, voltage_v, current_a];
+            *b = Some((now, [charge, voltage_v, current_a]));
         }
     }
-    /// Charge of the emptiest battery, 0 to 1; None when none is reported.
-    pub(crate) fn charge(&self) -> Option<f64> {
-        self.batteries.iter().filter_map(|b| b[0]).reduce(f64::min)
+    /// What all batteries report that ever reported it; None when one of them has fallen silent, or none does.
+    fn batteries(
+        &self,
+        now: DroneTime,
+        of: impl Fn(&[Option<f64>; 3]) -> Option<f64>,
+        both: impl Fn(f64, f64) -> f64,
+    ) -> Option<f64> {
+        let known = || {
+            self.batteries
+                .iter()
+                .flatten()
+                .filter_map(|(at, b)| Some((*at, of(b)?)))
+        };
+        let silent = known().any(|(at, _)| now - at > BATTERY_STALE);
+        known().map(|(_, v)| v).reduce(both).filter(|_| !silent)
+    }
+    /// Charge of the emptiest battery, 0 to 1; None when none is reported, or one no more.
+    pub(crate) fn charge(&self, now: DroneTime) -> Option<f64> {
+        self.batteries(now, |[charge, ..]| *charge, f64::min)
     }
     /// Voltage of the lowest, V.
-    pub(crate) fn voltage_v(&self) -> Option<f64> {
-        self.batteries.iter().filter_map(|b| b[1]).reduce(f64::min)
+    pub(crate) fn voltage_v(&self, now: DroneTime) -> Option<f64> {
+        self.batteries(now, |[_, voltage_v, _]| *voltage_v, f64::min)
     }
     /// Current of all, A.
-    pub(crate) fn current_a(&self) -> Option<f64> {
-        self.batteries.iter().filter_map(|b| b[2]).reduce(|a, b| a + b)
+    pub(crate) fn current_a(&self, now: DroneTime) -> Option<f64> {
+        self.batteries(now, |[.., current_a]| *current_a, |a, b| a + b)
+    }
+    /// A text when its gauge falls silent, and when it reports again.
+    pub(crate) fn battery_news(&mut self, now: DroneTime) -> Option<String> {
+        let lost = self
+            .batteries
+            .iter()
+            .flatten()
+            .any(|(at, [charge, ..])| charge.is_some() && now - *at > BATTERY_STALE);
+        let news = lost != self.battery_lost;
+        self.battery_lost = lost;
+        news.then(|| match lost {
+            true => format!(
+                "{} reports its battery no more (BATTERY_STATUS): the charge is reckoned on from the last report",
+                self.firmware.name()
+            ),
+            false => format!("{} reports its battery again", self.firmware.name()),
+        })
     }
     pub(crate) fn thrust(&mut self, now: DroneTime, thrust: f64) {
         if (0.0..=1.0).contains(&thrust) {

@@ -49,6 +49,9 @@ pub(crate) struct Known<'a> {
     pub(crate) attitudes: bool,
     /// A contact is suspected.
     pub(crate) touches: bool,
+    /// The drone is as low as where it was disarmed, or its feet are at the ground by the rangefinder: the second witness of
+    /// an autopilot that reports the ground.
+    pub(crate) low: bool,
 }
 
 impl Known<'_> {
@@ -73,7 +76,8 @@ impl Known<'_> {
         };
         let close = self.below.is_some_and(|b| b.clearance < COMMIT_CLEARANCE_M);
         if self.waits() {
-            let grounded = autopilot.landed == LandedState::OnGround;
+            // A report alone does not cut the thrust: it may be wrong.
+            let grounded = autopilot.landed == LandedState::OnGround && self.low;
             return if grounded && self.attitudes {
                 Action::Stand
             } else {
@@ -141,6 +145,7 @@ mod tests {
             holds,
             attitudes: true,
             touches: false,
+            low: false,
         };
         known.action(|| softer)
     }
@@ -172,5 +177,35 @@ mod tests {
         }
         // Who climbs already is not committed by a deck that comes near.
         assert_eq!(action(Flare, false, false, 0.4, false, true), Leave);
+    }
+
+    /// An idle drone whose autopilot reports the ground stands only where it is low by another witness, too.
+    #[test]
+    fn idle_drone_reported_on_the_ground() {
+        let header = header(1, Time::from_secs(10.0));
+        let mission = mission(header, State::Idle, 0.0);
+        for (landed, low, expected) in [
+            (LandedState::OnGround, true, Action::Stand),
+            (LandedState::OnGround, false, Action::Hold),
+            (LandedState::Unknown, true, Action::Hold),
+            (LandedState::InAir, true, Action::Hold),
+        ] {
+            let autopilot = AutopilotState {
+                landed,
+                ..airborne(header)
+            };
+            let known = Known {
+                autopilot: Some(&autopilot),
+                mission: Some(&mission),
+                silent: false,
+                planned: false,
+                below: None,
+                holds: false,
+                attitudes: true,
+                touches: false,
+                low,
+            };
+            assert_eq!(known.action(|| false), expected, "{landed:?}, low: {low}");
+        }
     }
 }

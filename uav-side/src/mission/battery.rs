@@ -1,4 +1,5 @@
-//! Battery: lasting charge by gauge and voltage, rate of discharge, and charge needed to reach the deck.
+//! Battery: lasting charge by gauge and voltage, rate of discharge, and charge needed to reach the deck. A gauge that falls
+//! silent has not stopped the discharge: the charge is reckoned on from its last reading.
 
 use std::collections::VecDeque;
 
@@ -21,6 +22,8 @@ const CURRENT_TIME_S: f64 = 10.0;
 const CLOSING_TIME_S: f64 = 10.0;
 /// Nearer than this the way has no speed of its own, m.
 const ARRIVED_M: f64 = 30.0;
+/// A drone that flies empties its battery so fast while that was not measured, 1/s: in ten minutes.
+const UNMEASURED_PER_S: f64 = 1.0 / 600.0;
 /// No slower is assumed, m/s: the cost stays finite.
 const LEAST_MPS: f64 = 0.5;
 
@@ -30,6 +33,8 @@ pub(super) struct BatteryMonitor {
     /// Readings that nothing later has reached, falling: the first is the greatest of the watched time.
     readings: VecDeque<(DroneTime, f64)>,
     began: Option<DroneTime>,
+    /// The newest reading of the gauge, reckoned on while it is silent.
+    known: Option<(DroneTime, f64)>,
     last: Option<DroneTime>,
     /// The gauge at its last fall that counted.
     anchor: Option<(DroneTime, f64)>,
@@ -46,11 +51,12 @@ impl BatteryMonitor {
     pub(super) fn update(&mut self, a: &AutopilotState, c: &MissionConfig) {
         let now = a.header.at;
         let empty = a.battery_v.is_some_and(|v| v < c.battery_minimum_v);
-        let Some(charge) = (if empty { Some(0.0) } else { a.battery }) else {
-            self.readings.clear();
-            self.began = None;
+        let reported = if empty { Some(0.0) } else { a.battery };
+        let silent = reported.is_none();
+        let Some(charge) = reported.or_else(|| self.reckoned(now, a.armed, c)) else {
             return;
         };
+        self.known = Some((now, charge));
         self.began.get_or_insert(now);
         while self.readings.back().is_some_and(|(_, r)| *r <= charge) {
             self.readings.pop_back();
@@ -66,7 +72,22 @@ impl BatteryMonitor {
         {
             self.readings.pop_front();
         }
-        self.measure(now, a, c);
+        if silent {
+            self.last = Some(now);
+        } else {
+            self.measure(now, a, c);
+        }
+    }
+
+    /// The charge by its last reading, the power and the time since; None before any.
+    fn reckoned(&self, now: DroneTime, armed: bool, c: &MissionConfig) -> Option<f64> {
+        let (at, before) = self.known?;
+        let power = match self.power(c) {
+            measured if measured > 0.0 => measured,
+            _ => UNMEASURED_PER_S,
+        };
+        let dt = if armed { (now - at).secs().max(0.0) } else { 0.0 };
+        Some((before - power * dt).max(0.0))
     }
 
     /// How fast it empties, by the charge that counts: a reading that is lost is no fall.
@@ -171,8 +192,39 @@ mod tests {
         let (mut m, c) = (BatteryMonitor::default(), config());
         run(&mut m, &c, 0.0, 10.0, |t| state(t, Some(0.0)));
         assert_eq!(m.charge(&c), Some(0.0));
+        // Silence has not filled it.
         run(&mut m, &c, 10.0, 10.0, |t| state(t, None));
-        assert_eq!(m.charge(&c), None);
+        assert_eq!(m.charge(&c), Some(0.0));
+        let mut none = BatteryMonitor::default();
+        run(&mut none, &c, 0.0, 20.0, |t| state(t, None));
+        assert_eq!(none.charge(&c), None);
+    }
+
+    /// A gauge that falls silent at 57 %: the battery empties on, as fast as was measured or as a drone of ten minutes.
+    #[test]
+    fn battery_gauge_that_falls_silent() {
+        let c = config();
+        for (per_s, measured_s) in [(0.001, 200.0), (UNMEASURED_PER_S, 0.0)] {
+            let mut m = BatteryMonitor::default();
+            run(&mut m, &c, 0.0, measured_s + 10.0, |t| {
+                let left = 0.57 + per_s * (measured_s - t).max(0.0);
+                state(t, Some((100.0 * left).round() / 100.0))
+            });
+            let from = measured_s + 10.0;
+            run(&mut m, &c, from, 200.0, |t| state(t, None));
+            let (found, expected) = (m.charge(&c).unwrap(), 0.57 - per_s * 200.0);
+            assert!((found - expected).abs() < 0.03, "{per_s}: {found} of {expected}");
+            run(&mut m, &c, from + 200.0, 600.0, |t| state(t, None));
+            assert_eq!(m.charge(&c), Some(0.0));
+            // On the ground it does not empty.
+            let mut m = BatteryMonitor::default();
+            run(&mut m, &c, 0.0, 10.0, |t| state(t, Some(0.57)));
+            run(&mut m, &c, 10.0, 600.0, |t| AutopilotState {
+                armed: false,
+                ..state(t, None)
+            });
+            assert_eq!(m.charge(&c), Some(0.57));
+        }
     }
 
     /// A gauge that corrects itself from 90 to 19 % has not emptied the battery within seconds.

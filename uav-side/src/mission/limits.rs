@@ -15,6 +15,9 @@ pub(super) const STEADY_HEIGHT_M: f64 = 2.0;
 /// deck on which all feet stand, m.
 /// Source: Half of the feet's span: half of the feet are off the deck.
 pub(super) const LOST_OUTSIDE_M: f64 = 0.2;
+/// An order to land waits no longer for a drone that is disarmed or in other hands, s: a person arms, takes off and chooses the
+/// mode in that time. With a drone that is ours and waits for something else it lasts as long as a landing may.
+pub(super) const ORDER_WAITS_S: f64 = 60.0;
 /// Conditions of the flare unmet for this long at the decision clearance: back to Tracking, s.
 pub(super) const DECISION_TIMEOUT_S: f64 = 8.0;
 /// Data must be fresh for this long before Hold is left, s.

@@ -1,13 +1,15 @@
 //! Mission: permission of what the planner may fly, with the reason why not more.
 //!
 //! Read `transition` (the state machine as a pure function), `states` (its table), `phase` (the states and what they
-//! remember), `situation` (every quantity it judges), `outlook` (how likely a landing succeeds, with `staying`: does the landed
+//! remember), `situation` (every quantity it judges), `height` (does a second witness
+//! confirm the deck's height?), `outlook` (how likely a landing succeeds, with `staying`: does the landed
 //! drone stay?), `waiting` (is a better moment worth its cost?), then `checkpoint` (what outlives the process). This file keeps the inputs and writes the output.
 
 mod air;
 mod battery;
 mod checkpoint;
 pub mod config;
+mod height;
 mod limits;
 mod normal;
 mod odds;
@@ -23,6 +25,8 @@ mod transition;
 mod waiting;
 mod wind;
 
+#[cfg(test)]
+mod ending_tests;
 #[cfg(test)]
 mod interrupt_tests;
 #[cfg(test)]
@@ -40,17 +44,20 @@ use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header,
-    MissionCheckpoint, MissionState, Motors, Phase, Plan, Reason, ReasonCode, SetPoint, Solve, State,
+    MissionCheckpoint, MissionState, Motors, Phase, Plan, RangeSample, Reason, ReasonCode, SetPoint, Solve,
+    State,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
 use crate::odometry::origin::DroneFrame;
 use battery::BatteryMonitor;
 use checkpoint::{Beginning, Begun};
+use height::{HeightInput, HeightWitnesses, Heights, Surface};
 use outlook::Outlook;
 use phase::{MissionPhase, Progress, gave_up};
 use place::Place;
@@ -81,6 +88,8 @@ pub struct MissionIn {
     pub commands: Vec<Command>,
     /// Who has the vessel's deck.
     pub deck: Option<DeckGrant<DroneClock>>,
+    /// Readings of the rangefinder.
+    pub ranges: Vec<RangeSample>,
     /// Checkpoint of a crashed predecessor.
     pub checkpoint: Option<MissionCheckpoint>,
 }
@@ -107,6 +116,9 @@ const LEVEL_TIME_S: f64 = 10.0;
 /// forecast (20 m below the water, from an estimator that had lost the tilt) must not lower it; a frame
 /// that moves for good shows in the count of origin resets.
 const LEVEL_STEP_M: f64 = 2.0;
+/// A deck whose height is known no better was not seen, standard deviation, m: two receivers are worse, a camera that sees the
+/// tag from the tracking height ten times better.
+const SEEN_SD_M: f64 = 0.5;
 
 /// The mission node.
 #[derive(Clone, Debug, Default)]
@@ -132,6 +144,8 @@ pub struct Mission {
     /// When it moved, until a forecast has come since, and by how much.
     moved: Option<(Time<DroneClock>, f64)>,
     mean_deck_z: MeanDeckHeight,
+    heights: HeightWitnesses,
+    surface: Surface,
     wind: WindMonitor,
     waiting: Waiting,
     tilt: TiltMonitor,
@@ -222,6 +236,8 @@ impl Mission {
             self.forecast.forget();
             self.plan.forget();
             self.mean_deck_z.forget();
+            self.heights.forget();
+            self.surface = Surface::default();
             self.moved = Some((now, self.moved.map_or(by_m, |(_, before)| by_m.max(before))));
         }
         let since = self.moved.map(|(at, _)| at);
@@ -235,8 +251,15 @@ impl Mission {
             self.config.tracking_height_m = self.heights_m[0].max(lowest);
             self.config.approach_height_m = self.heights_m[1].max(lowest);
             if let Some(z) = forecast_mean(&m) {
-                self.mean_deck_z
+                let mean = self
+                    .mean_deck_z
                     .follow(m.header.at, z, LEVEL_TIME_S, LEVEL_STEP_M);
+                // Vision has corrected the radio: what a second witness confirms need not be followed slowly.
+                let (deck_m, w) = (self.deck_height_m(), &self.heights);
+                let rises = z < mean && w.confirm(z, deck_m) && !w.confirm(mean, deck_m);
+                if rises || w.confirm_aside(z, deck_m) && !w.confirm_aside(mean, deck_m) {
+                    self.mean_deck_z.begin(m.header.at, z);
+                }
             }
         }
         if let Some(m) = &input.plan {
@@ -250,6 +273,53 @@ impl Mission {
         }
         if let Some(m) = &input.deck {
             self.grant.offer(now, m);
+        }
+        let own = self.drone.fresh(now, topics::DRONE_STATE.stale_after);
+        for (m, d) in input.ranges.iter().zip(own.into_iter().cycle()) {
+            let down = d.attitude() * (Vector3::z() * (m.range_m + self.drone_geometry.rangefinder_m[2]));
+            self.surface.update(m.header.at, d.position[2] + down.z);
+        }
+    }
+
+    /// Height of the deck over still water, m.
+    fn deck_height_m(&self) -> f64 {
+        -self.deck_geometry.centre_m[2]
+    }
+
+    /// What the witnesses of the deck's height make of its level.
+    fn heights(&mut self, now: Time<DroneClock>) -> Heights {
+        let forecast = self.forecast.fresh(now, topics::FORECAST.stale_after);
+        let own = self.drone.fresh(now, topics::DRONE_STATE.stale_after);
+        let level = forecast.and_then(forecast_mean);
+        let autopilot = self.autopilot.fresh(now, topics::AUTOPILOT.stale_after);
+        if let Some(a) = autopilot {
+            let deck = forecast.and_then(|f| f.at(now.max(f.header.at)));
+            let apart = own
+                .zip(deck)
+                .map(|(d, deck)| d.position() - Vector3::from(deck.position));
+            let input = HeightInput {
+                forecast_z: level,
+                seen: forecast.is_some_and(|f| f.vision_age_s <= self.config.vision_fresh_s)
+                    && deck.is_some_and(|d| d.position_sd[2] < SEEN_SD_M),
+                own_z: own.map(|d| d.position[2]),
+                feet_m: self.drone_geometry.feet_below_m,
+                distance_m: apart.map_or(f64::INFINITY, |r| r.xy().norm()),
+                landed: a.landed,
+                armed: a.armed,
+                origin_sea_m: a.origin_sea_m,
+                flies: self.phase.flies(),
+            };
+            self.heights.update(&input, &self.config);
+        }
+        let above_m = self.config.approach_height_m;
+        let (mean_z, deck_m) = (self.mean_deck_z.value(), self.deck_height_m());
+        let heights = self.heights.judge(mean_z, level, deck_m, above_m);
+        let own_z = own.map(|d| d.position[2]);
+        match self.surface.level(now).zip(own_z) {
+            Some((surface_z, own_z)) => {
+                heights.above_surface(surface_z, own_z, above_m, self.config.minimum_altitude_m)
+            }
+            None => heights,
         }
     }
 
@@ -300,7 +370,8 @@ impl Mission {
                 .is_some_and(|d| d.relative_speed_mps <= self.config.steady_speed_mps)
     }
 
-    fn situation(&self, now: Time<DroneClock>) -> Situation {
+    fn situation(&mut self, now: Time<DroneClock>) -> Situation {
+        let heights = self.heights(now);
         let c = &self.config;
         let drone = self.drone.get();
         let own = drone.map(OwnState::of);
@@ -309,7 +380,6 @@ impl Mission {
             _ => None,
         };
         let autopilot = self.autopilot.fresh(now, topics::AUTOPILOT.stale_after);
-        let mean_deck_z = self.mean_deck_z.value();
         Situation {
             now,
             flight: ControlState::of(autopilot, c.mode),
@@ -328,14 +398,16 @@ impl Mission {
             odometry_age_s: self.drone.age_s(now),
             odometry_limit_s: topics::DRONE_STATE.stale_after.secs(),
             deck,
-            mean_deck_z,
+            mean_deck_z: heights.deck_z,
+            lowest_z: heights.lowest_z,
+            doubt: heights.doubt,
             tilt_excess_rad: drone.map_or(0.0, |d| self.tilt.excess(d)),
             swing_rad: self.swing.rms(),
             staying: Staying::default(),
             odds: None,
             anyway: self.anyway.map(|(after, at)| at.unwrap_or(now + after)),
             worth_waiting: 0.0,
-            water_z: mean_deck_z.map_or(0.0, |z| z - self.deck_geometry.centre_m[2]),
+            water_z: heights.water_z.unwrap_or(0.0),
             forecast_age_s: self.forecast.age_s(now),
             forecast_limit_s: topics::FORECAST.stale_after.secs(),
             plan_age_s: match self.plan.get() {
@@ -526,7 +598,8 @@ impl Mission {
             state: *state,
             landing: self.progress.landing,
             started: self.progress.started,
-            reserve_waived: self.progress.reserve_waived,
+            ordered_below: self.progress.ordered_below,
+            deck_declined: self.progress.deck_declined,
             stopped: self.progress.stopped,
             committed: matches!(self.phase, MissionPhase::Flare { committed: true, .. }),
             disarmed: matches!(self.phase, MissionPhase::Landed { disarmed: true, .. }),
@@ -547,6 +620,9 @@ impl Mission {
         } else {
             c.minimum_altitude_m
         };
+        // A landing that has begun is broken off where the height is in doubt.
+        let lands = state.phase() == Phase::Landing;
+        let lowest_m = (s.lowest_z.filter(|_| !lands)).map_or(f64::NEG_INFINITY, |z| -z);
         self.sequence = self.sequence.wrapping_add(1);
         let vessel = self.forecast.get().map_or(0, |f| f.header.vessel);
         MissionState {
@@ -560,7 +636,7 @@ impl Mission {
             height_m: place.height_m,
             descent_mps: self.permitted_descent(s),
             // Stated in the drone's NED, whose zero is the water only to a GNSS error.
-            minimum_altitude_m: altitude - s.water_z,
+            minimum_altitude_m: (altitude - s.water_z).max(lowest_m),
             hold_position: place.at.into(),
             hold_yaw: place.yaw,
             with_deck: place.with_deck,

@@ -94,6 +94,35 @@ fn minimum_altitude_with_a_forecast_below_the_water() {
     assert!(last < first && last > first - 0.2 * 10.0 - 1e-6, "{last}");
 }
 
+/// The radio has the deck 31 m too low, and no camera sees it: by mean sea level the drone stays 15 m above where it is.
+#[test]
+fn heights_of_two_receivers_that_disagree() {
+    let mut m = node();
+    let mut last = State::Idle;
+    for k in 0..400_u32 {
+        let t = at(1.0 + f64::from(k) * 0.01);
+        let mut input = fresh_input(k, t, [40.0, 0.0, -12.0]);
+        input.forecast = Some(DeckForecast {
+            vision_age_s: 100.0,
+            tag_age_s: 100.0,
+            ..deck(k, t, -1.3 + 31.0)
+        });
+        input.autopilot.as_mut().unwrap().origin_sea_m = Some(0.0);
+        if k == 5 {
+            input.commands = vec![command(header(1, t), CommandKind::Land)];
+        }
+        if let Some(state) = m.step(t, &input).state.filter(|_| k > 2) {
+            assert!(state.minimum_altitude_m > 16.2, "{state:?}");
+            assert!(
+                state.state == State::Idle || state.hold_position[2] < -16.2,
+                "{state:?}"
+            );
+            last = state.state;
+        }
+    }
+    assert_eq!(last, State::GetAltitude);
+}
+
 #[test]
 fn waiting_and_leaving_among_volumes() {
     let mut m = node();

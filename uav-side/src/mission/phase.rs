@@ -153,8 +153,13 @@ pub struct Progress {
     pub attempts: u32,
     /// When the landing was begun.
     pub started: DroneTime,
-    /// The operator asked for a landing after the battery's reserve was reached.
-    pub reserve_waived: bool,
+    /// The charge at which the operator asked for a landing below the battery's reserve: the deck is the first place then,
+    /// within wider limits, until the landing ends.
+    pub ordered_below: Option<f64>,
+    /// An operator has stopped a landing that the low battery had brought about: the deck is not chosen again.
+    pub deck_declined: bool,
+    /// The drone was armed since the order: that ends with the flight.
+    pub armed: bool,
     /// The battery's reserve was reached: where it lands.
     pub low_battery: Option<BatteryPlace>,
     /// An operator stopped what the mission did, and has commanded no landing since. In descent or flare: too
@@ -260,5 +265,5 @@ fn safe_place(s: &Situation, c: &MissionConfig, height: f64) -> (Vector3<f64>, f
         at.z = at.z.min(mean - height);
     }
     at.z = at.z.min(s.water_z - c.minimum_altitude_m);
-    (at, yaw)
+    (Vector3::new(at.x, at.y, s.no_lower(at.z)), yaw)
 }

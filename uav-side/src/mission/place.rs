@@ -41,7 +41,8 @@ impl Place {
         };
         match phase {
             MissionPhase::GetAltitude { from: [x, y] } => {
-                let at = Vector3::new(x, y, s.mean_deck_z.map_or(own.z, |m| m - here.height_m));
+                let z = s.mean_deck_z.map_or(own.z, |m| s.no_lower(m - here.height_m));
+                let at = Vector3::new(x, y, z);
                 let leaves = s.place.is_some() && moving_place(&at, s, false).0;
                 Place {
                     at,

@@ -317,8 +317,13 @@ pub struct Situation {
     pub odometry_limit_s: f64,
     /// The deck; None when there is no forecast that reaches `now`.
     pub deck: Option<Deck>,
-    /// Low-pass of the deck's level, NED z, m; None before the first forecast.
+    /// Low-pass of the deck's level, NED z, m, or the higher one of a witness that contradicts it; None before the first
+    /// forecast.
     pub mean_deck_z: Option<f64>,
+    /// No lower than this, NED z, m, while no second witness confirms the deck's height; None: as low as the state asks.
+    pub lowest_z: Option<f64>,
+    /// Why no lower.
+    pub doubt: Option<Reason>,
     /// Whether a drone that lands now will stay.
     pub staying: Staying,
     /// How far the drone tilts beyond what was commanded lately, rad.
@@ -388,6 +393,10 @@ impl Situation {
         }
         (self.rotors_carry && clearance > ABOVE_DECK_M)
             .then(|| Reason::new(ReasonCode::FalseTouchdown, clearance.min(1e3), ABOVE_DECK_M))
+    }
+    /// The height `z` (NED, m), or the lowest that the witnesses of the deck's height allow.
+    pub fn no_lower(&self, z: f64) -> f64 {
+        self.lowest_z.map_or(z, |lowest| z.min(lowest))
     }
     /// Height of the approach above the deck's mean level: that of its waiting place, m.
     pub fn approach_height_m(&self, c: &MissionConfig) -> f64 {

@@ -10,8 +10,8 @@ use nalgebra::Vector3;
 
 use super::config::MissionConfig;
 use super::limits::{
-    CONTACT_CONFIRM_S, DECISION_TIMEOUT_S, HEIGHT_TOLERANCE_M, LOST_OUTSIDE_M, RECOVER_S, RESUME_DISTANCE_M,
-    STEADY_DISTANCE_M, STEADY_HEIGHT_M, exceeds, first_beyond,
+    CONTACT_CONFIRM_S, DECISION_TIMEOUT_S, HEIGHT_TOLERANCE_M, LOST_OUTSIDE_M, ORDER_WAITS_S, RECOVER_S,
+    RESUME_DISTANCE_M, STEADY_DISTANCE_M, STEADY_HEIGHT_M, exceeds, first_beyond,
 };
 use super::phase::{
     DroneTime, HoldCause, MissionPhase, Progress, Transition, gave_up, held_place, holding, lasting,
@@ -52,7 +52,8 @@ pub(super) fn step(
         }
         MissionPhase::GaveUp { at, yaw } => {
             let at = held_place(&at, s, true);
-            MissionPhase::GaveUp { at, yaw }.stay(NotCommanded)
+            let why = super::transition::stopped_low(progress, s).unwrap_or(NotCommanded.into());
+            MissionPhase::GaveUp { at, yaw }.stay(why)
         }
     }
 }
@@ -65,11 +66,28 @@ fn too_far(deck: &Deck) -> Option<Reason> {
     exceeds(VesselTooFar, deck.distance_m, MAX_VESSEL_DISTANCE_M)
 }
 
+/// Why an order to land that has not begun ends: it has waited for too long, or its flight is over.
+fn order_expired(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Option<Reason> {
+    let over = progress.armed && s.flight == ControlState::Disarmed;
+    progress.armed |= !matches!(s.flight, ControlState::Disarmed | ControlState::Unknown);
+    let limit_s = if s.flight == ControlState::Ours {
+        c.mission_timeout_s
+    } else {
+        ORDER_WAITS_S
+    };
+    let waited_s = (s.now - progress.started).secs();
+    (over || waited_s > limit_s).then(|| Reason::new(ReasonCode::OrderExpired, waited_s, limit_s))
+}
+
 /// Idle: waits for command, flight and the vessel's state by radio.
 fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition {
     let idle = MissionPhase::Idle;
     if !progress.landing {
         return idle.stay(if progress.stopped { Operator } else { NotCommanded });
+    }
+    if let Some(why) = order_expired(progress, s, c) {
+        progress.landing = false;
+        return idle.enter(why);
     }
     if let Some(why) = s.rejection {
         return idle.stay(why);
@@ -106,7 +124,7 @@ fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> Transition 
     let (Some(own), Some(mean)) = (s.own, s.mean_deck_z) else {
         return MissionPhase::GetAltitude { from }.stay(s.no_deck());
     };
-    let z = mean - s.approach_height_m(c);
+    let z = s.no_lower(mean - s.approach_height_m(c));
     let error = (own.position.z - z).abs();
     if error > HEIGHT_TOLERANCE_M {
         let from = match s.place {
@@ -146,6 +164,10 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Tr
         } else {
             MissionPhase::APPROACH.stay(why)
         };
+    }
+    // Over the vessel at a height that is safe under every witness, until one of them confirms it.
+    if let Some(why) = s.doubt {
+        return MissionPhase::APPROACH.stay(why);
     }
     if blind {
         return MissionPhase::APPROACH.stay(NoVision);
@@ -189,6 +211,14 @@ fn vision_lost(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Transiti
     Some(next.enter(why))
 }
 
+/// Why a deck is followed no longer at the tracking height: not seen, another's, or of a height in doubt.
+fn not_followed(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Transition> {
+    let doubted = || s.doubt.map(|why| MissionPhase::APPROACH.enter(why));
+    vision_lost(deck, s, c)
+        .or_else(|| deck_lost(s, c))
+        .or_else(doubted)
+}
+
 /// What was steady, or feasible, stays so within limits this much wider.
 const WIDER: f64 = 1.5;
 
@@ -212,7 +242,7 @@ fn tracking(steady: Option<DroneTime>, progress: &Progress, s: &Situation, c: &M
     let Some(deck) = s.fresh_deck() else {
         return MissionPhase::TRACKING.stay(s.no_deck());
     };
-    if let Some(lost) = vision_lost(deck, s, c).or_else(|| deck_lost(s, c)) {
+    if let Some(lost) = not_followed(deck, s, c) {
         return lost;
     }
     if let Some(why) = unsteady(deck, s, c, widening(progress)) {
@@ -231,7 +261,7 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
     let Some(deck) = s.fresh_deck() else {
         return stable.stay(s.no_deck());
     };
-    if let Some(lost) = vision_lost(deck, s, c).or_else(|| deck_lost(s, c)) {
+    if let Some(lost) = not_followed(deck, s, c) {
         return lost;
     }
     let wide = widening(progress);
@@ -343,6 +373,7 @@ fn violation(
     let cone = CONE_M + CONE_SLOPE * deck.clearance_m.max(0.0);
     let needed = c.min_probability - REPEAT_S * c.waiting_cost_per_s() - REPEAT_RISK;
     exceeds(VisionLost, deck.vision_age_s, blind_s)
+        .or(s.doubt)
         .or_else(|| exceeds(Deviated, deck.distance_m, cone))
         .or_else(|| deck_infeasible(deck, c, WIDER * widening(progress)))
         .or_else(|| exceeds(Swings, s.swing_rad, WIDER * MAX_SWING_RAD))
@@ -525,7 +556,8 @@ fn held(
     c: &MissionConfig,
 ) -> Transition {
     if cause == HoldCause::Operator && !progress.landing {
-        return hold(None).stay(Operator);
+        let why = super::transition::stopped_low(progress, s).unwrap_or(Operator.into());
+        return hold(None).stay(why);
     }
     if s.flight == ControlState::Unknown {
         return hold(None).stay(NotFlying);
@@ -547,7 +579,7 @@ fn held(
         return hold(fresh).stay(Reason::new(NotSteady, lasted, RECOVER_S));
     }
     let above = deck.vision_age_s <= c.vision_fresh_s && deck.distance_m <= RESUME_DISTANCE_M;
-    let next = if above && s.waits(c).is_none() {
+    let next = if above && s.waits(c).is_none() && s.doubt.is_none() {
         MissionPhase::TRACKING
     } else {
         MissionPhase::GetAltitude {

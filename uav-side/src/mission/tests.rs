@@ -68,6 +68,8 @@ pub(super) fn fair() -> Situation {
             ends: None,
         }),
         mean_deck_z: Some(-1.3),
+        lowest_z: None,
+        doubt: None,
         tilt_excess_rad: 0.0,
         swing_rad: 0.0,
         staying: Staying::default(),

@@ -49,7 +49,7 @@ pub fn decide(
         Transition::BreakOff(why) => (MissionPhase::TRACKING, Some(why), why),
     };
     if matches!(phase, MissionPhase::GaveUp { .. } | MissionPhase::Landed { .. }) {
-        progress.landing = false;
+        (progress.landing, progress.ordered_below) = (false, None);
     }
     if !phase.flies() {
         progress.low_battery = None;
@@ -119,30 +119,65 @@ fn without_data(progress: &Progress, s: &Situation, c: &MissionConfig) -> Missio
 
 /// Share of the reserve that is for waiting above a deck on which no descent can begin; the rest is for the next place.
 const FOR_WAITING: f64 = 0.5;
+/// Share of the reserve in which an operator who has stopped the landing decides.
+const FOR_OPERATOR: f64 = 0.25;
+
+/// Whether the charge `b` is below what the flight keeps: the reserve, and for a stopped landing what is left of it for its
+/// operator; at once where the order came with less.
+fn is_low(b: f64, progress: &Progress, s: &Situation) -> bool {
+    let limit = if progress.stopped {
+        (1.0 - FOR_OPERATOR) * s.battery_reserve
+    } else {
+        s.battery_reserve
+    };
+    b < limit
+}
+
+/// The battery of a drone whose landing was stopped is below the reserve, and its operator has yet to decide.
+pub(super) fn stopped_low(progress: &Progress, s: &Situation) -> Option<Reason> {
+    let b = s.battery.filter(|b| *b < s.battery_reserve && progress.stopped)?;
+    let limit = (1.0 - FOR_OPERATOR) * s.battery_reserve;
+    Some(Reason::new(ReasonCode::BatteryStopped, b, limit)).filter(|_| b >= limit)
+}
+
+/// Whether there is charge left to wait for the deck: until half of the reserve is left, or of what was left of it at the
+/// order; an order that came with less leaves nothing for another place.
+fn lasts(b: f64, progress: &Progress, s: &Situation) -> bool {
+    let half = (1.0 - FOR_WAITING) * s.battery_reserve;
+    match progress.ordered_below {
+        Some(ordered) if ordered < half => true,
+        Some(ordered) => b >= (1.0 - FOR_WAITING) * ordered,
+        None => b >= half,
+    }
+}
 
 /// What a battery below the reserve brings about: the first place of the configured order that can be had. The deck can
-/// while a landing is wanted, its forecast is fresh, it is neither another's nor closed, and half of the reserve is left; a
-/// descent that has begun is the quickest way down in any case.
+/// while its forecast is fresh, it is neither another's nor closed, half of the reserve is left, and no operator has declined
+/// it; a descent that has begun is the quickest way down in any case. An order to land that comes below the reserve makes the
+/// deck the first place. A landing that an operator has stopped, or that was given up, leaves no drone in the air until it
+/// falls.
 fn low_battery(
     phase: MissionPhase,
     progress: &mut Progress,
     s: &Situation,
     c: &MissionConfig,
 ) -> Option<Transition> {
-    let b = s.battery?;
-    if b >= s.battery_reserve || progress.reserve_waived {
-        return None;
-    }
+    let b = s.battery.filter(|b| is_low(*b, progress, s))?;
     let why = |code| Reason::new(code, b, s.battery_reserve);
     let lands = phase.state().phase() == Phase::Landing;
-    let free = !matches!(s.reservation, Reservation::Others(holder) if holder != 0);
-    let lasts = lands || b >= (1.0 - FOR_WAITING) * s.battery_reserve;
     let touches = c.lowest_plan_m().is_none();
+    if lands && progress.stopped {
+        return None;
+    }
+    let ended = matches!(phase, MissionPhase::GaveUp { .. }) || phase.waits_for_operator();
+    let free = !matches!(s.reservation, Reservation::Others(holder) if holder != 0);
+    let wanted = progress.landing || ended && !progress.deck_declined;
     let deck = s
         .fresh_deck()
-        .filter(|_| progress.landing && free && lasts && touches);
+        .filter(|_| wanted && free && touches && (lands || lasts(b, progress, s)));
     let had = |p: &&BatteryPlace| **p != BatteryPlace::Deck || deck.is_some();
-    let place = c.battery_order.iter().find(had).copied();
+    let ordered = (deck.is_some() && progress.ordered_below.is_some()).then_some(BatteryPlace::Deck);
+    let place = ordered.or(c.battery_order.iter().find(had).copied());
     if lands && place != Some(BatteryPlace::Deck) && touches {
         return None;
     }
@@ -151,11 +186,21 @@ fn low_battery(
         Some(BatteryPlace::Deck) => {
             let near = deck.is_some_and(|d| d.distance_m <= RESUME_DISTANCE_M);
             let tracks = near && !lands && s.waits(c).is_none();
-            let next = if tracks { MissionPhase::TRACKING } else { phase };
-            return (before != place).then(|| next.enter(why(ReasonCode::BatteryDeck)));
+            let next = match (tracks, ended) {
+                (true, _) => MissionPhase::TRACKING,
+                (false, true) => holding(HoldCause::Data, s, c),
+                (false, false) => phase,
+            };
+            if ended {
+                (progress.landing, progress.stopped) = (true, false);
+                (progress.attempts, progress.started) = (0, s.now);
+            }
+            return (before != place || ended).then(|| next.enter(why(ReasonCode::BatteryDeck)));
         }
         Some(BatteryPlace::Home) => ReasonCode::BatteryHome,
         Some(BatteryPlace::Here) => ReasonCode::BatteryHere,
+        // It holds already.
+        None if ended => return None,
         None => ReasonCode::BatteryLow,
     };
     Some(gave_up(s, c).enter(why(code)))
@@ -165,7 +210,13 @@ fn low_battery(
 fn after_lapse(progress: &mut Progress, s: &Situation) {
     match s.flight {
         ControlState::Unknown => {}
-        ControlState::Lapsed => progress.lapsed = true,
+        ControlState::Lapsed => {
+            if !progress.lapsed {
+                // From now on it waits for the drone.
+                progress.started = s.now;
+            }
+            progress.lapsed = true;
+        }
         ControlState::OnGround | ControlState::Ours => progress.lapsed = false,
         ControlState::Disarmed | ControlState::OtherControl(_) => {
             progress.landing &= !progress.lapsed;
@@ -202,15 +253,18 @@ fn interrupt(
         });
     }
     let gives_up = matches!(phase, MissionPhase::GaveUp { .. });
-    // Whoever commanded a hold or a stop did not ask for another place.
-    let over = gives_up && (progress.stopped || !progress.is_urgent());
-    if phase.waits_for_operator() || over {
+    // On its way to another place.
+    let elsewhere = matches!(
+        progress.low_battery,
+        Some(BatteryPlace::Home | BatteryPlace::Here)
+    );
+    if gives_up && elsewhere {
         return None;
     }
     if let Some(transition) = low_battery(phase, progress, s, c) {
         return Some(transition);
     }
-    if phase.state().phase() == Phase::Landing || gives_up {
+    if phase.state().phase() == Phase::Landing || gives_up || phase.waits_for_operator() {
         return None;
     }
     let took = (s.now - progress.started).secs();
@@ -233,6 +287,8 @@ fn commanded(
             let completes = completes(phase, progress, s, c);
             progress.landing = false;
             progress.stopped = true;
+            progress.deck_declined |= progress.is_urgent();
+            progress.ordered_below = None;
             if !can_stop(phase, s) || completes || aborts && gives_up {
                 return None;
             }
@@ -251,10 +307,12 @@ fn commanded(
             }
             progress.landing = true;
             progress.stopped = false;
-            progress.low_battery = None;
             progress.attempts = 0;
             progress.started = s.now;
-            progress.reserve_waived = s.battery.is_some_and(|b| b < s.battery_reserve);
+            progress.armed = false;
+            progress.deck_declined = false;
+            progress.ordered_below = s.battery.filter(|b| *b < s.battery_reserve);
+            progress.low_battery = progress.ordered_below.map(|_| BatteryPlace::Deck);
             gives_up.then(|| holding(HoldCause::Data, s, c).enter(ReasonCode::Commanded))
         }
     }

@@ -104,6 +104,8 @@ pub struct Pilot {
     tracker: Tracker,
     detector: TouchdownDetector,
     hold: Option<Hold>,
+    /// Height at which it was disarmed last, NED z, m.
+    disarmed_z: Option<f64>,
     /// The landing goes on without the mission or a plan.
     completes: bool,
     stopped_at: Option<Time<DroneClock>>,
@@ -117,6 +119,12 @@ pub struct Pilot {
 const MAX_STEP_S: f64 = 0.05;
 /// Period of the planner, s.
 const PLAN_PERIOD_S: f64 = 0.02;
+/// A drone that stands has its feet no further from the ground than this by the rangefinder, m; and without one it is no higher
+/// than this above where it was disarmed, m: a deck that heaves.
+const LOW_BY_RANGE_M: f64 = 0.3;
+const LOW_M: f64 = 1.0;
+/// A reading of the rangefinder counts for so long.
+const RANGE_AGE: Span = Span::from_millis(200);
 
 impl Pilot {
     /// A pilot of the drone described by `geometry`.
@@ -141,6 +149,7 @@ impl Pilot {
             tracker: Tracker::default(),
             detector: TouchdownDetector::new(geometry.feet_below_m - geometry.rangefinder_m[2]),
             hold: None,
+            disarmed_z: None,
             completes: false,
             stopped_at: None,
             disarmed_since_stop: false,
@@ -163,6 +172,13 @@ impl Pilot {
             }
             self.estimate.use_reported_hover(m.hover_thrust);
             self.disarmed_since_stop |= self.stopped_at.is_some() && !m.armed;
+            if let Some(d) = self
+                .drone
+                .fresh(now, topics::DRONE_STATE.stale_after)
+                .filter(|_| !m.armed)
+            {
+                self.disarmed_z = Some(d.position[2]);
+            }
         }
         if let Some(m) = &input.mission {
             self.mission.offer(now, m);
@@ -186,7 +202,17 @@ impl Pilot {
         self.plan.forget();
         self.forecast.forget();
         self.hold = None;
+        self.disarmed_z = None;
         self.tracker.reset();
+    }
+
+    /// Low enough to stand on the ground: by the rangefinder, or where none reads, as low as where it was disarmed.
+    fn is_low(&self, now: Time<DroneClock>, body: &Body) -> bool {
+        let feet_m = self.geometry.feet_below_m - self.geometry.rangefinder_m[2];
+        match self.range.fresh(now, RANGE_AGE) {
+            Some(r) => r.range_m < feet_m + LOW_BY_RANGE_M,
+            None => self.disarmed_z.is_some_and(|z| body.position.z > z - LOW_M),
+        }
     }
 
     /// The deck under the drone, when forecast and odometry reach `now`.
@@ -346,6 +372,7 @@ impl Pilot {
             holds: self.hold.is_some(),
             attitudes: self.config.output == Output::Attitude,
             touches: matches!(self.detector.contact(), Contact::Suspected { .. }),
+            low: self.is_low(now, body),
         };
         if known.waits() && !known.commands() {
             // Offboard modes want a stream of set-points before they can be entered; until

@@ -177,13 +177,33 @@ fn set_point_kind_in_all_phases() {
 
 #[test]
 fn idle_thrust_on_the_ground() {
-    let s = after(State::Idle, 0.0, 1.0, |i| {
-        i.autopilot.as_mut().unwrap().landed = LandedState::OnGround;
-    });
-    assert!(
-        s.kind == SetPointKind::Attitude && (0.0..0.15).contains(&s.thrust),
-        "{s:?}"
-    );
+    let drone = DroneGeometry::default();
+    let feet_m = drone.feet_below_m - drone.rangefinder_m[2];
+    // A report alone cuts no thrust: the rangefinder sees the ground, too.
+    for (range_m, stands) in [(Some(feet_m), true), (Some(12.0), false), (None, false)] {
+        let s = after(State::Idle, 0.0, 1.0, |i| {
+            let autopilot = i.autopilot.as_mut().unwrap();
+            autopilot.landed = LandedState::OnGround;
+            i.ranges.extend(range_m.map(|range_m| RangeSample {
+                header: autopilot.header,
+                range_m,
+                variance: 1e-4,
+            }));
+        });
+        assert_eq!(s.kind, SetPointKind::Attitude);
+        assert_eq!((0.0..0.15).contains(&s.thrust), stands, "{range_m:?}: {s:?}");
+    }
+    // Where it was disarmed it stands, without a rangefinder too.
+    let mut pilot = Pilot::new(&PilotConfig::default(), &drone, 1, 1);
+    let mut last = SetPoint::default();
+    for k in 0..200 {
+        let now = Time::from_secs(5.0 + f64::from(k) * 0.01);
+        let mut input = everything(k, now, State::Idle, 0.0);
+        let autopilot = input.autopilot.as_mut().unwrap();
+        (autopilot.landed, autopilot.armed) = (LandedState::OnGround, k >= 100);
+        last = pilot.step(now, &input).set_point.unwrap();
+    }
+    assert!((0.0..0.15).contains(&last.thrust), "{last:?}");
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use alight_shared::autopilot_parameters::Severity;
 use alight_shared::geodesy::Datum;
+use alight_shared::geoid;
 use alight_shared::transport::radio::RadioConfig;
 use alight_uav::autopilot::parameters::Finding as ParameterFinding;
 use alight_uav::mission::MAX_VESSEL_DISTANCE_M;
@@ -63,7 +64,7 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     match (computer, &facts.reported) {
         (Computer::Drone(d), Some(Some(reported))) => {
             all.extend(parameters(reported, d.autopilot.check_parameters));
-            all.push(origin(reported, d.autopilot.geoid_m));
+            all.push(origin(reported));
         }
         (Computer::Drone(_), Some(None)) => all.push(Topic("parameters").warning(
             "no heartbeat of an autopilot came while listening: neither they nor its origin were read",
@@ -314,7 +315,7 @@ fn autopilot((url, reach): &(String, Result<Reach, String>), facts: &Facts) -> F
 }
 
 /// Where the drone's frame begins, and what its height is above the ellipsoid, as the vessel's is.
-fn origin(reported: &AutopilotReport, configured_geoid_m: f64) -> Finding {
+fn origin(reported: &AutopilotReport) -> Finding {
     const TOPIC: Topic = Topic("origin");
     let Some(o) = &reported.origin else {
         return TOPIC.warning(
@@ -328,11 +329,15 @@ fn origin(reported: &AutopilotReport, configured_geoid_m: f64) -> Finding {
     );
     match reported.geoid_m {
         Some(g) => TOPIC.fine(format!("{at} {g:.1} m above the ellipsoid by its receiver")),
-        None if configured_geoid_m == 0.0 => TOPIC.warning(
-            format!("{at} at the ellipsoid by autopilot.geoid_m = 0: its receiver does not give both heights"),
-            "set autopilot.geoid_m to the geoid's height at this place (EGM2008): up to 100 m of the deck's height",
-        ),
-        None => TOPIC.fine(format!("{at} {configured_geoid_m:.1} m above the ellipsoid by autopilot.geoid_m")),
+        None => {
+            let [latitude, longitude] = [o.latitude_deg, o.longitude_deg].map(f64::to_radians);
+            let g = geoid::undulation(latitude, longitude);
+            TOPIC.fine(format!(
+                "{at} {:.1} m above the ellipsoid by the geoid's model (EGM96; its receiver, which does not give both heights, \
+                 may differ by {:.1} m)",
+                g.height_m, g.sigma_m
+            ))
+        }
     }
 }
 

@@ -311,10 +311,6 @@ fn check_of_each_fault() {
                 (|f| f.reported = Some(None), "no heartbeat"),
                 (|f| f.reported = begun(None, Some(30.0)), "GPS_GLOBAL_ORIGIN"),
                 (
-                    |f| f.reported = begun(Some(Datum::new(70.1, 19.2, 3.0)), None),
-                    "autopilot.geoid_m = 0",
-                ),
-                (
                     |f| f.reported = reported("MC_AIRMODE", 0.0),
                     "MC_AIRMODE is 0, 1 to 2 is needed",
                 ),
@@ -431,6 +427,16 @@ fn check_of_an_unprotected_radio() {
     computer.radio.listen = vec!["udp/127.0.0.1:7447".into()];
     facts.computer = Ok(Computer::Vessel(Box::new(computer)));
     assert_eq!(worst(&judge(&facts)), Level::Fine);
+}
+
+#[test]
+fn check_of_an_origin_without_both_heights() {
+    let mut facts = drone();
+    facts.reported = begun(Some(Datum::new(70.1, 19.2, 3.0)), None);
+    let all = judge(&facts);
+    let origin = all.iter().find(|f| f.topic == "origin").unwrap();
+    assert_eq!(origin.level, Level::Fine);
+    assert!(origin.found.contains("by the geoid's model"), "{}", origin.found);
 }
 
 #[test]

@@ -21,7 +21,7 @@ use std::collections::{BTreeMap, VecDeque};
 
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
-use alight_shared::msg::AutopilotMode;
+use alight_shared::msg::{AutopilotMode, LandedState};
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_uav::autopilot::message::{Address, CommandLong, CommandResult, Message};
 use alight_uav::autopilot::modes::Firmware;
@@ -57,6 +57,8 @@ pub struct SimulatedAutopilot {
     pub origin: Datum,
     /// Height of the sea above the ellipsoid, where its receiver gives both heights, m.
     pub geoid_m: Option<f64>,
+    /// Its receiver reports both heights.
+    pub gnss_ellipsoid: bool,
     /// How far the hull's steel is, m.
     pub steel_m: f64,
     /// Where the true NED begins; None: its own is the true one.
@@ -77,6 +79,10 @@ pub struct SimulatedAutopilot {
     pub answer: Option<CommandResult>,
     /// Home, its height above the sea; None before it was set by a command.
     pub home: Option<Datum>,
+    /// Fault: messages with these numbers are sent no more.
+    pub muted: Vec<u32>,
+    /// Fault: reports this landed state whatever its detector has.
+    pub landed_report: Option<LandedState>,
     /// Fault: answers no TIMESYNC.
     pub no_timesync: bool,
     /// Fault: does not report its origin.
@@ -138,6 +144,7 @@ impl SimulatedAutopilot {
             address: Address::new(3, 1),
             origin: Datum::default(),
             geoid_m: Some(0.0),
+            gnss_ellipsoid: navigation.gnss_ellipsoid,
             steel_m: f64::INFINITY,
             place: None,
             parameters: protocol::parameters(config),
@@ -147,6 +154,8 @@ impl SimulatedAutopilot {
             battery_reported: true,
             silent: false,
             answer: None,
+            muted: Vec::new(),
+            landed_report: None,
             no_timesync: false,
             no_origin: false,
             home: None,

@@ -77,7 +77,8 @@ pub(super) fn parameters(c: &AutopilotConfig) -> BTreeMap<&'static str, f64> {
             ("NAV_RCL_ACT", 2.0),
             ("COM_RCL_EXCEPT", 4.0),
             ("NAV_DLL_ACT", 0.0),
-            ("COM_LOW_BAT_ACT", 0.0),
+            ("COM_LOW_BAT_ACT", 3.0),
+            ("BAT_CRIT_THR", 0.07),
             ("GF_ACTION", 2.0),
             ("RTL_LAND_DELAY", -1.0),
             ("COM_ARM_IMU_ACC", 0.7),
@@ -91,7 +92,8 @@ pub(super) fn parameters(c: &AutopilotConfig) -> BTreeMap<&'static str, f64> {
             ("FS_THR_ENABLE", 1.0),
             ("FS_GCS_ENABLE", 0.0),
             ("BATT_FS_LOW_ACT", 0.0),
-            ("BATT_FS_CRT_ACT", 0.0),
+            ("BATT_FS_CRT_ACT", 1.0),
+            ("BATT_CRT_VOLT", 13.2),
             ("FENCE_ACTION", 4.0),
             ("RTL_ALT_FINAL", 1000.0),
             ("INS_GYR_CAL", 0.0),
@@ -161,7 +163,8 @@ impl SimulatedAutopilot {
                 self.commands.push_back((self.now, *c));
                 if c.command == command::REQUEST_MESSAGE && !self.no_origin {
                     let sea_m = self.origin.height_m - self.on_map(&self.estimator.now().position).z;
-                    let ellipsoid_m = self.geoid_m.map_or(0.0, |g| sea_m + g);
+                    let both = self.geoid_m.filter(|_| self.gnss_ellipsoid);
+                    let ellipsoid_m = both.map_or(0.0, |g| sea_m + g);
                     self.outbox.push(match c.parameters[0] as u32 {
                         id::GPS_RAW_INT => Message::GnssHeights { sea_m, ellipsoid_m },
                         _ => Message::Origin(self.origin),
@@ -351,6 +354,9 @@ impl SimulatedAutopilot {
             };
             let which = stream.id;
             stream.due = (stream.due + stream.period).max(self.now);
+            if self.muted.contains(&which) {
+                continue;
+            }
             if which == id::CURRENT_MODE {
                 // When it changes, and with the vehicle's state twice a second.
                 let mode = self.mode();
@@ -419,7 +425,7 @@ impl SimulatedAutopilot {
                 variance: None,
             }),
             id::EXTENDED_SYS_STATE => Message::Landed {
-                state: match self.flight.landed() {
+                state: match self.landed_report.unwrap_or(self.flight.landed()) {
                     LandedState::Unknown => 0,
                     LandedState::OnGround => 1,
                     LandedState::InAir => 2,

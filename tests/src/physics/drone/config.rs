@@ -242,6 +242,8 @@ config! {
         pub gnss_noise_m: f64 = 0.3, in 0.001..=50.0;
         /// White GNSS velocity error, m/s.
         pub gnss_velocity_mps: f64 = 0.1, in 0.001..=10.0;
+        /// Its receiver gives the height above the ellipsoid beside that above the sea (`alt_ellipsoid` of `GPS_RAW_INT`).
+        pub gnss_ellipsoid: bool = true;
         /// GNSS rate, Hz.
         pub gnss_hz: f64 = 10.0, in 1.0..=50.0;
         /// White gyro noise per 100 Hz sample, rad/s.

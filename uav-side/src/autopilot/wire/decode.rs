@@ -50,7 +50,8 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
             gyro: [d.xgyro, d.ygyro, d.zgyro].map(|w| f64::from(w) * 1e-3),
         }),
         M::DISTANCE_SENSOR(d) => {
-            if d.orientation != m::MavSensorOrientation::MAV_SENSOR_ROTATION_PITCH_270 {
+            let down = d.orientation == m::MavSensorOrientation::MAV_SENSOR_ROTATION_PITCH_270;
+            if !down {
                 return None;
             }
             let metres = |cm: u16| f64::from(cm) * 0.01;

@@ -84,3 +84,32 @@ fn chars<const N: usize>(t: &str) -> CharArray<N> {
     bytes.iter_mut().zip(t.bytes()).for_each(|(b, c)| *b = c);
     CharArray::new(bytes)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// DISTANCE_SENSOR with its extension, 1.5 m, downwards, of this quality.
+    fn distance(quality: u8) -> Vec<u8> {
+        let mut payload = 7_u32.to_le_bytes().to_vec();
+        payload.extend([10_u16, 1000, 150].into_iter().flat_map(u16::to_le_bytes));
+        payload.extend([0, 0, 25, 255]);
+        payload.extend([0; 24]);
+        payload.push(quality);
+        let from = Sender {
+            system: 1,
+            component: 1,
+            sequence: 0,
+        };
+        mavlink::encode_payload::<132, 85>(from, payload)
+    }
+
+    #[test]
+    fn range_of_invalid_quality() {
+        for (quality, counts) in [(0, true), (1, false), (100, true)] {
+            let mut decoder = Decoder::default();
+            decoder.push(&distance(quality));
+            assert_eq!(decoder.next_frame().is_some(), counts, "{quality}");
+        }
+    }
+}
