@@ -43,6 +43,8 @@ pub struct Snapshot {
     pub link: Option<LinkState>,
     /// Plan, and its age when it was looked at, s.
     pub plan: Option<(Plan, f64)>,
+    /// What is said of a configuration that was edited since the start.
+    pub edited: Option<String>,
 }
 
 impl Snapshot {

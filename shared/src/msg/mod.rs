@@ -35,6 +35,7 @@ macro_rules! restamped {
 
 mod deck;
 mod drone;
+mod drone_status;
 mod grant;
 mod mission;
 mod sensors;
@@ -70,7 +71,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 18;
+pub const MESSAGE_VERSION: u16 = 19;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
