@@ -5,8 +5,8 @@ use std::collections::VecDeque;
 use alight_shared::admission::command::counts_despite;
 use alight_shared::admission::{Periodic, RejectionReason, Rejections, Sender, check_identity};
 use alight_shared::msg::{
-    Command, DeckGrant, Header, LinkState, Message, OperatorCommand, TimeReply, TimeRequest, VesselEstimate,
-    VesselPrediction, VesselSurroundings, WaveModel,
+    Command, CommandKind, DeckGrant, Header, LinkState, Message, OperatorCommand, TimeReply, TimeRequest,
+    VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
@@ -85,6 +85,14 @@ pub struct BridgeOut {
 /// Requests that may still be answered.
 const MAX_OPEN: usize = 16;
 
+#[derive(Clone, Copy, Debug)]
+struct Request {
+    /// t1.
+    at: Time<DroneClock>,
+    /// By the one that is listened to.
+    answered: bool,
+}
+
 /// Admission, clock offset and link statistics.
 #[derive(Clone, Debug)]
 pub struct Bridge {
@@ -100,8 +108,8 @@ pub struct Bridge {
     clock: ClockOffset,
     link: LinkStatistics,
     rejections: Rejections,
-    /// t1 of requests without an answer.
-    open: VecDeque<Time<DroneClock>>,
+    /// The newest requests.
+    open: VecDeque<Request>,
     next_request: Periodic<DroneClock>,
     requests: u32,
     next_link: Periodic<DroneClock>,
@@ -132,6 +140,10 @@ impl Bridge {
     /// Rejections since the start.
     pub fn rejections(&self) -> &Rejections {
         &self.rejections
+    }
+    /// The boot of a second computer that speaks as the vessel and was heard lately; nothing of it is used.
+    pub fn second_sender(&self, now: Time<DroneClock>) -> Option<u32> {
+        self.boots.second(now)
     }
     /// The clocks' offset at `now`; None before the first exchange.
     pub fn offset(&self, now: Time<DroneClock>) -> Option<Offset> {
@@ -195,6 +207,13 @@ impl Bridge {
                         let given = self.on_own_clock(arrival, &m.header).map(|(at, _)| at);
                         given.filter(|_| why == RejectionReason::Stale).unwrap_or(arrival)
                     }
+                    // An abort counts whichever of the vessel's computers passes it on; on whose clock it was given is not
+                    // known here.
+                    Err(RejectionReason::Boot | RejectionReason::SecondSender)
+                        if m.kind == CommandKind::Abort =>
+                    {
+                        arrival
+                    }
                     Err(reason) => return Err(reason),
                 };
                 out.commands.push(m.restamped(at));
@@ -217,14 +236,14 @@ impl Bridge {
         let header = message.header();
         check_identity(header, self.config.vessel_id, self.config.drone_id)?;
         message.check().map_err(|_| RejectionReason::OutOfRange)?;
-        let restart = match self.boots.classify(header.boot) {
+        let restart = match self.boots.hear(arrival, header.boot) {
             Boot::Current => false,
             Boot::First => true,
-            Boot::Retired => return Err(RejectionReason::Boot),
+            Boot::Second => return Err(RejectionReason::SecondSender),
             // A restart can only speak of later times than its predecessor did; if the vessel's
             // clock went back with it, the first reply to a request of ours proves the new boot.
-            Boot::Unknown if self.newest.is_some_and(|n| header.at > n) => true,
-            Boot::Unknown => return Err(RejectionReason::Boot),
+            Boot::Next if self.newest.is_some_and(|n| header.at > n) => true,
+            Boot::Next | Boot::Other => return Err(RejectionReason::Boot),
         };
         let advance = if restart {
             1
@@ -243,8 +262,11 @@ impl Bridge {
             return Err(RejectionReason::Stale);
         }
         if restart {
-            self.adopt(header.boot);
+            self.adopt(arrival, header.boot);
         }
+        // The earliest that it can have been sent.
+        let sent = at - Span::from_secs(slack + ahead);
+        self.boots.heard(arrival, sent);
         self.newest = Some(self.newest.map_or(header.at, |n| n.max(header.at)));
         self.orders[kind as usize].admit(header.sequence);
         Ok((at, advance))
@@ -262,8 +284,12 @@ impl Bridge {
         Some((at, offset.max_error_s))
     }
 
-    fn adopt(&mut self, boot: u32) {
-        self.boots.adopt(boot);
+    fn adopt(&mut self, now: Time<DroneClock>, boot: u32) {
+        self.boots.adopt(now, boot);
+        self.begin_anew();
+    }
+
+    fn begin_anew(&mut self) {
         self.orders = Default::default();
         self.newest = None;
         self.link.reset();
@@ -276,25 +302,33 @@ impl Bridge {
     ) -> Result<(), RejectionReason> {
         let header: &Header<VesselClock> = &m.header;
         check_identity(header, self.config.vessel_id, self.config.drone_id)?;
-        let (is_new, is_first) = match self.boots.classify(header.boot) {
-            Boot::Current => (false, false),
-            Boot::First => (true, true),
-            Boot::Unknown => (true, false),
-            Boot::Retired => return Err(RejectionReason::Boot),
-        };
-        // An answer to an open request is fresh by proof: only the running computer can give it.
-        let Some(i) = self.open.iter().position(|t1| *t1 == m.requested_at) else {
-            return Err(RejectionReason::Unsolicited);
-        };
-        self.open.remove(i);
-        if is_new {
-            self.adopt(header.boot);
-            if !is_first {
+        let asked = m.requested_at;
+        let request = self.open.iter_mut().find(|r| r.at == asked);
+        match self.boots.hear(t4, header.boot) {
+            // An answer to an open request is fresh by proof: only the running computer can give it.
+            meaning @ (Boot::Current | Boot::First | Boot::Next) => {
+                let Some(request) = request.filter(|r| !r.answered) else {
+                    return Err(RejectionReason::Unsolicited);
+                };
+                request.answered = true;
+                if meaning != Boot::Current {
+                    self.adopt(t4, header.boot);
+                }
+                if meaning == Boot::Next {
+                    self.clock.reset();
+                }
+            }
+            Boot::Other if request.is_some() && self.boots.returns(t4, header.boot, asked) => {
+                self.begin_anew();
                 self.clock.reset();
             }
+            // The request stays open for the one that is listened to.
+            Boot::Other => return Err(RejectionReason::Boot),
+            Boot::Second => return Err(RejectionReason::SecondSender),
         }
+        self.boots.heard(t4, asked);
         self.clock
-            .exchange(m.requested_at, m.received_at, header.at, t4)
+            .exchange(asked, m.received_at, header.at, t4)
             .map_err(|_| RejectionReason::RoundTrip)?;
         Ok(())
     }
@@ -307,7 +341,10 @@ impl Bridge {
         if self.open.len() == MAX_OPEN {
             self.open.pop_front();
         }
-        self.open.push_back(now);
+        self.open.push_back(Request {
+            at: now,
+            answered: false,
+        });
         let header = Header::new(
             self.config.vessel_id,
             self.config.drone_id,
@@ -350,6 +387,7 @@ impl Bridge {
             latency_p50_s,
             latency_p99_s,
             rejected: self.rejections.total(),
+            second_sender: self.boots.second(now),
         })
     }
 }

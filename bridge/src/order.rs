@@ -1,17 +1,55 @@
-//! Order of the vessel's messages: boot number of its computer, then sequence number.
+//! Which start of the vessel's computer is listened to, and the order of its messages.
+//!
+//! One identity has one holder. Two computers with one certificate look like one that is started again and again, but for
+//! one thing: a computer that was started anew is not heard any more under its former boot. So another boot is
+//! listened to only once the holder is silent, for [`RESTART_SILENCE`] where nothing speaks against a restart. A boot that
+//! was heard before a message that the holder sent later is that of a second computer ([`Boots::second`]), and it is
+//! listened to only after [`HOLDER_SILENCE`]. If the former holder turns out to live after a restart was believed, it is
+//! the holder again.
 
 use std::collections::VecDeque;
 
 use alight_shared::admission::RejectionReason;
+use alight_shared::time::{DroneClock, Span, Time};
 
-/// Superseded boots that are remembered.
-const MAX_RETIRED: usize = 16;
+/// Other boots that are remembered.
+const MAX_OTHERS: usize = 16;
+/// The holder is silent for this long before a boot that was never heard beside it counts as its next start: fifteen
+/// estimates, and half of what an estimate may be old.
+pub const RESTART_SILENCE: Span = Span::from_millis(500);
+/// Before that of a second computer does: longer than a descent and flare (38 s), and what the vessel's deck arbiter waits
+/// for before it believes that a silent drone has ended its landing.
+pub const HOLDER_SILENCE: Span = Span::from_millis(60_000);
+/// A second computer that was not heard for this long is not reported any more.
+const SECOND_TIMEOUT: Span = Span::from_millis(10_000);
 
 /// Which start of the vessel's computer is listened to.
 #[derive(Clone, Debug, Default)]
 pub struct Boots {
-    current: Option<u32>,
-    retired: VecDeque<u32>,
+    holder: Option<Holder>,
+    others: VecDeque<Other>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Holder {
+    boot: u32,
+    heard: Time<DroneClock>,
+    /// Since when it is listened to.
+    adopted: Time<DroneClock>,
+    /// The one whose next start it was taken for.
+    predecessor: Option<u32>,
+}
+
+/// A boot that is not listened to.
+#[derive(Clone, Copy, Debug)]
+struct Other {
+    boot: u32,
+    first: Time<DroneClock>,
+    newest: Time<DroneClock>,
+    /// It was listened to before.
+    retired: bool,
+    /// It and the holder lived at one time.
+    beside: bool,
 }
 
 /// What a boot id means.
@@ -21,32 +59,108 @@ pub enum Boot {
     Current,
     /// The first that was ever received.
     First,
-    /// Never received before: a restart, or a message from before we began to listen.
-    Unknown,
-    /// Superseded.
-    Retired,
+    /// The holder is silent for long enough: its next start, if a message proves to be newer than its.
+    Next,
+    /// Not known to be newer than the holder, which was heard just now; or superseded.
+    Other,
+    /// Another computer with the same identity, beside the holder.
+    Second,
 }
 
 impl Boots {
-    /// What `boot` means.
-    pub fn classify(&self, boot: u32) -> Boot {
-        match self.current {
-            None => Boot::First,
-            Some(c) if c == boot => Boot::Current,
-            Some(_) if self.retired.contains(&boot) => Boot::Retired,
-            Some(_) => Boot::Unknown,
+    /// What a message of this `boot` means that arrives at `now`.
+    pub fn hear(&mut self, now: Time<DroneClock>, boot: u32) -> Boot {
+        let Some(holder) = self.holder else {
+            return Boot::First;
+        };
+        if holder.boot == boot {
+            return Boot::Current;
+        }
+        let silence = now - holder.heard;
+        let other = match self.others.iter_mut().find(|o| o.boot == boot) {
+            Some(known) => {
+                known.newest = now;
+                *known
+            }
+            None => {
+                let new = Other {
+                    boot,
+                    first: now,
+                    newest: now,
+                    retired: false,
+                    beside: false,
+                };
+                self.remember(new);
+                new
+            }
+        };
+        match other {
+            Other { beside: true, .. } if silence > HOLDER_SILENCE => Boot::Next,
+            Other { beside: true, .. } => Boot::Second,
+            Other { retired: false, .. } if silence > RESTART_SILENCE => Boot::Next,
+            Other { .. } => Boot::Other,
         }
     }
-    /// From now on `boot` is listened to and its predecessor never again.
-    pub fn adopt(&mut self, boot: u32) {
-        if let Some(old) = self.current.replace(boot)
-            && old != boot
-        {
-            if self.retired.len() == MAX_RETIRED {
-                self.retired.pop_front();
-            }
-            self.retired.push_back(old);
+    /// A message of the holder was admitted that it sent at `sent` or later, on our clock: whoever was heard before
+    /// that is another computer.
+    pub fn heard(&mut self, now: Time<DroneClock>, sent: Time<DroneClock>) {
+        if let Some(holder) = &mut self.holder {
+            holder.heard = holder.heard.max(now);
+            let lived = |o: &&mut Other| !o.retired && o.first < sent;
+            self.others.iter_mut().filter(lived).for_each(|o| o.beside = true);
         }
+    }
+    /// From now on `boot` is listened to.
+    pub fn adopt(&mut self, now: Time<DroneClock>, boot: u32) {
+        let second = self.others.iter().any(|o| o.boot == boot && o.beside);
+        self.others.retain(|o| o.boot != boot);
+        let former = self.holder.replace(Holder {
+            boot,
+            heard: now,
+            adopted: now,
+            // A second computer is no next start of the first, which may be back at any time.
+            predecessor: self.holder.map(|h| h.boot).filter(|_| !second),
+        });
+        if let Some(former) = former.filter(|f| f.boot != boot) {
+            self.remember(Other {
+                boot: former.boot,
+                first: former.heard,
+                newest: former.heard,
+                retired: true,
+                beside: second,
+            });
+        }
+    }
+    /// A computer with this boot answered a request of `asked`. True where it is the former holder, which was taken for
+    /// ended before: it lives, so that its supposed next start is another computer. It is to be listened to again.
+    pub fn returns(&mut self, now: Time<DroneClock>, boot: u32, asked: Time<DroneClock>) -> bool {
+        let Some(holder) = self
+            .holder
+            .filter(|h| h.predecessor == Some(boot) && asked > h.adopted)
+        else {
+            return false;
+        };
+        self.adopt(now, boot);
+        if let Some(returned) = &mut self.holder {
+            returned.predecessor = None;
+        }
+        let second = self.others.iter_mut().filter(|o| o.boot == holder.boot);
+        second.for_each(|o| (o.beside, o.newest) = (true, now));
+        true
+    }
+    /// The boot of a second computer with the vessel's identity that was heard lately.
+    pub fn second(&self, now: Time<DroneClock>) -> Option<u32> {
+        let lately = |o: &&Other| o.beside && now - o.newest <= SECOND_TIMEOUT;
+        self.others.iter().rfind(lately).map(|o| o.boot)
+    }
+    /// Forgets the oldest for a new one.
+    fn remember(&mut self, other: Other) {
+        if self.others.len() == MAX_OTHERS {
+            // One that is known to live beside the holder last.
+            let spare = self.others.iter().position(|o| !o.beside).unwrap_or(0);
+            self.others.remove(spare);
+        }
+        self.others.push_back(other);
     }
 }
 
@@ -76,13 +190,74 @@ impl SequenceOrder {
 mod tests {
     use super::*;
 
+    fn at(s: f64) -> Time<DroneClock> {
+        Time::from_secs(s)
+    }
+
     #[test]
-    fn superseded_boot() {
+    fn next_start_of_a_silent_holder() {
         let mut b = Boots::default();
-        assert_eq!(b.classify(7), Boot::First);
-        b.adopt(7);
-        assert_eq!(b.classify(8), Boot::Unknown);
-        b.adopt(8);
-        assert_eq!((b.classify(7), b.classify(8)), (Boot::Retired, Boot::Current));
+        assert_eq!(b.hear(at(0.0), 7), Boot::First);
+        b.adopt(at(0.0), 7);
+        assert_eq!(b.hear(at(0.4), 8), Boot::Other, "the holder was heard just now");
+        assert_eq!(b.hear(at(0.6), 8), Boot::Next);
+        b.adopt(at(0.6), 8);
+        assert_eq!(
+            (b.hear(at(0.7), 7), b.hear(at(0.7), 8)),
+            (Boot::Other, Boot::Current)
+        );
+        assert_eq!(b.second(at(0.7)), None, "a late packet of the former start");
+        assert_eq!(b.hear(at(5.0), 7), Boot::Other, "superseded for good");
+    }
+
+    #[test]
+    fn second_computer_beside_the_holder() {
+        let mut b = Boots::default();
+        b.adopt(at(0.0), 7);
+        b.hear(at(1.0), 8);
+        // Under way before the other was heard first: the holder may have ended meanwhile.
+        b.heard(at(1.2), at(0.9));
+        assert_eq!(b.second(at(1.2)), None);
+        b.heard(at(1.3), at(1.1));
+        assert_eq!(b.second(at(1.3)), Some(8));
+        // No outage of the first that a flight has gives it to the second.
+        assert_eq!(b.hear(at(61.0), 8), Boot::Second);
+        assert_eq!(b.hear(at(62.0), 8), Boot::Next);
+        b.adopt(at(62.0), 8);
+        // The first is the second now, and takes it back by nothing less.
+        assert!(!b.returns(at(64.0), 7, at(63.0)));
+        b.heard(at(65.0), at(65.0));
+        assert_eq!(b.hear(at(65.1), 7), Boot::Second);
+        assert_eq!(b.second(at(65.1)), Some(7));
+        assert_eq!(b.second(at(80.0)), None, "switched off");
+    }
+
+    #[test]
+    fn holder_back_after_an_outage() {
+        let mut b = Boots::default();
+        b.adopt(at(0.0), 7);
+        assert_eq!(b.hear(at(2.0), 8), Boot::Next);
+        b.adopt(at(2.0), 8);
+        // An answer to what was asked before may have been under way.
+        assert!(!b.returns(at(2.4), 7, at(1.9)));
+        assert!(b.returns(at(2.6), 7, at(2.5)));
+        assert_eq!(
+            (b.hear(at(2.7), 7), b.hear(at(2.7), 8)),
+            (Boot::Current, Boot::Second)
+        );
+        assert_eq!(b.second(at(2.7)), Some(8));
+    }
+
+    #[test]
+    fn many_boots() {
+        let mut b = Boots::default();
+        b.adopt(at(0.0), 7);
+        b.hear(at(0.1), 8);
+        b.heard(at(0.2), at(0.2));
+        for boot in 100..200 {
+            b.hear(at(0.3), boot);
+        }
+        assert!(b.others.len() <= MAX_OTHERS);
+        assert_eq!(b.second(at(0.3)), Some(8));
     }
 }

@@ -226,11 +226,116 @@ fn bridge_restarted_vessel() {
     let (mut b, now) = settled(0.05, 0.05, 5);
     let old = estimate(1, 500, vessel(now - 0.2));
     assert!(admitted(&mut b, now, &old).is_some());
-    let new = estimate(2, 0, vessel(now - 0.05));
-    assert!(admitted(&mut b, now, &new).is_some());
+    // A computer that is heard still was not started anew.
+    assert!(admitted(&mut b, now, &estimate(2, 0, vessel(now - 0.05))).is_none());
+    let now = now + 0.6;
+    assert!(admitted(&mut b, now, &estimate(2, 17, vessel(now - 0.05))).is_some());
     let late = estimate(1, 501, vessel(now - 0.01));
     assert!(admitted(&mut b, now, &late).is_none());
-    assert_eq!(b.rejections().of(RejectionReason::Boot), 1);
+    assert_eq!(b.rejections().of(RejectionReason::Boot), 2);
+    assert_eq!(b.second_sender(drone(now)), None);
+}
+
+/// Two computers speak as vessel 1 for so long, s: the holder (boot 1) but in `outage`, s since the start, and another
+/// (boot 2) from 0.2 s on, which answers in a tenth of the time and has the later clock. Boots whose estimates passed.
+fn beside_a_second_computer(
+    b: &mut Bridge,
+    start: f64,
+    seconds: f64,
+    outage: core::ops::Range<f64>,
+) -> Vec<(f64, u32)> {
+    let ahead = 5.0;
+    let mut replies = Vec::new();
+    let mut passed = Vec::new();
+    for k in 0..(100.0 * seconds) as u32 {
+        let since = 0.01 * f64::from(k);
+        let now = start + since;
+        let (arrived, rest): (Vec<_>, Vec<_>) = replies.into_iter().partition(|(t, _)| *t <= now);
+        replies = rest;
+        let mut packets: Vec<_> = arrived
+            .iter()
+            .map(|(_, r): &(f64, TimeReply<VesselClock, DroneClock>)| packet(now, PacketKind::TimeReply, r))
+            .collect();
+        let speaks = [!outage.contains(&since), since >= 0.2];
+        let senders = [(1, now), (2, now + ahead)]
+            .into_iter()
+            .zip(speaks)
+            .filter(|(_, s)| *s);
+        for ((boot, at), _) in senders.clone().filter(|_| k % 3 == 0) {
+            let m = estimate(boot, 1000 + k, vessel(at - 0.01));
+            packets.push(packet(now, PacketKind::Estimate, &m));
+        }
+        let out = step(b, now, packets);
+        passed.extend(out.estimate.map(|e| (since, e.header.boot)));
+        for ((boot, at), _) in senders.filter(|_| out.time_request.is_some()) {
+            let delay = if boot == 1 { 0.1 } else { 0.01 };
+            let mut r = reply(&out.time_request.unwrap(), boot, at + delay);
+            (r.header.at, r.received_at) = (vessel(at + delay), vessel(at + delay));
+            replies.push((now + 2.0 * delay, r));
+        }
+    }
+    passed
+}
+
+#[test]
+fn second_computer_with_the_vessels_identity() {
+    let (mut b, now) = settled(0.05, 0.05, 5);
+    let before = b.offset(drone(now)).unwrap().offset_s;
+    let passed = beside_a_second_computer(&mut b, now, 20.0, 100.0..100.0);
+    assert!(passed.len() > 500 && passed.iter().all(|(_, boot)| *boot == 1));
+    let after = b.offset(drone(now + 20.0)).unwrap().offset_s;
+    assert!((after - before).abs() < 0.01, "{before} {after}");
+    // Counted and named.
+    assert_eq!(b.second_sender(drone(now + 20.0)), Some(2));
+    assert!(b.rejections().of(RejectionReason::SecondSender) > 500);
+    assert_eq!(b.rejections().of(RejectionReason::Unsolicited), 0);
+    let link = step(&mut b, now + 20.1, vec![]).link.unwrap();
+    assert_eq!(link.second_sender, Some(2));
+    // Nor while the holder's radio is out for as long as any descent lasts.
+    let (mut b, now) = settled(0.05, 0.05, 5);
+    let passed = beside_a_second_computer(&mut b, now, 50.0, 1.0..45.0);
+    assert!(passed.iter().all(|(_, boot)| *boot == 1));
+    assert!(passed.iter().any(|(t, _)| *t > 45.0));
+    // Once it is gone for good, the other has the identity.
+    let (mut b, now) = settled(0.05, 0.05, 5);
+    let passed = beside_a_second_computer(&mut b, now, 70.0, 1.0..100.0);
+    let first = passed.iter().find(|(_, boot)| *boot == 2).unwrap().0;
+    assert!((61.0..62.0).contains(&first), "{first}");
+}
+
+#[test]
+fn second_computer_first_heard_in_an_outage() {
+    let (mut b, now) = settled(0.05, 0.05, 5);
+    // It is taken for the vessel started anew, until the holder answers.
+    let passed = beside_a_second_computer(&mut b, now, 10.0, 0.1..3.0);
+    assert!(passed.iter().any(|(_, boot)| *boot == 2));
+    assert!(
+        passed.iter().all(|(t, boot)| *t < 4.0 || *boot == 1),
+        "{passed:?}"
+    );
+    assert_eq!(b.second_sender(drone(now + 10.0)), Some(2));
+}
+
+#[test]
+fn abort_through_a_second_computer() {
+    let (mut b, now) = settled(0.05, 0.05, 5);
+    assert!(admitted(&mut b, now, &estimate(1, 1, vessel(now - 0.05))).is_some());
+    let order = |kind, sequence| OperatorCommand::<VesselClock> {
+        header: Header::new(1, 1, 2, sequence, vessel(now)),
+        kind,
+    };
+    for (kind, counts) in [
+        (CommandKind::Land, 0),
+        (CommandKind::Abort, 1),
+        (CommandKind::Hold, 0),
+    ] {
+        let out = step(
+            &mut b,
+            now,
+            vec![packet(now, PacketKind::Command, &order(kind, 5))],
+        );
+        assert_eq!(out.commands.len(), counts, "{kind:?}");
+    }
 }
 
 #[test]
@@ -241,8 +346,8 @@ fn bridge_restarted_vessel_with_earlier_clock() {
     let e = |seq: u32, s: f64| estimate(2, seq, behind(s - 0.05));
     assert!(admitted(&mut b, now, &estimate(1, 1, vessel(now - 0.05))).is_some());
     assert!(admitted(&mut b, now, &e(0, now)).is_none());
-    // When it answers a request.
-    let mut t = now;
+    // When it answers a request, and its predecessor is not heard any more.
+    let mut t = now + 0.6;
     let q = loop {
         t += 0.01;
         if let Some(q) = step(&mut b, t, vec![]).time_request {

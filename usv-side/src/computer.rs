@@ -16,6 +16,7 @@ use crate::deck::{
     ArbiterIn, DeckArbiter, DeckCheckpoint, DeckConfig, DeckInputs, DeckOrder, DroneMonitor, GivenCommand,
     OperatorIn, OperatorRelay, Starved,
 };
+use crate::followed::{Followed, FollowsAnother};
 use crate::node::{IMU, VesselIn, VesselNode, VesselOut};
 use crate::sensors::MAX_REPEATED;
 
@@ -105,6 +106,8 @@ pub enum VesselEvent {
     },
     /// A drone with a low battery waits for the deck, whose owner is silent.
     DeckStarved(Starved),
+    /// A drone listens to another computer with this vessel's identity.
+    SecondComputer(FollowsAnother),
     /// Two drones have one number.
     DoubleNumber {
         /// The number.
@@ -128,6 +131,7 @@ impl VesselEvent {
     pub fn is_warning(&self) -> bool {
         match self {
             VesselEvent::DoubleNumber { .. }
+            | VesselEvent::SecondComputer(_)
             | VesselEvent::StillArmed { .. }
             | VesselEvent::DeckStarved(_) => true,
             VesselEvent::StuckImu { stuck, .. } => *stuck,
@@ -156,6 +160,12 @@ impl fmt::Display for VesselEvent {
             VesselEvent::Command { drone, kind } => write!(f, "an operator commands drone {drone}: {kind:?}"),
             VesselEvent::DeckOrder(DeckOrder::Closed) => write!(f, "crew order: deck closed"),
             VesselEvent::DeckOrder(DeckOrder::Open) => write!(f, "crew order: deck open"),
+            VesselEvent::DeckOrder(DeckOrder::Clear(drone)) => {
+                write!(
+                    f,
+                    "crew order: deck open, drone {drone} is neither on it nor above it"
+                )
+            }
             VesselEvent::DeckOrder(DeckOrder::Steady(0)) => write!(f, "crew order: no course is stated"),
             VesselEvent::DeckOrder(DeckOrder::Steady(for_s)) => {
                 write!(f, "crew order: course and speed are kept for {for_s} s")
@@ -173,6 +183,11 @@ impl fmt::Display for VesselEvent {
                 write!(f, "inertial sensor {source} measures again")
             }
             VesselEvent::DeckStarved(s) => write!(f, "{s}"),
+            VesselEvent::SecondComputer(FollowsAnother { drone, boot }) => write!(
+                f,
+                "drone {drone} listens to a SECOND COMPUTER with this vessel's certificate (boot id {boot:08x}): switch \
+                 one of the two off"
+            ),
             VesselEvent::DoubleNumber {
                 drone,
                 boots: [one, other],
@@ -193,6 +208,11 @@ pub struct VesselComputer {
     relay: OperatorRelay,
     drones: DroneMonitor,
     doubles: Vec<(u32, [u32; 2])>,
+    vessel: u32,
+    boot: u32,
+    followed: Followed,
+    /// Reported of the drones that listen to another computer.
+    follows_another: Option<FollowsAnother>,
     /// Owner and waiting drone that were reported.
     starved: Option<[u32; 2]>,
     /// Inertial sensors that are stuck.
@@ -209,6 +229,10 @@ impl VesselComputer {
             relay: OperatorRelay::new(vessel, boot),
             drones: DroneMonitor::new(vessel),
             doubles: Vec::new(),
+            vessel,
+            boot,
+            followed: Followed::default(),
+            follows_another: None,
             starved: None,
             stuck: [false; MAX_SOURCES],
             rejected: Rejections::default(),
@@ -229,6 +253,10 @@ impl VesselComputer {
     /// The drones that were received.
     pub fn drones(&self) -> &DroneMonitor {
         &self.drones
+    }
+    /// A drone that listens to another computer with this vessel's identity.
+    pub fn follows_another(&self, now: Time<VesselClock>) -> Option<FollowsAnother> {
+        self.followed.another(now, self.boot)
     }
     /// Messages that name another author than the key that they were published on.
     pub fn on_other_keys(&self) -> u32 {
@@ -302,15 +330,22 @@ impl Node for VesselComputer {
                     .map(|for_s| VesselEvent::StillArmed { drone, for_s }),
             );
         }
+        self.followed.observe(self.vessel, &input.vessel.time_requests);
+        let another = self.follows_another(now);
+        let new = another.filter(|_| another != self.follows_another);
+        events.extend(new.map(VesselEvent::SecondComputer));
+        self.follows_another = another;
         let statuses: Vec<DroneStatus> = statuses.iter().map(|s| s.message).collect();
         let left = input.checkpoint.as_ref();
 
-        // Status of the drones -> deck arbiter and operator relay.
+        // Status of the drones -> deck arbiter and operator relay. To both one whose mission is silent is a silent drone:
+        // what it did before shows neither that it left the deck nor that it took a command.
+        let current: Vec<_> = statuses.iter().copied().filter(DroneStatus::is_current).collect();
         let former_owner = self.arbiter.owner();
         let granted = self.arbiter.step(
             now,
             &ArbiterIn {
-                statuses: statuses.clone(),
+                statuses: current.clone(),
                 orders: input.deck_orders.clone(),
                 inputs: input.deck_inputs,
                 checkpoint: left.map(|c| c.deck.clone()),
@@ -321,7 +356,7 @@ impl Node for VesselComputer {
             now,
             &OperatorIn {
                 commands: commands.iter().map(|c| c.message).collect(),
-                statuses: statuses.clone(),
+                statuses: current,
                 given: left.map(|c| c.commands.clone()).unwrap_or_default(),
             },
         );
@@ -403,6 +438,37 @@ mod tests {
             ..ComputerIn::default()
         };
         assert_eq!(events(&mut computer, 8.0, order), ["crew order: deck closed"]);
+    }
+
+    #[test]
+    fn status_with_an_old_mission_state() {
+        let mut computer = VesselComputer::new(&VesselNodeConfig::default(), &DeckConfig::default(), 1, 9);
+        let mut received = |t_s: f64, status: Arrival<VesselClock, DroneStatus>| {
+            let input = ComputerIn {
+                statuses: vec![status],
+                ..ComputerIn::default()
+            };
+            computer.step(Time::from_secs(t_s), &input);
+            let now = Time::from_secs(t_s);
+            (
+                computer.arbiter().owner(),
+                computer.arbiter().unheard(now).count(),
+                computer.drones().received(),
+            )
+        };
+        assert_eq!(received(5.0, status(7, 1, State::Descent)), (Some(3), 0, 1));
+        // The mission's process hangs, and the bridge goes on: nobody knows what the drone does.
+        let mut last = None;
+        for k in 2..30 {
+            let mut old = status(7, k, State::Descent);
+            old.message.mission_age_s = 0.5 * k as f32;
+            last = Some(received(5.0 + 0.5 * f64::from(k), old));
+        }
+        assert_eq!(
+            last,
+            Some((Some(3), 1, 29)),
+            "people see it, the arbiter takes it for silent"
+        );
     }
 
     /// A drone with a sound certificate speaks for another, which lands.

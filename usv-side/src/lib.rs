@@ -9,6 +9,7 @@
 //! | [`alight_shared::motion_model`] | identification of the motion, prediction and the measured spread of its error |
 //! | [`apparent_slope`] | the deck's slope for a drone that stands on it |
 //! | [`rate_control`] | the rates that the radio carries |
+//! | [`followed`] | whether the drones listen to this computer, or to another with its identity |
 //! | [`deck`] | the deck arbiter and the operator relay |
 //! | [`calibrate`], [`log`], [`review`] | offline: nothing of them runs in flight |
 
@@ -20,6 +21,7 @@ pub mod deck;
 pub mod estimator;
 #[cfg(test)]
 mod fixtures;
+pub mod followed;
 pub mod log;
 pub mod node;
 pub mod rate_control;

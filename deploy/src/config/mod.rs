@@ -1,6 +1,7 @@
 //! One configuration file per computer: the vessel's and the drone's.
 
 pub mod camera;
+pub mod link_url;
 pub mod recorder;
 pub mod supervision;
 pub mod view;
@@ -16,6 +17,7 @@ use alight_usv::sensors::SourcesConfig;
 use alight_usv::{DeckConfig, VesselNodeConfig};
 
 use crate::config::camera::{CameraSource, UltravioletSource};
+use crate::config::link_url::LinkUrl;
 use crate::config::recorder::RecorderConfig;
 use crate::config::supervision::Supervision;
 use crate::config::view::ViewConfig;
@@ -95,6 +97,9 @@ config! {
         pub drone: DroneSettings;
     }
     check |this, at| {
+        if this.supervision.autopilot && let Err(why) = LinkUrl::of_autopilot(&this.autopilot.connect) {
+            at.table("autopilot").require(false, "connect", &this.autopilot.connect, &why)?;
+        }
         let own = &this.drone;
         let [fx, fy] = own.camera.lens.focal_px;
         let longest_s = longest_exposure_s(
@@ -155,6 +160,25 @@ mod tests {
                 .iter()
                 .all(|focal| check(0.004, *focal).is_ok())
         );
+    }
+
+    #[test]
+    fn autopilot_address_of_a_former_version() {
+        let check = |connect: &str, autopilot| {
+            let mut config = DroneComputer::default();
+            config.autopilot.connect = connect.into();
+            config.supervision.autopilot = autopilot;
+            config.check(&Keys::ROOT).map_err(|e| e.to_string())
+        };
+        let e = check("udpin://0.0.0.0:14540", true).unwrap_err();
+        assert!(e.contains("`autopilot.connect` is udpin://0.0.0.0:14540"), "{e}");
+        assert!(
+            e.contains("udpin://127.0.0.1:PORT") && e.contains("?from=IP"),
+            "{e}"
+        );
+        assert_eq!(check("udpin://127.0.0.1:14540", true), Ok(()));
+        // Another program has the link.
+        assert_eq!(check("udpin://0.0.0.0:14540", false), Ok(()));
     }
 
     #[test]

@@ -2,8 +2,9 @@
 //! back, the node's output to the topics that predictor, mission, planner and pilot read. Its checkpoint goes
 //! to the supervisor, which republishes it to a link that begins. Its metrics: uncertainty of the autopilot's
 //! clock (s), samples rejected, resets of its clock, hover thrust, set-points sent, times the link was
-//! reopened.
+//! reopened, datagrams of others than the autopilot.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use alight_shared::config;
@@ -15,6 +16,7 @@ use alight_shared::transport::memory::{Instance, Memory};
 use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessKind;
 use alight_shared::transport::readiness::watched;
+use alight_uav::autopilot::message::{AUTOPILOT_COMPONENT, Address};
 use alight_uav::autopilot::wire::{Decoder, encode};
 use alight_uav::autopilot::{AutopilotIn, AutopilotLink, MAX_FRAMES};
 use alight_uav::pilot::Output;
@@ -23,9 +25,10 @@ use tokio::time::{MissedTickBehavior, interval};
 use tracing::info;
 
 use crate::config::DroneComputer;
+use crate::config::link_url::LinkUrl;
 use crate::exit::{CliError, Doing, Exit};
 use crate::io::byte_link::ByteLink;
-use crate::io::link_url::LinkUrl;
+use crate::io::peer::Speaks;
 use crate::io::runtime;
 use crate::process::args::AutopilotArgs;
 use crate::process::keeper::OwnCheckpoint;
@@ -47,6 +50,18 @@ pub fn node(computer: &DroneComputer, boot: u32) -> AutopilotLink {
     )
 }
 
+/// Datagrams of the autopilot with this system number, 0: of any. Whoever sends them over UDP is flown.
+pub fn speaks_as(vehicle: u8) -> Speaks {
+    Arc::new(move |datagram| {
+        let mut decoder = Decoder::default();
+        decoder.push(datagram);
+        let frames = core::iter::from_fn(|| decoder.next_frame()).take(MAX_FRAMES);
+        let from_autopilot =
+            |from: Address| from.component == AUTOPILOT_COMPONENT && (vehicle == 0 || vehicle == from.system);
+        frames.into_iter().any(|frame| from_autopilot(frame.from))
+    })
+}
+
 /// Runs until it is asked to end.
 pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
     runtime::block_on(fly(args))
@@ -55,8 +70,9 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
 async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
     let computer: DroneComputer = config::load(&args.process.config)?;
     let name = args.connect.as_ref().unwrap_or(&computer.autopilot.connect);
-    let url: LinkUrl = name.parse().map_err(CliError)?;
-    let mut link = ByteLink::new(url.clone()).await?;
+    let url = LinkUrl::of_autopilot(name).map_err(CliError)?;
+    let speaks = speaks_as(computer.autopilot.vehicle);
+    let mut link = ByteLink::with_peer(url.clone(), Some(speaks)).await?;
     let make = |boot| node(&computer, boot);
     let mut process = Process::start(ProcessKind::Autopilot, &args.process, computer.clock, make)?;
     let memory = Memory::join(&Instance::new(&computer.instance)?, ProcessKind::Autopilot.name())?;
@@ -136,6 +152,8 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
             MetricName::HoverThrust.fraction(f.hover_thrust),
             MetricName::SetPointsSent.count(f.set_points),
             MetricName::LinkReopened.count(link.opened()),
+            // Datagrams of others than the autopilot.
+            MetricName::PacketsDropped.count(link.foreign()),
         ]);
         let inputs = || {
             vec![
@@ -154,4 +172,26 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
         reports.send_any(report.as_ref());
     }
     Ok(Exit::Success)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_uav::autopilot::message::{COMPANION_COMPONENT, Message};
+
+    #[test]
+    fn datagram_that_makes_its_sender_the_peer() {
+        let from = |system, component| {
+            let address = Address::new(system, component);
+            encode(address, 1, &Message::Origin(Default::default())).unwrap()
+        };
+        let autopilot = from(3, AUTOPILOT_COMPONENT);
+        assert!(speaks_as(0)(&autopilot) && speaks_as(3)(&autopilot));
+        assert!(!speaks_as(4)(&autopilot), "another system");
+        assert!(!speaks_as(0)(&from(255, 190)), "a ground station");
+        assert!(!speaks_as(0)(&from(3, COMPANION_COMPONENT)), "another companion");
+        let mut damaged = autopilot;
+        damaged[12] ^= 1;
+        assert!(!speaks_as(0)(&damaged) && !speaks_as(0)(b"") && !speaks_as(0)(b"GET / HTTP/1.1"));
+    }
 }

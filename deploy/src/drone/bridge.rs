@@ -15,6 +15,7 @@ use alight_shared::transport::radio::{Publication, Radio, RadioCounts, Urgency};
 use alight_shared::{config, wire};
 use alight_uav::autopilot::still_armed_s;
 use tokio::time::timeout;
+use tracing::{info, warn};
 
 use crate::config::DroneComputer;
 use crate::exit::{CliError, Exit};
@@ -62,7 +63,8 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut forecasts = memory.subscriber::<DeckForecast>()?;
 
     let mut autopilot = memory.subscriber::<AutopilotState>()?;
-    let (mut decided, mut flight) = (None::<MissionState>, AutopilotState::default());
+    let (mut decided, mut flight) = (None::<MissionState>, None::<AutopilotState>);
+    let mut second_sender = None;
     let mut age_s = f64::INFINITY;
     let (mut received_bytes, mut rejected, mut sequence) = (0_u64, 0_u64, 0_u32);
 
@@ -114,11 +116,21 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
         out.commands.iter().for_each(|c| command.send(c));
         link.send_any(out.link.as_ref());
         age_s = out.link.map_or(age_s, |l| l.age_s);
+        if let Some(link) = out.link.filter(|l| l.second_sender != second_sender) {
+            second_sender = link.second_sender;
+            match second_sender {
+                Some(boot) => warn!(
+                    "a second computer speaks as vessel {vessel} with her certificate (boot {boot:08x}), and nothing of it \
+                     is used: switch one of the two off"
+                ),
+                None => info!("one computer speaks as vessel {vessel} again"),
+            }
+        }
         if let Some(Ok(bytes)) = out.time_request.as_ref().map(wire::encode) {
             radio.send(0, bytes);
         }
         decided = mission.newest(now.nanos()).or(decided);
-        flight = autopilot.newest(now.nanos()).unwrap_or(flight);
+        flight = autopilot.newest(now.nanos()).or(flight);
         let counts = radio.counts();
         process.life.metrics = metrics(process.node().rejections(), received_bytes, rejected, &counts);
         if let Some(report) = process.state(Vec::new, counts.unsent) {
@@ -131,25 +143,19 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
             let forecast = forecasts.newest(now.nanos());
             // Until the mission decides, the vessel knows better than a state that nobody is in: it would free the deck.
             let Some(deck) = decided else { continue };
+            let header = Header::new(
+                vessel,
+                computer.bridge.drone_id,
+                process.life.boot(),
+                sequence,
+                now,
+            );
+            let armed = flight.is_some_and(|f| f.armed);
+            let still_armed_s = still_armed_s(now, &deck, armed, &computer.autopilot.disarm);
+            let distance_m = DroneStatus::deck_distance_m(now, own.as_ref(), forecast.as_ref());
             let status = DroneStatus {
-                header: Header::new(
-                    vessel,
-                    computer.bridge.drone_id,
-                    process.life.boot(),
-                    sequence,
-                    now,
-                ),
-                state: deck.state,
-                entered: deck.entered,
-                waiting: deck.waiting,
-                attempts: deck.attempts,
-                battery: flight.battery,
-                landed: flight.landed,
-                deck_distance_m: DroneStatus::deck_distance_m(now, own.as_ref(), forecast.as_ref()),
-                abort: deck.abort,
-                armed: flight.armed,
-                still_armed_s: still_armed_s(now, &deck, flight.armed, &computer.autopilot.disarm)
-                    .map(|s| s as f32),
+                still_armed_s: still_armed_s.map(|s| s as f32),
+                ..DroneStatus::of(header, &deck, flight.as_ref(), distance_m)
             };
             if let Ok(bytes) = wire::encode(&status) {
                 radio.send(1, bytes);

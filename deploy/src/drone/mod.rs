@@ -17,7 +17,6 @@ pub mod predictor;
 
 use std::time::Duration;
 
-use alight_shared::config;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Memory, Services};
 use alight_shared::transport::process::ProcessKind;
@@ -29,12 +28,13 @@ use crate::config::supervision::Supervision;
 use crate::exit::{CliError, Exit};
 use crate::process::args::{Scheduling, ServiceArgs};
 use crate::process::flight::Flight;
-use crate::process::instance::{CHECKPOINTS_FILE, OwnedInstance};
+use crate::process::instance::{CHECKPOINTS_FILE, EDITED_FILE, OwnedInstance};
 use crate::process::keeper::CheckpointKeeper;
 use crate::process::life::end_with_supervisor;
 use crate::process::notify::Notify;
 use crate::process::observer::Observer;
 use crate::process::scheduling;
+use crate::process::sealed::SealedConfig;
 use crate::process::supervision::Limits;
 use crate::process::supervisor::{self, Event, Supervisor};
 
@@ -73,7 +73,7 @@ impl Supervision {
 /// Runs the drone's processes until it is asked to end.
 pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
     let ServiceArgs { process: args, view } = args;
-    let computer: DroneComputer = config::load(&args.config)?;
+    let (computer, mut sealed) = SealedConfig::begin::<DroneComputer>(&args.config)?;
     // Everything is checked before anything starts. The first question installs the signal handler.
     let told_to_end = end_with_supervisor(args.supervised);
     if end_requested() {
@@ -109,12 +109,12 @@ pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
             .map(|(kind, _)| *kind),
     );
     for &kind in &kinds {
-        let mut arguments = supervisor::arguments(kind, &args.config);
+        let mut arguments = supervisor::arguments(kind, sealed.path());
         arguments.extend(computer.supervision.scheduling(kind, realtime).flags());
         supervisor.start(kind, arguments, Vec::new())?;
     }
     if let Some(view) = view.over(&computer.view) {
-        supervisor.start_view(&args.config, &view)?;
+        supervisor.start_view(sealed.path(), &view)?;
     }
     if !realtime {
         warn!("no real-time priority for pilot and planner: the system does not permit it (ulimit -r)");
@@ -122,6 +122,8 @@ pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
     let mut notify = Notify::default();
     while memory.wait(POLL_PERIOD) && !told_to_end.load(std::sync::atomic::Ordering::Relaxed) {
         observer.poll(None);
+        sealed.poll(steady_ns());
+        owned.say(EDITED_FILE, sealed.edited());
         // Before what a dead process left is cleaned up.
         keeper.poll(computer.clock.now());
         for line in supervisor.output_lines() {
@@ -151,6 +153,7 @@ pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
         flight.end(steady_ns());
     }
     keeper.forget();
+    sealed.end();
     drop(services);
     drop(memory);
     drop(owned);

@@ -6,11 +6,10 @@ use core::task::{Context, Poll, Waker};
 use std::fs::{File, OpenOptions};
 use std::future::Future;
 use std::io::{self, ErrorKind, Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
+use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::os::fd::AsRawFd;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
-use std::sync::Arc;
 use std::time::Duration;
 
 use alight_shared::transport::readiness::watched;
@@ -22,8 +21,9 @@ use tokio::io::unix::AsyncFd;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep_until, timeout};
 
+use crate::config::link_url::LinkUrl;
 use crate::exit::{CliError, Doing};
-use crate::io::link_url::LinkUrl;
+use crate::io::peer::{Peer, Speaks};
 
 /// First pause before a link is opened again; doubles with each failure.
 const INITIAL_BACKOFF: Duration = Duration::from_millis(100);
@@ -31,8 +31,6 @@ const INITIAL_BACKOFF: Duration = Duration::from_millis(100);
 const MAX_BACKOFF: Duration = Duration::from_secs(2);
 /// A TCP connection has this long to come about, its name included.
 const CONNECT: Duration = Duration::from_millis(300);
-/// A UDP peer that sends nothing for this long may be replaced by another.
-const PEER_TIMEOUT: Duration = Duration::from_secs(5);
 /// Most reads at once: a flood must not delay the set-points.
 const MAX_READS: usize = 64;
 /// Longest datagram, or part of a stream, bytes.
@@ -41,21 +39,22 @@ const MAX_READ_BYTES: usize = 2048;
 /// Reads and writes are waited for.
 const BOTH: Interest = Interest::READABLE.add(Interest::WRITABLE);
 
-/// Whether a datagram may make its sender the peer.
-pub type Speaks = Arc<dyn Fn(&[u8]) -> bool + Send + Sync>;
-
 /// An open end. Descriptors are non-blocking; reads wait in tokio, writes do not wait.
 enum Open {
     Udp {
         socket: AsyncFd<UdpSocket>,
-        /// The peer, and when it was received last; fixed where we connect.
-        peer: Option<(SocketAddr, Instant)>,
-        fixed: bool,
+        peer: Peer,
     },
-    Listening(AsyncFd<TcpListener>),
+    Listening(Listener),
     /// TCP, and the listener that accepted it.
-    Tcp(AsyncFd<TcpStream>, Option<AsyncFd<TcpListener>>),
+    Tcp(AsyncFd<TcpStream>, Option<Listener>),
     Serial(AsyncFd<File>),
+}
+
+/// Accepts one connection, where an address is named from there only.
+struct Listener {
+    socket: AsyncFd<TcpListener>,
+    from: Option<IpAddr>,
 }
 
 /// What an open end receives.
@@ -64,6 +63,8 @@ enum Received {
     Bytes(usize, Option<SocketAddr>),
     /// A connection.
     Peer(TcpStream),
+    /// One from another address than it may come from; it is closed.
+    Foreign(SocketAddr),
 }
 
 /// Tries `io` at once, and again whenever the descriptor may be ready.
@@ -84,9 +85,16 @@ impl Open {
             Open::Udp { socket, .. } => when_ready(socket, Interest::READABLE, |s| s.recv_from(buffer))
                 .await
                 .map(|(n, from)| Received::Bytes(n, Some(from))),
-            Open::Listening(listener) => when_ready(listener, Interest::READABLE, TcpListener::accept)
+            Open::Listening(l) => when_ready(&l.socket, Interest::READABLE, TcpListener::accept)
                 .await
-                .map(|(stream, _)| Received::Peer(stream)),
+                .map(|(stream, by)| {
+                    let foreign = l.from.is_some_and(|from| from != by.ip().to_canonical());
+                    if foreign {
+                        Received::Foreign(by)
+                    } else {
+                        Received::Peer(stream)
+                    }
+                }),
             Open::Tcp(stream, _) => when_ready(stream, Interest::READABLE, |mut s| ended(s.read(buffer)))
                 .await
                 .map(|n| Received::Bytes(n, None)),
@@ -114,10 +122,7 @@ impl Open {
     /// Writes what can be written now; None while there is nobody to write to.
     fn write_now(&self, bytes: &[u8]) -> Option<io::Result<usize>> {
         match self {
-            Open::Udp { socket, peer, .. } => {
-                let (to, _) = (*peer)?;
-                Some(socket.get_ref().send_to(bytes, to))
-            }
+            Open::Udp { socket, peer, .. } => Some(socket.get_ref().send_to(bytes, peer.address()?)),
             Open::Tcp(stream, _) => Some(stream.get_ref().write(bytes)),
             Open::Serial(port) => Some(port.get_ref().write(bytes)),
             Open::Listening(_) => None,
@@ -128,6 +133,8 @@ impl Open {
 /// A link to an autopilot or a sensor.
 pub struct ByteLink {
     url: LinkUrl,
+    /// Who may be the peer of a UDP link.
+    speaks: Option<Speaks>,
     open: Option<Open>,
     /// Opening is under way.
     opening: Option<JoinHandle<io::Result<Open>>>,
@@ -138,10 +145,6 @@ pub struct ByteLink {
     /// The rest of a message of which the line took a part: nothing is sent before it.
     rest: Vec<u8>,
     last_error: Option<String>,
-    /// Who may be the peer of a UDP link that listens.
-    speaks: Option<Speaks>,
-    /// Datagrams of others than the peer, and who sent the newest.
-    strangers: Option<(u64, SocketAddr)>,
 }
 
 /// What ended a wait.
@@ -160,8 +163,8 @@ impl ByteLink {
     pub async fn with_peer(url: LinkUrl, speaks: Option<Speaks>) -> Result<ByteLink, CliError> {
         let doing = || format!("opening {url}");
         let open = match &url {
-            LinkUrl::UdpIn(_) | LinkUrl::UdpOut(_) | LinkUrl::TcpIn(_) => {
-                Some(open(url.clone()).await.doing(doing())?)
+            LinkUrl::UdpIn(..) | LinkUrl::UdpOut(_) | LinkUrl::TcpIn(..) => {
+                Some(open(url.clone(), speaks.clone()).await.doing(doing())?)
             }
             LinkUrl::TcpOut(host) => {
                 resolve(host).await.doing(doing())?;
@@ -171,6 +174,7 @@ impl ByteLink {
         };
         Ok(ByteLink {
             url,
+            speaks,
             open,
             opening: None,
             next_try: Instant::now(),
@@ -179,21 +183,29 @@ impl ByteLink {
             unsent: 0,
             rest: Vec::new(),
             last_error: None,
-            speaks,
-            strangers: None,
         })
     }
     /// Times that the link was opened again.
     pub fn opened(&self) -> u32 {
         self.opened
     }
+    /// Datagrams that were left out because another than the peer sent them.
+    pub fn foreign(&self) -> u64 {
+        match &self.open {
+            Some(Open::Udp { peer, .. }) => peer.foreign(),
+            Some(Open::Listening(_) | Open::Tcp(..) | Open::Serial(_)) | None => 0,
+        }
+    }
+    /// The same, and who sent the newest; None without any.
+    pub fn strangers(&self) -> Option<(u64, SocketAddr)> {
+        match &self.open {
+            Some(Open::Udp { peer, .. }) => Some((peer.foreign(), peer.newest_stranger()?)),
+            Some(Open::Listening(_) | Open::Tcp(..) | Open::Serial(_)) | None => None,
+        }
+    }
     /// Messages that could not be sent.
     pub fn unsent(&self) -> u64 {
         self.unsent
-    }
-    /// Datagrams that were left out because another than the peer sent them, and who sent the newest.
-    pub fn strangers(&self) -> Option<(u64, SocketAddr)> {
-        self.strangers
     }
     /// Why it could not be opened, once for each new reason.
     pub fn last_error(&mut self) -> Option<String> {
@@ -239,12 +251,8 @@ impl ByteLink {
         match received {
             Ok(Received::Bytes(n, from)) => {
                 let bytes = buffer.get(..n).unwrap_or_default();
-                match from.filter(|from| !self.is_from_peer(*from, bytes)) {
-                    Some(stranger) => {
-                        let before = self.strangers.map_or(0, |(n, _)| n);
-                        self.strangers = Some((before + 1, stranger));
-                    }
-                    None => take(bytes),
+                if from.is_none_or(|from| self.is_from_peer(from, bytes)) {
+                    take(bytes);
                 }
                 true
             }
@@ -259,6 +267,10 @@ impl ByteLink {
                 }
                 false
             }
+            Ok(Received::Foreign(by)) => {
+                self.last_error = Some(format!("{}: a connection of {by} is refused", self.url));
+                false
+            }
             // An answer to what we sent: no listener there yet.
             Err(e) if matches!(e.kind(), ErrorKind::ConnectionRefused | ErrorKind::Interrupted) => true,
             Err(e) => {
@@ -267,21 +279,11 @@ impl ByteLink {
             }
         }
     }
-    /// Whether a datagram is from the peer: who sends first, until it is silent, or who we send to.
     fn is_from_peer(&mut self, from: SocketAddr, datagram: &[u8]) -> bool {
-        let Some(Open::Udp { peer, fixed, .. }) = &mut self.open else {
-            return true;
-        };
-        let known = peer.is_some_and(|(to, _)| to == from);
-        let free = peer.is_none_or(|(_, at)| at.elapsed() > PEER_TIMEOUT)
-            && self.speaks.as_ref().is_none_or(|speaks| speaks(datagram));
-        if *fixed {
-            return known;
+        match &mut self.open {
+            Some(Open::Udp { peer, .. }) => peer.takes(Instant::now(), from, datagram),
+            Some(Open::Listening(_) | Open::Tcp(..) | Open::Serial(_)) | None => true,
         }
-        if known || free {
-            *peer = Some((from, Instant::now()));
-        }
-        known || free
     }
 
     /// Opens the link when it is due.
@@ -291,7 +293,7 @@ impl ByteLink {
         }
         let opening = self
             .opening
-            .get_or_insert_with(|| tokio::spawn(open(self.url.clone())));
+            .get_or_insert_with(|| tokio::spawn(open(self.url.clone(), self.speaks.clone())));
         let opened = opening.await.map_err(io::Error::other).flatten();
         self.opening = None;
         match opened {
@@ -361,9 +363,9 @@ impl ByteLink {
 }
 
 /// Opens one end.
-async fn open(url: LinkUrl) -> io::Result<Open> {
+async fn open(url: LinkUrl, speaks: Option<Speaks>) -> io::Result<Open> {
     match &url {
-        LinkUrl::UdpIn(host) => udp(resolve(host).await?, None),
+        LinkUrl::UdpIn(host, from) => udp(resolve(host).await?, Peer::listening(*from, speaks)),
         LinkUrl::UdpOut(host) => {
             let to = resolve(host).await?;
             let any: SocketAddr = if to.is_ipv4() {
@@ -371,12 +373,15 @@ async fn open(url: LinkUrl) -> io::Result<Open> {
             } else {
                 ([0_u16; 8], 0).into()
             };
-            udp(any, Some(to))
+            udp(any, Peer::fixed(to))
         }
-        LinkUrl::TcpIn(host) => {
+        LinkUrl::TcpIn(host, from) => {
             let listener = TcpListener::bind(resolve(host).await?)?;
             listener.set_nonblocking(true)?;
-            Ok(Open::Listening(watched(listener, Interest::READABLE)?))
+            Ok(Open::Listening(Listener {
+                socket: watched(listener, Interest::READABLE)?,
+                from: *from,
+            }))
         }
         LinkUrl::TcpOut(host) => {
             let connect = async { tokio::net::TcpStream::connect(resolve(host).await?).await };
@@ -390,13 +395,12 @@ async fn open(url: LinkUrl) -> io::Result<Open> {
     }
 }
 
-fn udp(at: SocketAddr, to: Option<SocketAddr>) -> io::Result<Open> {
+fn udp(at: SocketAddr, peer: Peer) -> io::Result<Open> {
     let socket = UdpSocket::bind(at)?;
     socket.set_nonblocking(true)?;
     Ok(Open::Udp {
         socket: watched(socket, BOTH)?,
-        peer: to.map(|to| (to, Instant::now())),
-        fixed: to.is_some(),
+        peer,
     })
 }
 
@@ -485,14 +489,16 @@ mod tests {
     fn port(link: &ByteLink) -> SocketAddr {
         match &link.open {
             Some(Open::Udp { socket, .. }) => socket.get_ref().local_addr().unwrap(),
-            Some(Open::Listening(listener)) => listener.get_ref().local_addr().unwrap(),
+            Some(Open::Listening(listener)) => listener.socket.get_ref().local_addr().unwrap(),
             _ => panic!("not listening"),
         }
     }
 
     #[tokio::test]
     async fn udp_link_with_a_second_peer() {
-        let mut link = ByteLink::new(LinkUrl::UdpIn("127.0.0.1:0".into())).await.unwrap();
+        let mut link = ByteLink::new(LinkUrl::UdpIn("127.0.0.1:0".into(), None))
+            .await
+            .unwrap();
         let at = port(&link);
         let [first, second] = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
         first.set_read_timeout(Some(Duration::from_millis(500))).unwrap();
@@ -505,22 +511,13 @@ mod tests {
         link.write(b"answer");
         let mut buffer = [0; 16];
         assert_eq!(first.recv(&mut buffer).unwrap(), 6);
-        // The first falls silent.
-        if let Some(Open::Udp {
-            peer: Some((_, at)), ..
-        }) = &mut link.open
-        {
-            *at -= PEER_TIMEOUT;
-        }
-        second.send_to(b"four", at).unwrap();
-        assert_eq!(read_at_least(&mut link, 4).await, b"four");
-        assert_eq!(link.strangers(), Some((1, second.local_addr().unwrap())));
+        assert_eq!(link.foreign(), 1);
     }
 
     #[tokio::test]
     async fn udp_link_whose_first_sender_speaks_another_language() {
-        let speaks: Speaks = Arc::new(|datagram| datagram.starts_with(b"$GP"));
-        let url = LinkUrl::UdpIn("127.0.0.1:0".into());
+        let speaks: Speaks = std::sync::Arc::new(|datagram| datagram.starts_with(b"$GP"));
+        let url = LinkUrl::UdpIn("127.0.0.1:0".into(), None);
         let mut link = ByteLink::with_peer(url, Some(speaks)).await.unwrap();
         let at = port(&link);
         let [wind, receiver] = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
@@ -530,6 +527,18 @@ mod tests {
         }
         assert_eq!(read_at_least(&mut link, 18).await, b"$GPGGA$GPGGA$GPGGA");
         assert_eq!(link.strangers(), Some((3, wind.local_addr().unwrap())));
+    }
+
+    #[tokio::test]
+    async fn connection_from_another_address() {
+        let url = LinkUrl::TcpIn("127.0.0.1:0".into(), Some([10, 0, 0, 7].into()));
+        let mut link = ByteLink::new(url).await.unwrap();
+        let mut stranger = TcpStream::connect(port(&link)).unwrap();
+        link.read(|_| {}).await;
+        let why = link.last_error().unwrap();
+        assert!(why.contains("is refused") && link.opened() == 0, "{why}");
+        assert!(matches!(link.open, Some(Open::Listening(_))));
+        assert!(matches!(stranger.read(&mut [0; 1]), Ok(0) | Err(_)), "closed");
     }
 
     /// A pseudo-terminal and its path.
@@ -645,7 +654,7 @@ mod tests {
     #[tokio::test]
     async fn link_refuses_a_port_in_use() {
         let taken = UdpSocket::bind("127.0.0.1:0").unwrap();
-        let url = LinkUrl::UdpIn(taken.local_addr().unwrap().to_string());
+        let url = LinkUrl::UdpIn(taken.local_addr().unwrap().to_string(), None);
         let Err(e) = ByteLink::new(url).await else {
             panic!("bound twice")
         };

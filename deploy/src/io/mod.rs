@@ -3,6 +3,6 @@
 pub mod byte_link;
 pub mod byte_links;
 pub mod digital_line;
-pub mod link_url;
+pub mod peer;
 pub mod runtime;
 pub mod sensor_socket;

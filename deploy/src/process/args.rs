@@ -134,8 +134,8 @@ pub struct AutopilotArgs {
     /// What every process has
     #[command(flatten)]
     pub process: ProcessArgs,
-    /// Where the autopilot is: udpin://0.0.0.0:14540, udpout://HOST:PORT, tcpout://HOST:PORT,
-    /// tcpin://0.0.0.0:PORT, serial:///dev/ttyACM0:921600 [default: the configuration's]
+    /// Where the autopilot is: udpin://127.0.0.1:14540, udpin://0.0.0.0:14540?from=IP, udpout://HOST:PORT,
+    /// tcpout://HOST:PORT, serial:///dev/ttyACM0:921600 [default: the configuration's]
     #[arg(long, value_name = "URL")]
     pub connect: Option<String>,
 }

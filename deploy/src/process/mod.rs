@@ -14,6 +14,7 @@ pub mod observer;
 pub mod radio_keys;
 pub mod radio_rates;
 pub mod scheduling;
+pub mod sealed;
 pub mod shell;
 pub mod snapshot;
 pub mod supervision;

@@ -47,6 +47,8 @@ pub struct Snapshot {
     pub plan: Option<(Plan, f64)>,
     /// How the drone's attitude answers set-points, by the pilot.
     pub response: Option<AttitudeResponse>,
+    /// What is said of a configuration that was edited since the start.
+    pub edited: Option<String>,
 }
 
 impl Snapshot {

@@ -19,7 +19,7 @@ use page::View;
 use serde_json::json;
 
 use crate::exit::{CliError, Exit};
-use crate::process::instance::is_running;
+use crate::process::instance::{EDITED_FILE, is_running, said};
 use crate::process::observer::Observer;
 use crate::process::snapshot::Snapshot;
 use crate::process::supervisor::pause;
@@ -121,6 +121,7 @@ fn of(args: &StatusArgs, name: &str, disarm: &DisarmConfig) -> Result<Exit, CliE
         return Ok(Exit::Success);
     }
     observer.poll(None);
+    observer.snapshot.edited = said(&instance, EDITED_FILE);
     if args.watch && !args.json {
         let mut is_first = true;
         watch::run(|span| {
@@ -129,6 +130,7 @@ fn of(args: &StatusArgs, name: &str, disarm: &DisarmConfig) -> Result<Exit, CliE
             }
             is_first = false;
             observer.poll(None);
+            observer.snapshot.edited = said(&instance, EDITED_FILE);
             Ok(Some(drone::page(name, &observer.snapshot, disarm, steady_ns())))
         })?;
         return Ok(Exit::Success);
@@ -139,6 +141,7 @@ fn of(args: &StatusArgs, name: &str, disarm: &DisarmConfig) -> Result<Exit, CliE
             return Ok(Exit::Success);
         }
         observer.poll(None);
+        observer.snapshot.edited = said(&instance, EDITED_FILE);
     }
 }
 
@@ -175,5 +178,6 @@ fn object(name: &str, snapshot: &Snapshot, disarm: &DisarmConfig) -> serde_json:
         "autopilot": snapshot.autopilot,
         "still_armed_s": snapshot.still_armed_s(disarm),
         "link": snapshot.link,
+        "edited": snapshot.edited,
     })
 }

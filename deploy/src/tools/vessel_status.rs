@@ -108,6 +108,12 @@ fn title(status: &VesselStatus) -> String {
 /// What the status means at `now_ns` of the steady clock.
 pub fn judge(status: &VesselStatus, now_ns: i64) -> Vec<Finding> {
     let mut all = vec![process(status, now_ns)];
+    all.extend(status.edited.iter().map(|said| {
+        Topic("configuration").warning(
+            said.clone(),
+            "when nothing flies: systemctl restart alight-vessel",
+        )
+    }));
     all.extend(recorder(status));
     all.extend(strange_datagrams(status));
     for s in &status.sources {
@@ -239,6 +245,15 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
             format!("look now: once drone {} is not there: {OPEN}", s.owner),
         )
     }));
+    all.extend(deck.follows_another.iter().map(|f| {
+        TOPIC.broken(
+            format!(
+                "drone {} listens to a second computer with this vessel's certificate (boot {:08x})",
+                f.drone, f.boot
+            ),
+            "switch one of the two off: each gives away a deck of its own",
+        )
+    }));
     all.extend(deck.unplaced.iter().map(|id| {
         TOPIC.warning(
             format!(
@@ -342,6 +357,16 @@ fn drones(status: &VesselStatus) -> Vec<Finding> {
                 )
             } else if d.age_s > LOST_CONTACT_S {
                 TOPIC.warning(found, "it is out of reach or switched off")
+            } else if d.mission_age_s > LOST_CONTACT_S {
+                TOPIC.broken(
+                    format!(
+                        "drone {}: its mission is silent for {}; before: {}",
+                        d.drone,
+                        time(d.mission_age_s),
+                        d.state
+                    ),
+                    "its deck stays its own; abort is relayed: alight command abort --drone, or take it over",
+                )
             } else {
                 TOPIC.fine(found)
             }
@@ -353,6 +378,7 @@ fn drones(status: &VesselStatus) -> Vec<Finding> {
 mod tests {
     use super::*;
     use alight_usv::deck::Starved;
+    use alight_usv::followed::FollowsAnother;
 
     use crate::vessel::status_file::{DroneContact, EstimatorStatus, ProcessStatus, SourceHealth};
 
@@ -374,12 +400,14 @@ mod tests {
             deck_owner: Some(1),
             occupied: false,
             deck: DeckStatus::default(),
+            edited: None,
             drones: vec![DroneContact {
                 drone: 1,
                 age_s: 0.3,
                 state: "Descent".into(),
                 entered: "the deck is calm".into(),
                 waiting: String::new(),
+                mission_age_s: 0.02,
                 battery: Some(0.8),
                 armed: true,
                 still_armed_s: None,
@@ -428,7 +456,7 @@ mod tests {
             name: "vessel-1".into(),
             days_left,
         };
-        let cases: [(Change<'_>, Level, &str); 22] = [
+        let cases: [(Change<'_>, Level, &str); 25] = [
             (&|w| w.deck.closed = Some(Closure::Crew), Level::Warning, "deck"),
             (&|w| w.deck.closed = Some(Closure::Sensor), Level::Warning, "deck"),
             (
@@ -439,6 +467,12 @@ mod tests {
             (&|w| w.deck.owner_age_s = Some(60.0), Level::Warning, "deck"),
             (&|w| w.deck.doubles = vec![1], Level::Broken, "deck"),
             (&|w| w.deck.aborts = vec![1], Level::Warning, "deck"),
+            (
+                &|w| w.deck.follows_another = Some(FollowsAnother { drone: 1, boot: 7 }),
+                Level::Broken,
+                "deck",
+            ),
+            (&|w| w.drones[0].mission_age_s = 60.0, Level::Broken, "drones"),
             (&|w| w.deck.unplaced = vec![2], Level::Warning, "deck"),
             (
                 &|w| {
@@ -458,6 +492,11 @@ mod tests {
                 "deck",
             ),
             (&|w| w.process.unrecorded = 9, Level::Warning, "recorder"),
+            (
+                &|w| w.edited = Some("edited".into()),
+                Level::Warning,
+                "configuration",
+            ),
             (
                 &|w| w.estimator.sensor_age_s[1] = Some(9.0),
                 Level::Broken,

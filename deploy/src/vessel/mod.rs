@@ -11,7 +11,6 @@ pub mod status_file;
 use std::time::Duration;
 
 use alight_shared::admission::RejectionReason;
-use alight_shared::config;
 use alight_shared::msg::{MAX_SOURCES, Seq};
 use alight_shared::time::{Time, VesselClock};
 use alight_shared::transport::clock::steady_ns;
@@ -35,6 +34,7 @@ use crate::process::args::{ProcessArgs, ViewArgs};
 use crate::process::flight::Flight;
 use crate::process::life::Process;
 use crate::process::notify::Notify;
+use crate::process::sealed::SealedConfig;
 use crate::vessel::deck_file::DeckFile;
 use crate::vessel::deck_inputs::InputFiles;
 use crate::vessel::helm_lamp::HelmLamp;
@@ -53,7 +53,7 @@ pub fn run(args: &ProcessArgs, view: &ViewArgs) -> Result<Exit, CliError> {
 }
 
 async fn estimate(args: &ProcessArgs, view: &ViewArgs) -> Result<Exit, CliError> {
-    let computer: VesselComputer = config::load(&args.config)?;
+    let (computer, mut sealed) = SealedConfig::begin::<VesselComputer>(&args.config)?;
     let name = format!("vessel-{}", computer.vessel_id);
     let mut flight = Flight::begin(&computer.recorder, args, &name, steady_ns());
     let args = &ProcessArgs {
@@ -74,7 +74,7 @@ async fn estimate(args: &ProcessArgs, view: &ViewArgs) -> Result<Exit, CliError>
     let mut status_file = StatusFile::new(&computer);
     let mut people = ForPeople::new(!computer.sensor.sources.is_empty(), steady_ns());
     // The last to start: an error before it leaves no process behind.
-    let mut sensor_supervisor = SensorSupervisor::start(&computer, args, view, steady_ns())?;
+    let mut sensor_supervisor = SensorSupervisor::start(&computer, args, view, sealed.path(), steady_ns())?;
     let mut notify = Notify::default();
     notify.ready();
 
@@ -123,6 +123,8 @@ async fn estimate(args: &ProcessArgs, view: &ViewArgs) -> Result<Exit, CliError>
         if let Some(report) = process.state(Vec::new, counts.unsent) {
             let report = radio.report(report, process.node().node().rate_fraction());
             deck_order = deck_file.order();
+            sealed.poll(steady_ns());
+            status_file.edited = sealed.edited();
             let deck = DeckStatus {
                 file_error: deck_file.error(),
                 input_errors: deck_inputs.errors(),
@@ -149,6 +151,7 @@ async fn estimate(args: &ProcessArgs, view: &ViewArgs) -> Result<Exit, CliError>
     if let Some(flight) = flight {
         flight.end(steady_ns());
     }
+    sealed.end();
     Ok(Exit::Success)
 }
 

@@ -2,13 +2,15 @@
 //! configured, whose reports are taken in and which is restarted when it ended or reports nothing; and the viewers'
 //! server, where somebody looks on.
 
+use std::path::Path;
+
 use alight_shared::transport::process::ProcessKind;
 use alight_usv::sensors::{Remark, SourceStatus};
 use serde::{Deserialize, Serialize};
 
 use crate::config::VesselComputer;
+use crate::config::link_url::LinkUrl;
 use crate::exit::CliError;
-use crate::io::link_url::LinkUrl;
 use crate::process::args::{ProcessArgs, ViewArgs};
 use crate::process::supervision::Limits;
 use crate::process::supervisor::{self, Supervisor};
@@ -45,11 +47,13 @@ pub struct SensorSupervisor {
 }
 
 impl SensorSupervisor {
-    /// Starts the process where sensors are configured; a malformed address is rejected here.
+    /// Starts the process where sensors are configured, with the configuration in this file; a malformed address is rejected
+    /// here.
     pub fn start(
         computer: &VesselComputer,
         args: &ProcessArgs,
         view: &ViewArgs,
+        config: &Path,
         now_ns: i64,
     ) -> Result<SensorSupervisor, CliError> {
         let sources = &computer.sensor.sources;
@@ -68,11 +72,11 @@ impl SensorSupervisor {
             let mut supervisor =
                 Supervisor::new(std::env::temp_dir(), args.flight.clone(), limits)?.inheriting_stderr();
             if !sources.is_empty() {
-                let arguments = supervisor::arguments(ProcessKind::Sensors, &args.config);
+                let arguments = supervisor::arguments(ProcessKind::Sensors, config);
                 supervisor.start(ProcessKind::Sensors, arguments, Vec::new())?;
             }
             if let Some(view) = view {
-                supervisor.start_view(&args.config, &view)?;
+                supervisor.start_view(config, &view)?;
             }
             Some(supervisor)
         };

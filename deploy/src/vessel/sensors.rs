@@ -14,10 +14,11 @@ use tokio::time::{MissedTickBehavior, interval};
 use tracing::{info, warn};
 
 use crate::config::VesselComputer;
+use crate::config::link_url::LinkUrl;
 use crate::exit::{CliError, Doing, Exit};
-use crate::io::byte_link::{ByteLink, Speaks};
+use crate::io::byte_link::ByteLink;
+use crate::io::peer::Speaks;
 use crate::io::byte_links::{Arrival, ByteLinks};
-use crate::io::link_url::LinkUrl;
 use crate::io::runtime;
 use crate::io::sensor_socket::SensorSender;
 use crate::process::args::SensorsArgs;

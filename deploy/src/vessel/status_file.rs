@@ -15,6 +15,8 @@ use alight_shared::transport::process::ProcessState;
 use alight_shared::transport::rejections::{AccessRejection, AccessRejections};
 use alight_usv::deck::{Closure, Starved};
 use alight_usv::sensors::Remark;
+use alight_usv::deck::{Closure, Starved, Unheard};
+use alight_usv::followed::FollowsAnother;
 use alight_usv::{ComputerIn, ComputerOut, Estimator, KINDS, VesselNode};
 use serde::{Deserialize, Serialize};
 
@@ -48,6 +50,9 @@ pub struct DroneContact {
     /// Why its next state is not entered yet.
     #[serde(default)]
     pub waiting: String,
+    /// Age of that state when it was sent, s.
+    #[serde(default)]
+    pub mission_age_s: f64,
     /// Its battery, 0 to 1; None: not reported.
     pub battery: Option<f64>,
     /// Its motors are armed.
@@ -246,6 +251,12 @@ pub struct DeckStatus {
     /// A drone with a low battery waits for a silent owner.
     #[serde(default)]
     pub starved: Option<Starved>,
+    /// Silent drones that may be on their way down.
+    #[serde(default)]
+    pub unheard: Vec<Unheard>,
+    /// A drone that listens to another computer with this vessel's identity.
+    #[serde(default)]
+    pub follows_another: Option<FollowsAnother>,
     /// Drones that have not acknowledged an abort.
     pub aborts: Vec<u32>,
     /// Why its state would not outlive the process, if it would not.
@@ -274,6 +285,8 @@ impl DeckStatus {
             doubles: arbiter.doubles().map(|(id, _)| id).collect(),
             unplaced: arbiter.unplaced().collect(),
             starved: arbiter.starved(now),
+            unheard: arbiter.unheard(now).collect(),
+            follows_another: node.follows_another(now),
             aborts: relay.unacknowledged().collect(),
             course: arbiter.course(now),
             wants_steady: arbiter.wants_steady(now),
@@ -305,6 +318,9 @@ pub struct VesselStatus {
     pub occupied: bool,
     /// What else is known of the deck.
     pub deck: DeckStatus,
+    /// What is to be said of a configuration that was edited since the start.
+    #[serde(default)]
+    pub edited: Option<String>,
     /// Drones that were received.
     pub drones: Vec<DroneContact>,
     /// The estimator.
@@ -371,6 +387,8 @@ pub struct StatusFile {
     certificate: (i64, CertificateStatus),
     /// Used and refused of each source at the statuses before, oldest first.
     counts: VecDeque<Vec<[u64; 2]>>,
+    /// What is to be said of a configuration that was edited since the start.
+    pub edited: Option<String>,
 }
 
 impl StatusFile {
@@ -387,6 +405,7 @@ impl StatusFile {
             occupied: false,
             certificate: (i64::MIN, CertificateStatus::None),
             counts: VecDeque::new(),
+            edited: None,
         }
     }
     /// Works out what became of each source's measurements since some statuses ago.
@@ -489,6 +508,7 @@ impl StatusFile {
             deck_owner: deck.owner,
             occupied: self.occupied,
             deck,
+            edited: self.edited.clone(),
             drones: drones
                 .map(|s| DroneContact {
                     drone: s.message.header.drone,
@@ -496,6 +516,7 @@ impl StatusFile {
                     state: s.message.state.name().to_owned(),
                     entered: s.message.entered.to_string(),
                     waiting: s.message.waiting.to_string(),
+                    mission_age_s: f64::from(s.message.mission_age_s),
                     battery: s.message.battery,
                     armed: s.message.armed,
                     still_armed_s: s.message.still_armed_s,

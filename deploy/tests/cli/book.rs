@@ -90,3 +90,60 @@ fn troubleshooting_reasons_and_topics() {
         }
     }
 }
+
+/// A hash (FNV-1a) of the sources of the link to the autopilot and of the pilot: what flew.
+fn link_version(root: &Path) -> String {
+    let flies = ["uav-side/src/autopilot", "uav-side/src/pilot"].map(|d| files(&root.join(d), &[".rs"]));
+    let mut sources = flies.concat();
+    sources.sort();
+    let bytes = sources.iter().flat_map(|path| std::fs::read(path).unwrap());
+    let hash = bytes.fold(0xcbf2_9ce4_8422_2325_u64, |h, b| {
+        (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3)
+    });
+    format!("{hash:016x}")
+}
+
+/// What is wrong with the tables of flights with makers' firmware: each names our version, and says where what flew has
+/// changed since.
+fn stale_tables(page: &str, link: &str) -> Vec<String> {
+    let mut wrong = Vec::new();
+    let mut marker: Option<&str> = None;
+    for block in page.split("\n\n") {
+        if let Some(flown) = block.trim().strip_prefix("<!-- flown: version ") {
+            marker = Some(flown);
+        } else if block.starts_with('|') && block.lines().next().is_some_and(|head| head.contains("flown by"))
+        {
+            let Some(flown) = marker.take() else {
+                wrong.push(format!("no version above: {block}"));
+                continue;
+            };
+            let after = page.split(block).nth(1).unwrap_or_default();
+            let said = after
+                .trim_start()
+                .starts_with("The link and the pilot have changed since");
+            if !flown.contains(&format!("link {link}")) && !said {
+                wrong.push(format!(
+                    "flown with {flown}, and nothing says that the link is {link} now"
+                ));
+            }
+        }
+    }
+    wrong
+}
+
+#[test]
+fn version_of_every_table_with_makers_firmware() {
+    let link = link_version(&root());
+    for page in ["firmware.md", "px4-sitl.md", "ardupilot-sitl.md"] {
+        let wrong = stale_tables(&read(&root().join("deploy/docs").join(page)), &link);
+        assert!(
+            wrong.is_empty(),
+            "{page}: {wrong:#?}\nwrite below a table that was flown before: The link and the pilot have changed since: ..."
+        );
+    }
+    let table = "| flown by | good |\n|---|---|\n| PX4 | 1 of 1 |";
+    let flown = |link: &str| format!("<!-- flown: version 1234567, link {link} -->\n\n{table}\n\nNext.");
+    assert!(stale_tables(&flown("aa"), "aa").is_empty());
+    assert_eq!(stale_tables(&flown("bb"), "aa").len(), 1);
+    assert_eq!(stale_tables(table, "aa").len(), 1);
+}

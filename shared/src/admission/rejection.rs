@@ -64,6 +64,8 @@ reasons! {
     Sender: "under a foreign key",
     /// A landing that was ordered without knowing of an abort.
     Unaware: "unaware of an abort",
+    /// From a second computer with the identity of the one that is listened to.
+    SecondSender: "of a second sender",
     /// An inertial sample with the very numbers of too many before it.
     Stuck: "of a stuck sensor",
 }

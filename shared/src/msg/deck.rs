@@ -79,6 +79,8 @@ pub struct LinkState {
     pub latency_p99_s: f64,
     /// Vessel messages rejected since start.
     pub rejected: u32,
+    /// Boot of a second computer with the vessel's identity that is heard beside the one that is listened to.
+    pub second_sender: Option<u32>,
 }
 
 /// Where the forecast gets its knowledge from.

@@ -633,6 +633,8 @@ pub struct DroneStatus {
     pub armed: bool,
     /// Landed and armed for longer than the disarm on the deck takes: since the landing, s.
     pub still_armed_s: Option<f32>,
+    /// Age of the mission's state when this was sent, s: its process may have ended, or hang.
+    pub mission_age_s: f32,
 }
 
 /// What to do about a drone that is on the deck and armed, as people read it after its subject.
@@ -701,6 +703,7 @@ message!(DroneStatus, DroneClock, |m| {
     m.battery.is_none_or(|b| FRACTION.contains(&b)) => "battery",
     m.deck_distance_m.is_none_or(|d| d >= 0.0) => "deck_distance_m",
     m.still_armed_s.is_none_or(|s| s >= 0.0) => "still_armed_s",
+    m.mission_age_s >= 0.0 => "mission_age_s",
 });
 message!(MissionState, DroneClock, |m| {
     within(&m.hold_position, MAX_POSITION_M) && within([&m.hold_yaw], 50.0) => "hold_position",

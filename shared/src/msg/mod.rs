@@ -35,6 +35,7 @@ macro_rules! restamped {
 
 mod deck;
 mod drone;
+mod drone_status;
 mod grant;
 mod mission;
 mod sensors;

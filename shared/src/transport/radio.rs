@@ -38,6 +38,13 @@ const QUIC_METADATA: &str = "?mixed_rel=auto";
 
 /// Largest batch of the middleware: with the headers of IPv6 and TCP it fits into one packet.
 const BATCH_BYTES: u32 = 1380;
+/// Longest message that the middleware puts together of its parts, bytes: a message of ours fits into one batch; the rest is
+/// room for its own declarations. Its default is 1 GB, which one peer could have this computer hold.
+const MAX_MESSAGE_BYTES: u32 = 16_384;
+/// Sessions of each peer: one, and that before it started anew, until that has expired.
+const SESSIONS_PER_PEER: usize = 2;
+/// Sessions beside those, for peers that start again and again.
+const SPARE_SESSIONS: usize = 8;
 /// What a stream's socket may hold, bytes; the system counts its own overhead too, about as much
 /// again as the payload.
 const SOCKET_BYTES: u32 = 16_384;
@@ -160,6 +167,14 @@ impl RadioConfig {
             self.reopen_after_s
         }
     }
+    fn max_sessions(&self) -> usize {
+        let peers = match self.tls.peers.len() {
+            // Without certificates nobody is named.
+            0 => access::PEERS,
+            named => named,
+        };
+        SESSIONS_PER_PEER * peers + SPARE_SESSIONS
+    }
     fn session(&self, own: &[String]) -> Result<zenoh::Config, TransportError> {
         let ms = |s: f64| (s * 1e3).round().to_string();
         let text = |v: &dyn core::fmt::Debug| format!("{v:?}");
@@ -185,6 +200,12 @@ impl RadioConfig {
             // one packet, not 64 kB, and the socket a few.
             ("transport/link/tx/batch_size", BATCH_BYTES.to_string()),
             ("transport/link/tcp/so_sndbuf", SOCKET_BYTES.to_string()),
+            (
+                "transport/link/rx/max_message_size",
+                MAX_MESSAGE_BYTES.to_string(),
+            ),
+            // One certificate could open a thousand otherwise; the middleware bounds the sum only.
+            ("transport/unicast/max_sessions", self.max_sessions().to_string()),
         ];
         if !self.tls.authority.is_empty() {
             settings.extend([
@@ -508,5 +529,25 @@ impl Radio {
             dropped: self.dropped.load(Ordering::Relaxed),
             ..self.counts
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn memory_and_sessions_that_peers_may_take() {
+        let mut config = RadioConfig::listening("quic/127.0.0.1:7447", TlsConfig::default());
+        config.tls.peers = (1..=3).map(|k| format!("drone-{k}")).collect();
+        let number = |config: &RadioConfig, key: &str| -> usize {
+            let session = config.session(&[]).unwrap();
+            session.get_json(key).unwrap().parse().unwrap()
+        };
+        let longest = number(&config, "transport/link/rx/max_message_size");
+        assert!((2 * MAX_WIRE_BYTES..=16_384).contains(&longest), "{longest}");
+        assert_eq!(number(&config, "transport/unicast/max_sessions"), 14);
+        config.tls.peers.clear();
+        assert!(number(&config, "transport/unicast/max_sessions") > 2 * 64);
     }
 }

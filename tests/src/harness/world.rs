@@ -651,19 +651,10 @@ impl DroneComputer {
 
     fn status(&self, header: Header<DroneClock>, deck_distance_m: Option<f32>) -> DroneStatus {
         let (mission, autopilot) = (&self.mission_state, &self.autopilot_state);
+        let still_armed_s = still_armed_s(header.at, mission, autopilot.armed, &DisarmConfig::default());
         DroneStatus {
-            header,
-            state: mission.state,
-            entered: mission.entered,
-            waiting: mission.waiting,
-            attempts: mission.attempts,
-            battery: autopilot.battery,
-            landed: autopilot.landed,
-            deck_distance_m,
-            abort: mission.abort,
-            armed: autopilot.armed,
-            still_armed_s: still_armed_s(header.at, mission, autopilot.armed, &DisarmConfig::default())
-                .map(|s| s as f32),
+            still_armed_s: still_armed_s.map(|s| s as f32),
+            ..DroneStatus::of(header, mission, Some(autopilot), deck_distance_m)
         }
     }
 }

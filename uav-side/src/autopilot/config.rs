@@ -21,9 +21,10 @@ pub enum Diversion {
 config! {
     /// The link to the autopilot.
     pub struct AutopilotLinkConfig {
-        /// Where the autopilot is: udpin, udpout, tcpout, tcpin or serial, as MAVSDK writes them.
+        /// Where the autopilot is: udpin, udpout, tcpout, tcpin or serial, as MAVSDK writes them. One that listens
+        /// beyond this computer names the autopilot's address: `udpin://0.0.0.0:14540?from=192.168.7.20`.
         /// Source: PX4's onboard API link.
-        pub connect: String = "udpin://0.0.0.0:14540".into();
+        pub connect: String = "udpin://127.0.0.1:14540".into();
         /// System number of the autopilot; 0: the first one whose heartbeat is received.
         pub vehicle: u8 = 0;
         /// Our system number; 0: the vehicle's, as a companion computer has it.

@@ -15,13 +15,14 @@
 //! is its owner alone: nobody is given the deck before the owner before it is beyond that. A silent drone keeps its
 //! place.
 //!
-//! The crew closes and opens the deck ([`DeckOrder`]). A [`DeckCheckpoint`] outlives the process.
+//! The crew closes and opens the deck ([`DeckOrder`]). Opening it says that nothing lies there, which is evidence about
+//! whoever stood there, and none about a drone that was in the air when it fell silent: that one keeps the deck for as
+//! long as a landing takes, or until the order names it. A [`DeckCheckpoint`] outlives the process.
 //! Digital inputs close it too, where configured ([`DeckInputs`]): the crew's switch, and a sensor of what lies on the
 //! deck that is no drone's weight. They free it of nobody, and one that is not read any more closes it.
 //!
 //! With the deck it publishes what the helm intends ([`Course`]), and it knows whether a drone wants a steady course.
 
-use core::fmt;
 use core::mem::discriminant;
 
 use alight_shared::admission::check_message;
@@ -34,6 +35,7 @@ use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
 mod claim;
+mod silence;
 
 use super::MAX_DRONES;
 use super::checkpoint::{Claim, Closure, DeckCheckpoint, DeckOrder, DroneClaim};
@@ -41,6 +43,7 @@ use super::config::DeckConfig;
 use super::inputs::{DeckInputs, Reading};
 use super::stated_course::StatedCourse;
 use claim::Evidence;
+pub use silence::{Starved, Unheard};
 
 /// Time between two grants without a change.
 const PERIOD: Span = Span::from_millis(500);
@@ -85,32 +88,6 @@ struct Drone {
     wants_steady: bool,
 }
 
-/// The owner is silent for longer than a landing takes while another drone waits for the deck with a low battery.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Starved {
-    /// The owner.
-    pub owner: u32,
-    /// Since its newest status, s.
-    pub silent_s: f64,
-    /// The one that waits; of several the one with the least battery.
-    pub waiting: u32,
-    /// Its battery, 0 to 1.
-    pub battery: f64,
-}
-
-impl fmt::Display for Starved {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "drone {} has the deck and is silent for {:.0} s, and drone {} waits for it with {:.0} % of its battery",
-            self.owner,
-            self.silent_s,
-            self.waiting,
-            100.0 * self.battery
-        )
-    }
-}
-
 /// Another sender with the same number: the drone itself started anew, or a second drone.
 #[derive(Clone, Copy, Debug)]
 struct Rival {
@@ -129,6 +106,11 @@ impl Drone {
     /// The deck's sensor may have its weight.
     fn may_stand(&self, now: Time<VesselClock>) -> bool {
         self.claim >= Claim::Landing && !(self.descends && self.is_fresh(now))
+    }
+    /// Of a silent drone: whether a look at the deck shows that it has left. One that stood there is seen, or is gone.
+    /// One that was in the air may be on its way down unheard, where nobody looks, for as long as a landing takes.
+    fn ends_by_a_look(&self, now: Time<VesselClock>, timeout_s: f64) -> bool {
+        self.claim == Claim::OnDeck || (now - self.received).secs() > timeout_s
     }
     /// Two drones with this number.
     fn is_double(&self) -> bool {
@@ -310,6 +292,23 @@ impl DeckArbiter {
             battery,
         })
     }
+    /// Silent drones that may be on their way down unheard: an order to open the deck that does not name them leaves it to
+    /// them.
+    pub fn unheard(&self, now: Time<VesselClock>) -> impl Iterator<Item = Unheard> {
+        let timeout_s = self.config.status_timeout_s;
+        let may_descend = move |d: &&Drone| {
+            let holds = d.claim >= Claim::Landing || d.inside || self.owner == Some(d.header.drone);
+            holds && d.claim > Claim::Away && !d.is_fresh(now) && !d.ends_by_a_look(now, timeout_s)
+        };
+        self.drones.iter().filter(may_descend).map(move |d| {
+            let silent_s = (now - d.received).secs();
+            Unheard {
+                drone: d.header.drone,
+                silent_s,
+                remaining_s: (timeout_s - silent_s).max(0.0),
+            }
+        })
+    }
     /// What the next start of the process begins with.
     pub fn checkpoint(&self) -> DeckCheckpoint {
         let kept =
@@ -428,20 +427,28 @@ impl DeckArbiter {
             DeckOrder::Steady(for_s) => self.course.order_steady(now, for_s),
             DeckOrder::Turning => self.course.order_turning(),
             DeckOrder::Closed => self.closed = Some(Closure::Crew),
-            DeckOrder::Open => {
-                self.closed = None;
-                // Whoever is silent and stands there, the crew does not see; one that waits in the air keeps its place.
-                self.drones
-                    .retain(|d| d.is_fresh(now) || d.claim < Claim::Landing);
-                for d in &mut self.drones {
-                    d.unplaced = false;
-                    if !d.is_fresh(now) {
-                        (d.claim, d.inside) = (Claim::Away, false);
-                    } else if d.claim >= Claim::Landing && !d.at_deck {
-                        // Neither it nor the crew has it there.
-                        (d.claim, d.inside) = (Claim::Away, d.inside && d.flies);
-                    }
+            DeckOrder::Open => self.open(now, None),
+            DeckOrder::Clear(drone) => self.open(now, Some(drone)),
+        }
+    }
+
+    /// The crew has looked: nothing lies on the deck, and `named` is neither there nor above it.
+    fn open(&mut self, now: Time<VesselClock>, named: Option<u32>) {
+        self.closed = None;
+        let timeout_s = self.config.status_timeout_s;
+        let ends = |d: &Drone| d.ends_by_a_look(now, timeout_s) || named == Some(d.header.drone);
+        // Whoever is silent and stood there, the crew does not see; one that waits in the air keeps its place.
+        self.drones
+            .retain(|d| d.is_fresh(now) || d.claim < Claim::Landing || !ends(d));
+        for d in &mut self.drones {
+            d.unplaced = false;
+            if !d.is_fresh(now) {
+                if ends(d) {
+                    (d.claim, d.inside) = (Claim::Away, false);
                 }
+            } else if !d.at_deck && (d.claim >= Claim::Landing || named == Some(d.header.drone)) {
+                // Neither it nor the crew has it there.
+                (d.claim, d.inside) = (Claim::Away, d.inside && d.flies);
             }
         }
     }

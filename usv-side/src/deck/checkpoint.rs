@@ -11,8 +11,10 @@ use serde::{Deserialize, Serialize};
 pub enum DeckOrder {
     /// Nobody descends.
     Closed,
-    /// It is free but for drones that report from it now.
+    /// Nothing lies on it: it is free but for drones that report from it now, or may be on their way down unheard.
     Open,
+    /// The same, and this drone is neither there nor above it.
+    Clear(u32),
     /// Course and speed are kept for so many seconds; 0: nothing is stated any more.
     Steady(u32),
     /// The vessel turns or may turn, until another order about her course.

@@ -9,7 +9,7 @@ pub mod monitor;
 pub mod operator;
 mod stated_course;
 
-pub use arbiter::{ArbiterIn, ArbiterOut, DeckArbiter, Starved};
+pub use arbiter::{ArbiterIn, ArbiterOut, DeckArbiter, Starved, Unheard};
 pub use checkpoint::{Claim, Closure, DeckCheckpoint, DeckOrder, DroneClaim, GivenCommand};
 pub use config::DeckConfig;
 pub use inputs::DeckInputs;

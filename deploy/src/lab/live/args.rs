@@ -54,7 +54,7 @@ pub struct LandArgs {
     /// docs/firmware.md)
     #[arg(long, requires = "autopilot")]
     pub external: bool,
-    /// Where that firmware's MAVLink is [default: udpin://0.0.0.0:14540 for PX4,
+    /// Where that firmware's MAVLink is [default: udpin://127.0.0.1:14540 for PX4,
     /// tcpout://127.0.0.1:5760 for ArduPilot]
     #[arg(long, value_name = "URL", requires = "external")]
     pub connect: Option<String>,

@@ -34,7 +34,7 @@ impl AutopilotKind {
     /// Where its MAVLink is found when it runs on this computer.
     pub const fn connect(self) -> &'static str {
         match self {
-            AutopilotKind::Internal | AutopilotKind::Px4 => "udpin://0.0.0.0:14540",
+            AutopilotKind::Internal | AutopilotKind::Px4 => "udpin://127.0.0.1:14540",
             AutopilotKind::Ardupilot => "tcpout://127.0.0.1:5760",
         }
     }

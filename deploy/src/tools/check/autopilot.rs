@@ -15,8 +15,9 @@ use alight_uav::pilot::Output;
 use tokio::time::{Instant, timeout_at};
 
 use crate::config::DroneComputer;
+use crate::config::link_url::LinkUrl;
+use crate::drone::autopilot::speaks_as;
 use crate::io::byte_link::ByteLink;
-use crate::io::link_url::LinkUrl;
 use crate::io::runtime;
 use crate::tools::check::facts::AutopilotReport;
 
@@ -36,7 +37,8 @@ pub fn report(computer: &DroneComputer, url: &LinkUrl) -> Option<AutopilotReport
 
 async fn received(computer: &DroneComputer, url: &LinkUrl) -> Option<AutopilotReport> {
     let c = &computer.autopilot;
-    let mut link = ByteLink::new(url.clone()).await.ok()?;
+    let speaks = Some(speaks_as(c.vehicle));
+    let mut link = ByteLink::with_peer(url.clone(), speaks).await.ok()?;
     let (mut decoder, mut sequence) = (Decoder::default(), 0_u8);
     let mut heartbeat = Periodic::<DroneClock>::default();
     let mut origin_due = Periodic::<DroneClock>::default();

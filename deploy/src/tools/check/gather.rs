@@ -17,10 +17,10 @@ use alight_uav::camera::uvdar::Fisheye;
 
 use crate::certificates;
 use crate::config::camera::CameraSource;
+use crate::config::link_url::LinkUrl;
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Doing};
 use crate::io::digital_line::DigitalLine;
-use crate::io::link_url::LinkUrl;
 use crate::io::sensor_socket::SensorSocket;
 use crate::process::flight::{ATTITUDE_DEAD_TIME, ATTITUDE_LAG};
 use crate::process::observer::Observer;
@@ -386,8 +386,8 @@ fn reach_autopilot(url: &LinkUrl) -> Reach {
         tried.map_or_else(|e| Reach::Unreachable(e.to_string()), |()| Reach::Routed)
     };
     match url {
-        LinkUrl::UdpIn(at) => bound(UdpSocket::bind(at.as_str()).map(drop)),
-        LinkUrl::TcpIn(at) => bound(TcpListener::bind(at.as_str()).map(drop)),
+        LinkUrl::UdpIn(at, _) => bound(UdpSocket::bind(at.as_str()).map(drop)),
+        LinkUrl::TcpIn(at, _) => bound(TcpListener::bind(at.as_str()).map(drop)),
         LinkUrl::UdpOut(to) => reach(&format!("udp/{to}")),
         LinkUrl::TcpOut(to) => reach(&format!("tcp/{to}")),
         LinkUrl::Serial(path, _) => match OpenOptions::new().read(true).write(true).open(path) {

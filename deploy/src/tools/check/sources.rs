@@ -9,7 +9,8 @@ use alight_usv::sensors::{SensorNode, SensorsIn, SourceConfig, SourceStatus};
 use tokio::time::{Instant, timeout_at};
 
 use crate::config::VesselComputer;
-use crate::io::byte_link::{ByteLink, Speaks};
+use crate::io::byte_link::ByteLink;
+use crate::io::peer::Speaks;
 use crate::io::byte_links::ByteLinks;
 use crate::io::runtime;
 use crate::tools::check::facts::SourceCheck;

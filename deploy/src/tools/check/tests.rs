@@ -384,12 +384,12 @@ fn check_of_each_fault() {
 fn autopilot_check_with_and_without_answer() {
     let found = |reported| {
         let mut facts = drone();
-        facts.autopilot = Some(("udpin://0.0.0.0:14540".into(), Ok(Reach::Routed)));
+        facts.autopilot = Some(("udpin://127.0.0.1:14540".into(), Ok(Reach::Routed)));
         facts.reported = reported;
         let of_link = |f: &Finding| f.topic == "autopilot";
         judge(&facts).into_iter().find(of_link).unwrap().found
     };
-    assert_eq!(found(reported("none", 0.0)), "answers at udpin://0.0.0.0:14540");
+    assert_eq!(found(reported("none", 0.0)), "answers at udpin://127.0.0.1:14540");
     assert!(found(None).contains("alight status"));
     assert!(!found(Some(None)).contains("alight status"));
 }

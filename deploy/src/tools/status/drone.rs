@@ -162,6 +162,15 @@ fn alarms(page: &mut Page, snapshot: &Snapshot, disarm: &DisarmConfig, silent: &
         let text = format!("the vessel's newest estimate is {} old", time(l.age_s));
         page.alarm(Level::Warning, "link", text);
     }
+    if let Some(said) = &snapshot.edited {
+        page.alarm(Level::Warning, "configuration", said.clone());
+    }
+    if let Some(boot) = snapshot.link.and_then(|l| l.second_sender) {
+        let text = format!(
+            "a SECOND COMPUTER speaks as the vessel (boot {boot:08x}); it is not listened to: switch one off"
+        );
+        page.alarm(Level::Broken, "second computer", text);
+    }
     if let (Some(m), Some(a)) = (&snapshot.mission, &snapshot.autopilot)
         && let Some(charge) = a.battery.filter(|b| *b < m.battery_reserve)
     {
@@ -361,6 +370,7 @@ mod tests {
     fn status_page_with_every_alarm() {
         let mut s = flying();
         s.processes.clear();
+        s.edited = Some("drone.toml was edited since the start".into());
         s.mission = Some(MissionState {
             mode: LandingMode::Shadow,
             waiting: Reason::new(ReasonCode::AutopilotParameterUnknown, 10.0, 0.0),
@@ -375,6 +385,7 @@ mod tests {
         });
         s.link = Some(LinkState {
             age_s: f64::INFINITY,
+            second_sender: Some(7),
             ..LinkState::default()
         });
         let lines = texts(&s);
@@ -388,6 +399,8 @@ mod tests {
             "no report of bridge",
             "no landing:",
             "battery at 10 %",
+            "a SECOND COMPUTER",
+            "was edited",
             "estimate is - old",
         ] {
             assert!(has(part), "{part}: {lines:?}");

@@ -2,6 +2,7 @@
 
 use super::*;
 
+#[derive(Clone)]
 struct Rig {
     arbiter: DeckArbiter,
     t_s: f64,
@@ -371,6 +372,45 @@ fn grant_of_an_idle_and_of_a_silent_owner() {
 }
 
 #[test]
+fn deck_opened_under_a_silent_descent() {
+    let waiting = [(2, State::Approach)];
+    for last in [
+        State::TrackingStable,
+        State::Tracking,
+        State::Descent,
+        State::Flare,
+    ] {
+        let mut rig = Rig::after(&[(State::TrackingStable, 0.5), (last, 2.0)]);
+        // For as long as a landing takes it may come down unheard, however often the crew opens the deck.
+        for silent_s in [2.5, 10.0, 58.0] {
+            let now_s = 106.5 + silent_s;
+            rig.run(&waiting, now_s - 0.5 - rig.t_s);
+            rig.order(DeckOrder::Open);
+            assert_eq!(rig.run(&waiting, 0.5), 1, "{last:?} {silent_s}");
+            let unheard: Vec<_> = rig.arbiter.unheard(Time::from_secs(rig.t_s)).collect();
+            assert_eq!(unheard.len(), 1, "{last:?} {silent_s}");
+            assert_eq!(unheard[0].drone, 1);
+            assert!((unheard[0].silent_s + unheard[0].remaining_s - 60.0).abs() < 1e-9);
+        }
+        // Somebody sees where it is. An order that names another says nothing of it.
+        let mut seen = rig.clone();
+        seen.order(DeckOrder::Clear(3));
+        assert_eq!(seen.run(&waiting, 0.5), 1, "{last:?}");
+        seen.order(DeckOrder::Clear(1));
+        assert_eq!(seen.run(&waiting, 4.0), 2, "{last:?}");
+        // Or whatever it had begun has ended.
+        rig.run(&waiting, 3.0);
+        assert_eq!(rig.arbiter.unheard(Time::from_secs(rig.t_s)).count(), 0);
+        rig.order(DeckOrder::Open);
+        assert_eq!(rig.run(&waiting, 4.0), 2, "{last:?}");
+    }
+    // One that reports from the deck is not argued away.
+    let mut rig = Rig::with_a_landed_drone();
+    rig.order(DeckOrder::Clear(1));
+    assert_eq!(rig.run(&[(1, State::Landed), waiting[0]], 4.0), 1);
+}
+
+#[test]
 fn unheard_owner_that_gives_way() {
     for last_s in [0.5, 1.5, 2.5] {
         let mut rig = Rig::after(&[(State::Approach, 0.5)]);
@@ -493,10 +533,18 @@ fn arbiter_restart_with_drones_on_and_near_the_deck() {
         rig.restart(Some(rig.arbiter.checkpoint()));
         let waiting = [(2, State::Approach)];
         assert_eq!(rig.run(&waiting, 600.0), 1, "{last:?}");
-        // The crew's word counts at once: nobody was received since.
-        rig.restart(Some(rig.arbiter.checkpoint()));
-        rig.order(DeckOrder::Open);
-        assert_eq!(rig.run(&waiting, 4.0), 2, "{last:?}");
+        // The crew's word counts at once where it names the drone, or has looked for it where it stood. How long one that
+        // was in the air had been silent before the restart is not known: its landing may have just begun.
+        for order in [DeckOrder::Open, DeckOrder::Clear(1)] {
+            let mut rig = rig.clone();
+            rig.restart(Some(rig.arbiter.checkpoint()));
+            rig.order(order);
+            let freed = last == State::Landed || order == DeckOrder::Clear(1);
+            assert_eq!(rig.run(&waiting, 4.0) == 2, freed, "{last:?} {order:?}");
+            rig.run(&waiting, 60.0);
+            rig.order(DeckOrder::Open);
+            assert_eq!(rig.run(&waiting, 4.0), 2, "{last:?}");
+        }
     }
     // Of a file that is missing or damaged nothing is known.
     for closure in [Closure::CheckpointMissing, Closure::CheckpointDamaged] {

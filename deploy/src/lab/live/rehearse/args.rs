@@ -33,7 +33,7 @@ pub struct RehearseArgs {
     /// Whose character the simulated autopilot has; with --autopilot-at the firmware that flies [default: px4]
     #[arg(long, value_enum)]
     pub autopilot: Option<Autopilot>,
-    /// A maker's firmware flies, started beside by a person: where its MAVLink is, such as udpin://0.0.0.0:14540
+    /// A maker's firmware flies, started beside by a person: where its MAVLink is, such as udpin://127.0.0.1:14540
     /// (deploy/docs/firmware.md)
     #[arg(long, value_name = "URL")]
     pub autopilot_at: Option<String>,

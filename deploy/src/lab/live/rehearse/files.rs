@@ -16,9 +16,9 @@ use toml::{Table, Value};
 use super::args::RehearseArgs;
 use super::lines::SerialLine;
 use crate::certificates::{self, common_name};
+use crate::config::link_url::LinkUrl;
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Doing};
-use crate::io::link_url::LinkUrl;
 use crate::lab::args::Autopilot;
 use crate::lab::live::config::{AutopilotKind, Devices, SimulatedWorld, free_port};
 use crate::lab::live::land::AT_SEA;
@@ -105,7 +105,7 @@ impl Plan {
         let drone: DroneComputer = read(&drone_file, args.drone_config.as_deref(), "drone.toml")?;
         let connect = match &args.autopilot_at {
             Some(url) => {
-                url.parse::<LinkUrl>().map_err(CliError)?;
+                LinkUrl::of_autopilot(url).map_err(CliError)?;
                 url.clone()
             }
             None => format!("udpin://{HOST}:{}", free_port()?),

@@ -148,8 +148,8 @@ impl Drop for SensorFeed {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::link_url::LinkUrl;
     use crate::io::byte_link::ByteLink;
-    use crate::io::link_url::LinkUrl;
 
     #[tokio::test]
     async fn serial_line_opened_again() {

@@ -5,6 +5,7 @@
 //! compass and inertial sensor on serial lines, raw images in a pipe, MAVLink over UDP. Only what moves is simulated.
 
 pub mod args;
+mod checked;
 mod files;
 mod flights;
 mod lines;
@@ -17,7 +18,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use alight_shared::msg::{Phase, State};
+use alight_shared::msg::{Phase, ReasonCode, State};
 use alight_shared::topics;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory};
@@ -25,7 +26,6 @@ use alight_shared::transport::metrics::{MetricName, MetricValue};
 use alight_shared::transport::process::ProcessKind;
 use alight_shared::transport::wake::end_requested;
 use serde::Serialize;
-use serde_json::Value;
 
 use self::args::{RehearseArgs, Restart};
 use self::files::Plan;
@@ -282,15 +282,9 @@ impl<'a> Rehearsal<'a> {
             let Some(output) = check else {
                 return Ok(Waited::Stopped);
             };
-            let printed: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
-            let findings = printed["findings"]
-                .as_array()
-                .map(Vec::as_slice)
-                .unwrap_or_default();
+            let findings = checked::findings(&output.stdout);
             let of = |level: &'static str| findings.iter().filter(move |f| f["level"] == level);
-            let (broken, warnings) = (of("broken").count(), of("warning").count());
-            let figure = format!("{broken} BROKEN, {warnings} WARNING, {} fine", of("fine").count());
-            let ok = broken == 0 && !findings.is_empty();
+            let (ok, figure) = checked::judge(&findings, self.args.autopilot_at.is_some());
             list.add(list::CHECK, format!("alight check, {side}"), ok, figure);
             for (mark, level) in [("BROKEN", "broken"), ("WARNING", "warning")] {
                 for finding in of(level) {
@@ -387,6 +381,15 @@ impl<'a> Rehearsal<'a> {
             "unknown".into()
         };
         list.add(list::DRONE, "clocks, known to 10 ms", sd_s < CLOCK_SD_S, figure);
+        if self.args.autopilot_at.is_some() {
+            let autopilot = self.observer.as_ref().and_then(|(_, o)| o.snapshot.autopilot);
+            let rejection = autopilot.map(|a| match a.rejection {
+                suits if suits.code == ReasonCode::None => String::new(),
+                rejection => rejection.to_string(),
+            });
+            let (ok, figure) = checked::fitness(rejection.as_deref());
+            list.add(list::CHECK, "firmware, fit to land", ok, figure);
+        }
         Ok(waited)
     }
     fn is_known(&self) -> bool {

@@ -1,6 +1,8 @@
-//! Addresses of autopilots, as MAVSDK writes them.
+//! Addresses of autopilots and sensors, as MAVSDK writes them. One that listens may name the only address that is
+//! listened to (`?from=HOST`).
 
 use std::fmt;
+use std::net::IpAddr;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -17,12 +19,12 @@ const BAUDS: [u32; 11] = [
 /// A link by its name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LinkUrl {
-    /// Listens; answers the first peer.
-    UdpIn(String),
+    /// Listens, where one is named to this address only; answers the first peer.
+    UdpIn(String, Option<IpAddr>),
     /// Sends to a peer.
     UdpOut(String),
-    /// Listens for one connection.
-    TcpIn(String),
+    /// Listens for one connection, where one is named from this address only.
+    TcpIn(String, Option<IpAddr>),
     /// Connects.
     TcpOut(String),
     /// A serial port and its rate, Bd.
@@ -30,8 +32,35 @@ pub enum LinkUrl {
 }
 
 /// The accepted forms.
-const FORMS: &str = "write udpin://0.0.0.0:14540, udpout://HOST:PORT, tcpout://HOST:PORT, tcpin://0.0.0.0:PORT \
-                     or serial:///dev/ttyACM0:921600";
+const FORMS: &str = "write udpin://127.0.0.1:14540, udpin://0.0.0.0:14540?from=IP, udpout://HOST:PORT, \
+                     tcpout://HOST:PORT, tcpin://127.0.0.1:PORT or serial:///dev/ttyACM0:921600";
+
+impl LinkUrl {
+    /// An address that an autopilot may be at. One that listens to every computer of a network would fly whichever sends
+    /// first, so it has to name the one that is the autopilot.
+    pub fn of_autopilot(text: &str) -> Result<LinkUrl, String> {
+        let url: LinkUrl = text.parse()?;
+        match &url {
+            LinkUrl::UdpIn(at, None) | LinkUrl::TcpIn(at, None) if !is_own(at) => Err(format!(
+                "the address {text:?} is open to every computer of the network, and the first that sends would be taken for \
+                 the autopilot: write udpin://127.0.0.1:PORT for one on this computer, {text}?from=IP for one at the address \
+                 IP, or a serial line"
+            )),
+            LinkUrl::UdpIn(..)
+            | LinkUrl::TcpIn(..)
+            | LinkUrl::UdpOut(_)
+            | LinkUrl::TcpOut(_)
+            | LinkUrl::Serial(..) => Ok(url),
+        }
+    }
+}
+
+/// Only this computer reaches it.
+fn is_own(at: &str) -> bool {
+    let host = at.rsplit_once(':').map_or(at, |(host, _)| host);
+    let address = host.trim_matches(['[', ']']).parse::<IpAddr>();
+    address.map_or(host == "localhost", |a| a.is_loopback())
+}
 
 impl FromStr for LinkUrl {
     type Err = String;
@@ -41,6 +70,19 @@ impl FromStr for LinkUrl {
             .split_once(':')
             .ok_or_else(|| wrong("the kind of link is missing"))?;
         let rest = rest.strip_prefix("//").unwrap_or(rest);
+        let (rest, from) = match rest.split_once("?from=") {
+            Some((rest, ip)) => (
+                rest,
+                Some(
+                    ip.parse::<IpAddr>()
+                        .map_err(|_| wrong("not an IP address after from="))?,
+                ),
+            ),
+            None => (rest, None),
+        };
+        if from.is_some() && !matches!(kind, "udpin" | "tcpin") {
+            return Err(wrong("from= belongs to udpin and tcpin"));
+        }
         let host = |port: u16| -> Result<String, String> {
             let (host, port) = match rest.rsplit_once(':') {
                 Some((host, port)) => (
@@ -63,9 +105,9 @@ impl FromStr for LinkUrl {
             }
         };
         match kind {
-            "udpin" => Ok(LinkUrl::UdpIn(host(UDP_PORT)?)),
+            "udpin" => Ok(LinkUrl::UdpIn(host(UDP_PORT)?, from)),
             "udpout" => Ok(LinkUrl::UdpOut(host(UDP_PORT)?)),
-            "tcpin" => Ok(LinkUrl::TcpIn(host(TCP_PORT)?)),
+            "tcpin" => Ok(LinkUrl::TcpIn(host(TCP_PORT)?, from)),
             "tcpout" => Ok(LinkUrl::TcpOut(host(TCP_PORT)?)),
             "serial" => {
                 let (path, baud) = match rest.rsplit_once(':') {
@@ -89,9 +131,11 @@ impl FromStr for LinkUrl {
 impl fmt::Display for LinkUrl {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            LinkUrl::UdpIn(a) => write!(f, "udpin://{a}"),
+            LinkUrl::UdpIn(a, None) => write!(f, "udpin://{a}"),
+            LinkUrl::UdpIn(a, Some(from)) => write!(f, "udpin://{a}?from={from}"),
             LinkUrl::UdpOut(a) => write!(f, "udpout://{a}"),
-            LinkUrl::TcpIn(a) => write!(f, "tcpin://{a}"),
+            LinkUrl::TcpIn(a, None) => write!(f, "tcpin://{a}"),
+            LinkUrl::TcpIn(a, Some(from)) => write!(f, "tcpin://{a}?from={from}"),
             LinkUrl::TcpOut(a) => write!(f, "tcpout://{a}"),
             LinkUrl::Serial(path, baud) => write!(f, "serial://{}:{baud}", path.display()),
         }
@@ -105,7 +149,7 @@ mod tests {
     #[test]
     fn link_url_with_and_without_slashes() {
         let url = |t: &str| t.parse::<LinkUrl>().unwrap();
-        let listen = LinkUrl::UdpIn("0.0.0.0:14540".into());
+        let listen = LinkUrl::UdpIn("0.0.0.0:14540".into(), None);
         for t in ["udpin://0.0.0.0:14540", "udpin:0.0.0.0:14540", "udpin://0.0.0.0"] {
             assert_eq!(url(t), listen);
         }
@@ -116,7 +160,12 @@ mod tests {
         let serial = LinkUrl::Serial("/dev/ttyACM0".into(), 921_600);
         assert_eq!(url("serial:/dev/ttyACM0:921600"), serial);
         assert_eq!(url("serial:///dev/ttyACM0:921600"), serial);
-        for u in [&listen, &serial] {
+        let from = url("udpin://0.0.0.0?from=192.168.7.20");
+        assert_eq!(
+            from,
+            LinkUrl::UdpIn("0.0.0.0:14540".into(), Some([192, 168, 7, 20].into()))
+        );
+        for u in [&listen, &serial, &from] {
             assert_eq!(&url(&u.to_string()), u);
         }
     }
@@ -135,13 +184,43 @@ mod tests {
             "serial:/dev/ttyACM0:fast",
             "serial:/dev/ttyACM0:1",
             "http://host:80",
+            "udpin://0.0.0.0:14540?from=autopilot",
+            "udpout://127.0.0.1:14540?from=127.0.0.1",
             "tcpout://a b:1",
         ] {
             let e = t.parse::<LinkUrl>().unwrap_err();
             assert!(
-                e.contains("udpin://0.0.0.0:14540") && e.contains(&format!("{t:?}")),
+                e.contains("udpin://127.0.0.1:14540") && e.contains(&format!("{t:?}")),
                 "{e}"
             );
+        }
+    }
+
+    #[test]
+    fn autopilot_address_open_to_a_network() {
+        for open in [
+            "udpin://0.0.0.0:14540",
+            "udpin://192.168.7.2",
+            "udpin://[::]:14540",
+            "tcpin://0.0.0.0:5760",
+            "udpin://boat",
+        ] {
+            let why = LinkUrl::of_autopilot(open).unwrap_err();
+            assert!(
+                why.contains(&format!("{open}?from=IP")) && why.contains("udpin://127.0.0.1"),
+                "{why}"
+            );
+        }
+        for owned in [
+            "udpin://127.0.0.1:14540",
+            "udpin://localhost:14540",
+            "udpin://[::1]:14540",
+            "udpin://0.0.0.0:14540?from=192.168.7.20",
+            "udpout://192.168.7.20:14550",
+            "tcpout://192.168.7.20:5760",
+            "serial:///dev/ttyACM0:921600",
+        ] {
+            assert!(LinkUrl::of_autopilot(owned).is_ok(), "{owned}");
         }
     }
 }

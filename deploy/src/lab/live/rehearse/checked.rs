@@ -1,0 +1,70 @@
+//! What `alight check` found on one computer, as a line of the check list.
+
+use serde_json::Value;
+
+/// The topic under which `alight check` names the autopilot's parameters.
+const PARAMETERS: &str = "parameters";
+
+/// Whether it is as it should be, and in figures. A `firmware` that a person starts beside the rehearsal gets its parameters
+/// while the vehicles warm up, after this check: what was found of them is shown, and is looked at again before the landing
+/// ([`fitness`]).
+pub fn judge(findings: &[Value], firmware: bool) -> (bool, String) {
+    let count = |level: &str| findings.iter().filter(|f| f["level"] == level).count();
+    let later = |f: &&Value| firmware && f["level"] == "broken" && f["topic"] == PARAMETERS;
+    let (broken, later) = (count("broken"), findings.iter().filter(later).count());
+    let mut figure = format!(
+        "{broken} BROKEN, {} WARNING, {} fine",
+        count("warning"),
+        count("fine")
+    );
+    if later > 0 {
+        figure += &format!("; {later} of the firmware's parameters, looked at again before the landing");
+    }
+    (broken == later && !findings.is_empty(), figure)
+}
+
+/// Whether a firmware suits a landing at the end of the warm-up, by the link that reads its parameters: `rejection` is why
+/// it does not.
+pub fn fitness(rejection: Option<&str>) -> (bool, String) {
+    match rejection {
+        Some("") => (true, "its parameters suit a landing, and it has an origin".into()),
+        Some(why) => (false, why.into()),
+        None => (false, "the link to it reports nothing".into()),
+    }
+}
+
+/// What the check printed (`--json`).
+pub fn findings(printed: &[u8]) -> Vec<Value> {
+    let printed: Value = serde_json::from_slice(printed).unwrap_or_default();
+    printed["findings"].as_array().cloned().unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn parameters_set_after_the_first_check() {
+        let finding = |level: &str, topic: &str| json!({ "level": level, "topic": topic });
+        let stock = [
+            finding("fine", "memory"),
+            finding("warning", "view"),
+            finding("broken", "parameters"),
+            finding("broken", "parameters"),
+        ];
+        let (ok, figure) = judge(&stock, true);
+        assert!(
+            ok && figure.contains("2 of the firmware's parameters"),
+            "{figure}"
+        );
+        assert!(!judge(&stock, false).0, "of one that has its parameters already");
+        let camera = [finding("broken", "parameters"), finding("broken", "camera")];
+        assert!(!judge(&camera, true).0 && !judge(&[], true).0);
+        // They count before the landing.
+        assert!(fitness(Some("")).0);
+        let (ok, figure) = fitness(Some("COM_OF_LOSS_T is 1.0"));
+        assert!(!ok && figure.contains("COM_OF_LOSS_T"));
+        assert!(!fitness(None).0);
+    }
+}

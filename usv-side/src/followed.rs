@@ -1,0 +1,104 @@
+//! Which start of the vessel's computer the drones listen to: every question for the time names the boot of the newest
+//! estimate that its drone has used. One that names another boot for long shows that a second computer speaks with this
+//! vessel's identity.
+
+use std::collections::BTreeMap;
+
+use alight_shared::admission::{Arrival, Sender};
+use alight_shared::msg::TimeRequest;
+use alight_shared::time::{DroneClock, Span, Time, VesselClock};
+use serde::{Deserialize, Serialize};
+
+use crate::deck::MAX_DRONES;
+
+/// A drone may follow the former start of this computer for so long: ten times what it needs to take up a next start.
+const SETTLED: Span = Span::from_millis(5000);
+/// It asks twice a second; its last word counts for so long.
+const FRESH: Span = Span::from_millis(3000);
+
+/// A drone that listens to another computer with this vessel's identity.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FollowsAnother {
+    /// Its number.
+    pub drone: u32,
+    /// The other computer's boot id.
+    pub boot: u32,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Following {
+    boot: u32,
+    since: Time<VesselClock>,
+    newest: Time<VesselClock>,
+}
+
+/// Whom the drones follow.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Followed {
+    drones: BTreeMap<u32, Following>,
+}
+
+impl Followed {
+    /// The questions that arrived for vessel `vessel`.
+    pub(crate) fn observe(
+        &mut self,
+        vessel: u32,
+        requests: &[Arrival<VesselClock, TimeRequest<DroneClock>>],
+    ) {
+        for request in requests {
+            let h = &request.message.header;
+            let room = self.drones.len() < MAX_DRONES || self.drones.contains_key(&h.drone);
+            if request.sender != Sender::Drone(h.drone) || h.vessel != vessel || !room {
+                continue;
+            }
+            let boot = request.message.newest_boot;
+            let before = self.drones.get(&h.drone);
+            let same = before.filter(|f| f.boot == boot && request.at - f.newest <= FRESH);
+            let since = same.map_or(request.at, |f| f.since);
+            let newest = request.at;
+            self.drones.insert(h.drone, Following { boot, since, newest });
+        }
+    }
+    /// The first drone that follows another computer than the one that started with `boot`.
+    pub(crate) fn another(&self, now: Time<VesselClock>, boot: u32) -> Option<FollowsAnother> {
+        let follows = |f: &Following| {
+            // Boot 0: it has received no estimate yet.
+            f.boot != 0 && f.boot != boot && now - f.newest <= FRESH && f.newest - f.since >= SETTLED
+        };
+        let another = self.drones.iter().find(|(_, f)| follows(f));
+        another.map(|(drone, f)| FollowsAnother {
+            drone: *drone,
+            boot: f.boot,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::Header;
+
+    #[test]
+    fn drone_that_follows_a_second_computer() {
+        let mut followed = Followed::default();
+        let mut asks = |t_s: f64, drone: u32, newest_boot: u32| {
+            let at = Time::from_secs(t_s);
+            let message = TimeRequest {
+                header: Header::new(1, drone, 7, 0, Time::EPOCH),
+                newest_at: Time::EPOCH,
+                newest_boot,
+            };
+            let sender = Sender::Drone(drone);
+            followed.observe(1, &[Arrival { at, sender, message }]);
+            followed.another(at, 9).map(|f| (f.drone, f.boot))
+        };
+        // This computer was started anew: its drone names the former start for a while.
+        assert!((0..6).all(|k| asks(0.5 * f64::from(k), 3, 8).is_none()));
+        assert!((6..40).all(|k| asks(0.5 * f64::from(k), 3, 9).is_none()));
+        assert!((6..40).all(|k| asks(0.5 * f64::from(k), 4, 0).is_none()));
+        let found = (40..60).find(|k| asks(0.5 * f64::from(*k), 4, 5) == Some((4, 5)));
+        assert!(found.is_some_and(|k| (50..=51).contains(&k)), "{found:?}");
+        // Asked long ago, it says nothing any more.
+        assert_eq!(asks(40.0, 3, 9), None);
+    }
+}
