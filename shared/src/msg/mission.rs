@@ -189,6 +189,8 @@ pub enum ReasonCode {
     CourseEnds,
     /// A landing is not likely enough, by its probability: the vessel's turn costs most of it.
     TurnTooFast,
+    /// The deck was met harder than drones are built for: the speed, m/s.
+    HardContact,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -344,6 +346,10 @@ impl fmt::Display for Reason {
             ReasonCode::TooNear => write!(f, "{v:.2} m above the deck (lowest {l:.2})"),
             ReasonCode::Matched => write!(f, "matched the deck at {v:.1} m for {l:.0} s: climbs"),
             ReasonCode::VesselTurns => write!(f, "the vessel states that she turns"),
+            ReasonCode::HardContact => write!(
+                f,
+                "hard contact at {v:.1} m/s (limit {l:.1}): inspect the drone, no further attempt"
+            ),
             ReasonCode::CourseEnds => write!(
                 f,
                 "a landing takes {v:.0} s, and the vessel keeps her course for {l:.0} s more"

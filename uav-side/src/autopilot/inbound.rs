@@ -160,6 +160,7 @@ impl AutopilotLink {
         {
             sample.header = self.header(Output::Range, sample.header.at);
             self.range = Some(sample);
+            self.range_witness.reads(sample.header.at, sample.range_m);
             out.ranges.push(sample);
         }
     }
@@ -284,6 +285,8 @@ impl AutopilotLink {
         let mut state = self.smooth.step(&reported);
         state.header = self.header(Output::Odometry, reported.header.at);
         self.state = Some(state);
+        let speed = self.from_deck(now).map(|(_, _, away)| away);
+        self.range_witness.moves(dt.clamp(0.0, 0.1), speed);
         out.odometry.push(state);
     }
 }

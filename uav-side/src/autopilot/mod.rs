@@ -51,6 +51,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::odometry::{Odometry, OdometryConfig};
+use crate::range_witness::RangeWitness;
 use alight_shared::checkpoint::Recovery;
 use authority::{AuthorityStateMachine, Evidence};
 use clock::RemoteClock;
@@ -61,7 +62,7 @@ use lapse::LapseMonitor;
 use message::{Address, CUSTOM_MODE, CommandLong, Frame, Heartbeat, Message, command};
 use peer::Peer;
 use rc_switch::RcSwitch;
-use thrust::HoverThrust;
+use thrust::{HoverThrust, SentThrust};
 
 type DroneTime = Time<DroneClock>;
 
@@ -189,6 +190,10 @@ pub struct AutopilotLink {
     hover: HoverThrust,
     force: Option<f64>,
     range: Option<RangeSample>,
+    /// Whether the rangefinder follows the drone.
+    range_witness: RangeWitness,
+    /// Whether little thrust is commanded.
+    sent_thrust: SentThrust,
 
     set_point: Latest<SetPoint>,
     mission: Latest<MissionState>,
@@ -210,6 +215,8 @@ pub struct AutopilotLink {
     ground: GroundReports,
     switch: RcSwitch,
     set_points: u32,
+    /// The abort for which the disarm was begun anew.
+    abort: Option<[u32; 2]>,
     low_since: Option<DroneTime>,
     diversions: u32,
     /// When home was sent, and which.
@@ -365,7 +372,7 @@ impl AutopilotLink {
             battery_a: p.current_a(),
             thrust: p
                 .thrust_now(now)
-                .map_or(0.0, |t| thrust::fraction(t, self.config.thrust_curve)),
+                .map(|t| thrust::fraction(t, self.config.thrust_curve)),
             hover_thrust: if settled { self.hover.value() } else { 0.0 },
             rejection: match self.datum {
                 None => ReasonCode::NoOrigin.into(),

@@ -22,6 +22,7 @@ impl Pilot {
         let vessel = self.mission.get().map_or(0, |m| m.header.vessel);
         SetPoint {
             header: Header::new(vessel, self.drone_id, self.boot, self.sequence, now),
+            hard_contact_mps: self.detector.hard_mps(),
             ..SetPoint::default()
         }
     }

@@ -76,6 +76,8 @@ pub struct SimulatedAutopilot {
     pub answer: Option<CommandResult>,
     /// Home, its height above the sea; None before it was set by a command.
     pub home: Option<Datum>,
+    /// Fault: reports its thrust no more.
+    pub no_thrust: bool,
     /// Fault: answers no TIMESYNC.
     pub no_timesync: bool,
     /// Fault: does not report its origin.
@@ -146,6 +148,7 @@ impl SimulatedAutopilot {
             battery_reported: true,
             silent: false,
             answer: None,
+            no_thrust: false,
             no_timesync: false,
             no_origin: false,
             home: None,

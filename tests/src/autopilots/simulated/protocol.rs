@@ -439,6 +439,7 @@ impl SimulatedAutopilot {
                     healthy: bit(receiver && !lost),
                 }
             }
+            id::ATTITUDE_TARGET if self.no_thrust => return None,
             id::ATTITUDE_TARGET => Message::AttitudeTargetThrust {
                 thrust: self.flight.reported_thrust(),
             },
