@@ -10,7 +10,8 @@ use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::world::Checkpoints;
 use alight_sim::physics::sea::SeaConfig;
 use alight_sim::sensors::rangefinder::RangefinderFault;
-use alight_uav::autopilot::modes::Firmware;
+use alight_uav::autopilot::message::command;
+use alight_uav::autopilot::modes::{Firmware, px4_mode};
 
 /// Time in which everything is over, s.
 const LIMIT_S: f64 = 150.0;
@@ -175,4 +176,63 @@ fn rangefinder_that_sticks_or_fails_near_the_deck() {
         }
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+/// The autopilot lands by itself on the deck that is sent to it, and nothing is commanded but, where that is allowed, the
+/// disarm: how the flight went, how many disarms came, and at most how high above the deck.
+fn own_landing(firmware: Firmware, seed: u64, disarms: bool) -> (Flown, usize, f64) {
+    let mut scenario = scenario(firmware);
+    (scenario.start.distance_m, scenario.start.height_m) = ([0.0, 2.0], [6.0, 6.0]);
+    let mut nodes = NodeConfigs::default();
+    nodes.autopilot.publish_deck = true;
+    nodes.autopilot.disarm.own_landing = disarms;
+    let mut rig = Rig::new(&scenario, &nodes, seed).unwrap();
+    rig.run(5.0);
+    let (mut flown, mut disarmed, mut highest_m) = (Flown::default(), 0, 0.0_f64);
+    let autopilot = &mut rig.world.linked(0).unwrap().autopilot;
+    autopilot.parameters.insert("PLND_ENABLED", 1.0);
+    let mode = match firmware {
+        Firmware::Px4 => px4_mode(4, 9),
+        Firmware::ArduCopter => 9,
+    };
+    assert!(autopilot.choose(mode));
+    autopilot.commands.clear();
+    rig.each(40.0, |rig| {
+        let (t, o) = (rig.t_s(), rig.world.observation());
+        let height_m = o.feet_height_m();
+        for c in o.contacts {
+            flown.contact_s.get_or_insert(t);
+            flown.hardest_mps = flown.hardest_mps.max(c.normal_mps);
+        }
+        let rests = height_m.abs() <= RESTS_M && flown.contact_s.is_some();
+        flown.rests_s = rests.then(|| flown.rests_s.unwrap_or(t));
+        flown.stopped_s = (!o.motors_on).then(|| flown.stopped_s.unwrap_or(t));
+        flown.water |= o.in_water;
+        let commands = &mut rig.world.linked(0).unwrap().autopilot.commands;
+        let orders = commands.iter().filter(|(_, c)| c.command == command::ARM_DISARM);
+        let count = orders.count();
+        if count > disarmed {
+            (disarmed, highest_m) = (count, highest_m.max(height_m));
+        }
+        flown.stopped_s.is_some_and(|at| t >= at + STOPPED_S) || flown.water
+    });
+    (flown, disarmed, highest_m)
+}
+
+#[test]
+fn disarm_in_the_autopilots_own_landing() {
+    for firmware in BOTH {
+        let (flown, disarms, highest_m) = own_landing(firmware, 80, true);
+        let after_s = flown
+            .stopped_s
+            .zip(flown.contact_s)
+            .map(|(stop, contact)| stop - contact);
+        assert!(
+            after_s.is_some_and(|s| s < 6.0) && disarms > 0 && highest_m < 0.1 && !flown.water,
+            "{firmware:?}: {after_s:?} s, {disarms} at {highest_m} m: {flown:?}"
+        );
+        // Not where nobody has allowed it.
+        let (flown, disarms, _) = own_landing(firmware, 80, false);
+        assert_eq!(disarms, 0, "{firmware:?}: {flown:?}");
+    }
 }

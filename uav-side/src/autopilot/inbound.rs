@@ -172,7 +172,7 @@ impl AutopilotLink {
             peer.streams.answered(now, result);
         } else if command == command::ARM_DISARM
             && result == CommandResult::Accepted
-            && self.disarm.sent() + self.alone.sent() > 0
+            && self.disarm.sent() + self.alone.sent() + self.own_landing.sent() > 0
         {
             // PX4's next heartbeat may be a second away.
             peer.armed = false;

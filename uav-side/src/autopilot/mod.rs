@@ -4,7 +4,7 @@
 //!
 //! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
 //! [`lapse`] (whose hold it is), [`disarm`] (when motors are stopped), this file (one step), [`inbound`] and [`outbound`] (its two
-//! halves), [`ground_station`] and [`rc_switch`] (people at a ground station and at the remote control), [`shadow`] (a person flies and nothing is commanded), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
+//! halves), [`ground_station`] and [`rc_switch`] (people at a ground station and at the remote control), [`shadow`] (a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
 //! [`parameters`] (what a landing relies on), and [`wire`] for the bytes.
 //!
 //! Safety does not rest on this node being alive. Without its set-points PX4 leaves OFFBOARD after
@@ -19,6 +19,7 @@ mod deck;
 mod disarm;
 mod drone_state;
 pub mod ground_station;
+mod guidance;
 mod inbound;
 mod lapse;
 pub mod message;
@@ -205,6 +206,8 @@ pub struct AutopilotLink {
     disarm: DisarmSequence,
     /// The same while the autopilot holds on its own.
     alone: DisarmSequence,
+    /// The same in a landing of the autopilot's own.
+    own_landing: DisarmSequence,
     inhibited: Option<DisarmInhibit>,
     /// Where it holds after a false touchdown.
     held: Option<outbound::Held>,
@@ -446,6 +449,7 @@ impl Node for AutopilotLink {
         out.command = self.switch.poll(now, self.mission.get());
         self.send_periodic(now, &mut out);
         self.publish_deck(now, &mut out);
+        self.disarm_own_landing(now, &mut out);
 
         let after = (self.mode_and_frame(), self.control_authority());
         if after.1 != before.1 {
