@@ -70,7 +70,7 @@ pub(crate) fn airborne(header: Header<DroneClock>) -> AutopilotState {
         mode: AutopilotMode::Offboard,
         landed: LandedState::InAir,
         battery: Some(0.9),
-        thrust: 0.34,
+        thrust: Some(0.34),
         hover_thrust: 0.34,
         ..AutopilotState::default()
     }

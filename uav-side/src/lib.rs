@@ -11,5 +11,6 @@ pub mod odometry;
 pub mod pilot;
 pub mod planner;
 pub mod predictor;
+mod range_witness;
 pub mod settings;
 mod surroundings;

@@ -130,7 +130,7 @@ pub struct Autopilot {
     pub battery_v: Option<f64>,
     pub battery_a: Option<f64>,
     pub lapsed: bool,
-    pub thrust: f64,
+    pub thrust: Option<f64>,
     pub hover_thrust: f64,
     pub shadow_apart_deg: Option<f64>,
     pub shadow_apart_mps: Option<f64>,

@@ -144,8 +144,8 @@ pub struct AutopilotState {
     pub battery_v: Option<f64>,
     /// Its current, A; None: not reported.
     pub battery_a: Option<f64>,
-    /// Collective thrust that it applies now, 0 to 1 of the maximum.
-    pub thrust: f64,
+    /// Collective thrust that it applies now, 0 to 1 of the maximum; None: not reported lately.
+    pub thrust: Option<f64>,
     /// Its own estimate of the collective thrust that hovers, 0 to 1.
     pub hover_thrust: f64,
     /// Why no landing is permitted with it as it is (no origin, a parameter); without a code: it suits.
@@ -416,6 +416,9 @@ pub struct SetPoint {
     pub thrust: f64,
     /// The response that the pilot counts on.
     pub response: AttitudeResponse,
+    /// The hardest contact that was noticed since the motors were last stopped for good, along the deck's normal, m/s;
+    /// None: none that was hard.
+    pub hard_contact_mps: Option<f64>,
 }
 
 impl Default for SetPoint {
@@ -433,6 +436,7 @@ impl Default for SetPoint {
             rates: [0.0; 3],
             thrust: 0.0,
             response: AttitudeResponse::default(),
+            hard_contact_mps: None,
         }
     }
 }
@@ -469,7 +473,7 @@ message!(AutopilotState, DroneClock, |m| {
             && within(&s.velocity, MAX_SPEED_MPS)
             && within([&s.apart_rad, &s.apart_mps], 2.0 * MAX_SPEED_MPS)
     }) => "shadow",
-    FRACTION.contains(&m.thrust) => "thrust",
+    m.thrust.is_none_or(|t| FRACTION.contains(&t)) => "thrust",
     FRACTION.contains(&m.hover_thrust) => "hover_thrust",
 });
 message!(LinkCheckpoint, DroneClock, |m| {
@@ -503,4 +507,5 @@ message!(SetPoint, DroneClock, |m| {
     is_unit(&m.attitude) && within(&m.rates, MAX_RATE_RPS) => "attitude or rates",
     (0.0..=1.0).contains(&m.thrust) => "thrust",
     within([&m.response.dead_time_s, &m.response.rate_lag_s], 2.0) && within(&m.response.lag_s, 2.0) => "response",
+    m.hard_contact_mps.is_none_or(|v| (0.0..=MAX_SPEED_MPS).contains(&v)) => "hard_contact_mps",
 });

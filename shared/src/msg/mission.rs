@@ -200,6 +200,8 @@ pub enum ReasonCode {
     BatteryStopped,
     /// By another witness the deck is so much higher than by the forecast, m: the drone stays above both.
     HeightsDisagree,
+    /// The deck was met harder than drones are built for: the speed, m/s.
+    HardContact,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -380,6 +382,10 @@ impl fmt::Display for Reason {
                 f,
                 "the deck is {v:.0} m higher by take-off, mean sea level or camera than by the forecast (limit {l:.0}): \
                  stays above both; check the vessel's geoid separation and the autopilot's origin"
+            ),
+            ReasonCode::HardContact => write!(
+                f,
+                "hard contact at {v:.1} m/s (limit {l:.1}): inspect the drone, no further attempt"
             ),
             ReasonCode::CourseEnds => write!(
                 f,

@@ -6,11 +6,27 @@ use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::RangeSample;
 use alight_shared::time::{DroneClock, Time, TrueTime};
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
 use super::noise::{Noise, Windows};
 use super::outlet::{Identity, Outlet};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
+
+/// How a rangefinder fails.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RangefinderFault {
+    /// It does not.
+    #[default]
+    None,
+    /// Spray on its window: it reads the distance of the feet, whatever is below.
+    Feet,
+    /// A wet deck mirrors the beam: it reads the distance of the water beneath.
+    Water,
+    /// It reads 0 m, its maker's sign of an invalid reading.
+    Invalid,
+}
 
 config! {
     /// The rangefinder.
@@ -32,6 +48,10 @@ config! {
         pub water_miss: f64 = 0.2, in 0.0..=1.0;
         /// Windows `[start, end)` without readings, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
+        /// How it fails, for good, once it comes as near to the deck as `fails_below_m`.
+        pub fault: RangefinderFault = RangefinderFault::None;
+        /// Reading from the deck at which it fails, m.
+        pub fails_below_m: f64 = 0.8, in 0.0..=500.0;
     }
     check |this, at| {
         at.range("min_range_m", this.min_range_m, 0.0, this.max_range_m)?;
@@ -53,6 +73,9 @@ pub(super) struct Rangefinder {
     place: Vector3<f64>,
     /// Half length and half width of the deck, m.
     half: [f64; 2],
+    /// What it reads with the feet on the deck, m.
+    feet_m: f64,
+    failed: bool,
     white: Noise,
     miss: Noise,
     outlet: Outlet<RangeSample, DroneClock>,
@@ -69,6 +92,8 @@ impl Rangefinder {
         Rangefinder {
             place: Vector3::from(drone.rangefinder_m),
             half: [0.5 * deck.length_m, 0.5 * deck.width_m],
+            feet_m: drone.feet_below_m - drone.rangefinder_m[2],
+            failed: false,
             white: Noise::new(streams, "drone.rangefinder.white"),
             miss: Noise::new(streams, "drone.rangefinder.miss"),
             outlet: Outlet::new(config.rate_hz, config.latency_s, &config.outages_s, identity),
@@ -84,7 +109,22 @@ impl Rangefinder {
     ) -> Vec<RangeSample> {
         if self.outlet.due(t).is_some() {
             let (white, luck) = (self.white.normal(), self.miss.uniform());
-            let met = match self.echo(drone, deck, water) {
+            let echo = self.echo(drone, deck, &water);
+            self.failed |= matches!(echo, Echo::Deck(r) if r <= self.config.fails_below_m);
+            let fault = if self.failed {
+                self.config.fault
+            } else {
+                RangefinderFault::None
+            };
+            let echo = match fault {
+                RangefinderFault::None | RangefinderFault::Invalid => echo,
+                RangefinderFault::Feet => Echo::Deck(self.feet_m),
+                RangefinderFault::Water => {
+                    let eye = drone.at::<DroneBody>(self.place).position;
+                    self.water(eye.0, drone.attitude.down().0, &water)
+                }
+            };
+            let met = match echo {
                 Echo::Deck(r) if luck >= self.config.deck_miss => Some(r),
                 Echo::Water(r) if luck >= self.config.water_miss => Some(r),
                 Echo::Deck(_) | Echo::Water(_) | Echo::None => None,
@@ -92,6 +132,10 @@ impl Rangefinder {
             let range = met
                 .map(|r| r + white * self.config.white_sd_m)
                 .filter(|r| (self.config.min_range_m..=self.config.max_range_m).contains(r));
+            let range = match fault {
+                RangefinderFault::Invalid => Some(0.0),
+                RangefinderFault::None | RangefinderFault::Feet | RangefinderFault::Water => range,
+            };
             let variance = self.config.white_sd_m.max(1e-3).powi(2);
             self.outlet.send(t, false, |header| {
                 range.map(|range_m| RangeSample {

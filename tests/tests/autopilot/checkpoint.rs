@@ -2,6 +2,7 @@
 
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotMode, LinkCheckpoint, State};
+use alight_uav::autopilot::modes::Firmware;
 
 use crate::rig::{LinkRig, lead};
 use crate::{BOTH, config};
@@ -64,7 +65,7 @@ fn link_successor_after_a_takeover() {
 fn link_successor_with_a_void_checkpoint() {
     type Change = fn(&mut LinkCheckpoint);
     let cases: [(&str, f64, Change); 7] = [
-        ("too old", 0.6, |_| {}),
+        ("too old", 1.6, |_| {}),
         ("not commanding", AWAY_S, |m| m.commanding = false),
         ("another drone's", AWAY_S, |m| m.header.drone = 2),
         ("another version", AWAY_S, |m| m.header.version += 1),
@@ -81,5 +82,26 @@ fn link_successor_with_a_void_checkpoint() {
             p.run(0.02);
             assert!(!p.authority().commands(), "{firmware:?}, {what}");
         }
+    }
+}
+
+/// PX4 holds by itself after so long; it is commanded again at once.
+#[test]
+fn link_successor_after_the_failsafe() {
+    for firmware in BOTH {
+        let mut p = LinkRig::commanding(firmware, 5.0, &config());
+        p.mission = State::Tracking;
+        p.pilot = Some(lead);
+        p.run(1.0);
+        p.restart_link(0.7);
+        let (held, began_s) = (p.mode() == AutopilotMode::Hold, p.t_s);
+        assert_eq!(held, firmware == Firmware::Px4);
+        p.run(0.2);
+        assert!(
+            p.mode() == AutopilotMode::Offboard && p.sent_since(began_s) > 5,
+            "{firmware:?}"
+        );
+        p.run(3.0);
+        p.assert_commanding();
     }
 }

@@ -193,3 +193,44 @@ fn disarm_without_the_pilot_evidence() {
         assert_eq!(p.commands_of(command::ARM_DISARM).len(), n, "{firmware:?}");
     }
 }
+
+#[test]
+fn abort_on_the_deck_begins_the_disarm_anew() {
+    for firmware in BOTH {
+        let c = config();
+        let mut p = stopped(firmware, &c);
+        p.run(20.0);
+        assert_eq!(p.commands_of(command::ARM_DISARM).len(), c.disarm.tries as usize);
+        p.linked.autopilot.answer = None;
+        p.run(5.0);
+        assert!(
+            p.linked.autopilot.armed(),
+            "{firmware:?}: the commands were used up"
+        );
+        p.abort = Some([1, 1]);
+        p.run(0.5);
+        assert!(!p.linked.autopilot.armed() && p.on_deck, "{firmware:?}");
+    }
+}
+
+#[test]
+fn disarm_without_reports_of_the_thrust() {
+    for firmware in BOTH {
+        let mut p = pressed(firmware, &config());
+        p.linked.autopilot.no_thrust = true;
+        p.run(1.0);
+        assert_eq!(p.state().thrust, None, "{firmware:?}");
+        p.pilot = Some(stop);
+        p.mission = State::Landed;
+        p.run(1.0);
+        assert!(!p.linked.autopilot.armed() && p.on_deck, "{firmware:?}");
+        // Not in the air.
+        let mut p = LinkRig::commanding(firmware, 1.2, &config());
+        p.linked.autopilot.no_thrust = true;
+        p.run(1.0);
+        p.mission = State::Landed;
+        p.pilot = Some(stop);
+        p.run(10.0);
+        assert!(p.commands_of(command::ARM_DISARM).is_empty(), "{firmware:?}");
+    }
+}

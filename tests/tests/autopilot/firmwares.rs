@@ -78,7 +78,7 @@ fn thrust_of_a_tilted_drone() {
             p.linked.autopilot.thrust()
         );
         // The thrust that is applied is reported.
-        let reported = p.state().thrust;
+        let reported = p.state().thrust.unwrap();
         assert!((reported - hover()).abs() < 0.01, "{firmware:?}: {reported}");
     }
 }

@@ -63,6 +63,8 @@ pub struct LinkRig {
     /// The mission publishes nothing any more.
     pub mission_silent: bool,
     pub low_battery: Option<BatteryPlace>,
+    /// The newest abort that the mission was given.
+    pub abort: Option<[u32; 2]>,
     /// A forecast of the deck is there.
     pub forecast: bool,
     pub states: Vec<AutopilotState>,
@@ -161,6 +163,7 @@ impl LinkRig {
             stands_still: false,
             mission_silent: false,
             low_battery: None,
+            abort: None,
             forecast: true,
             states: Vec::new(),
             odometry: Vec::new(),
@@ -276,6 +279,7 @@ impl LinkRig {
                 state: self.mission,
                 since: self.since,
                 low_battery: self.low_battery,
+                abort: self.abort,
                 waiting: Reason::plain(if self.waits_for_flight {
                     ReasonCode::NotFlying
                 } else {

@@ -100,6 +100,12 @@ config! {
     }
     check |this, at| {
         at.require(this.component > 0, "component", this.component, "1 to 255")?;
+        at.require(
+            this.publish_deck || !this.disarm.own_landing,
+            "disarm.own_landing",
+            this.disarm.own_landing,
+            "false without publish_deck: the autopilot would land without the deck",
+        )?;
     }
 }
 
@@ -112,6 +118,9 @@ config! {
     pub struct DisarmConfig {
         /// Disarm on the deck.
         pub on_deck: bool = true;
+        /// Disarm also where the autopilot has landed by itself on the deck that `publish_deck` sends: by the same evidence,
+        /// for a second.
+        pub own_landing: bool = false;
         /// Greatest height of the feet above the deck, by rangefinder or forecast, m.
         pub height_m: f64 = 0.35, in 0.02..=1.0;
         /// Greatest speed relative to the deck (without a forecast: over ground), m/s.

@@ -23,20 +23,26 @@ pub(crate) const HOLD_ALONE_S: f64 = 0.2;
 pub(crate) struct ContactEvidence {
     /// The mission lands.
     pub(crate) landing: bool,
-    /// Feet above the deck by the rangefinder, m.
+    /// Feet above the deck by the rangefinder, m; None: it does not read, or is not believed.
     pub(crate) range_height: Option<f64>,
+    /// The rangefinder reads and is not believed: it sticks, or contradicts the forecast.
+    pub(crate) range_doubted: bool,
     /// Feet above the deck by the forecast, m.
     pub(crate) forecast_height: Option<f64>,
     /// Speed relative to the deck, or over ground when there is no forecast, m/s.
     pub(crate) speed: Option<f64>,
     /// Specific force along the body's up axis as a fraction of gravity.
     pub(crate) load_factor: Option<f64>,
-    /// Thrust as a fraction of hover.
+    /// Thrust as a fraction of hover, by the autopilot's report; None: not reported lately.
     pub(crate) thrust: Option<f64>,
+    /// No more than the greatest thrust of a drone at rest has been commanded, for long enough to act.
+    pub(crate) commanded_low: bool,
     /// The autopilot reports that it stands on the ground.
     pub(crate) reports_on_ground: bool,
 }
 
+/// Without a report of the thrust: the greatest speed relative to the deck of a drone that rests on it, m/s.
+pub(crate) const RESTS_MPS: f64 = 0.5;
 /// Pressed down at half of hover from here a drone meets the deck at 1 m/s, the limit of a successful landing, m:
 /// `h = v² / g`.
 const PRESS_BELOW_M: f64 = 0.1;
@@ -104,7 +110,12 @@ pub(crate) fn inhibit(e: &ContactEvidence, c: &DisarmConfig) -> Option<DisarmInh
         return Some(DisarmInhibit::Fast);
     }
     let supported = e.load_factor.is_some_and(|f| f >= c.min_load_factor);
-    let idle = e.thrust.is_some_and(|t| t <= c.max_thrust_of_hover);
+    // Reports that have stopped are no thrust of zero and no thrust of before. What is commanded stands in for them, and that
+    // the drone goes with the deck shows that it is obeyed.
+    let idle = match e.thrust {
+        Some(t) => t <= c.max_thrust_of_hover,
+        None => e.commanded_low && e.speed.is_some_and(|v| v <= RESTS_MPS),
+    };
     // The autopilot's report may replace the thrust, never the load factor.
     if !(supported && (idle || e.reports_on_ground)) {
         return Some(DisarmInhibit::NotSupported);
@@ -158,7 +169,13 @@ impl DisarmSequence {
         }
         self.missing_since = None;
         let complete_since = *self.complete_since.get_or_insert(now);
-        if (now - complete_since).secs() < c.hold_s {
+        // Where a witness is missing the others have to last.
+        let hold_s = if e.thrust.is_none() || e.range_doubted {
+            c.hold_s.max(HOLD_ALONE_S)
+        } else {
+            c.hold_s
+        };
+        if (now - complete_since).secs() < hold_s {
             return DisarmDecision::Press;
         }
         let due = self.next.is_none_or(|t| now >= t);
@@ -221,10 +238,12 @@ mod tests {
     const ON_DECK: ContactEvidence = ContactEvidence {
         landing: true,
         range_height: Some(0.02),
+        range_doubted: false,
         forecast_height: Some(0.05),
         speed: Some(0.2),
         load_factor: Some(1.0),
         thrust: Some(0.3),
+        commanded_low: true,
         reports_on_ground: false,
     };
 
@@ -253,7 +272,7 @@ mod tests {
     fn disarm_evidence() {
         let c = DisarmConfig::default();
         type Change = fn(&mut ContactEvidence);
-        let cases: [(Change, DisarmInhibit); 10] = [
+        let cases: [(Change, DisarmInhibit); 13] = [
             (|e| e.landing = false, DisarmInhibit::NotLanding),
             (|e| e.range_height = Some(1.0), DisarmInhibit::RangeHigh),
             (|e| e.range_height = Some(f64::NAN), DisarmInhibit::RangeHigh),
@@ -272,6 +291,19 @@ mod tests {
                 DisarmInhibit::NotSupported,
             ),
             (|e| e.load_factor = None, DisarmInhibit::NotSupported),
+            // Nobody knows the thrust; it was commanded, but the drone moves over the deck, or falls.
+            (
+                |e| (e.thrust, e.commanded_low) = (None, false),
+                DisarmInhibit::NotSupported,
+            ),
+            (
+                |e| (e.thrust, e.speed) = (None, Some(0.8)),
+                DisarmInhibit::NotSupported,
+            ),
+            (
+                |e| (e.thrust, e.load_factor) = (None, Some(0.4)),
+                DisarmInhibit::NotSupported,
+            ),
         ];
         for (change, why) in cases {
             let mut e = ON_DECK;
@@ -293,6 +325,28 @@ mod tests {
             ..ON_DECK
         };
         assert_eq!(inhibit(&blind, &c), None);
+    }
+
+    #[test]
+    fn disarm_with_a_witness_missing() {
+        let c = DisarmConfig::default();
+        let silent = ContactEvidence {
+            thrust: None,
+            ..ON_DECK
+        };
+        assert_eq!(inhibit(&silent, &c), None);
+        let mut d = DisarmSequence::default();
+        // On evidence that lasts, as without the rangefinder.
+        assert_eq!(commands(&mut d, 0, 190, &silent, &c), 0);
+        assert_eq!(commands(&mut d, 190, 30, &silent, &c), 1);
+        let doubted = ContactEvidence {
+            range_height: None,
+            range_doubted: true,
+            ..ON_DECK
+        };
+        let mut d = DisarmSequence::default();
+        assert_eq!(commands(&mut d, 0, 190, &doubted, &c), 0);
+        assert_eq!(commands(&mut d, 190, 30, &doubted, &c), 1);
     }
 
     #[test]

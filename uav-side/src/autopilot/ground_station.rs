@@ -150,12 +150,13 @@ impl GroundReports {
     }
 }
 
-/// An end without a landing, a hold that nobody commanded and a descent that is broken off are warnings.
+/// An end without a landing or with a hard one, a hold that nobody commanded and a descent that is broken off are warnings.
 fn severity_of(m: &MissionState) -> u8 {
     let was_landing = matches!(m.previous, State::Descent | State::Flare);
     let by_itself = !matches!(m.entered.code, ReasonCode::Operator | ReasonCode::Matched);
     match m.state {
         State::GaveUp => severity::WARNING,
+        State::Landed if m.entered.code == ReasonCode::HardContact => severity::WARNING,
         State::Hold if by_itself => severity::WARNING,
         State::Idle
         | State::GetAltitude

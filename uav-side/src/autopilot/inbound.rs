@@ -165,6 +165,7 @@ impl AutopilotLink {
         {
             sample.header = self.header(Output::Range, sample.header.at);
             self.range = Some(sample);
+            self.range_witness.reads(sample.header.at, sample.range_m);
             out.ranges.push(sample);
         }
     }
@@ -176,7 +177,7 @@ impl AutopilotLink {
             peer.streams.answered(now, result);
         } else if command == command::ARM_DISARM
             && result == CommandResult::Accepted
-            && self.disarm.sent() + self.alone.sent() > 0
+            && self.disarm.sent() + self.alone.sent() + self.own_landing.sent() > 0
         {
             // PX4's next heartbeat may be a second away.
             peer.armed = false;
@@ -293,6 +294,8 @@ impl AutopilotLink {
         let mut state = self.smooth.step(&reported);
         state.header = self.header(Output::Odometry, reported.header.at);
         self.state = Some(state);
+        let speed = self.from_deck(now).map(|(_, _, away)| away);
+        self.range_witness.moves(dt.clamp(0.0, 0.1), speed);
         out.odometry.push(state);
     }
 }

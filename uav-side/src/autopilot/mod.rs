@@ -4,7 +4,7 @@
 //!
 //! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
 //! [`lapse`] (whose hold it is), [`disarm`] (when motors are stopped), this file (one step), [`inbound`] and [`outbound`] (its two
-//! halves), [`ground_station`] and [`rc_switch`] (people at a ground station and at the remote control), [`shadow`] (a person flies and nothing is commanded), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
+//! halves), [`ground_station`] and [`rc_switch`] (people at a ground station and at the remote control), [`shadow`] (a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
 //! [`parameters`] (what a landing relies on), and [`wire`] for the bytes.
 //!
 //! Safety does not rest on this node being alive. Without its set-points PX4 leaves OFFBOARD after
@@ -19,6 +19,7 @@ mod deck;
 mod disarm;
 mod drone_state;
 pub mod ground_station;
+mod guidance;
 mod inbound;
 mod lapse;
 pub mod message;
@@ -51,6 +52,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::odometry::{Odometry, OdometryConfig};
+use crate::range_witness::RangeWitness;
 use alight_shared::checkpoint::Recovery;
 use authority::{AuthorityStateMachine, Evidence};
 use clock::RemoteClock;
@@ -61,7 +63,7 @@ use lapse::LapseMonitor;
 use message::{Address, CUSTOM_MODE, CommandLong, Frame, Heartbeat, Message, command, severity};
 use peer::Peer;
 use rc_switch::RcSwitch;
-use thrust::HoverThrust;
+use thrust::{HoverThrust, SentThrust};
 
 type DroneTime = Time<DroneClock>;
 
@@ -189,6 +191,10 @@ pub struct AutopilotLink {
     hover: HoverThrust,
     force: Option<f64>,
     range: Option<RangeSample>,
+    /// Whether the rangefinder follows the drone.
+    range_witness: RangeWitness,
+    /// Whether little thrust is commanded.
+    sent_thrust: SentThrust,
 
     set_point: Latest<SetPoint>,
     mission: Latest<MissionState>,
@@ -200,6 +206,8 @@ pub struct AutopilotLink {
     disarm: DisarmSequence,
     /// The same while the autopilot holds on its own.
     alone: DisarmSequence,
+    /// The same in a landing of the autopilot's own.
+    own_landing: DisarmSequence,
     inhibited: Option<DisarmInhibit>,
     /// Where it holds after a false touchdown.
     held: Option<outbound::Held>,
@@ -210,6 +218,8 @@ pub struct AutopilotLink {
     ground: GroundReports,
     switch: RcSwitch,
     set_points: u32,
+    /// The abort for which the disarm was begun anew.
+    abort: Option<[u32; 2]>,
     low_since: Option<DroneTime>,
     diversions: u32,
     /// When home was sent, and which.
@@ -369,7 +379,7 @@ impl AutopilotLink {
             battery_a: p.current_a(now),
             thrust: p
                 .thrust_now(now)
-                .map_or(0.0, |t| thrust::fraction(t, self.config.thrust_curve)),
+                .map(|t| thrust::fraction(t, self.config.thrust_curve)),
             hover_thrust: if settled { self.hover.value() } else { 0.0 },
             rejection: match self.datum {
                 None => ReasonCode::NoOrigin.into(),
@@ -446,6 +456,7 @@ impl Node for AutopilotLink {
         out.command = self.switch.poll(now, self.mission.get());
         self.send_periodic(now, &mut out);
         self.publish_deck(now, &mut out);
+        self.disarm_own_landing(now, &mut out);
 
         let after = (self.mode_and_frame(now), self.control_authority());
         if after.1 != before.1 {

@@ -18,6 +18,7 @@ use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, STILL_ARMED, thrust};
 use crate::contingency::GOES_ON_WITHOUT_MISSION_S;
 use crate::pilot::steer;
+use crate::range_witness::disagree;
 
 /// The pilot's set-point is repeated this often while no newer one comes, s: 50 Hz.
 const REPEAT_S: f64 = 0.02;
@@ -29,6 +30,8 @@ const RANGE_STALE: Span = Span::from_millis(200);
 const PRESS_OF_HOVER: f64 = 0.5;
 /// The drone climbs by this when it is not on the deck although the pilot reports so, m.
 const CLEAR_M: f64 = 1.0;
+/// No deck is nearer to the rangefinder than the feet by more than this, m.
+const BELOW_FEET_M: f64 = 0.10;
 /// With the rangefinder below this the deck may carry the drone, m.
 const NEAR_M: f64 = 0.6;
 /// Between two commands to arm or to divert.
@@ -59,10 +62,32 @@ impl AutopilotLink {
         self.fresh_mission(now)
             .is_some_and(|m| matches!(m.state, State::Flare | State::Landed))
     }
+    /// What the rangefinder reads with the feet on the deck, m.
+    fn feet_range_m(&self) -> f64 {
+        self.geometry.feet_below_m - self.geometry.rangefinder_m[2]
+    }
     /// The last fresh range, m.
     fn fresh_range(&self, now: DroneTime) -> Option<f64> {
         let fresh = self.range.filter(|r| now - r.header.at <= RANGE_STALE);
         fresh.map(|r| r.range_m)
+    }
+    /// Whether this range (m) is one of the deck's: not of a rangefinder that does not follow the drone, none that no deck can
+    /// be at, and not against the forecast.
+    fn believes(&self, range_m: f64, forecast_height: Option<f64>) -> bool {
+        let height = range_m - self.feet_range_m();
+        height >= -BELOW_FEET_M && !self.range_witness.contradicts() && !disagree(height, forecast_height)
+    }
+    /// Of the feet above the deck, m, of the drone relative to it, and away from it along its normal, m/s; None while either
+    /// is unknown.
+    pub(super) fn from_deck(&self, now: DroneTime) -> Option<(f64, f64, f64)> {
+        let state = self
+            .state
+            .filter(|s| now - s.header.at <= topics::DRONE_STATE.stale_after)?;
+        let deck = self.deck(now)?;
+        let (up, apart) = (deck.normal(), state.position() - Vector3::from(deck.position));
+        let velocity = state.velocity() - Vector3::from(deck.velocity);
+        let height = up.dot(&apart) - self.geometry.feet_below_m;
+        Some((height, velocity.norm(), up.dot(&velocity)))
     }
     /// The deck may carry the drone: the hover thrust cannot be learned.
     pub(super) fn may_touch(&self, now: DroneTime) -> bool {
@@ -70,18 +95,14 @@ impl AutopilotLink {
     }
 
     /// The evidence of contact, independent of the pilot's touchdown detection.
-    fn contact(&self, now: DroneTime) -> ContactEvidence {
-        let g = &self.geometry;
+    pub(super) fn contact(&self, now: DroneTime) -> ContactEvidence {
         let state = self
             .state
             .filter(|s| now - s.header.at <= topics::DRONE_STATE.stale_after);
-        let deck = self.deck(now);
-        let below = state.zip(deck).map(|(s, d)| {
-            let apart = s.position() - Vector3::from(d.position);
-            let height = d.normal().dot(&apart) - g.feet_below_m;
-            (height, (s.velocity() - Vector3::from(d.velocity)).norm())
-        });
-        let feet = g.feet_below_m - g.rangefinder_m[2];
+        let below = self.from_deck(now);
+        let forecast_height = below.map(|(h, _, _)| h);
+        let range = self.fresh_range(now);
+        let believed = |r: &f64| self.believes(*r, forecast_height);
         let peer = self.peer.as_ref();
         let thrust = peer
             .and_then(|p| p.thrust_now(now))
@@ -98,13 +119,15 @@ impl AutopilotLink {
                 | State::Hold
                 | State::GaveUp => false,
             }),
-            range_height: self.fresh_range(now).map(|r| r - feet),
-            forecast_height: below.map(|(h, _)| h),
+            range_height: range.filter(believed).map(|r| r - self.feet_range_m()),
+            range_doubted: range.is_some_and(|r| !believed(&r)),
+            forecast_height,
             speed: below
-                .map(|(_, v)| v)
+                .map(|(_, v, _)| v)
                 .or_else(|| state.map(|s| s.velocity().norm())),
             load_factor: state.and(self.force).map(|f| f / GRAVITY),
             thrust: thrust.map(|t| t / self.hover.value()),
+            commanded_low: self.control_authority().commands() && self.sent_thrust.is_low(now),
             reports_on_ground: peer.is_some_and(|p| p.landed(now) == LandedState::OnGround),
         }
     }
@@ -167,6 +190,17 @@ impl AutopilotLink {
         }
     }
 
+    /// A person who aborts after the touchdown wants the motors off: commands that were used up are given again.
+    fn begin_disarm_anew(&mut self, now: DroneTime) {
+        let Some((state, abort)) = self.fresh_mission(now).map(|m| (m.state, m.abort)) else {
+            return;
+        };
+        if abort != self.abort && state == State::Landed {
+            self.disarm.clear();
+            self.alone.clear();
+        }
+        self.abort = abort;
+    }
     /// Nobody commanded for a moment: no touchdown of before is one of now.
     fn interrupted(&mut self) {
         self.disarm.clear();
@@ -174,7 +208,7 @@ impl AutopilotLink {
     }
 
     /// The command number `sent`.
-    fn command_disarm(&self, sent: u32, out: &mut AutopilotOut) {
+    pub(super) fn command_disarm(&self, sent: u32, out: &mut AutopilotOut) {
         let to = self.peer.as_ref().map(|p| p.address).unwrap_or_default();
         out.messages.push(Message::Command(CommandLong {
             confirmation: u8::try_from(sent.saturating_sub(1)).unwrap_or(u8::MAX),
@@ -322,6 +356,7 @@ impl AutopilotLink {
     /// The pilot's set-point, as far as it may be sent now.
     pub(super) fn send_set_point(&mut self, now: DroneTime, new: bool, out: &mut AutopilotOut) {
         let wanted = self.set_point.fresh(now, topics::SET_POINT.stale_after).copied();
+        self.begin_disarm_anew(now);
         let since = self.sent_at.map_or(f64::INFINITY, |t| (now - t).secs());
         let due = since >= REPEAT_S || new && since >= 0.8 / self.config.set_point_hz;
         let alone = self.lapsed_on_deck(now, wanted.as_ref());
@@ -342,6 +377,9 @@ impl AutopilotLink {
         if let Some(outgoing) = outgoing
             && let Some(to) = self.peer.as_ref().map(|p| p.address)
         {
+            let low = self.config.disarm.max_thrust_of_hover * self.hover.value();
+            let is_low = outgoing.kind == SetPointKind::Attitude && outgoing.thrust <= low;
+            self.sent_thrust.sent(now, is_low);
             out.messages.push(self.to_mavlink(to, &outgoing));
             self.sent_at = Some(now);
             self.set_points = self.set_points.saturating_add(1);

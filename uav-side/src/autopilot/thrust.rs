@@ -1,5 +1,6 @@
 //! Collective thrust as the autopilot commands it and as a fraction of the greatest, and the hover thrust.
 
+use super::DroneTime;
 use crate::odometry::hover::hover_sample;
 
 /// Bounds of a plausible hover thrust.
@@ -69,6 +70,35 @@ impl HoverThrust {
         let gain = (dt / time_s.min(self.learned_s).max(dt)).min(1.0);
         self.value += gain * (sample - self.value);
         self.value = self.value.clamp(BOUNDS[0], BOUNDS[1]);
+    }
+}
+
+/// Set-points further apart than this are no stream, s.
+const STREAM_S: f64 = 0.1;
+/// A commanded thrust has reached the rotors after this long, s: the wire, the autopilot's period and the rotors' lag.
+const REACHES_S: f64 = 0.2;
+
+/// Whether little thrust has been commanded for long enough to act: what stands in for a report that has stopped.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct SentThrust {
+    at: Option<DroneTime>,
+    low_since: Option<DroneTime>,
+}
+
+impl SentThrust {
+    /// A set-point was sent, with little thrust or not.
+    pub(crate) fn sent(&mut self, now: DroneTime, low: bool) {
+        let streams = self.at.is_some_and(|at| (now - at).secs() <= STREAM_S);
+        let since = self.low_since.filter(|_| streams).unwrap_or(now);
+        (self.at, self.low_since) = (Some(now), low.then_some(since));
+    }
+    /// Set-points are sent, and for so long with little thrust.
+    pub(crate) fn is_low(&self, now: DroneTime) -> bool {
+        let streams = self.at.is_some_and(|at| (now - at).secs() <= STREAM_S);
+        let acts = self
+            .low_since
+            .is_some_and(|since| (now - since).secs() >= REACHES_S);
+        streams && acts
     }
 }
 

@@ -2,8 +2,8 @@
 
 use alight_shared::msg::ReasonCode::{
     BatteryDeck, BatteryHere, BatteryHome, BatteryLow, Commanded, CompletesLanding, DeckGrantStale, Deviated,
-    FalseTouchdown, ForecastStale, NotCommanded, NotFlying, OdometryStale, Operator, OutOfRetries, Reached,
-    TooFar, TooLong, Touchdown,
+    FalseTouchdown, ForecastStale, HardContact, NotCommanded, NotFlying, OdometryStale, Operator,
+    OutOfRetries, Reached, TooFar, TooLong, Touchdown,
 };
 use alight_shared::msg::{AutopilotMode, BatteryPlace, DECK_CLOSED};
 use nalgebra::Vector3;
@@ -222,11 +222,36 @@ fn abort_after_a_touchdown() {
 
     for on_deck in [
         with_deck(|d| d.clearance_m = 0.1),
-        with(|s| s.rotors_carry = false),
+        with(|s| s.rotors_carry = Some(false)),
     ] {
         let d = commanded(MissionPhase::LANDED, CommandKind::Abort, &on_deck);
         assert_eq!(d.phase.state(), State::Landed);
         assert_eq!(run(&d, &on_deck, 5.0).phase.state(), State::Landed);
+    }
+    // Nobody knows the thrust: the height above the deck shows that it flies, and without it a person does.
+    let silent = |mut s: Situation| {
+        s.rotors_carry = None;
+        s
+    };
+    let mut unseen = silent(in_air(true));
+    unseen.forecast_age_s = 9.0;
+    for flies in [silent(in_air(true)), unseen] {
+        goes(
+            &commanded(MissionPhase::LANDED, CommandKind::Abort, &flies),
+            State::GaveUp,
+            Operator,
+        );
+    }
+    goes(
+        &run(MissionPhase::LANDED, &silent(in_air(true)), 1.5),
+        State::GaveUp,
+        FalseTouchdown,
+    );
+    for stays in [unseen, silent(with_deck(|d| d.clearance_m = 0.1))] {
+        assert_eq!(
+            run(MissionPhase::LANDED, &stays, 5.0).phase.state(),
+            State::Landed
+        );
     }
     // Without an order it takes a second of being carried.
     let d = run(MissionPhase::LANDED, &in_air(true), 0.9);
@@ -261,12 +286,14 @@ fn last_attempt() {
 fn completion_of_a_landing_without_data() {
     let harder = 2.0 * config().flare_mps;
     let (clears, meets) = (Ends::of_speeds(0.5, None), Ends::of_speeds(0.5, Some(harder)));
-    for (clearance_m, ends, age_s, state) in [
-        (0.02, on_the_deck(), 0.4, State::Flare),
-        (0.02, on_the_deck(), 1.1, State::Hold),
-        (0.4, clears, 0.4, State::Hold),
-        (0.4, meets, 0.4, State::Flare),
-        (0.4, meets, 1.1, State::Hold),
+    // Without odometry nothing is commanded, and whether it leaves is decided once it is back.
+    for (clearance_m, ends, age_s, state, unseen) in [
+        (0.02, on_the_deck(), 0.4, State::Flare, State::Flare),
+        (0.02, on_the_deck(), 1.1, State::Hold, State::Hold),
+        (0.4, clears, 0.4, State::Hold, State::Flare),
+        (0.4, clears, 1.1, State::Hold, State::Hold),
+        (0.4, meets, 0.4, State::Flare, State::Flare),
+        (0.4, meets, 1.1, State::Hold, State::Hold),
     ] {
         let deck = |s: &mut Situation| {
             let d = s.deck.as_mut().unwrap();
@@ -280,11 +307,37 @@ fn completion_of_a_landing_without_data() {
             deck(s);
             s.odometry_age_s = age_s;
         });
-        for s in [without_forecast, without_odometry] {
+        for (s, state) in [(without_forecast, state), (without_odometry, unseen)] {
             let d = step(COMMITTED, &s);
             assert_eq!(d.phase.state(), state, "{clearance_m} m, {age_s} s");
         }
     }
+}
+
+#[test]
+fn hard_contact_that_is_not_repeated() {
+    let hard = |change: fn(&mut Situation)| {
+        with(|s| {
+            s.hard_contact_mps = Some(2.6);
+            change(s);
+        })
+    };
+    let d = step(COMMITTED, &hard(|s| s.motors_stopped = true));
+    goes(&d, State::Landed, HardContact);
+    let text = d.entered.unwrap_or_default().to_string();
+    assert!(text.starts_with("hard contact at 2.6 m/s (limit 1.5)"), "{text}");
+    // It bounced over the edge: no further attempt without a new order.
+    let d = step(
+        COMMITTED,
+        &hard(|s| (s.outside_m, s.deck.as_mut().unwrap().clearance_m) = (0.5, 0.3)),
+    );
+    goes(&d, State::GaveUp, HardContact);
+    waits(&run(&d, &hard(|_| ()), 60.0), State::GaveUp, NotCommanded);
+    goes(
+        &commanded(&d, CommandKind::Land, &hard(|_| ())),
+        State::Hold,
+        Commanded,
+    );
 }
 
 #[test]

@@ -429,7 +429,8 @@ impl Mission {
                 .set_point
                 .fresh(now, topics::SET_POINT.stale_after)
                 .is_some_and(|s| s.motors == Motors::Stop),
-            rotors_carry: autopilot.is_some_and(|a| rotors_carry(a, &self.drone_geometry)),
+            rotors_carry: autopilot.and_then(|a| rotors_carry(a, &self.drone_geometry)),
+            hard_contact_mps: self.set_point.get().and_then(|s| s.hard_contact_mps),
         }
     }
 
@@ -455,7 +456,7 @@ impl Mission {
             return decision;
         }
         let why = Reason::new(ReasonCode::TooLong, lasted, limit);
-        let phase = if decision.progress.stopped {
+        let phase = if decision.progress.stopped || s.hard_contact_mps.is_some() {
             gave_up(s, &self.config)
         } else {
             MissionPhase::TRACKING

@@ -356,8 +356,10 @@ pub struct Situation {
     pub place: Option<WaitingPlace>,
     /// The pilot has stopped the motors.
     pub motors_stopped: bool,
-    /// Armed, and by the autopilot's report the rotors carry the drone.
-    pub rotors_carry: bool,
+    /// The rotors carry the drone, by the thrust that the autopilot reports; None where it has not reported it lately.
+    pub rotors_carry: Option<bool>,
+    /// The hardest contact that the pilot has noticed, when it was hard, m/s.
+    pub hard_contact_mps: Option<f64>,
 }
 
 /// Feet this far above the deck do not stand on it, m: several times the forecast's error.
@@ -368,16 +370,19 @@ const BESIDE_DECK_M: f64 = 0.6;
 /// Rotors that give this much of hover's thrust carry the drone, or most of it.
 const CARRYING_OF_HOVER: f64 = 0.7;
 
-/// Whether rotors that give `thrust` carry a drone that hovers at the thrust which the autopilot reports, or else
-/// its geometry gives.
-pub fn rotors_carry(a: &AutopilotState, drone: &DroneGeometry) -> bool {
+/// Whether the rotors carry a drone that hovers at the thrust which the autopilot reports, or else its geometry gives; None
+/// where the drone is armed and the autopilot has not reported lately what thrust it gives.
+pub fn rotors_carry(a: &AutopilotState, drone: &DroneGeometry) -> Option<bool> {
+    if !a.armed {
+        return Some(false);
+    }
     let nominal = drone.mass_kg * GRAVITY / drone.max_thrust_n;
     let hover = if a.hover_thrust > 0.0 {
         a.hover_thrust
     } else {
         nominal
     };
-    a.armed && a.thrust >= CARRYING_OF_HOVER * hover
+    a.thrust.map(|t| t >= CARRYING_OF_HOVER * hover)
 }
 
 impl Situation {
@@ -386,13 +391,21 @@ impl Situation {
         self.moved.unwrap_or(ReasonCode::NoVessel.into())
     }
     /// Why a touchdown that was detected is none: the rotors carry the drone, above the deck when that is known, or beside it.
+    /// Where the thrust is not known, the height above the deck shows it alone.
     pub fn false_touchdown(&self) -> Option<Reason> {
-        let clearance = self.fresh_deck().map_or(f64::INFINITY, |d| d.clearance_m);
-        if self.rotors_carry && self.fresh_deck().is_some() && self.outside_m > BESIDE_DECK_M {
-            return Some(Reason::new(ReasonCode::Deviated, self.outside_m, BESIDE_DECK_M));
+        let above = |m: f64| Reason::new(ReasonCode::FalseTouchdown, m.min(1e3), ABOVE_DECK_M);
+        match (self.rotors_carry, self.fresh_deck()) {
+            (Some(false), _) | (None, None) => None,
+            (Some(true), None) => Some(above(f64::INFINITY)),
+            (Some(true), Some(_)) if self.outside_m > BESIDE_DECK_M => {
+                Some(Reason::new(ReasonCode::Deviated, self.outside_m, BESIDE_DECK_M))
+            }
+            (Some(true) | None, Some(d)) => (d.clearance_m > ABOVE_DECK_M).then(|| above(d.clearance_m)),
         }
-        (self.rotors_carry && clearance > ABOVE_DECK_M)
-            .then(|| Reason::new(ReasonCode::FalseTouchdown, clearance.min(1e3), ABOVE_DECK_M))
+    }
+    /// Whether a drone that reported its touchdown may fly for all that is known.
+    pub fn may_fly(&self) -> bool {
+        self.false_touchdown().is_some() || self.rotors_carry.is_none() && self.fresh_deck().is_none()
     }
     /// The height `z` (NED, m), or the lowest that the witnesses of the deck's height allow.
     pub fn no_lower(&self, z: f64) -> f64 {

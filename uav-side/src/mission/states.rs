@@ -296,7 +296,9 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
     if let Some(why) = rejection.or(early.map(|_| NotSteady.into())) {
         return stable.stay(why);
     }
-    if progress.attempts >= c.max_attempts {
+    // After a hard contact no further attempt is made.
+    let spent = progress.attempts > 0 && s.hard_contact_mps.is_some();
+    if spent || progress.attempts >= c.max_attempts {
         return Transition::BreakOff(Reason::default());
     }
     progress.attempts += 1;

@@ -86,7 +86,8 @@ pub(super) fn fair() -> Situation {
         course: Course::Unknown,
         place: None,
         motors_stopped: false,
-        rotors_carry: true,
+        rotors_carry: Some(true),
+        hard_contact_mps: None,
     }
 }
 const SURE: Odds = Odds {
@@ -446,7 +447,7 @@ fn landed_until_disarmed_and_armed() {
     let on_deck = with_deck(|d| d.clearance_m = 0.05);
     let d = commanded(landed, CommandKind::Land, &on_deck);
     assert_eq!(d.phase, landed);
-    let off = with(|s| (s.flight, s.rotors_carry) = (ControlState::Disarmed, false));
+    let off = with(|s| (s.flight, s.rotors_carry) = (ControlState::Disarmed, Some(false)));
     let d = step((landed, d.progress), &off);
     assert_eq!(
         d.phase,

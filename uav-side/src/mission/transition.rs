@@ -10,8 +10,9 @@ use super::checkpoint::ends_softer;
 use super::config::MissionConfig;
 use super::limits::{LOST_OUTSIDE_M, RESUME_DISTANCE_M};
 use super::phase::{HoldCause, MissionPhase, Progress, Transition, gave_up, holding, old_data};
-use super::situation::{ControlState, Reservation, Situation};
+use super::situation::{ControlState, Deck, Reservation, Situation};
 use super::states;
+use crate::pilot::touchdown::HARD_MPS;
 
 /// What a step decided.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,6 +42,8 @@ pub fn decide(
         Transition::Stay(phase, waiting) => (phase, None, waiting),
         Transition::Go(phase, why) => (phase, Some(why), Reason::default()),
         Transition::BreakOff(why) if progress.stopped => (gave_up(s, c), Some(why), why),
+        // What happened once to a drone that may be damaged now is not tried again.
+        Transition::BreakOff(why) if s.hard_contact_mps.is_some() => (gave_up(s, c), hard_contact(s), why),
         Transition::BreakOff(why) if progress.attempts >= c.max_attempts => {
             let (attempts, limit) = (f64::from(progress.attempts), f64::from(c.max_attempts));
             let spent = Reason::new(ReasonCode::OutOfRetries, attempts, limit);
@@ -68,11 +71,17 @@ pub fn decide(
     }
 }
 
+/// The hard contact that was noticed.
+fn hard_contact(s: &Situation) -> Option<Reason> {
+    let reason = |mps| Reason::new(ReasonCode::HardContact, mps, HARD_MPS);
+    s.hard_contact_mps.map(reason)
+}
+
 /// Whether there is something that an operator can stop: a drone in the air that is ours.
 fn can_stop(phase: MissionPhase, s: &Situation) -> bool {
     let waits = phase == MissionPhase::Idle && s.flight == ControlState::Ours && s.own.is_some();
     let stands = matches!(phase, MissionPhase::Landed { disarmed: false, .. });
-    phase.flies() || waits || stands && s.false_touchdown().is_some()
+    phase.flies() || waits || stands && s.may_fly()
 }
 
 /// Whether an operator who stops the landing now lets it be completed, because that is the softer contact ([`crate::contingency::Ends`]).
@@ -95,7 +104,9 @@ fn completes(phase: MissionPhase, progress: &Progress, s: &Situation, c: &Missio
 /// Data may be this old where a landing is completed without them, s.
 const COMPLETES_WITHOUT_DATA_S: f64 = 1.0;
 
-/// Whether a landing that nobody has stopped is completed although data are old, for a moment, because that is softer.
+/// Whether a landing that nobody has stopped goes on although data are old, for a moment: because to complete it is softer, or
+/// because the drone's own odometry is missing low over the deck. Without that nothing is commanded, so that to leave now or
+/// once it is back is the same, and then it is decided by where the drone is, not by where it was.
 fn completes_without_data(
     phase: MissionPhase,
     progress: &Progress,
@@ -105,7 +116,9 @@ fn completes_without_data(
     let known = s.forecast_age_s.max(s.odometry_age_s) <= COMPLETES_WITHOUT_DATA_S;
     let lands = phase.state().phase() == Phase::Landing && !progress.stopped;
     let touches = c.lowest_plan_m().is_none();
-    lands && touches && known && s.deck.is_some_and(|d| ends_softer(&d, s))
+    let unseen = s.odometry_age_s > s.odometry_limit_s && s.forecast_age_s <= s.forecast_limit_s;
+    let goes_on = |d: Deck| unseen && d.ends.is_some() || ends_softer(&d, s);
+    lands && touches && known && s.deck.is_some_and(goes_on)
 }
 
 /// What stale data lead to: hold until they are fresh, unless an operator has stopped the landing meanwhile.
@@ -236,7 +249,8 @@ fn interrupt(
     progress.overruled &= s.motors_stopped;
     after_lapse(progress, s);
     if phase.flies() && s.motors_stopped && !progress.overruled {
-        return Some(MissionPhase::LANDED.enter(ReasonCode::Touchdown));
+        let touchdown = hard_contact(s).unwrap_or(ReasonCode::Touchdown.into());
+        return Some(MissionPhase::LANDED.enter(touchdown));
     }
     let commanded = command.and_then(|command| commanded(phase, progress, command, s, c));
     if commanded.is_some() || !phase.flies() {

@@ -18,7 +18,13 @@ pub(crate) struct FlightEstimator {
     lift: f64,
     /// Thrust that acts after the lag, 0 to 1.
     acting: Option<f64>,
+    /// It has been commanded for so long without a gap, s.
+    commanded_s: f64,
 }
+
+/// A thrust that is commanded anew is in force after this long, s: four lags of the rotors. Until then they still give what was
+/// in force before, which nobody on this side knows.
+const IN_FORCE_S: f64 = 0.2;
 
 impl FlightEstimator {
     /// Starts from the nominal hover thrust.
@@ -30,6 +36,7 @@ impl FlightEstimator {
             disturbance: Vector2::zeros(),
             lift: 0.0,
             acting: None,
+            commanded_s: 0.0,
         }
     }
     /// Collective thrust that hovers, 0 to 1.
@@ -47,6 +54,10 @@ impl FlightEstimator {
     /// Own commanded thrust after its lag, 0 to 1; None while the autopilot closes the loop.
     pub(crate) fn acting(&self) -> Option<f64> {
         self.acting
+    }
+    /// The same once it is what the rotors give: a witness of what else carries the drone.
+    pub(crate) fn in_force(&self) -> Option<f64> {
+        self.acting.filter(|_| self.commanded_s >= IN_FORCE_S)
     }
     /// The autopilot's own estimate starts ours.
     pub(crate) fn use_reported_hover(&mut self, hover: f64) {
@@ -71,7 +82,7 @@ impl FlightEstimator {
         dt: f64,
         c: &TrackingConfig,
     ) {
-        let Some(u) = self.acting else {
+        let Some(u) = self.in_force() else {
             self.lift = 0.0;
             return;
         };
@@ -84,6 +95,7 @@ impl FlightEstimator {
     }
     /// First-order lag from the commanded to the acting thrust.
     pub(crate) fn commanded(&mut self, thrust: Option<f64>, dt: f64, lag: f64) {
+        self.commanded_s = thrust.map_or(0.0, |_| self.commanded_s + dt);
         self.acting = thrust.map(|u| {
             let fraction = if lag > 0.0 { 1.0 - (-dt / lag).exp() } else { 1.0 };
             let last = self.acting.unwrap_or(u);

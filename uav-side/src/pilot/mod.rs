@@ -171,6 +171,9 @@ impl Pilot {
                 self.forget_frame();
             }
             self.estimate.use_reported_hover(m.hover_thrust);
+            if !m.armed {
+                self.detector.forget_contacts();
+            }
             self.disarmed_since_stop |= self.stopped_at.is_some() && !m.armed;
             if let Some(d) = self
                 .drone
@@ -297,8 +300,8 @@ impl Pilot {
         self.response
             .learn(d, &self.delay.sent, one_way_s, &self.config.lag);
         self.delay.learn_thrust(d, c.thrust_lag_s);
-        let reported = self.armed(now).filter(|a| a.thrust > 0.0).map(|a| a.thrust);
-        if let Some(u) = self.estimate.acting().or(reported) {
+        let reported = self.armed(now).and_then(|a| a.thrust).filter(|t| *t > 0.0);
+        if let Some(u) = self.estimate.in_force().or(reported) {
             self.estimate.learn_hover(&force, u, dt, c);
         }
     }
@@ -323,11 +326,13 @@ impl Pilot {
             permitted,
             descending: mission.is_some_and(|m| m.descent_mps > 0.0 || m.state == State::Landed),
             force: new.map(|d| -d.specific_force[2]),
-            own_thrust: self.estimate.acting().map(|u| self.estimate.specific(u)),
+            begins: self.config.output == Output::Attitude && self.estimate.in_force().is_none(),
+            own_thrust: self.estimate.in_force().map(|u| self.estimate.specific(u)),
             reported_thrust: self
                 .autopilot
                 .fresh(now, limit)
-                .map(|a| self.estimate.specific(a.thrust)),
+                .and_then(|a| a.thrust)
+                .map(|thrust| self.estimate.specific(thrust)),
             hover_thrust: GRAVITY,
             clearance: below.map(|b| b.clearance),
             normal_speed: below.map(|b| b.normal_speed),

@@ -23,6 +23,7 @@ impl Pilot {
         SetPoint {
             header: Header::new(vessel, self.drone_id, self.boot, self.sequence, now),
             response: self.response.get(),
+            hard_contact_mps: self.detector.hard_mps(),
             ..SetPoint::default()
         }
     }

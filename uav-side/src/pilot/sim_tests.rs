@@ -62,6 +62,10 @@ struct World {
     hover: f64,
     damping: f64,
     ranges: bool,
+    /// What the rangefinder reads where it should read this at this clearance, m.
+    reads: fn(f64, f64) -> f64,
+    /// The autopilot reports its thrust.
+    reports: bool,
     state: State,
     mode: AutopilotMode,
     pilot: Pilot,
@@ -89,6 +93,8 @@ impl World {
             hover,
             damping: 120.0,
             ranges: true,
+            reads: |range, _| range.max(0.05),
+            reports: true,
             state: State::Flare,
             mode: AutopilotMode::Offboard,
             pilot: Pilot::new(&PilotConfig::default(), &geometry, 1, 1),
@@ -204,7 +210,7 @@ impl World {
             if self.ranges {
                 input.ranges.push(RangeSample {
                     header,
-                    range_m: range.max(0.05),
+                    range_m: (self.reads)(range, clearance),
                     variance: 9e-4,
                 });
             }
@@ -226,7 +232,7 @@ impl World {
             input.autopilot = Some(AutopilotState {
                 armed: self.stopped.is_none(),
                 mode: self.mode,
-                thrust: self.thrust,
+                thrust: self.reports.then_some(self.thrust),
                 hover_thrust: self.hover * 1.02,
                 ..airborne(header)
             });
@@ -299,6 +305,99 @@ fn touchdown_without_a_rangefinder() {
         let (_, stop) = landed(f64::from(k), 100 + k as u64, |w| w.ranges = false);
         assert!((0.0..1.0).contains(&stop), "{stop}");
     }
+}
+
+/// From 1.5 m, since a fault begins on the way.
+fn landed_from_above(phase: f64, seed: u64, change: impl FnOnce(&mut World)) -> (World, f64) {
+    let mut w = World::new(moderate(phase), Task::Land(1.5, 2.0), seed);
+    change(&mut w);
+    w.fly(10.0);
+    let (at, _, _) = w.first_contact.expect("no contact");
+    let stop = w.stopped.expect("not stopped") - at;
+    (w, stop)
+}
+
+#[test]
+fn touchdown_with_a_rangefinder_that_sticks() {
+    let faults: [(&str, fn(f64, f64) -> f64); 5] = [
+        ("at the feet from the start", |_, _| 0.22),
+        ("at the feet below 1 m", |r, h| if h < 1.0 { 0.22 } else { r }),
+        ("at the feet below 0.45 m", |r, h| if h < 0.45 { 0.22 } else { r }),
+        ("on the water below 1 m", |r, h| if h < 1.0 { r + 1.3 } else { r }),
+        ("invalid below 1 m", |r, h| if h < 1.0 { 0.0 } else { r }),
+    ];
+    for (what, reads) in faults {
+        for k in 0..6 {
+            let (w, stop) = landed_from_above(f64::from(k), 500 + k as u64, |w| w.reads = reads);
+            assert!((0.0..1.0).contains(&stop), "{what}, {k}: {stop} s");
+            assert!(w.hardest < 1.0, "{what}, {k}: {} m/s", w.hardest);
+            assert!(w.last.hard_contact_mps.is_none(), "{what}, {k}: {:?}", w.last);
+        }
+    }
+}
+
+#[test]
+fn touchdown_without_reports_of_the_thrust() {
+    for k in 0..6 {
+        let (w, stop) = landed_from_above(f64::from(k), 600 + k as u64, |w| w.reports = false);
+        assert!(
+            (0.0..1.5).contains(&stop) && w.hardest < 1.0,
+            "{k}: {stop} s, {} m/s",
+            w.hardest
+        );
+    }
+    // Close to the deck without touching it.
+    for (k, clearance) in [0.15, 0.2, 0.3].into_iter().enumerate() {
+        let mut w = World::new(moderate(0.4), Task::Follow(clearance), 610 + k as u64);
+        w.reports = false;
+        w.fly(60.0);
+        assert_eq!((w.first_contact, w.stopped), (None, None), "{clearance} m");
+    }
+}
+
+/// Set-points begin anew low over the deck, where the autopilot has braked by itself with more thrust than the first ones
+/// have: what its rotors still give is no contact.
+#[test]
+fn thrust_of_before_is_no_contact() {
+    for (k, reports) in [true, false].into_iter().enumerate() {
+        let mut w = World::new(moderate(0.4), Task::Follow(0.15), 620 + k as u64);
+        w.reports = reports;
+        w.fly(5.0);
+        w.pilot.estimate.commanded(None, 0.01, 0.0);
+        for _ in 0..15 {
+            w.thrust = 1.4 * w.hover;
+            w.step();
+            assert_eq!(w.pilot.detector.contact(), Contact::Clear, "reports: {reports}");
+        }
+    }
+}
+
+#[test]
+fn hard_contact_by_speed_and_impact() {
+    let met = |speed: f64, clearance: f64, impact: f64| {
+        let mut d = TouchdownDetector::new(0.22);
+        let evidence = |force: f64, speed: f64| Evidence {
+            permitted: true,
+            descending: true,
+            begins: false,
+            force: Some(force),
+            own_thrust: Some(GRAVITY),
+            reported_thrust: Some(GRAVITY),
+            hover_thrust: GRAVITY,
+            clearance: Some(clearance),
+            normal_speed: Some(speed),
+        };
+        let at = |k: u32| Time::from_secs(10.0 + 0.01 * f64::from(k));
+        for k in 0..20 {
+            d.step(at(k), 0.01, &evidence(GRAVITY, -speed));
+        }
+        d.step(at(20), 0.01, &evidence(GRAVITY + impact, -0.3 * speed));
+        d.hard_mps()
+    };
+    assert!(met(2.6, 0.05, 60.0).is_some_and(|v| (v - 2.6).abs() < 1e-9));
+    assert_eq!(met(0.9, 0.05, 60.0), None, "a good contact");
+    assert_eq!(met(2.6, 3.0, 60.0), None, "a gust in the air");
+    assert_eq!(met(2.6, 0.05, 1.0), None, "nothing was met");
 }
 
 #[test]

@@ -506,7 +506,7 @@ proptest! {
                 if mask & 1 != 0 { force.velocity = [v[1], v[2], v[3]] }
                 if mask & 2 != 0 { i.plan.as_mut().unwrap().stages[3].position = [v[3], v[4], v[5]] }
                 if mask & 4 != 0 { i.forecast.as_mut().unwrap().stages[0].position = [v[5], v[4], v[3]] }
-                if mask & 8 != 0 { i.autopilot.as_mut().unwrap().thrust = v[4] }
+                if mask & 8 != 0 { i.autopilot.as_mut().unwrap().thrust = Some(v[4]) }
                 if mask & 16 != 0 { i.plan = None }
                 if mask & 32 != 0 { i.mission = None }
                 if mask & 64 != 0 { i.drone = None }

@@ -6,11 +6,18 @@
 //! excess, or resting at the feet's range), the thrust is then cut to a part of hover, and the
 //! touchdown is confirmed only when the drone is still carried although its rotors do not carry it.
 //! A drone in the air begins to fall instead, shows no excess, and the suspicion is dropped.
+//!
+//! No thrust is cut on one witness alone. An impact or an excess counts near the deck by rangefinder and forecast; resting at
+//! the feet's range counts while odometry and forecast, too, see the drone stay on the deck; and a rangefinder that has not
+//! followed the way down ([`RangeWitness`]) is none. Where the autopilot's report of its thrust has stopped, the command
+//! that it follows stands in for it, on a drone that stays on the deck for longer.
 
 use alight_shared::msg::Header;
 use alight_shared::time::{DroneClock, Time};
 
 use serde::{Deserialize, Serialize};
+
+use crate::range_witness::{RangeWitness, disagree};
 
 type DroneTime = Time<DroneClock>;
 
@@ -42,10 +49,12 @@ pub(crate) struct Evidence {
     pub(crate) descending: bool,
     /// Specific force along the body's up axis, m/s²; None without a new measurement.
     pub(crate) force: Option<f64>,
+    /// The pilot is to command the thrust, and what it commands is not in force yet: what the rotors give is not known.
+    pub(crate) begins: bool,
     /// Specific thrust that the pilot's own command applies, m/s²; None while the autopilot closes
     /// the loop.
     pub(crate) own_thrust: Option<f64>,
-    /// Specific thrust that the autopilot reports, m/s²; None when the report is old.
+    /// Specific thrust that the autopilot reports, m/s²; None when there was no report lately.
     pub(crate) reported_thrust: Option<f64>,
     /// Specific thrust that hovers, m/s² (gravity).
     pub(crate) hover_thrust: f64,
@@ -95,8 +104,16 @@ const BLIND_CLEARANCE_M: f64 = 0.20;
 const CLEARANCE_VETO_M: f64 = 0.5;
 /// Beyond this speed along the deck's normal no touchdown is confirmed, m/s.
 const SPEED_VETO_MPS: f64 = 0.8;
+/// A drone that goes along the deck's normal no faster than this stays on it, m/s: the error of odometry and forecast.
+const STAYS_MPS: f64 = 0.25;
+/// Time constant of that speed, s: half of [`RESTING_S`].
+const STAYS_TIME_S: f64 = 0.15;
+/// No deck is nearer to the rangefinder than the feet by more than this, m.
+const BELOW_FEET_M: f64 = 0.10;
 /// Smallest sustained excess that makes contact suspected, m/s².
 const SUSPECT_EXCESS_MPS2: f64 = 1.5;
+/// So many times that where rangefinder and forecast contradict each other: no gust and no cushion of air.
+const DOUBTED: f64 = 2.0;
 /// It must last this long, s.
 const SUSPECT_S: f64 = 0.03;
 /// Smallest single excess that makes contact suspected, m/s².
@@ -118,6 +135,18 @@ const CONFIRM_S: f64 = 0.08;
 const BLIND_CONFIRM_S: f64 = 0.2;
 /// Not confirmed after this long, the suspicion is dropped, s.
 const GIVE_UP_S: f64 = 0.6;
+/// With the thrust cut and an excess below this, m/s², nothing carries the drone ...
+const FALLS_EXCESS_MPS2: f64 = 1.0;
+/// ... and after this long it is in the air, s: longer than between two touches of a soft bounce. It has become faster by
+/// 0.8 m/s, which from [`CLEARANCE_VETO_M`] it brakes again.
+const FALLS_S: f64 = 0.15;
+/// The excess has to last this long without the autopilot's report of its thrust, on a drone that stays on the deck, s: its
+/// command reaches the rotors within a fifth of that.
+const SILENT_CONFIRM_S: f64 = 0.4;
+/// A contact faster than this along the deck's normal is hard, m/s: what counts as a good contact, and what the speed errs by.
+pub(crate) const HARD_MPS: f64 = 1.5;
+/// The speed of a contact is the greatest within this time before it, s.
+const BEFORE_CONTACT_S: f64 = 0.1;
 /// No new suspicion for this long after that, s.
 const PAUSE_S: f64 = 0.2;
 /// The autopilot's report of its thrust must be no older than this to confirm, s.
@@ -144,6 +173,15 @@ pub(crate) struct TouchdownDetector {
     sure_excess: f64,
     loaded: Option<DroneTime>,
     pause_until: DroneTime,
+    witness: RangeWitness,
+    /// Speed away from the deck along its normal, smoothed, m/s; None: not known.
+    along: Option<f64>,
+    /// Nothing has carried the drone since, with the thrust cut.
+    falls: Option<DroneTime>,
+    /// Greatest speed towards the deck lately, and when that was.
+    closing: (DroneTime, f64),
+    /// The hardest of the hard contacts, m/s.
+    hard_mps: Option<f64>,
 }
 
 impl TouchdownDetector {
@@ -158,7 +196,20 @@ impl TouchdownDetector {
             sure_excess: 0.0,
             loaded: None,
             pause_until: Time::from_nanos(i64::MIN),
+            witness: RangeWitness::default(),
+            along: None,
+            falls: None,
+            closing: (Time::from_nanos(i64::MIN), 0.0),
+            hard_mps: None,
         }
+    }
+    /// The hardest contact since [`Self::forget_contacts`], when it was hard, m/s.
+    pub(crate) fn hard_mps(&self) -> Option<f64> {
+        self.hard_mps
+    }
+    /// Another flight begins.
+    pub(crate) fn forget_contacts(&mut self) {
+        self.hard_mps = None;
     }
     /// How far it has come.
     pub(crate) fn contact(&self) -> Contact {
@@ -167,17 +218,24 @@ impl TouchdownDetector {
     /// In the air again, e.g. after a new take-off.
     pub(crate) fn clear(&mut self) {
         self.contact = Contact::Clear;
-        self.loaded = None;
+        (self.loaded, self.falls) = (None, None);
     }
     /// Takes a reading of the rangefinder.
     pub(crate) fn range(&mut self, at: DroneTime, range_m: f64) {
+        if range_m < self.feet_range - BELOW_FEET_M {
+            return;
+        }
+        self.witness.reads(at, range_m);
         if let Some(r) = self.readings.get_mut(self.next) {
             *r = (at, range_m);
         }
         self.next = (self.next + 1) % READINGS;
     }
-    /// Median of the newest readings, m; None when they are too old.
+    /// Median of the newest readings, m; None when they are too old, or have not followed the drone.
     pub(crate) fn median(&self, now: DroneTime) -> Option<f64> {
+        if self.witness.contradicts() {
+            return None;
+        }
         let mut newest = [f64::INFINITY; MEDIAN];
         let mut n = 0;
         for k in 1..=MEDIAN {
@@ -191,8 +249,12 @@ impl TouchdownDetector {
         some.sort_by(f64::total_cmp);
         some.get(n / 2).copied()
     }
-    /// All readings of the last `resting_s` average to the feet's range, and none is far from it.
+    /// All readings of the last `resting_s` average to the feet's range, none is far from it, and the drone stays there by
+    /// odometry and forecast, too.
     fn resting(&self, now: DroneTime) -> bool {
+        if self.witness.contradicts() || !self.stays() {
+            return false;
+        }
         let (mut n, mut sum, mut oldest) = (0_u32, 0.0, 0.0_f64);
         for (at, r) in &self.readings {
             let age = (now - *at).secs();
@@ -209,8 +271,39 @@ impl TouchdownDetector {
         n >= 8 && oldest > 0.8 * RESTING_S && (sum / f64::from(n)).abs() < 0.4 * RANGE_MARGIN_M
     }
 
+    /// The drone stays on the deck by odometry and forecast.
+    fn stays(&self) -> bool {
+        self.along.is_some_and(|v| v.abs() <= STAYS_MPS)
+    }
+    /// Takes the speed along the deck's normal.
+    fn watch(&mut self, now: DroneTime, dt: f64, e: &Evidence) {
+        self.witness.moves(dt, e.normal_speed);
+        let gain = 1.0 - (-dt / STAYS_TIME_S).exp();
+        self.along = e.normal_speed.map(|v| {
+            let before = self.along.unwrap_or(v);
+            before + gain * (v - before)
+        });
+        let closing = e.normal_speed.map_or(0.0, |v| -v);
+        let (at, greatest) = self.closing;
+        if closing >= greatest || (now - at).secs() > BEFORE_CONTACT_S {
+            self.closing = (now, closing);
+        }
+    }
+    /// A contact that is noticed by its impact near the deck, when it is hard.
+    fn notice(&mut self, impact: f64, e: &Evidence) {
+        let near = e.clearance.is_some_and(|v| v.abs() <= CLEARANCE_VETO_M);
+        let (_, closing) = self.closing;
+        if near && impact > IMPACT_MPS2 && closing > HARD_MPS {
+            self.hard_mps = Some(self.hard_mps.map_or(closing, |v| v.max(closing)));
+        }
+    }
+
     /// Takes what carries the drone; gives this step's excess.
     fn weigh(&mut self, dt: f64, e: &Evidence) -> f64 {
+        if e.begins {
+            (self.excess, self.sure_excess) = (0.0, 0.0);
+            return 0.0;
+        }
         let (Some(force), Some(thrust), Some(sure)) =
             (e.force, e.own_thrust.or(e.reported_thrust), e.applied_thrust())
         else {
@@ -231,14 +324,21 @@ impl TouchdownDetector {
             return None;
         }
         let impact = self.weigh(dt, e);
+        self.watch(now, dt, e);
+        self.notice(impact, e);
         if !e.permitted {
             self.clear();
             return None;
         }
-        let range = self.median(now);
+        // One that contradicts the forecast's height is out-voted by what carries the drone, which then has to be plain.
+        let apart = |r: &f64| disagree(r - self.feet_range, e.clearance);
+        let read = self.median(now);
+        let range = read.filter(|r| !apart(r));
         match self.contact {
             Contact::Clear => {
-                self.suspect(now, impact, range, e);
+                let contradicted = read.is_some() && range.is_none();
+                let least = SUSPECT_EXCESS_MPS2 * if contradicted { DOUBTED } else { 1.0 };
+                self.suspect(now, impact, least, range, e);
                 None
             }
             Contact::Suspected { since, carried } => self.confirm(now, (since, carried), range, e),
@@ -246,13 +346,13 @@ impl TouchdownDetector {
         }
     }
 
-    /// An impact, an excess, or resting at the feet's range makes contact suspected.
-    fn suspect(&mut self, now: DroneTime, impact: f64, range: Option<f64>, e: &Evidence) {
+    /// An impact, an excess of `least`, or resting at the feet's range makes contact suspected.
+    fn suspect(&mut self, now: DroneTime, impact: f64, least: f64, range: Option<f64>, e: &Evidence) {
         if now < self.pause_until || !self.near(range, e, RANGE_MARGIN_M) {
             self.loaded = None;
             return;
         }
-        self.loaded = (self.excess > SUSPECT_EXCESS_MPS2).then(|| self.loaded.unwrap_or(now));
+        self.loaded = (self.excess > least).then(|| self.loaded.unwrap_or(now));
         let carried = self.loaded.is_some_and(|t| (now - t).secs() >= SUSPECT_S);
         let rests = e.descending && self.resting(now);
         if carried || impact > IMPACT_MPS2 || rests {
@@ -272,27 +372,26 @@ impl TouchdownDetector {
         range: Option<f64>,
         e: &Evidence,
     ) -> Option<Touchdown> {
+        let applied = e.applied_thrust();
+        let cut = applied.is_some_and(|t| t <= 0.8 * e.hover_thrust);
+        let unsupported = cut && self.sure_excess < FALLS_EXCESS_MPS2;
+        self.falls = unsupported.then(|| self.falls.unwrap_or(now));
+        let falls = self.falls.is_some_and(|t| (now - t).secs() >= FALLS_S);
         let left = !self.near(range, e, RANGE_RELEASE_M);
-        if left || (now - since).secs() > GIVE_UP_S {
+        if left || falls || (now - since).secs() > GIVE_UP_S {
             self.clear();
             self.pause_until = now + alight_shared::time::Span::from_secs(PAUSE_S);
             return None;
         }
-        let applied = e.applied_thrust();
-        let slow = e.normal_speed.is_none_or(|v| v.abs() <= SPEED_VETO_MPS);
-        let cut = applied.is_some_and(|t| t <= 0.8 * e.hover_thrust);
-        let holds = self.near(range, e, RANGE_MARGIN_M)
-            && slow
-            && cut
-            && e.reported_thrust.is_some()
-            && self.sure_excess > CONFIRM_EXCESS_MPS2;
+        let (slow, needed) = match (e.reported_thrust, range) {
+            (None, _) => (self.stays(), SILENT_CONFIRM_S),
+            (Some(_), Some(_)) => (Self::is_slow(e), CONFIRM_S),
+            (Some(_), None) => (Self::is_slow(e), BLIND_CONFIRM_S),
+        };
+        let holds =
+            self.near(range, e, RANGE_MARGIN_M) && slow && cut && self.sure_excess > CONFIRM_EXCESS_MPS2;
         let carried = holds.then(|| carried.unwrap_or(now));
         self.contact = Contact::Suspected { since, carried };
-        let needed = if range.is_some() {
-            CONFIRM_S
-        } else {
-            BLIND_CONFIRM_S
-        };
         if !carried.is_some_and(|t| (now - t).secs() >= needed) {
             return None;
         }
@@ -306,6 +405,11 @@ impl TouchdownDetector {
             excess_mps2: self.sure_excess,
             thrust_of_hover: applied.map_or(0.0, |t| t / e.hover_thrust),
         })
+    }
+
+    /// No faster along the deck's normal than a drone on it.
+    fn is_slow(e: &Evidence) -> bool {
+        e.normal_speed.is_none_or(|v| v.abs() <= SPEED_VETO_MPS)
     }
 
     /// The feet are about on the deck: by the rangefinder, or by the forecast when it is silent;

@@ -21,6 +21,11 @@ const OFFBOARD_GAP: Span = Span::from_millis(500);
 /// ... for so long.
 const OFFBOARD_STREAM: Span = Span::from_millis(800);
 
+/// A landing target guides for so long.
+const TARGET_STALE: Span = Span::from_millis(1000);
+/// Greatest speed of a hold towards it, m/s, from a metre on.
+const GUIDED_MPS: f64 = 2.0;
+
 /// What position control follows.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Track {
@@ -118,6 +123,8 @@ pub(super) struct Flight {
     /// Where to hold in modes of its own and without a usable set-point.
     hold: Track,
     home: Vector3<f64>,
+    /// The landing target, and when it came.
+    guided: Option<(Vector3<f64>, Time<TrueTime>)>,
     integral: Vector3<f64>,
     hover_thrust: f64,
     still_s: f64,
@@ -178,6 +185,7 @@ impl Flight {
                 yaw_rate: 0.0,
             },
             home: estimate.position,
+            guided: None,
             integral: still,
             hover_thrust,
             still_s: 0.0,
@@ -219,6 +227,10 @@ impl Flight {
     }
     pub(super) fn hold_at(&mut self, position: Vector3<f64>) {
         self.hold.position = position;
+    }
+    /// A landing target came.
+    pub(super) fn guide(&mut self, target: Vector3<f64>, now: Time<TrueTime>) {
+        self.guided = Some((target, now));
     }
     fn kind(&self) -> AutopilotMode {
         self.firmware().mode(self.mode)
@@ -339,7 +351,7 @@ impl Flight {
         match received.filter(|_| offboard).map(|r| r.newest) {
             Some(newest) => self.offboard(newest, estimate, now, dt),
             None => {
-                self.move_hold(estimate, dt);
+                self.move_hold(estimate, now, dt);
                 let hold = self.hold;
                 self.target = self.follow(&hold, estimate, dt);
                 // ArduCopter after one of attitude: level, no climb.
@@ -399,11 +411,14 @@ impl Flight {
     }
 
     /// Moves the hold point in the modes that go somewhere.
-    fn move_hold(&mut self, estimate: &Estimate, dt: f64) {
+    fn move_hold(&mut self, estimate: &Estimate, now: Time<TrueTime>, dt: f64) {
         self.hold.velocity = Vector3::zeros();
         match self.kind() {
             AutopilotMode::Offboard | AutopilotMode::Other | AutopilotMode::Hold => {}
-            AutopilotMode::Land => self.sink(estimate, dt),
+            AutopilotMode::Land => {
+                self.towards_target(now, dt);
+                self.sink(estimate, dt);
+            }
             AutopilotMode::Return => {
                 let away = self.home.xy() - estimate.position.xy();
                 let up = -self.config.return_height_m;
@@ -419,6 +434,16 @@ impl Flight {
                 }
             }
         }
+    }
+    /// Above the landing target while it comes, as precision landings go: at a speed in proportion to the distance.
+    fn towards_target(&mut self, now: Time<TrueTime>, dt: f64) {
+        let Some((target, _)) = self.guided.filter(|(_, at)| now - *at <= TARGET_STALE) else {
+            return;
+        };
+        let away = target.xy() - self.hold.position.xy();
+        let speed = away * (GUIDED_MPS / away.norm().max(1.0));
+        self.hold.velocity = Vector3::new(speed.x, speed.y, 0.0);
+        self.hold.position += self.hold.velocity * dt;
     }
     fn sink(&mut self, estimate: &Estimate, dt: f64) {
         self.hold.velocity.z = self.config.land_mps;

@@ -250,6 +250,14 @@ impl SimulatedAutopilot {
             .extend(text.map(|(severity, text)| Message::Text { severity, text }));
         self.targets_rejected += u32::from(target.is_none());
         self.target = target.or(self.target);
+        // PX4's Precision Land, ArduCopter's LAND with its precision landing on.
+        let guides = match self.firmware() {
+            Firmware::Px4 => self.mode() == px4_mode(4, 9),
+            Firmware::ArduCopter => self.parameter("PLND_ENABLED") > 0.0,
+        };
+        if let Some(target) = target.filter(|_| guides) {
+            self.flight.guide(target, self.now);
+        }
     }
     fn take(&mut self, reference: Option<Reference>) {
         self.set_points += 1;
@@ -452,6 +460,7 @@ impl SimulatedAutopilot {
                     healthy: bit(receiver && !lost),
                 }
             }
+            id::ATTITUDE_TARGET if self.no_thrust => return None,
             id::ATTITUDE_TARGET => Message::AttitudeTargetThrust {
                 thrust: self.flight.reported_thrust(),
             },

@@ -1,0 +1,238 @@
+//! The last second before the deck and the first after it, with a fault at each of its tenths: no contact is hard, the
+//! motors stop soon, and nothing takes off again.
+// Helpers of tests may panic, as tests do.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use alight_shared::msg::State;
+use alight_sim::harness::outcome::{MAX_CONTACT_MPS, MAX_STOP_S};
+use alight_sim::harness::rig::{Part, Rig};
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::world::Checkpoints;
+use alight_sim::physics::sea::SeaConfig;
+use alight_sim::sensors::rangefinder::RangefinderFault;
+use alight_uav::autopilot::message::command;
+use alight_uav::autopilot::modes::{Firmware, px4_mode};
+
+/// Time in which everything is over, s.
+const LIMIT_S: f64 = 150.0;
+/// Flown on after the motors stopped, s.
+const STOPPED_S: f64 = 2.0;
+/// Faults begin so long before the first contact, s, and then at each of these steps.
+const BEFORE_S: f64 = 1.0;
+const STEP_S: f64 = 0.1;
+/// More steps than there are until the stop.
+const LAST_STEP: u32 = 30;
+/// Feet no higher than this rest on the deck, m.
+const RESTS_M: f64 = 0.05;
+/// Higher than this above the deck after it has rested there a drone has taken off, m: this sea's deck sinks at up to 0.63 m/s,
+/// which in the 0.7 s without a link leaves a drone that its autopilot holds by 0.44 m.
+const TAKES_OFF_M: f64 = 0.5;
+
+/// What a flight came to.
+#[derive(Debug, Default)]
+struct Flown {
+    /// The first contact, s.
+    contact_s: Option<f64>,
+    /// The hardest, m/s.
+    hardest_mps: f64,
+    /// How high the feet were above the deck after they had rested there, m.
+    rose_m: f64,
+    /// At rest on the deck since, s.
+    rests_s: Option<f64>,
+    /// When the motors stopped for good, s.
+    stopped_s: Option<f64>,
+    water: bool,
+}
+
+impl Flown {
+    fn is_good(&self) -> bool {
+        let soon = self
+            .stopped_s
+            .zip(self.rests_s)
+            .is_some_and(|(stopped, rests)| stopped - rests <= MAX_STOP_S);
+        self.hardest_mps <= MAX_CONTACT_MPS && self.rose_m <= TAKES_OFF_M && soon && !self.water
+    }
+}
+
+const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
+
+fn scenario(firmware: Firmware) -> Scenario {
+    let mut scenario = Scenario {
+        sea: SeaConfig::paper(0.5, 5.0),
+        ..Scenario::default()
+    };
+    // Not far: what is tested begins above the deck.
+    (scenario.start.distance_m, scenario.start.height_m) = ([0.0, 5.0], [10.0, 14.0]);
+    scenario.drone.autopilot.firmware = firmware;
+    scenario
+}
+
+/// A landing with one order; `fault` is called after every tick.
+fn fly(firmware: Firmware, seed: u64, fault: impl FnMut(&mut Rig, f64)) -> Flown {
+    fly_in(&scenario(firmware), seed, fault)
+}
+fn fly_in(scenario: &Scenario, seed: u64, mut fault: impl FnMut(&mut Rig, f64)) -> Flown {
+    let mut rig = Rig::landing(scenario, &NodeConfigs::default(), seed).unwrap();
+    let (mut flown, mut rested) = (Flown::default(), false);
+    rig.each(LIMIT_S, |rig| {
+        let (t, o) = (rig.t_s(), rig.world.observation());
+        let height_m = o.feet_height_m();
+        if !o.contacts.is_empty() {
+            flown.contact_s.get_or_insert(t);
+        }
+        for c in o.contacts {
+            flown.hardest_mps = flown.hardest_mps.max(c.normal_mps);
+        }
+        let rests = height_m.abs() <= RESTS_M && flown.contact_s.is_some();
+        flown.rests_s = rests.then(|| flown.rests_s.unwrap_or(t));
+        rested |= rests;
+        if rested {
+            flown.rose_m = flown.rose_m.max(height_m);
+        }
+        flown.stopped_s = (!o.motors_on).then(|| flown.stopped_s.unwrap_or(t));
+        flown.water |= o.in_water;
+        fault(rig, t);
+        flown.stopped_s.is_some_and(|at| t >= at + STOPPED_S) || flown.water
+    });
+    flown
+}
+
+#[test]
+fn link_killed_around_the_contact() {
+    let mut wrong = Vec::new();
+    for firmware in BOTH {
+        let undisturbed = [71, 72].map(|seed| (seed, fly(firmware, seed, |_, _| ())));
+        for (seed, flown) in &undisturbed {
+            assert!(flown.is_good(), "{firmware:?}, {seed}: {flown:?}");
+        }
+        // Both seas and both restarts, by turns.
+        for k in 0..LAST_STEP {
+            let (seed, flown) = &undisturbed[k as usize % 2];
+            let away_s = if k % 4 < 2 { 0.4 } else { 0.7 };
+            let contact_s = flown.contact_s.unwrap();
+            let fails_s = contact_s - BEFORE_S + STEP_S * f64::from(k);
+            if fails_s > flown.stopped_s.unwrap() + STEP_S {
+                break;
+            }
+            let (mut failed, mut over) = (false, false);
+            let flown = fly(firmware, *seed, |rig, t| {
+                if t >= fails_s && !failed {
+                    failed = true;
+                    rig.fail(Part::Link);
+                }
+                if t >= fails_s + away_s && !over {
+                    over = true;
+                    rig.restore(Part::Link, Checkpoints::Kept);
+                }
+            });
+            if !flown.is_good() {
+                let at_s = fails_s - contact_s;
+                wrong.push(format!(
+                    "{firmware:?}, {seed}, {at_s:.1} s, away {away_s} s: {flown:?}"
+                ));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn thrust_reports_that_stop_before_the_contact() {
+    let mut wrong = Vec::new();
+    for firmware in BOTH {
+        for (state, seed) in [(State::Descent, 73), (State::Flare, 74)] {
+            let flown = fly(firmware, seed, |rig, _| {
+                let stops = rig.state(0) == state;
+                rig.world.linked(0).unwrap().autopilot.no_thrust |= stops;
+            });
+            if !flown.is_good() {
+                wrong.push(format!("{firmware:?}, {seed}, from {state:?} on: {flown:?}"));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn rangefinder_that_sticks_or_fails_near_the_deck() {
+    use RangefinderFault::{Feet, Invalid, Water};
+    let mut wrong = Vec::new();
+    for firmware in BOTH {
+        for (fault, fails_below_m, seed) in [
+            (Feet, 3.0, 76),
+            (Feet, 0.8, 77),
+            (Water, 1.0, 78),
+            (Invalid, 1.0, 79),
+        ] {
+            let mut scenario = scenario(firmware);
+            let rangefinder = &mut scenario.sensors.rangefinder;
+            (rangefinder.fault, rangefinder.fails_below_m) = (fault, fails_below_m);
+            let flown = fly_in(&scenario, seed, |_, _| ());
+            if !flown.is_good() {
+                wrong.push(format!(
+                    "{firmware:?}, {fault:?} below {fails_below_m} m, {seed}: {flown:?}"
+                ));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+/// The autopilot lands by itself on the deck that is sent to it, and nothing is commanded but, where that is allowed, the
+/// disarm: how the flight went, how many disarms came, and at most how high above the deck.
+fn own_landing(firmware: Firmware, seed: u64, disarms: bool) -> (Flown, usize, f64) {
+    let mut scenario = scenario(firmware);
+    (scenario.start.distance_m, scenario.start.height_m) = ([0.0, 2.0], [6.0, 6.0]);
+    let mut nodes = NodeConfigs::default();
+    nodes.autopilot.publish_deck = true;
+    nodes.autopilot.disarm.own_landing = disarms;
+    let mut rig = Rig::new(&scenario, &nodes, seed).unwrap();
+    rig.run(5.0);
+    let (mut flown, mut disarmed, mut highest_m) = (Flown::default(), 0, 0.0_f64);
+    let autopilot = &mut rig.world.linked(0).unwrap().autopilot;
+    autopilot.parameters.insert("PLND_ENABLED", 1.0);
+    let mode = match firmware {
+        Firmware::Px4 => px4_mode(4, 9),
+        Firmware::ArduCopter => 9,
+    };
+    assert!(autopilot.choose(mode));
+    autopilot.commands.clear();
+    rig.each(40.0, |rig| {
+        let (t, o) = (rig.t_s(), rig.world.observation());
+        let height_m = o.feet_height_m();
+        for c in o.contacts {
+            flown.contact_s.get_or_insert(t);
+            flown.hardest_mps = flown.hardest_mps.max(c.normal_mps);
+        }
+        let rests = height_m.abs() <= RESTS_M && flown.contact_s.is_some();
+        flown.rests_s = rests.then(|| flown.rests_s.unwrap_or(t));
+        flown.stopped_s = (!o.motors_on).then(|| flown.stopped_s.unwrap_or(t));
+        flown.water |= o.in_water;
+        let commands = &mut rig.world.linked(0).unwrap().autopilot.commands;
+        let orders = commands.iter().filter(|(_, c)| c.command == command::ARM_DISARM);
+        let count = orders.count();
+        if count > disarmed {
+            (disarmed, highest_m) = (count, highest_m.max(height_m));
+        }
+        flown.stopped_s.is_some_and(|at| t >= at + STOPPED_S) || flown.water
+    });
+    (flown, disarmed, highest_m)
+}
+
+#[test]
+fn disarm_in_the_autopilots_own_landing() {
+    for firmware in BOTH {
+        let (flown, disarms, highest_m) = own_landing(firmware, 80, true);
+        let after_s = flown
+            .stopped_s
+            .zip(flown.contact_s)
+            .map(|(stop, contact)| stop - contact);
+        assert!(
+            after_s.is_some_and(|s| s < 6.0) && disarms > 0 && highest_m < 0.1 && !flown.water,
+            "{firmware:?}: {after_s:?} s, {disarms} at {highest_m} m: {flown:?}"
+        );
+        // Not where nobody has allowed it.
+        let (flown, disarms, _) = own_landing(firmware, 80, false);
+        assert_eq!(disarms, 0, "{firmware:?}: {flown:?}");
+    }
+}
