@@ -138,10 +138,10 @@ mod tests {
         let mut text = String::new();
         for k in 0..100 {
             text += &sentence("IIHDT,,T");
-            text += &sentence("WIMWV,214.8,R,0.1,K,A");
+            text += &sentence("WIMWV,214.8,T,0.1,T,A");
             text += &sentence(&format!("GPZDA,12{:02}{:02},,,,00,", k / 60, k % 60));
         }
-        let e = read(text.as_bytes(), "boat.nmea", &Mount::default())
+        let e = crate::log::read(text.as_bytes(), "boat.nmea", &Mount::default())
             .unwrap_err()
             .to_string();
         for says in [

@@ -142,7 +142,7 @@ struct Header {
     names: Vec<String>,
     /// The time is among them.
     timed: bool,
-    /// Columns that are known, and those of them that state their unit.
+    /// Other columns that are known, and those of them that state their unit.
     known: usize,
     stated: usize,
 }
@@ -157,7 +157,10 @@ impl Header {
                 delimiter,
                 names,
                 timed: read.iter().any(|n| matches!(n, Name::Time(_))),
-                known: read.iter().filter(|n| n.is_known()).count(),
+                known: read
+                    .iter()
+                    .filter(|n| n.is_known() && !matches!(n, Name::Time(_)))
+                    .count(),
                 stated: read.iter().filter(|n| matches!(n, Name::Quantity(_, _))).count(),
             }
         });
@@ -172,9 +175,9 @@ impl Header {
     }
     /// A time and something else, and no sentence in which they are mentioned.
     fn is_likely(&self) -> bool {
-        let others = self.names.len() - self.known;
-        let prose = self.delimiter == Delimiter::Spaces && others > 0;
-        self.timed && self.known > 1 && !prose
+        let others = self.names.len() > self.known + 1;
+        let prose = self.delimiter == Delimiter::Spaces && others;
+        self.timed && self.known > 0 && !prose
     }
 }
 
