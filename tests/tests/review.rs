@@ -185,3 +185,55 @@ fn review_of_a_recorded_platform() {
         assert!(p.inside_95[1] > 0.9 && p.inside_95[2] > 0.9, "{p:?}");
     }
 }
+
+#[test]
+fn review_of_quantities_on_rows_of_their_own() {
+    // 100 s of a boat in a figure of eight, from the repository canboat/canboat, samples/ (Apache-2.0), the longitude moved.
+    let recorded = log::read(
+        include_bytes!("data/figure-of-eight.csv"),
+        "eight",
+        &Mount::default(),
+    )
+    .unwrap();
+    assert_eq!((recorded.decoded.good, recorded.decoded.corrupted), (3000, 0));
+    let attitudes = || {
+        recorded.measurements.iter().filter_map(|m| match m {
+            Measurement::Attitude(a) => Some(a),
+            Measurement::Imu(_) | Measurement::Gnss(_) | Measurement::Heading(_) => None,
+        })
+    };
+    // Every one of them: nothing is dropped that has a row.
+    let fixes = recorded.measurements.iter().filter(|m| m.kind() == 1).count();
+    let (rated, heaved) = (
+        attitudes().filter(|a| a.rates.is_some()),
+        attitudes().filter(|a| a.heave.is_some()),
+    );
+    assert!(
+        rated.count() > 950 && heaved.count() >= 95 && fixes > 850,
+        "{fixes}"
+    );
+    let r = review(&VesselNodeConfig::default(), &recorded);
+    assert_eq!(r.restarts, 0);
+    assert!(
+        r.notes.iter().any(|n| n.contains("no accelerations")),
+        "{:?}",
+        r.notes
+    );
+    for channel in [
+        Channel::Position,
+        Channel::Velocity,
+        Channel::Heading,
+        Channel::Tilt,
+        Channel::Heave,
+        Channel::Rate,
+    ] {
+        let fit = r.innovations.iter().find(|f| f.channel == channel);
+        assert!(
+            fit.is_some_and(|f| f.fused > 20 && f.inside_95 > 0.8),
+            "{channel:?}: {fit:?}"
+        );
+    }
+    // Flat water.
+    let [heave, roll, pitch] = r.motion_sd.map(Option::unwrap);
+    assert!(heave < 0.1 && roll < 2.5 && pitch < 1.5, "{heave} {roll} {pitch}");
+}

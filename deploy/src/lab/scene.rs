@@ -143,24 +143,22 @@ impl Scene {
                 ..default
             });
         }
-        if args.deck_motion.is_some() {
-            let trial_s = scenario.start.warm_up_s + TIME_LIMIT_S;
-            if let Some(motion) = &mut scenario.deck_motion
-                && let Some(facts) = motion.facts(trial_s).map_err(|e| CliError(e.to_string()))?
-            {
-                let file = motion.file.display();
-                remarks.extend(facts.remarks.iter().map(|r| format!("{file}: {r}")));
-                let is_sea_given = args.sea.is_some() || args.sea_state.is_some() || args.scenario.is_some();
-                if facts.heave && !is_sea_given {
-                    motion.water_follows = true;
-                    scenario.sea = SeaConfig::paper(0.0, 5.0);
-                    sea = "with the deck".into();
-                } else if facts.heave {
-                    remarks.push(format!(
-                        "{file}: the deck heaves, and the water of the given sea does not follow it: the deck may \
-                         sink into the water; without --sea, --sea-state and --scenario the water follows"
-                    ));
-                }
+        let trial_s = scenario.start.warm_up_s + TIME_LIMIT_S;
+        if let Some(motion) = &mut scenario.deck_motion
+            && let Some(facts) = motion.facts(trial_s).map_err(|e| CliError(e.to_string()))?
+        {
+            let file = motion.file.display();
+            remarks.extend(facts.remarks.iter().map(|r| format!("{file}: {r}")));
+            let is_sea_given = args.sea.is_some() || args.sea_state.is_some() || args.scenario.is_some();
+            if facts.heave && !is_sea_given {
+                motion.water_follows = true;
+                scenario.sea = SeaConfig::paper(0.0, 5.0);
+                sea = "with the deck".into();
+            } else if facts.heave && args.deck_motion.is_some() {
+                remarks.push(format!(
+                    "{file}: the deck heaves, and the water of the given sea does not follow it: the deck may \
+                     sink into the water; without --sea, --sea-state and --scenario the water follows"
+                ));
             }
         }
         scenario.sensors.render.on |= args.render_camera;

@@ -13,9 +13,9 @@ use alight_usv::{ComputerIn, ComputerOut};
 use mcap::McapError;
 use serde::Serialize;
 
-use crate::exit::{CliError, Doing};
+use crate::exit::CliError;
 use crate::record::entry::{ENCODING, Entry, FORMAT, MissionEntry, Newest, PilotEntry, PlannerEntry};
-use crate::record::sink::{Channel, Opening, Sink, TakeMessages};
+use crate::record::sink::{Channel, Opening, Sink, TakeMessages, unwritable};
 use crate::record::views::{Views, stamp};
 use crate::record::{NODES, RECORDING, boot, topic};
 
@@ -72,12 +72,8 @@ impl Recorder {
             };
             Ok((recorder, more))
         };
-        create().map_err(|e| {
-            CliError::because(
-                format!("recording to {}", path.display()),
-                format!("{e}; choose a path that can be written"),
-            )
-        })
+        create()
+            .map_err(|e| CliError::because(format!("recording to {}", path.display()), unwritable(path, &e)))
     }
 
     fn entry<I: Serialize, O: Serialize>(
@@ -105,7 +101,8 @@ impl Recorder {
     /// Ends the recording with what came out of the flight.
     pub fn finish(self, path: &Path, outcome: &[(&str, String)]) -> Result<(), CliError> {
         let doing = format_args!("recording to {}", path.display());
-        self.sink.finish("outcome", outcome).doing(doing)?;
+        let written = self.sink.finish("outcome", outcome);
+        written.map_err(|e| CliError::because(doing, unwritable(path, &e)))?;
         match self.failed {
             Some(e) => Err(CliError::because(doing, e)),
             None => Ok(()),

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{BufWriter, ErrorKind};
 use std::path::Path;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
@@ -47,6 +47,35 @@ impl Channel {
     pub fn id(self) -> u16 {
         self.0
     }
+}
+
+/// What a person reads of an error: the system's own words, where it has some.
+pub fn why(error: &McapError) -> String {
+    match error {
+        McapError::Io(e) => e.to_string(),
+        other => other.to_string(),
+    }
+}
+
+/// The same of a file that could not be written, with what to do.
+pub fn unwritable(path: &Path, error: &McapError) -> String {
+    let full = match error {
+        McapError::Io(e) => matches!(
+            e.kind(),
+            ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge
+        ),
+        _ => false,
+    };
+    let why = why(error);
+    if !full {
+        return format!("{why}; choose a path that can be written");
+    }
+    let parent = path.parent().filter(|p| !p.as_os_str().is_empty());
+    let directory = parent.unwrap_or(Path::new("."));
+    format!(
+        "no space left on {} ({why}): the file ends before the flight; make room there, or record elsewhere",
+        directory.display()
+    )
 }
 
 /// Messages on their way to the file.
@@ -217,5 +246,34 @@ impl Sink {
         })?;
         writer.finish()?;
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn recording_on_a_full_disk() {
+        // Every write to it fails as on a full disk.
+        let path = Path::new("/dev/full");
+        let mut opening = Opening::create(path).unwrap();
+        let channel = opening.raw("/node/vessel", "bytes").unwrap();
+        let mut sink = opening.start();
+        for k in 0..100 {
+            let bytes = |to: &mut Vec<u8>| -> Result<(), ()> {
+                to.extend([7; 100_000]);
+                Ok(())
+            };
+            sink.message(channel, k, bytes).unwrap();
+        }
+        let e = sink.finish("outcome", &[]).unwrap_err();
+        let text = unwritable(Path::new("/mnt/stick/l.mcap"), &e);
+        assert!(
+            text.starts_with("no space left on /mnt/stick (No space left on device"),
+            "{text}"
+        );
+        let denied = McapError::Io(std::io::Error::from(ErrorKind::PermissionDenied));
+        assert!(unwritable(path, &denied).contains("choose a path"), "{denied}");
     }
 }

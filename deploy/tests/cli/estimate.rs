@@ -65,6 +65,36 @@ fn estimate_of_an_nmea_log() {
 }
 
 #[test]
+fn estimate_of_a_foreign_table() {
+    let mut german = String::from("Boot Kai\r\nZeit;Time [s];Roll [°];Pitch [°];Heave [cm]\r\n");
+    let mut quoted = String::from("\"t_s\",\"roll_deg\",\"pitch_deg\",\"heave_m\"\n");
+    for k in 0..900 {
+        let t = 0.1 * f64::from(k);
+        let (roll, heave) = (5.0 * (1.2 * t).sin(), 40.0 * (1.2 * t).cos());
+        let row = format!("x;{t:.1};{roll:.3};1.5;{heave:.2}\r\n");
+        german += &row.replace('.', ",");
+        quoted += &format!("\"{t:.1}\",\"{roll:.3}\",\"1.5\",\"{:.4}\"\n", heave / 100.0);
+    }
+    let (german, quoted) = (file("german.csv", german), file("quoted.csv", quoted));
+    let [a, b] = [&german, &quoted].map(|name| {
+        let o = alight(format!("estimate {name} --json"));
+        assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+        json(&o)
+    });
+    assert_eq!(
+        (&a["decoded"], &a["predictions"]),
+        (&b["decoded"], &b["predictions"])
+    );
+    let said = a["notes"].to_string();
+    for says in ["semicolons", "decimal comma", "Zeit", "`Heave [cm]` as heave_m"] {
+        assert!(said.contains(says), "{says}: {said}");
+    }
+    let o = alight(format!("calibrate vessel {german}"));
+    assert!(stderr(&o).contains("decimal comma"), "{}", stderr(&o));
+    assert!(stdout(&o).contains("90 s recorded"), "{}", stdout(&o));
+}
+
+#[test]
 fn estimate_of_an_alight_recording() {
     let scenario = file("own.toml", "[start]\nwarm_up_s = 40.0\n");
     let name = scratch("own.mcap").display().to_string();
@@ -87,7 +117,16 @@ fn estimate_of_an_unreadable_file() {
     let config = file("bad-vessel.toml", "[sensor]\nsauces = []\n");
     let sources = file("sources.toml", "[[sensor.sources]]\nname = \"mast\"\n");
     let rows: String = (0..=10).map(|t| format!("{t},1\n")).collect();
-    let logs: [(&str, &[u8], &str); 8] = [
+    let hour: String = (0..60)
+        .map(|_| "$IIHDT,,T*0C\r\n$GPZDA,120000,,,,00,*4B\r\n")
+        .collect();
+    let logs: [(&str, &[u8], &str); 10] = [
+        ("hour.nmea", hour.as_bytes(), "IIHDT 60 empty"),
+        (
+            "named.csv",
+            b"time,roll,pitch\n0.1,1,2\n",
+            "column `t_s` is missing",
+        ),
         ("empty.log", b"", "empty"),
         ("noise.bin", &[7; 5000], "no known recording format"),
         ("bad-column.csv", b"t_s,rol_deg\n0,1\n", "rol_deg"),

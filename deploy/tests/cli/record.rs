@@ -267,7 +267,10 @@ fn deck_calibration_of_a_recording() {
     assert_rejected(&["60,1.4", "0,1,1", "60,x,1,2", "-5,1,1"].map(|w| (format!("{loaded} {w}"), w)));
     let nothing = file("poses.csv", "t_s,roll_deg\n0,1\n1,x\n");
     assert_rejected(&[
-        (format!("calibrate vessel {nothing}"), "line 3: no number"),
+        (
+            format!("calibrate vessel {nothing}"),
+            "line 3: roll_deg is `x`, not a number",
+        ),
         ("calibrate vessel poses.txt".into(), "neither FILE.mcap"),
     ]);
 }

@@ -1,333 +1,435 @@
-//! Tables (CSV): one row per instant, one column per quantity; an empty cell was not measured.
+//! Tables ([`super::table`]) to measurements: one row per instant, one column per quantity; an empty cell was not
+//! measured, and a quantity may have rows of its own.
 //!
 //! | column | what |
 //! |---|---|
 //! | `t_s` | time of the row, s; must be there |
 //! | `roll_deg`, `pitch_deg` | attitude, starboard down and bow up positive; both or none |
 //! | `heading_deg` | heading, from north towards east |
-//! | `heave_m` | heave of the vessel's reference point, up |
+//! | `heave_m` | heave of the vessel's reference point, up; with an attitude |
 //! | `surge_m`, `sway_m` | place along and to starboard of the mean heading; both or none |
 //! | `gyro_x_radps`, `_y_`, `_z_` | angular rate in forward, right, down; all or none |
 //! | `accel_x_mps2`, `_y_`, `_z_` | specific force in forward, right, down; with the gyro |
-//! | `latitude_deg`, `longitude_deg`, `altitude_m` | antenna, WGS-84; all or none |
-//! | `north_mps`, `east_mps`, `down_mps` | its velocity; with the place |
+//! | `latitude_deg`, `longitude_deg` | antenna, WGS-84; both or none |
+//! | `altitude_m` | its height, with the place |
+//! | `north_mps`, `east_mps` | its velocity; both or none |
+//! | `down_mps` | its velocity |
+//!
+//! Rates without accelerations go with the attitudes, at whose times they are interpolated. A heave on a row of its own
+//! goes with the attitude interpolated at its time, rates with accelerations the same.
 
-use ::csv::{ReaderBuilder, StringRecord, Trim};
+use alight_shared::estimation::median;
 use alight_shared::frames::wrap_angle;
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AttitudeFix, GnssFix, NOT_MEASURED_SD};
 
+use super::table::Quantity::{
+    Altitude, Down, East, ForceX, ForceY, ForceZ, GyroX, GyroY, GyroZ, Heading, Heave, Latitude, Longitude,
+    North, Pitch, Roll, Surge, Sway,
+};
+use super::table::{Quantity, Row, Table, TableError};
 use super::{Gather, LogError, MAX_MEASUREMENTS, Recording};
 use crate::sensors::{Decoded, Measurement, Mount, Mounting, SourceMeasurement};
 
-/// Columns with the largest magnitude that a cell may have.
-const COLUMNS: [(&str, f64); 19] = [
-    ("t_s", 1e10),
-    ("roll_deg", 75.0),
-    ("pitch_deg", 75.0),
-    ("heading_deg", 1e5),
-    ("heave_m", 50.0),
-    ("surge_m", 1e5),
-    ("sway_m", 1e5),
-    ("gyro_x_radps", 50.0),
-    ("gyro_y_radps", 50.0),
-    ("gyro_z_radps", 50.0),
-    ("accel_x_mps2", 500.0),
-    ("accel_y_mps2", 500.0),
-    ("accel_z_mps2", 500.0),
-    ("latitude_deg", 90.0),
-    ("longitude_deg", 360.0),
-    ("altitude_m", 1e4),
-    ("north_mps", 100.0),
-    ("east_mps", 100.0),
-    ("down_mps", 100.0),
-];
-const TIME: usize = 0;
-const ROLL: usize = 1;
-const PITCH: usize = 2;
-const HEADING: usize = 3;
-const HEAVE: usize = 4;
-const SURGE: usize = 5;
-const SWAY: usize = 6;
-const GYRO: usize = 7;
-const ACCELEROMETER: usize = 10;
-const PLACE: usize = 13;
-const VELOCITY: usize = 16;
-
 /// Columns of which a file has all or none.
-const TOGETHER: [&[usize]; 5] = [
-    &[ROLL, PITCH],
-    &[SURGE, SWAY],
-    &[
-        GYRO,
-        GYRO + 1,
-        GYRO + 2,
-        ACCELEROMETER,
-        ACCELEROMETER + 1,
-        ACCELEROMETER + 2,
-    ],
-    &[PLACE, PLACE + 1, PLACE + 2],
-    &[VELOCITY, VELOCITY + 1, VELOCITY + 2],
+const TOGETHER: [&[Quantity]; 6] = [
+    &[Roll, Pitch],
+    &[Surge, Sway],
+    &GYRO,
+    &FORCE,
+    &[Latitude, Longitude],
+    &[North, East],
 ];
+const GYRO: [Quantity; 3] = [GyroX, GyroY, GyroZ];
+const FORCE: [Quantity; 3] = [ForceX, ForceY, ForceZ];
+/// What is read.
+const COLUMNS: &str = "the columns are t_s and any of roll_deg, pitch_deg, heading_deg, heave_m, surge_m, sway_m, \
+                       gyro_x_radps, gyro_y_radps, gyro_z_radps, accel_x_mps2, accel_y_mps2, accel_z_mps2, \
+                       latitude_deg, longitude_deg, altitude_m, north_mps, east_mps, down_mps";
 /// Standard deviation of surge and sway, m (ours: motion capture, RTK).
 const PLACE_SD_M: f64 = 0.02;
 /// Standard deviation of a GNSS position and velocity, m, m/s (ours).
 const GNSS_SD: [f64; 2] = [0.5, 0.1];
+/// Values are interpolated where those to either side are at most so many usual steps apart, and this long, s.
+const APART: (f64, f64) = (3.0, 2.0);
+/// Mean size of a specific force that gravity is in, m/s²; it is 9.8 on a boat.
+const WITH_GRAVITY: core::ops::Range<f64> = 7.0..13.0;
+/// Samples of which that is asked.
+const MIN_SAMPLES: usize = 20;
+/// Slower attitudes than this leave the fast part of a motion out, Hz.
+const SLOW_HZ: f64 = 4.9;
 
-/// The cells of a row.
-type Row = [Option<f64>; COLUMNS.len()];
+/// A quantity over time.
+struct Series<const N: usize> {
+    t: Vec<f64>,
+    y: Vec<[f64; N]>,
+    /// Longest time between two values that are interpolated, s.
+    apart_s: f64,
+}
+
+impl<const N: usize> Series<N> {
+    /// Of the rows that have all of these quantities.
+    fn of(rows: &[Row], quantities: [Quantity; N]) -> Self {
+        let mut all: Vec<(f64, [f64; N])> = rows
+            .iter()
+            .filter_map(|row| Some((row.t, row.all(quantities)?)))
+            .collect();
+        all.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (t, y): (Vec<f64>, Vec<[f64; N]>) = all.into_iter().unzip();
+        let steps = t.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 0.0);
+        let usual = median(steps).unwrap_or_default();
+        Series {
+            t,
+            y,
+            apart_s: (APART.0 * usual).min(APART.1),
+        }
+    }
+    /// Usual rate, Hz; 0 where there are not two values.
+    fn hz(&self) -> f64 {
+        let usual = self.apart_s / APART.0;
+        if usual > 0.0 { 1.0 / usual } else { 0.0 }
+    }
+    /// The values before and after a time, which may be one.
+    fn around(&self, t: f64) -> (Option<(f64, [f64; N])>, Option<(f64, [f64; N])>) {
+        let k = self.t.partition_point(|x| *x < t);
+        let at = |k: usize| Some((*self.t.get(k)?, *self.y.get(k)?));
+        (k.checked_sub(1).and_then(at), at(k))
+    }
+    /// Interpolated at a time, where there are values close by to either side.
+    fn at(&self, t: f64) -> Option<[f64; N]> {
+        match self.around(t) {
+            (_, Some((b, y))) if b == t => Some(y),
+            (Some((a, ya)), Some((b, yb))) if b - a <= self.apart_s => {
+                let s = (t - a) / (b - a);
+                Some(core::array::from_fn(|k| ya[k] + s * (yb[k] - ya[k])))
+            }
+            (_, _) => None,
+        }
+    }
+    /// The value that is nearest.
+    fn nearest(&self, t: f64) -> Option<[f64; N]> {
+        match self.around(t) {
+            (Some((a, ya)), Some((b, yb))) => Some(if t - a < b - t { ya } else { yb }),
+            (one, other) => one.or(other).map(|(_, y)| y),
+        }
+    }
+}
 
 /// Reads a table.
 pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogError> {
-    let (rows, decoded, first_bad) = rows(bytes, origin)?;
+    let error = |e: TableError| match e {
+        TableError::Header { line, message } => {
+            LogError::at_line(origin, line, format!("{message}; {COLUMNS}"))
+        }
+        TableError::Row { line, message } => LogError::at_line(origin, line, message),
+    };
+    let mut table = Table::read(bytes).map_err(error)?;
+    table.require_together(&TOGETHER).map_err(error)?;
+    let decoded = Decoded {
+        good: table.read,
+        corrupted: table.bad.count,
+        ..Decoded::default()
+    };
     if decoded.corrupted > decoded.good {
-        let (line, message) = first_bad.unwrap_or_default();
+        let (line, message) = table.bad.first.clone().unwrap_or_default();
         return Err(LogError::at_line(
             origin,
             line,
             format!("{message}; more than half of the rows cannot be used"),
         ));
     }
-    let mounting = Mounting::new(mount);
-    // Surge and sway are along the mean heading, which is north where it was not recorded.
-    let (mut s, mut c) = (0.0, 0.0);
-    for heading in rows.iter().filter_map(|r| r[HEADING]) {
-        let (a, b) = heading.to_radians().sin_cos();
-        (s, c) = (s + a, c + b);
-    }
-    let mean_heading = if s == 0.0 && c == 0.0 {
-        0.0
-    } else {
-        f64::atan2(s, c)
+    let alone = |q: Quantity, needs: &str| {
+        table.header_error(format!("column `{}` is there without {needs}", q.name()))
     };
+    if table.has(Heave) && !table.has(Roll) {
+        return Err(error(alone(Heave, "`roll_deg`")));
+    }
+    if table.has(GyroX) && !table.has(ForceX) && !table.has(Roll) {
+        return Err(error(alone(
+            GyroX,
+            "`accel_x_mps2` or `roll_deg`: rates alone tell no attitude",
+        )));
+    }
+    if table.has(ForceX) && !table.has(GyroX) && !table.has(Roll) {
+        return Err(error(alone(ForceX, "`gyro_x_radps`")));
+    }
+    if table.has(Altitude) && !table.has(Latitude) {
+        return Err(error(alone(Altitude, "`latitude_deg`")));
+    }
+    let mut reading = Reading::of(&table, mount);
+    reading.check_gravity(&table, origin)?;
     let mut gather = Gather::default();
-    for row in &rows {
-        let Some(t) = row[TIME] else { continue };
-        let at_ns = (t * 1e9).round() as i64;
-        for measurement in measurements(row, &mounting, mean_heading) {
+    // From the first on: nanoseconds since 1970 are coarse in floating point.
+    let begin = table.rows.first().map_or(0.0, |r| r.t);
+    for row in &table.rows {
+        let at_ns = ((row.t - begin) * 1e9).round() as i64;
+        for measurement in reading.measurements(row) {
             gather.push(SourceMeasurement { at_ns, measurement }, 0);
         }
     }
-    let mut notes = Vec::new();
-    if let Some((line, message)) = first_bad {
+    let mut notes = core::mem::take(&mut table.notes);
+    if let Some((line, message)) = &table.bad.first {
         notes.push(format!(
             "line {line} and {} more rows left out: {message}",
             decoded.corrupted - 1
         ));
     }
+    if let Some((line, _)) = table.backwards {
+        notes.push(format!("the time goes back in line {line}"));
+    }
+    notes.extend(reading.notes(&table));
+    if table.rows.len() > MAX_MEASUREMENTS {
+        let message = format!("more than {MAX_MEASUREMENTS} rows; cut the table into parts");
+        return Err(LogError::new(origin, message));
+    }
+    let columns: Vec<&str> = table.unused(&[]).into_iter().map(Quantity::name).collect();
+    let found = format!("{} rows of {}", decoded.good, columns.join(", "));
     Ok(Recording {
         format: "CSV",
-        measurements: gather.finish(origin)?,
+        measurements: gather.finish(origin, &found)?,
         decoded,
         notes,
     })
 }
 
-/// The measurements of a row.
-fn measurements(row: &Row, mounting: &Mounting, mean_heading: f64) -> Vec<Measurement> {
-    let mut out = Vec::new();
-    let three = |first: usize| -> Option<[f64; 3]> {
-        let cell = |k: usize| row.get(first + k).copied().flatten();
-        Some([cell(0)?, cell(1)?, cell(2)?])
-    };
-    if let (Some(gyro), Some(force)) = (three(GYRO), three(ACCELEROMETER)) {
-        out.push(mounting.imu(gyro, force).into());
+/// The rows' quantities, and what became of them.
+struct Reading {
+    mounting: Mounting,
+    mean_heading: f64,
+    /// Inertial samples can be made.
+    inertial: bool,
+    gyro: Series<3>,
+    tilt: Series<2>,
+    place: Series<2>,
+    altitude: Series<1>,
+    /// Attitudes with rates, and rates on rows of their own.
+    rated: u64,
+    own_rates: u64,
+    /// Heaves on rows of their own, and those of them without an attitude.
+    own_heaves: u64,
+    lost_heaves: u64,
+    /// Specific forces without rates.
+    lost_forces: u64,
+    /// Velocities on rows of their own.
+    own_velocities: u64,
+}
+
+impl Reading {
+    fn of(table: &Table, mount: &Mount) -> Self {
+        let rows = &table.rows;
+        // Surge and sway are along the mean heading, which is north where it was not recorded.
+        let (mut s, mut c) = (0.0, 0.0);
+        for heading in rows.iter().filter_map(|r| r.get(Heading)) {
+            let (a, b) = heading.to_radians().sin_cos();
+            (s, c) = (s + a, c + b);
+        }
+        let mean_heading = if s == 0.0 && c == 0.0 {
+            0.0
+        } else {
+            f64::atan2(s, c)
+        };
+        let gyro = Series::of(rows, GYRO);
+        let some = |q: [Quantity; 3]| rows.iter().any(|r| r.all(q).is_some());
+        Reading {
+            mounting: Mounting::new(mount),
+            mean_heading,
+            inertial: !gyro.t.is_empty() && some(FORCE),
+            gyro,
+            tilt: Series::of(rows, [Roll, Pitch]),
+            place: Series::of(rows, [Latitude, Longitude]),
+            altitude: Series::of(rows, [Altitude]),
+            rated: 0,
+            own_rates: 0,
+            own_heaves: 0,
+            lost_heaves: 0,
+            lost_forces: 0,
+            own_velocities: 0,
+        }
     }
-    let heading = row[HEADING].map(|h| wrap_angle(h.to_radians()));
-    if let (Some(roll), Some(pitch)) = (row[ROLL], row[PITCH]) {
-        let shown = [roll.to_radians(), pitch.to_radians(), heading.unwrap_or_default()];
-        let [roll, pitch, _] = mounting.attitude(shown);
-        out.push(Measurement::Attitude(AttitudeFix {
-            heave: row[HEAVE].and_then(|h| mounting.heave(h)),
-            heave_sd: mounting.mount.heave_sd_m,
-            ..mounting.tilt([roll, pitch])
-        }));
+
+    /// Gravity is in the accelerations, and upwards: what is read is specific force in forward, right, down.
+    fn check_gravity(&self, table: &Table, origin: &str) -> Result<(), LogError> {
+        let forces: Vec<[f64; 3]> = table.rows.iter().filter_map(|r| r.all(FORCE)).collect();
+        if forces.len() < MIN_SAMPLES || !self.inertial {
+            return Ok(());
+        }
+        let n = forces.len() as f64;
+        let size = forces.iter().map(|[x, y, z]| x.hypot(*y).hypot(*z)).sum::<f64>() / n;
+        if !WITH_GRAVITY.contains(&size) {
+            return Err(LogError::new(
+                origin,
+                format!(
+                    "the accelerations are {size:.2} m/s² in the mean, 9.8 on a boat: specific force, gravity in it, is \
+                     read; correct their unit, or leave the columns out"
+                ),
+            ));
+        }
+        let down = forces.iter().map(|f| self.mounting.vector(*f)[2]).sum::<f64>() / n;
+        if down > 0.5 * size {
+            return Err(LogError::new(
+                origin,
+                format!(
+                    "the accelerations' mean along down is {down:.2} m/s², -9.8 on a boat: the sensor's third axis is \
+                     not down; name a configuration (--config) with its mounting, mounting_deg = [180, 0, 0] in \
+                     [sensor.sources.mount] for one whose axes are forward, left, up"
+                ),
+            ));
+        }
+        Ok(())
     }
-    if let (Some(surge), Some(sway)) = (row[SURGE], row[SWAY]) {
-        let (s, c) = mean_heading.sin_cos();
-        out.push(Measurement::Gnss(GnssFix {
+
+    /// The measurements of a row.
+    fn measurements(&mut self, row: &Row) -> Vec<Measurement> {
+        let mut out = Vec::new();
+        out.extend(self.imu(row));
+        out.extend(self.attitude(row));
+        out.extend(self.displacement(row));
+        out.extend(self.fix(row));
+        if let Some(heading) = row.get(Heading) {
+            let heading = wrap_angle(heading.to_radians());
+            out.push(self.mounting.heading_fix(self.mounting.heading(heading)).into());
+        }
+        out
+    }
+
+    fn imu(&mut self, row: &Row) -> Option<Measurement> {
+        let force = row.all(FORCE)?;
+        let Some(gyro) = row.all(GYRO).or_else(|| self.gyro.at(row.t)) else {
+            self.lost_forces += 1;
+            return None;
+        };
+        Some(self.mounting.imu(gyro, force).into())
+    }
+
+    fn attitude(&mut self, row: &Row) -> Option<Measurement> {
+        let heave = row.get(Heave);
+        let (rates, tilt) = (row.all(GYRO), row.all([Roll, Pitch]));
+        self.own_rates += u64::from(rates.is_some() && tilt.is_none() && !self.inertial);
+        let tilt = match tilt {
+            Some(tilt) => tilt,
+            None => {
+                heave?;
+                self.own_heaves += 1;
+                let between = self.tilt.at(row.t);
+                self.lost_heaves += u64::from(between.is_none());
+                between?
+            }
+        };
+        // An inertial sensor has them itself.
+        let rates = rates.or_else(|| self.gyro.at(row.t)).filter(|_| !self.inertial);
+        self.rated += u64::from(rates.is_some());
+        let [roll, pitch] = tilt.map(f64::to_radians);
+        let heading = row.get(Heading).map_or(0.0, f64::to_radians);
+        let [roll, pitch, _] = self.mounting.attitude([roll, pitch, heading]);
+        Some(Measurement::Attitude(AttitudeFix {
+            rates: rates.map(|r| self.mounting.vector(r)),
+            heave: heave.and_then(|h| self.mounting.heave(h)),
+            heave_sd: self.mounting.mount.heave_sd_m,
+            ..self.mounting.tilt([roll, pitch])
+        }))
+    }
+
+    fn displacement(&self, row: &Row) -> Option<Measurement> {
+        let [surge, sway] = row.all([Surge, Sway])?;
+        let (s, c) = self.mean_heading.sin_cos();
+        Some(Measurement::Gnss(GnssFix {
             position: [c * surge - s * sway, s * surge + c * sway, 0.0],
-            position_sd: mounting.position_sd([PLACE_SD_M, PLACE_SD_M, NOT_MEASURED_SD]),
+            position_sd: self
+                .mounting
+                .position_sd([PLACE_SD_M, PLACE_SD_M, NOT_MEASURED_SD]),
             velocity_sd: [NOT_MEASURED_SD; 3],
             // The place of the reference point itself.
             lever_arm: Some([0.0; 3]),
             ..GnssFix::default()
-        }));
+        }))
     }
-    if let Some([latitude_deg, longitude_deg, height_m]) = three(PLACE) {
-        let velocity = three(VELOCITY);
+
+    /// A fix of what the row has of place, altitude and velocity.
+    fn fix(&mut self, row: &Row) -> Option<Measurement> {
+        let (place, altitude) = (row.all([Latitude, Longitude]), row.get(Altitude));
+        let (velocity, down) = (row.all([North, East]), row.get(Down));
+        if place.is_none() && altitude.is_none() && velocity.is_none() && down.is_none() {
+            return None;
+        }
+        self.own_velocities += u64::from(place.is_none() && velocity.is_some());
+        // The position is the origin of its own plane: where it is not measured, the nearest that is.
+        let near = self.place.at(row.t).or_else(|| self.place.nearest(row.t));
+        let [latitude_deg, longitude_deg] = place.or(near).unwrap_or_default();
+        let level = || self.altitude.nearest(row.t).map(|[a]| a);
+        let datum = Datum::new(
+            latitude_deg,
+            longitude_deg,
+            altitude.or_else(level).unwrap_or_default(),
+        );
         let [sd, velocity_sd] = GNSS_SD;
-        let velocity_sd = velocity.map_or(NOT_MEASURED_SD, |_| velocity_sd);
-        // The position is the origin of its own plane.
-        let datum = Datum::new(latitude_deg, longitude_deg, height_m);
-        let velocity = velocity.unwrap_or_default();
-        let fix = mounting.fix(datum, velocity, [sd, sd, 2.0 * sd], [velocity_sd; 3]);
-        out.push(fix.into());
-    }
-    if let Some(heading) = heading {
-        out.push(mounting.heading_fix(mounting.heading(heading)).into());
-    }
-    out
-}
-
-type Rows = (Vec<Row>, Decoded, Option<(u64, String)>);
-
-/// Header and rows; rows that cannot be used are counted, and the first is named.
-fn rows(bytes: &[u8], origin: &str) -> Result<Rows, LogError> {
-    let header = |message: String| {
-        let columns = COLUMNS[1..].iter().map(|c| c.0).collect::<Vec<_>>().join(", ");
-        LogError::at_line(
-            origin,
-            1,
-            format!("{message}; the columns are t_s and any of {columns}"),
+        let measured = |is: bool, sd: f64| if is { sd } else { NOT_MEASURED_SD };
+        let across = measured(place.is_some(), sd);
+        let position_sd = [across, across, measured(altitude.is_some(), 2.0 * sd)];
+        let across = measured(velocity.is_some(), velocity_sd);
+        let velocity_sd = [across, across, measured(down.is_some(), velocity_sd)];
+        let [north, east] = velocity.unwrap_or_default();
+        let velocity = [north, east, down.unwrap_or_default()];
+        Some(
+            self.mounting
+                .fix(datum, velocity, position_sd, velocity_sd)
+                .into(),
         )
-    };
-    let mut reader = ReaderBuilder::new()
-        .trim(Trim::All)
-        .flexible(true)
-        .from_reader(bytes);
-    let names = reader.headers().map_err(|e| header(e.to_string()))?.clone();
-    let mut columns = Vec::with_capacity(names.len());
-    let mut has = [false; COLUMNS.len()];
-    for name in &names {
-        let name = name.trim_start_matches('\u{feff}');
-        let Some(k) = COLUMNS.iter().position(|c| c.0 == name) else {
-            return Err(header(format!("unknown column `{name}`")));
-        };
-        if core::mem::replace(&mut has[k], true) {
-            return Err(header(format!("column `{name}` appears twice")));
-        }
-        columns.push(k);
     }
-    if !has[TIME] {
-        return Err(header("column `t_s` is missing".into()));
-    }
-    for group in TOGETHER {
-        if let (Some(there), Some(missing)) =
-            (group.iter().find(|k| has[**k]), group.iter().find(|k| !has[**k]))
-        {
-            return Err(header(format!(
-                "column `{}` is there without `{}`",
-                COLUMNS[*there].0, COLUMNS[*missing].0
-            )));
-        }
-    }
-    if has[HEAVE] && !has[ROLL] {
-        return Err(header("column `heave_m` is there without `roll_deg`".into()));
-    }
-    let (mut rows, mut decoded, mut first_bad) = (Vec::new(), Decoded::default(), None);
-    let mut record = StringRecord::new();
-    let mut line = 1_u64;
-    loop {
-        line += 1;
-        let read = reader.read_record(&mut record);
-        // The reader's own count, where it has one: it counts empty lines.
-        let here = record.position().map_or(line, ::csv::Position::line);
-        let row = match read {
-            Ok(false) => break,
-            Ok(true) => cells(&record, &columns),
-            Err(e) => Err(e.to_string()),
-        };
-        match row {
-            Ok(row) => {
-                decoded.good += 1;
-                if rows.len() >= MAX_MEASUREMENTS {
-                    let message = format!("more than {MAX_MEASUREMENTS} rows; cut the table into parts");
-                    return Err(LogError::new(origin, message));
-                }
-                rows.push(row);
-            }
-            Err(message) => {
-                decoded.corrupted += 1;
-                first_bad.get_or_insert((here, message));
-            }
-        }
-    }
-    Ok((rows, decoded, first_bad))
-}
 
-/// The numbers of a row.
-fn cells(record: &StringRecord, columns: &[usize]) -> Result<Row, String> {
-    if record.len() != columns.len() {
-        return Err(format!("{} values for {} columns", record.len(), columns.len()));
-    }
-    let mut row: Row = [None; COLUMNS.len()];
-    for (text, k) in record.iter().zip(columns) {
-        let (name, limit) = COLUMNS[*k];
-        if text.is_empty() && *k != TIME {
-            continue;
+    /// What was made of quantities that lack others, for people.
+    fn notes(&self, table: &Table) -> Vec<String> {
+        let mut notes = Vec::new();
+        if self.rated > 0 {
+            let own = match self.own_rates {
+                0 => "",
+                _ => ", interpolated to their times",
+            };
+            notes.push(format!(
+                "no accelerations: the rates go with {} attitudes{own}",
+                self.rated
+            ));
         }
-        let value: f64 = text
-            .parse()
-            .map_err(|_| format!("{name} is `{text}`, not a number"))?;
-        // A NaN is not within.
-        if !(value.abs() <= limit) {
-            return Err(format!("{name} is {text}, allowed is -{limit} to {limit}"));
+        if table.has(GyroX) && !self.inertial && self.rated == 0 {
+            notes.push(
+                "the rates are not used: no attitude is near in time, and there are no accelerations".into(),
+            );
         }
-        row[*k] = Some(value);
+        if self.lost_forces > 0 {
+            notes.push(format!(
+                "{} accelerations without rates are left out",
+                self.lost_forces
+            ));
+        }
+        if self.own_heaves > 0 {
+            notes.push(format!(
+                "heave on {} rows of its own goes with the attitude interpolated at its time; {} without an attitude \
+                 near are left out",
+                self.own_heaves, self.lost_heaves
+            ));
+        }
+        if self.own_velocities > 0 && !self.place.t.is_empty() {
+            notes.push(format!(
+                "{} velocities on rows without a place are taken by themselves",
+                self.own_velocities
+            ));
+        }
+        if !self.place.t.is_empty() && self.altitude.t.is_empty() {
+            notes.push("no altitude: heave is not seen by the receiver".into());
+        }
+        let hz = self.tilt.hz();
+        if !self.inertial && hz > 0.0 && hz < SLOW_HZ {
+            notes.push(format!(
+                "attitudes at {hz:.1} Hz, below 5 Hz: what moves fast between them is not in the estimate"
+            ));
+        }
+        let empty = table.unused(&[]).into_iter().filter(|q| !table.any(*q));
+        let empty: Vec<&str> = empty.map(Quantity::name).collect();
+        if !empty.is_empty() {
+            notes.push(format!("columns without a value: {}", empty.join(", ")));
+        }
+        notes
     }
-    Ok(row)
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn table(rows: usize) -> String {
-        let mut text = String::from("t_s,roll_deg,pitch_deg,heading_deg,heave_m,surge_m,sway_m\n");
-        for k in 0..rows {
-            text += &format!("{:.1},1,2,90,0.5,3,4\n", 0.1 * k as f64);
-        }
-        text
-    }
-
-    #[test]
-    fn csv_column_groups() {
-        let r = read(table(60).as_bytes(), "t", &Mount::default()).unwrap();
-        let [
-            Measurement::Attitude(a),
-            Measurement::Gnss(g),
-            Measurement::Heading(h),
-        ] = r.measurements[..3]
-        else {
-            panic!("{:?}", &r.measurements[..3]);
-        };
-        assert!(
-            (a.tilt[0] - 1_f64.to_radians()).abs() < 1e-12 && (a.tilt[1] - 2_f64.to_radians()).abs() < 1e-12
-        );
-        assert_eq!(a.heave, Some(-0.5), "down");
-        assert!((h.heading - 90_f64.to_radians()).abs() < 1e-12);
-        // Forward is east.
-        assert!(
-            (g.position[1] - 3.0).abs() < 1e-9 && (g.position[0] + 4.0).abs() < 1e-9,
-            "{g:?}"
-        );
-        assert_eq!((r.measurements.len(), r.decoded.good), (180, 60));
-    }
-
-    #[test]
-    fn csv_bad_rows_and_headers() {
-        let mut text = table(60);
-        text += "6.0,x,2,90,0,3,4\n\n6.1,1,2\n6.2,1,NaN,90,0,3,4\n";
-        let r = read(text.as_bytes(), "t", &Mount::default()).unwrap();
-        assert_eq!((r.decoded.good, r.decoded.corrupted), (60, 3));
-        assert!(
-            r.notes[0].contains("line 62") && r.notes[0].contains("roll_deg"),
-            "{:?}",
-            r.notes
-        );
-        for (bad, message) in [
-            ("t_s,roll_deg\n0,1\n", "pitch_deg"),
-            ("t_s,roll\n0,1\n", "unknown column `roll`"),
-            ("roll_deg,pitch_deg\n0,1\n", "t_s"),
-            ("t_s,t_s\n0,1\n", "twice"),
-            ("t_s,roll_deg,pitch_deg\n0,a,1\n", "line 2"),
-            ("t_s,roll_deg,pitch_deg\n0,1,1\n", "too few"),
-        ] {
-            let e = read(bad.as_bytes(), "t", &Mount::default())
-                .unwrap_err()
-                .to_string();
-            assert!(e.contains(message), "{bad}: {e}");
-        }
-    }
-}
+mod tests;

@@ -2,19 +2,21 @@
 //! time.
 
 mod csv;
+mod sentences;
+pub mod table;
 mod ulog;
 
-use alight_shared::msg::{Header, ImuSample};
+use alight_shared::msg::{Header, ImuSample, NOT_MEASURED_SD};
 use alight_shared::time::{Time, VesselClock};
 use thiserror::Error;
 
-use crate::sensors::{
-    Average, Decoded, Decoder, Measurement, Mount, Mounting, NmeaDecoder, SourceMeasurement,
-};
+use crate::sensors::{Average, Decoded, Measurement, Mount, SourceMeasurement};
 
 /// The formats that are read, for errors.
 const FORMATS: &str =
-    "NMEA 0183 text, CSV (a first line of columns), PX4 ULog and Alight's own MCAP are read";
+    "NMEA 0183 text, CSV (a line of columns with t_s), PX4 ULog and Alight's own MCAP are read";
+/// What is looked at to tell the formats apart, bytes.
+const HEAD_BYTES: usize = 16 << 10;
 /// Most measurements that a recording may hold.
 pub const MAX_MEASUREMENTS: usize = 2_000_000;
 
@@ -96,8 +98,23 @@ impl Gather {
         let at: Time<VesselClock> = Time::from_nanos(at_ns);
         self.measurements.push(measurement.of(source, at));
     }
-    /// All measurements, or why they are unusable.
-    fn finish(mut self, origin: &str) -> Result<Vec<Measurement>, LogError> {
+    /// Of which kinds nothing was gathered, for people; empty where there is something of each.
+    fn missing(&self) -> String {
+        let is_place =
+            |m: &Measurement| matches!(m, Measurement::Gnss(g) if g.position_sd[0] < NOT_MEASURED_SD);
+        let is_heading = |m: &Measurement| matches!(m, Measurement::Heading(_));
+        let is_tilt = |m: &Measurement| matches!(m, Measurement::Attitude(_) | Measurement::Imu(_));
+        let any = |is: &dyn Fn(&Measurement) -> bool| self.measurements.iter().any(is);
+        let kinds = [
+            (any(&is_tilt), "no roll and pitch"),
+            (any(&is_place), "no position"),
+            (any(&is_heading), "no heading"),
+        ];
+        let missing: Vec<&str> = kinds.iter().filter(|k| !k.0).map(|k| k.1).collect();
+        missing.join(", ")
+    }
+    /// All measurements, or why they are unusable; `found` is what the file holds, for people.
+    fn finish(mut self, origin: &str, found: &str) -> Result<Vec<Measurement>, LogError> {
         let first = self.first_ns.unwrap_or_default();
         for k in 0..self.average.len() {
             let rest = self.average.get_mut(k).and_then(Average::finish);
@@ -118,8 +135,12 @@ impl Gather {
             .zip(times().min())
             .map_or(0.0, |(b, a)| (b - a).secs());
         if self.measurements.len() < 10 || span < 5.0 {
+            let missing = match self.missing() {
+                missing if missing.is_empty() => missing,
+                missing => format!("; there is {missing}"),
+            };
             return Err(whole(format!(
-                "{} measurements over {span:.1} s are too few; give at least a minute",
+                "{} measurements over {span:.1} s are too few; give at least a minute; it holds {found}{missing}",
                 self.measurements.len()
             )));
         }
@@ -137,49 +158,24 @@ pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogE
     if bytes.is_empty() {
         return Err(kind("the file is empty"));
     }
-    let head = bytes.get(..bytes.len().min(4096)).unwrap_or_default();
-    let first = head
-        .split(|b| *b == b'\n')
-        .map(|l| l.trim_ascii())
-        .find(|l| !l.is_empty())
-        .unwrap_or_default();
-    let first = first.strip_prefix(b"\xef\xbb\xbf").unwrap_or(first);
-    if first.split(|b| *b == b',').any(|c| c.trim_ascii() == b"t_s") {
-        return csv::read(bytes, origin, mount);
-    }
+    let head = bytes.get(..bytes.len().min(HEAD_BYTES)).unwrap_or_default();
     if bytes.starts_with(ulog::MAGIC) {
         return ulog::read(bytes, origin, mount);
     }
-    if looks_like_nmea(head) {
-        return nmea(bytes, origin, mount);
+    if table::is_table(head) {
+        return csv::read(bytes, origin, mount);
+    }
+    if sentences::is_nmea(head) {
+        return sentences::read(bytes, origin, mount);
+    }
+    // What is wrong with its header is more use than that it has none.
+    if table::has_columns(head) {
+        return csv::read(bytes, origin, mount).map_err(|e| LogError {
+            message: format!("{}; {FORMATS}", e.message),
+            ..e
+        });
     }
     Err(kind("no known recording format begins like this"))
-}
-
-/// A sentence begins in it: a dollar, an address of capitals, a comma.
-fn looks_like_nmea(head: &[u8]) -> bool {
-    head.split(|b| *b == b'$').skip(1).any(|rest| {
-        let address = rest.iter().take_while(|b| b.is_ascii_uppercase()).count();
-        (5..=6).contains(&address) && rest.get(address) == Some(&b',')
-    })
-}
-
-/// NMEA 0183 text, with or without a logger's prefix before each sentence.
-fn nmea(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogError> {
-    let mut decoder = NmeaDecoder::new(&Mounting::new(mount));
-    let (mut gather, mut decoded) = (Gather::default(), Vec::new());
-    for part in bytes.chunks(1 << 16) {
-        decoder.push(part, &mut decoded);
-        decoded.drain(..).for_each(|m| gather.push(m, 0));
-    }
-    decoder.finish(&mut decoded);
-    decoded.drain(..).for_each(|m| gather.push(m, 0));
-    Ok(Recording {
-        format: "NMEA 0183",
-        measurements: gather.finish(origin)?,
-        decoded: decoder.decoded(),
-        notes: Vec::new(),
-    })
 }
 
 #[cfg(test)]
@@ -220,6 +216,17 @@ mod tests {
         fn log_of_arbitrary_bytes(bytes in prop::collection::vec(any::<u8>(), 0..3000)) {
             let _read = read(&bytes, "log", &Mount::default());
             let _table = read(&[b"t_s,roll_deg,pitch_deg\n", &bytes[..]].concat(), "log", &Mount::default());
+        }
+
+        #[test]
+        fn log_of_arbitrary_cells(
+            text in "(t_s|Time \\[s\\]|UTC|roll_deg|pitch_deg|Heave|;|,|\t| |\n|\"|[0-9.,:T-]|#|nan|é){0,80}",
+            rows in "([0-9]{1,2}[;,.:]){0,60}",
+        ) {
+            let _read = read(text.as_bytes(), "log", &Mount::default());
+            for head in ["t_s;roll_deg;pitch_deg\n", "time,roll_deg,pitch_deg\n"] {
+                let _read = read((head.to_owned() + &rows.replace('.', "\n")).as_bytes(), "log", &Mount::default());
+            }
         }
 
         #[test]

@@ -26,6 +26,9 @@ const HEADING_STEP_US: u64 = 200_000;
 const MAX_FORMAT: usize = 8192;
 const MAX_FIELDS: usize = 256;
 
+/// Heights above the ellipsoid, with their units in m: since 2023, and before.
+const ELLIPSOID: [(&str, f64); 2] = [("altitude_ellipsoid_m", 1.0), ("alt_ellipsoid", 1e-3)];
+
 /// Topics that are read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Topic {
@@ -187,8 +190,18 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recordin
         decoded,
         mut notes,
         dropouts,
+        mean_sea_level,
         ..
     } = reader;
+    let found = format!(
+        "{} messages of sensor_combined, vehicle_attitude and the receivers, {} of other topics",
+        decoded.good, decoded.ignored
+    );
+    if mean_sea_level > 0 {
+        notes.push(format!(
+            "{mean_sea_level} fixes without a height above the ellipsoid: that above mean sea level is taken"
+        ));
+    }
     if dropouts > 0 {
         notes.push(format!(
             "the autopilot dropped data {dropouts} times while logging"
@@ -196,7 +209,7 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recordin
     }
     Ok(Recording {
         format: "ULog",
-        measurements: gather.finish(origin)?,
+        measurements: gather.finish(origin, &found)?,
         decoded,
         notes,
     })
@@ -212,6 +225,8 @@ struct Reader {
     decoded: Decoded,
     notes: Vec<String>,
     dropouts: u64,
+    /// Fixes whose height is above mean sea level.
+    mean_sea_level: u64,
     attitude_us: u64,
     heading_us: u64,
     /// A receiver measures the heading: the autopilot's own is not used.
@@ -295,6 +310,8 @@ impl Reader {
                 }
             }),
             Topic::Gps => gps(&data, &self.mounting).map(|(fix, heading)| {
+                let ellipsoid = ELLIPSOID.iter().any(|(name, _)| data.finite(name, 0).is_some());
+                self.mean_sea_level += u64::from(fix.is_some() && !ellipsoid);
                 out.extend(fix.map(Measurement::Gnss));
                 self.gps_heading |= heading.is_some();
                 out.extend(heading.map(Measurement::Heading));
@@ -329,11 +346,7 @@ fn gps(data: &Data<'_>, mounting: &Mounting) -> Option<(Option<GnssFix>, Option<
     let datum = Datum::new(
         first(&[("latitude_deg", 1.0), ("lat", 1e-7)])?,
         first(&[("longitude_deg", 1.0), ("lon", 1e-7)])?,
-        first(&[
-            ("altitude_ellipsoid_m", 1.0),
-            ("alt_ellipsoid", 1e-3),
-            ("alt", 1e-3),
-        ])?,
+        first(&ELLIPSOID).or_else(|| first(&[("altitude_msl_m", 1.0), ("alt", 1e-3)]))?,
     );
     let stated = |name: &str, otherwise: f64| {
         let sd = data.finite(name, 0).filter(|v| *v > 0.0);

@@ -140,8 +140,15 @@ pub fn review(config: &VesselNodeConfig, recorded: &Recording) -> Review {
     let first = all.first().map(|m| m.at()).unwrap_or_default();
     let last = all.iter().map(|m| m.at()).max().unwrap_or_default();
     let mut notes = recorded.notes.clone();
-    let has = |kind: usize| all.iter().any(|m| m.kind() == kind);
-    let (no_place, no_heading) = (!has(1), !has(2));
+    let has = |is: fn(&Measurement) -> bool| all.iter().any(|m| is(m));
+    let is_place = |m: &Measurement| matches!(m, Measurement::Gnss(g) if g.position_sd[0] < NOT_MEASURED_SD);
+    let is_velocity =
+        |m: &Measurement| matches!(m, Measurement::Gnss(g) if g.velocity_sd[0] < NOT_MEASURED_SD);
+    let no_heading = !has(|m| matches!(m, Measurement::Heading(_)));
+    let no_place = !has(is_place) && !has(is_velocity);
+    if !has(is_place) && has(is_velocity) {
+        notes.push("no position recorded: the boat begins anywhere and goes by its velocity".into());
+    }
     if no_place {
         notes.push("no position recorded: the boat is taken to keep to a place, within 5 m".into());
     }

@@ -4,9 +4,12 @@
 use std::fs::File;
 use std::path::Path;
 
+use mcap::McapError;
+
 use super::parts::{PartHeader, PartWriter};
 use super::reading::{Part, is_whole, parts, read_header};
 use crate::exit::{CliError, Doing};
+use crate::record::sink::why;
 
 /// What mending did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -43,17 +46,24 @@ fn rewrite(path: &Path, header: &PartHeader) -> Result<usize, CliError> {
     let part = Part::open(path)?;
     let new = path.with_extension("mended");
     let _none = std::fs::remove_file(&new);
-    let mut writer = PartWriter::create(&new, header, 0).doing(doing)?;
-    for step in (0..part.len()).filter_map(|k| part.step(k)) {
-        writer
-            .write(step.number, (0, step.utc_ns), step.bytes)
-            .doing(doing)?;
+    let copied = copy(&part, &new, header).map_err(|e| CliError::because(doing, why(&e)));
+    if copied.is_err() {
+        // What a full disk has cut off is no part.
+        let _none = std::fs::remove_file(&new);
     }
-    writer.finish().doing(doing)?;
+    copied?;
     // When it was written last stands for the flight's end.
     let written = std::fs::metadata(path).and_then(|m| m.modified()).doing(doing)?;
     let file = File::options().write(true).open(&new).doing(doing)?;
     file.set_modified(written).doing(doing)?;
     std::fs::rename(&new, path).doing(doing)?;
     Ok(part.len())
+}
+
+fn copy(part: &Part, to: &Path, header: &PartHeader) -> Result<(), McapError> {
+    let mut writer = PartWriter::create(to, header, 0)?;
+    for step in (0..part.len()).filter_map(|k| part.step(k)) {
+        writer.write(step.number, (0, step.utc_ns), step.bytes)?;
+    }
+    writer.finish()
 }

@@ -15,7 +15,7 @@ use tracing::{info, warn};
 
 use super::{CONFIG_FILE, ENCODING, EXTENSION, MIN_FREE_BYTES, PROCESS, free_bytes};
 use crate::record::entry::FORMAT;
-use crate::record::sink::{Channel, Opening};
+use crate::record::sink::{Channel, Opening, why};
 
 const S: i64 = 1_000_000_000;
 /// A part that holds so many bytes of steps, or is so old, is finished, and another begun.
@@ -319,14 +319,6 @@ impl Parts {
         }
         self.failed = true;
         self.retry_ns = steady_ns.saturating_add(RETRY_PERIOD_NS);
-    }
-}
-
-/// What a person reads of an error: the system's own words, where it has some.
-fn why(error: &McapError) -> String {
-    match error {
-        McapError::Io(e) => e.to_string(),
-        other => other.to_string(),
     }
 }
 

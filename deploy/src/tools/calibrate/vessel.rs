@@ -9,6 +9,7 @@ use alight_usv::calibrate::{
     DOF_NAMES, Decay, NotObservable, Record, Signal, Stiffness, ValueWithSd, VesselCalibration, Weight,
     identify,
 };
+use alight_usv::log::table::{Quantity, Table};
 use alight_usv::{ComputerIn, VesselNodeConfig};
 use clap::Args;
 use serde_json::{Value, json};
@@ -26,6 +27,16 @@ use crate::tools::calibrate::list;
 const USABLE_M: f64 = 0.1;
 /// Largest table, bytes.
 const MAX_TABLE_BYTES: u64 = 256 << 20;
+
+/// The columns of a pose: the degree of freedom, and its unit.
+const POSE: [(usize, Quantity, f64); DOFS] = [
+    (SURGE, Quantity::Surge, 1.0),
+    (SWAY, Quantity::Sway, 1.0),
+    (HEAVE, Quantity::Heave, 1.0),
+    (ROLL, Quantity::Roll, core::f64::consts::PI / 180.0),
+    (PITCH, Quantity::Pitch, core::f64::consts::PI / 180.0),
+    (YAW, Quantity::Heading, core::f64::consts::PI / 180.0),
+];
 
 /// A recorded vessel.
 #[derive(Args, Debug)]
@@ -101,9 +112,9 @@ fn read(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, CliE
     match path.extension().and_then(|e| e.to_str()) {
         _ if path.is_dir() || is_part(path) => contained(path, || flown(path, named)),
         Some("mcap") => recorded(path, named),
-        Some("csv") => table(path, named.unwrap_or_default()),
+        _ if path.is_file() => table(path, named.unwrap_or_default()),
         Some(_) | None => Err(CliError(format!(
-            "{}: neither FILE.mcap, FILE.csv nor a flight of the recorder",
+            "{}: neither FILE.mcap, a table (FILE.csv) nor a flight of the recorder",
             path.display()
         ))),
     }
@@ -161,7 +172,7 @@ fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, 
     })
 }
 
-/// A table of poses: each column decays as its degree of freedom does.
+/// A table of poses: each column decays as its degree of freedom does, on rows of its own or with others.
 fn table(path: &Path, config: VesselNodeConfig) -> Result<Configured, CliError> {
     let doing = format_args!("reading {}", path.display());
     let size = std::fs::metadata(path).doing(doing)?.len();
@@ -171,62 +182,67 @@ fn table(path: &Path, config: VesselNodeConfig) -> Result<Configured, CliError> 
             doing
         )));
     }
-    let text = std::fs::read_to_string(path).doing(doing)?;
-    let mut lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty());
-    let (_, head) = lines
-        .next()
-        .ok_or_else(|| CliError(format!("{}: an empty file", doing)))?;
-    let column = |name: &str| head.split(',').position(|c| c.trim() == name);
-    let time = column("t_s").ok_or_else(|| CliError(format!("{}: no column t_s", doing)))?;
-    let columns: [(usize, &str, f64); DOFS] = [
-        (SURGE, "surge_m", 1.0),
-        (SWAY, "sway_m", 1.0),
-        (HEAVE, "heave_m", 1.0),
-        (ROLL, "roll_deg", 1_f64.to_radians()),
-        (PITCH, "pitch_deg", 1_f64.to_radians()),
-        (YAW, "heading_deg", 1_f64.to_radians()),
-    ];
-    let there: Vec<(usize, usize, f64)> = columns
-        .iter()
-        .filter_map(|(dof, name, unit)| column(name).map(|c| (*dof, c, *unit)))
-        .collect();
+    let bytes = std::fs::read(path).doing(doing)?;
+    let table = Table::read(&bytes).doing(doing)?;
+    if let Some((line, message)) = &table.bad.first {
+        return Err(CliError(format!(
+            "{doing}: line {line}: {message}; correct or remove the row"
+        )));
+    }
+    if let Some((line, _)) = table.backwards {
+        return Err(CliError(format!("{doing}: line {line}: time does not rise")));
+    }
+    let there: Vec<(usize, Quantity, f64)> = POSE.iter().copied().filter(|(_, q, _)| table.has(*q)).collect();
     if there.is_empty() {
-        return Err(CliError(format!("{}: no column of a pose: {head}", doing)));
+        let names: Vec<&str> = POSE.iter().map(|(_, q, _)| q.name()).collect();
+        let message = format!(
+            "no column of a pose; t_s and any of {} are read",
+            names.join(", ")
+        );
+        return Err(table.header_error(message)).doing(doing);
     }
     let mut signals: [Signal; DOFS] = Default::default();
-    let mut seconds = [f64::NAN; 2];
-    for (k, line) in lines {
-        let cells: Vec<&str> = line.split(',').collect();
-        let cell = |c: usize| -> Result<f64, CliError> {
-            let value = cells.get(c).and_then(|v| v.trim().parse::<f64>().ok());
-            value.filter(|v| v.abs() < 1e9).ok_or_else(|| {
-                CliError(format!(
-                    "{}: line {}: no number in column {}",
-                    doing,
-                    k + 1,
-                    c + 1
-                ))
-            })
-        };
-        let t = cell(time)?;
-        if seconds[1] >= t {
-            return Err(CliError(format!("{}: line {}: time does not rise", doing, k + 1)));
-        }
-        seconds = [if seconds[0].is_nan() { t } else { seconds[0] }, t];
-        for (dof, c, unit) in &there {
-            let y = cell(*c)? * unit;
-            let signal = &mut signals[*dof];
+    for (dof, quantity, unit) in &there {
+        let signal = &mut signals[*dof];
+        for row in &table.rows {
+            let Some(value) = row.get(*quantity) else { continue };
+            if signal.t_s.last().is_some_and(|before| *before >= row.t) {
+                return Err(CliError(format!(
+                    "{doing}: line {}: time does not rise",
+                    row.line
+                )));
+            }
+            let y = value * unit;
             // A heading goes on over north.
             let y = match signal.y.last() {
                 Some(before) if *dof == YAW => before + alight_shared::frames::wrap_angle(y - before),
                 Some(_) | None => y,
             };
-            signal.t_s.push(t);
+            signal.t_s.push(row.t);
             signal.y.push(y);
         }
     }
+    table
+        .notes
+        .iter()
+        .for_each(|n| terminal::note(true, format_args!("{}: {n}", path.display())));
+    let used: Vec<Quantity> = there.iter().map(|(_, q, _)| *q).collect();
+    let left_out: Vec<&str> = table.unused(&used).into_iter().map(Quantity::name).collect();
+    if !left_out.is_empty() {
+        terminal::note(
+            true,
+            format_args!(
+                "{}: no part of a pose, and left out: {}",
+                path.display(),
+                left_out.join(", ")
+            ),
+        );
+    }
+    let ends = |pick: fn(&[f64]) -> Option<f64>| signals.iter().filter_map(move |s| pick(&s.t_s));
+    let first = ends(|t| t.first().copied()).fold(f64::INFINITY, f64::min);
+    let last = ends(|t| t.last().copied()).fold(f64::NEG_INFINITY, f64::max);
     let found = VesselCalibration {
-        seconds: seconds[1] - seconds[0],
+        seconds: (last - first).max(0.0),
         decays: identify(&signals),
         level: [ROLL, PITCH].map(|dof| signals.get(dof).and_then(level)),
         antenna_m: None,

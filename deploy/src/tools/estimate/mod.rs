@@ -24,7 +24,7 @@ const MAX_BYTES: u64 = 512 << 20;
 /// A recording to estimate.
 #[derive(Args, Debug)]
 pub struct EstimateArgs {
-    /// The recording: NMEA 0183 text, CSV (first line: t_s and any of roll_deg, pitch_deg, heading_deg,
+    /// The recording: NMEA 0183 text, a table (CSV: t_s and any of roll_deg, pitch_deg, heading_deg,
     /// heave_m, surge_m, sway_m, gyro_x_radps, ..., see docs/sensors.md), PX4 ULog, or Alight's MCAP
     #[arg(value_name = "LOG")]
     pub log: PathBuf,

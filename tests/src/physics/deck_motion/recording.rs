@@ -4,10 +4,11 @@ mod quality;
 
 use std::path::{Path, PathBuf};
 
+use alight_usv::log::table::{Quantity, Row, Table, TableError};
 use thiserror::Error;
 
 use self::quality::Knots;
-use crate::physics::spline::smooth_step;
+use crate::physics::spline::{Splines, smooth_step};
 
 /// Degrees of freedom of a recording, in this order.
 pub const ROLL: usize = 0;
@@ -24,18 +25,19 @@ pub const SWAY: usize = 5;
 /// Number of channels.
 pub const CHANNELS: usize = 6;
 
-/// Column names with the greatest magnitude that a row may have.
-pub(super) const COLUMNS: [(&str, f64); CHANNELS] = [
-    ("roll_deg", 80.0),
-    ("pitch_deg", 80.0),
-    ("heave_m", 50.0),
-    ("heading_deg", 1e5),
-    ("surge_m", 1e5),
-    ("sway_m", 1e5),
+/// What is read, in the order of the degrees of freedom.
+const QUANTITIES: [Quantity; CHANNELS] = [
+    Quantity::Roll,
+    Quantity::Pitch,
+    Quantity::Heave,
+    Quantity::Heading,
+    Quantity::Surge,
+    Quantity::Sway,
 ];
-const TIME: &str = "t_s";
-/// Most rows read, and most knots that gaps may add.
+/// Most knots that gaps may add.
 const MAX_ROWS: usize = 2_000_000;
+/// Below this rate a motion is softer than it was, Hz.
+const SLOW_HZ: f64 = 4.9;
 /// Most knots in one gap.
 const MAX_BRIDGE: usize = 2000;
 
@@ -50,14 +52,16 @@ pub enum DeckMotionError {
         /// What the system says.
         source: std::io::Error,
     },
-    /// The first line is not what is expected.
+    /// The header is not what is expected.
     #[error(
-        "deck motion {origin}, line 1: {message}; the columns are t_s, roll_deg, pitch_deg and any of \
+        "deck motion {origin}, line {line}: {message}; the columns are t_s, roll_deg, pitch_deg and any of \
          heave_m, heading_deg, surge_m, sway_m"
     )]
     Header {
         /// The file.
         origin: String,
+        /// Its line, counted from 1.
+        line: u64,
         /// What is wrong.
         message: String,
     },
@@ -110,16 +114,35 @@ impl Recording {
 
     /// Reads CSV text; `origin` names it in errors.
     pub fn parse(bytes: &[u8], origin: &str) -> Result<Self, DeckMotionError> {
-        let (mut t, mut y, has) = rows(bytes, origin)?;
         let whole = |message: String| DeckMotionError::Whole {
             origin: origin.into(),
             message,
         };
+        let table = table(bytes, origin)?;
+        let Channels {
+            mut t,
+            mut y,
+            has,
+            mut remarks,
+        } = Channels::of(&table).map_err(whole)?;
         unwrap_heading(&mut y);
         let mut steps: Vec<f64> = t.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 0.0).collect();
         steps.sort_unstable_by(f64::total_cmp);
         let median = steps.get(steps.len() / 2).copied().unwrap_or(0.0);
+        let rows = t.len();
         merge_close(&mut t, &mut y, 0.25 * median);
+        if t.len() < rows {
+            remarks.push(format!(
+                "{} rows at (nearly) the time of the row above are averaged with it",
+                rows - t.len()
+            ));
+        }
+        if median > 1.0 / SLOW_HZ {
+            remarks.push(format!(
+                "{:.1} rows a second, below 5: the deck is softer than it was",
+                1.0 / median
+            ));
+        }
         let duration = t.last().zip(t.first()).map_or(0.0, |(b, a)| b - a);
         if t.len() < 4 || duration < 2.0 {
             return Err(whole(format!(
@@ -139,7 +162,7 @@ impl Recording {
             step: median,
             longest,
         };
-        let remarks = quality::smooth(knots, &has);
+        remarks.extend(quality::smooth(knots, &has));
         let mean = time_average(&t, &y, longest);
         let (t, y, gaps) = bridge(t, y, longest, median).ok_or_else(|| {
             whole(format!(
@@ -157,117 +180,178 @@ impl Recording {
     }
 }
 
-type Rows = (Vec<f64>, Vec<[f64; CHANNELS]>, [bool; CHANNELS]);
-
-/// Header and rows: numbers checked, degrees to radians.
-fn rows(bytes: &[u8], origin: &str) -> Result<Rows, DeckMotionError> {
-    let header = |message: String| DeckMotionError::Header {
-        origin: origin.into(),
-        message,
-    };
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .flexible(true)
-        .from_reader(bytes);
-    let names = reader.headers().map_err(|e| header(e.to_string()))?.clone();
-    let mut columns = Vec::with_capacity(names.len());
-    let mut has = [false; CHANNELS];
-    let mut time = None;
-    for (i, name) in names.iter().enumerate() {
-        // Some programs write a byte order mark.
-        let name = name.trim_start_matches('\u{feff}');
-        if name == TIME {
-            if time.replace(i).is_some() {
-                return Err(header(format!("column `{TIME}` appears twice")));
-            }
-            columns.push(None);
-            continue;
-        }
-        let Some(channel) = COLUMNS.iter().position(|c| c.0 == name) else {
-            return Err(header(format!("unknown column `{name}`")));
-        };
-        if has[channel] {
-            return Err(header(format!("column `{name}` appears twice")));
-        }
-        has[channel] = true;
-        columns.push(Some(channel));
-    }
-    let time = time.ok_or_else(|| header(format!("column `{TIME}` is missing")))?;
-    for channel in [ROLL, PITCH] {
-        if !has[channel] {
-            return Err(header(format!("column `{}` is missing", COLUMNS[channel].0)));
-        }
-    }
-
-    let (mut t, mut y) = (Vec::new(), Vec::new());
-    let mut record = csv::StringRecord::new();
-    loop {
-        let coming = reader.position().byte();
-        let row = |byte: u64, message: String| DeckMotionError::Row {
-            origin: origin.into(),
-            line: line_of(bytes, byte),
+/// The file's table: every row is sound, and none lies before the row above.
+fn table(bytes: &[u8], origin: &str) -> Result<Table, DeckMotionError> {
+    let origin = || origin.to_owned();
+    let error = |e: TableError| match e {
+        TableError::Header { line, message } => DeckMotionError::Header {
+            origin: origin(),
+            line,
             message,
-        };
-        match reader.read_record(&mut record) {
-            Ok(true) => {}
-            Ok(false) => break,
-            Err(e) => {
-                let at = e.position().map_or(coming, csv::Position::byte);
-                return Err(row(at, e.to_string()));
-            }
+        },
+        TableError::Row { line, message } => DeckMotionError::Row {
+            origin: origin(),
+            line,
+            message,
+        },
+    };
+    let row = |line: u64, message: String| error(TableError::Row { line, message });
+    let mut table = Table::read(bytes).map_err(error)?;
+    for quantity in [Quantity::Roll, Quantity::Pitch] {
+        if !table.has(quantity) {
+            let message = format!("column `{}` is missing", quantity.name());
+            return Err(error(table.header_error(message)));
         }
-        let here = record.position().map_or(coming, csv::Position::byte);
-        if record.len() != columns.len() {
-            return Err(row(
-                here,
-                format!("{} values for {} columns", record.len(), columns.len()),
-            ));
-        }
-        if t.len() >= MAX_ROWS {
-            return Err(row(here, format!("more than {MAX_ROWS} rows")));
-        }
-        let number = |i: usize, name: &str, limit: f64| -> Result<f64, DeckMotionError> {
-            let text = record.get(i).unwrap_or_default();
-            let v: f64 = text
-                .parse()
-                .map_err(|_| row(here, format!("{name} is `{text}`, not a number")))?;
-            if v.abs() <= limit {
-                Ok(v)
-            } else {
-                Err(row(
-                    here,
-                    format!("{name} is {text}, allowed is -{limit} to {limit}"),
-                ))
-            }
-        };
-        let at = number(time, TIME, 1e10)?;
-        if t.last().is_some_and(|last| at < *last) {
-            return Err(row(here, format!("{TIME} {at} lies before the row above")));
-        }
-        let mut values = [0.0; CHANNELS];
-        for (i, channel) in columns.iter().enumerate() {
-            if let Some(c) = *channel {
-                let v = number(i, COLUMNS[c].0, COLUMNS[c].1)?;
-                values[c] = match c {
-                    ROLL | PITCH | HEADING => v.to_radians(),
-                    _ => v,
-                };
-            }
-        }
-        t.push(at);
-        y.push(values);
     }
-    Ok((t, y, has))
+    let pairs: [&[Quantity]; 1] = [&[Quantity::Roll, Quantity::Pitch]];
+    table.require_together(&pairs).map_err(error)?;
+    if let Some((line, message)) = table.bad.first {
+        return Err(row(line, message));
+    }
+    match table.backwards {
+        Some((line, at)) => Err(row(line, format!("t_s {at} lies before the row above"))),
+        None => Ok(table),
+    }
 }
 
-/// The line, counted from 1, of the first row at or after `byte`: the reader's own count stays at the empty
-/// lines that it skips.
-fn line_of(bytes: &[u8], byte: u64) -> u64 {
-    let start = usize::try_from(byte).unwrap_or(usize::MAX).min(bytes.len());
-    let (before, rest) = bytes.split_at(start);
-    let empty = rest.iter().take_while(|b| matches!(b, b'\n' | b'\r'));
-    let feeds = |b: &&u8| **b == b'\n';
-    (1 + before.iter().filter(feeds).count() + empty.filter(feeds).count()) as u64
+/// Channels at common times.
+struct Channels {
+    t: Vec<f64>,
+    /// rad, m.
+    y: Vec<[f64; CHANNELS]>,
+    has: [bool; CHANNELS],
+    remarks: Vec<String>,
+}
+
+impl Channels {
+    /// Of the rows with a roll; what has rows of its own is interpolated to their times.
+    fn of(table: &Table) -> Result<Channels, String> {
+        let knots: Vec<&Row> = table
+            .rows
+            .iter()
+            .filter(|r| r.get(Quantity::Roll).is_some())
+            .collect();
+        let mut channels = Channels {
+            t: knots.iter().map(|r| r.t).collect(),
+            y: vec![[0.0; CHANNELS]; knots.len()],
+            has: [false; CHANNELS],
+            remarks: table.notes.clone(),
+        };
+        for (c, quantity) in QUANTITIES.into_iter().enumerate() {
+            if !table.has(quantity) {
+                continue;
+            }
+            let turn = match c {
+                ROLL | PITCH | HEADING => 1_f64.to_radians(),
+                _ => 1.0,
+            };
+            if !table.any(quantity) {
+                channels
+                    .remarks
+                    .push(format!("{} is without a value", quantity.name()));
+                continue;
+            }
+            channels.has[c] = true;
+            if knots.iter().all(|r| r.get(quantity).is_some()) {
+                let values = knots.iter().filter_map(|r| r.get(quantity));
+                channels
+                    .y
+                    .iter_mut()
+                    .zip(values)
+                    .for_each(|(y, v)| y[c] = v * turn);
+            } else {
+                let own = Own::of(&table.rows, quantity, turn)?;
+                channels.remarks.extend(own.fill(&channels.t, &mut channels.y, c));
+            }
+        }
+        let unused: Vec<&str> = table
+            .unused(&QUANTITIES)
+            .into_iter()
+            .map(Quantity::name)
+            .collect();
+        if !unused.is_empty() {
+            channels.remarks.push(format!(
+                "not part of a deck's motion, and left out: {}",
+                unused.join(", ")
+            ));
+        }
+        Ok(channels)
+    }
+}
+
+/// A channel with rows of its own.
+struct Own {
+    name: &'static str,
+    spline: Splines<1>,
+    t: Vec<f64>,
+    y: Vec<f64>,
+    /// Usual time between them, s.
+    step: f64,
+}
+
+impl Own {
+    fn of(rows: &[Row], quantity: Quantity, turn: f64) -> Result<Own, String> {
+        let name = quantity.name();
+        let (mut t, mut y): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
+        for row in rows {
+            let Some(value) = row.get(quantity) else { continue };
+            let mut value = value * turn;
+            if let (Quantity::Heading, Some(before)) = (quantity, y.last()) {
+                value = before + alight_shared::frames::wrap_angle(value - before);
+            }
+            // The first of equal times.
+            if t.last().is_none_or(|last| *last < row.t) {
+                t.push(row.t);
+                y.push(value);
+            }
+        }
+        let mut steps: Vec<f64> = t.windows(2).map(|w| w[1] - w[0]).collect();
+        steps.sort_unstable_by(f64::total_cmp);
+        let step = steps.get(steps.len() / 2).copied().unwrap_or_default();
+        let rows: Vec<[f64; 1]> = y.iter().map(|v| [*v]).collect();
+        let spline = Splines::through(t.clone(), rows).ok_or_else(|| {
+            format!(
+                "{name} has {} values; give more, or leave the column out",
+                t.len()
+            )
+        })?;
+        Ok(Own {
+            name,
+            spline,
+            t,
+            y,
+            step,
+        })
+    }
+    /// Fills channel `c` at `times`: by a cubic spline, in gaps and at the ends by a line and the last value. Remarks.
+    fn fill(&self, times: &[f64], to: &mut [[f64; CHANNELS]], c: usize) -> Vec<String> {
+        let gaps = self
+            .t
+            .windows(2)
+            .filter(|w| w[1] - w[0] > 5.0 * self.step)
+            .count();
+        for (at, row) in times.iter().zip(to) {
+            let k = self.t.partition_point(|t| t <= at);
+            let around = k.checked_sub(1).zip((k < self.t.len()).then_some(k));
+            row[c] = match around {
+                Some((a, b)) if self.t[b] - self.t[a] > 5.0 * self.step => {
+                    let s = smooth_step(at - self.t[a], self.t[b] - self.t[a]).y;
+                    self.y[a] + s * (self.y[b] - self.y[a])
+                }
+                Some(_) | None => self.spline.at(*at)[0].y,
+            };
+        }
+        let mut remarks = vec![format!(
+            "{} comes at {:.1} Hz on rows of its own: interpolated, without what moves faster than in {:.1} s",
+            self.name,
+            1.0 / self.step,
+            2.0 * self.step
+        )];
+        if gaps > 0 {
+            remarks.push(format!("{} has {gaps} gaps, which are bridged", self.name));
+        }
+        remarks
+    }
 }
 
 /// Takes each heading to the turn nearest to the one before.

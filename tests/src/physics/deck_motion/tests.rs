@@ -434,3 +434,127 @@ fn water_with_a_recorded_heave() {
         assert_eq!(most > 0.3, rises);
     }
 }
+
+#[test]
+fn recording_with_whole_second_stamps() {
+    let rows = |stamp: fn(u32) -> u32| -> String {
+        let rows = (0..900_u32).map(|k| {
+            let t = 0.1 * f64::from(k);
+            format!(
+                "{},{:.3},{:.3}\n",
+                f64::from(stamp(k)) / 10.0,
+                10.0 * (2.4 * t).sin(),
+                5.0 * (1.3 * t).cos()
+            )
+        });
+        "t_s,roll_deg,pitch_deg\n".to_owned() + &rows.collect::<String>()
+    };
+    let parse = |text: String| Recording::parse(text.as_bytes(), "test.csv").unwrap();
+    let (truth, coarse) = (parse(rows(|k| k)), parse(rows(|k| k / 10 * 10)));
+    assert!(truth.remarks.is_empty(), "{:?}", truth.remarks);
+    assert!(
+        coarse.remarks.iter().any(|r| r.contains("10 rows at one time")),
+        "{:?}",
+        coarse.remarks
+    );
+    assert_eq!(coarse.t.len(), truth.t.len());
+    for (a, b) in [ROLL, PITCH]
+        .iter()
+        .flat_map(|c| coarse.y.iter().zip(&truth.y).map(|(a, b)| (a[*c], b[*c])))
+    {
+        assert!((a - b).abs() < 1e-9);
+    }
+    assert!(coarse.t.iter().zip(&truth.t).all(|(a, b)| (a - b).abs() < 0.02));
+    // Too few rows a second, and a few stamps twice: played, and said.
+    let slow = parse(full().lines().step_by(3).map(|l| l.to_owned() + "\n").collect());
+    assert!(
+        slow.remarks.iter().any(|r| r.contains("below 5")),
+        "{:?}",
+        slow.remarks
+    );
+    let twice = rows(|k| if k % 50 == 1 { k - 1 } else { k });
+    assert!(
+        parse(twice).remarks[0].starts_with("18 rows"),
+        "a few repeated stamps"
+    );
+}
+
+/// A satellite compass and motion sensor on a bus, 100 s of a boat in a figure of eight: attitude and rates at 10 Hz, heave at 1,
+/// position at 5, velocity at 4, each on rows of its own. From the repository canboat/canboat, samples/ (Apache-2.0),
+/// the longitude moved by 100 deg.
+const UNDER_WAY: &str = include_str!("../../../tests/data/figure-of-eight.csv");
+
+#[test]
+fn recording_of_quantities_on_rows_of_their_own() {
+    let recording = Recording::parse(UNDER_WAY.as_bytes(), "under-way.csv").unwrap();
+    let said = recording.remarks.join("\n");
+    for says in [
+        "heave_m comes at 1.0 Hz on rows of its own",
+        "left out: gyro_x_radps",
+        "north_mps",
+    ] {
+        assert!(said.contains(says), "{says}: {said}");
+    }
+    assert_eq!(recording.has, [true, true, true, true, false, false]);
+    assert!(
+        (990..=1000).contains(&recording.t.len()) && recording.gaps == 0,
+        "{}",
+        recording.t.len()
+    );
+    assert!(
+        (recording.mean[ROLL].to_degrees() - 3.33).abs() < 0.05,
+        "{:?}",
+        recording.mean
+    );
+    // She turns by 108 deg and half of it back, without a jump.
+    let heading = || recording.y.iter().map(|y| y[HEADING].to_degrees());
+    let turned = heading().fold(f64::MIN, f64::max) - heading().fold(f64::MAX, f64::min);
+    assert!((100.0..115.0).contains(&turned), "{turned}");
+    assert!(
+        recording
+            .y
+            .windows(2)
+            .all(|w| (w[1][HEADING] - w[0][HEADING]).abs() < 0.05)
+    );
+    let sea = calm();
+    let motion = play(UNDER_WAY, &DeckMotionConfig::default(), &sea).unwrap();
+    for i in 0..9000 {
+        let s = motion.state_at(Time::from_secs(0.01 * f64::from(i)), &sea);
+        assert!(
+            s.rates.norm() < 0.3 && s.acceleration.norm() < 3.0,
+            "{i}: {}",
+            s.acceleration.norm()
+        );
+    }
+}
+
+#[test]
+fn recording_in_foreign_hands() {
+    let rows = |line: &dyn Fn(f64) -> String| (0..60).map(|k| line(0.1 * f64::from(k))).collect::<String>();
+    let semicolons = "# boat, sea trial\nTime [s];Roll [deg];Pitch [rad];Heave [cm]\r\n".to_owned()
+        + &rows(&|t| format!("{t:.1};1.5;-0.0349066;{:.1}\r\n", 10.0 * t).replace('.', ","));
+    let quoted = "\"t_s\",\"roll_deg\",\"pitch_deg\",\"heave_m\"\n".to_owned()
+        + &rows(&|t| format!("\"{t:.1}\",\"1.5\",\"-2\",\"{:.2}\"\n", 0.1 * t));
+    for text in [semicolons, quoted] {
+        let r = Recording::parse(text.as_bytes(), "test.csv").unwrap();
+        let last = r.y.last().unwrap();
+        assert!(
+            (last[ROLL].to_degrees() - 1.5).abs() < 1e-6 && (last[PITCH].to_degrees() + 2.0).abs() < 1e-4
+        );
+        assert!((last[HEAVE] - 0.59).abs() < 1e-6, "{last:?}");
+    }
+    for (text, says) in [
+        ("time,roll,pitch\n0.1,1,2\n", "`t_s` is missing"),
+        (
+            "# remark\nt_s,roll_deg,pitch_deg,heave\n0,1,2,3\n",
+            "line 2: unknown column `heave`",
+        ),
+        (
+            "t_s;roll_deg;pitch_deg\n0,5;1;2\n0.6;1;2\n",
+            "line 3: numbers have a decimal comma in line 2",
+        ),
+    ] {
+        let e = rejection(text);
+        assert!(e.contains(says), "{says}: {e}");
+    }
+}

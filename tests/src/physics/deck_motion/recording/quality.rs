@@ -6,7 +6,7 @@
 //! within half a window to either side (Savitzky and Golay 1964, at any spacing), whose bandwidth is 1.25 over
 //! the window (Schafer 2011, order 3). The window is the shortest that leaves [`ACCELERATION_LIMIT`].
 
-use super::{CHANNELS, COLUMNS, HEADING, PITCH, ROLL};
+use super::{CHANNELS, HEADING, PITCH, QUANTITIES, ROLL};
 
 /// Error of the second derivative that may be left, m/s² or rad/s².
 const ACCELERATION_LIMIT: f64 = 0.5;
@@ -72,7 +72,7 @@ fn smooth_channel(knots: &mut Knots<'_>, c: usize) -> Option<String> {
     if notes.is_empty() {
         return None;
     }
-    let mut text = format!("{}: {}", COLUMNS[c].0, notes.join(", "));
+    let mut text = format!("{}: {}", QUANTITIES[c].name(), notes.join(", "));
     let smoothed = if window > 0.0 {
         let window = window.min(MAX_WINDOW_S).max(5.0 * knots.step);
         text += &format!("; smoothed to {:.1} Hz", BANDWIDTH / window);

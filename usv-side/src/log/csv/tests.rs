@@ -1,0 +1,275 @@
+//! Tables to measurements, of many kinds.
+
+use super::*;
+
+fn table(rows: usize) -> String {
+    let mut text = String::from("t_s,roll_deg,pitch_deg,heading_deg,heave_m,surge_m,sway_m\n");
+    for k in 0..rows {
+        text += &format!("{:.1},1,2,90,0.5,3,4\n", 0.1 * k as f64);
+    }
+    text
+}
+fn parse(text: &str) -> Result<Recording, LogError> {
+    read(text.as_bytes(), "t", &Mount::default())
+}
+
+#[test]
+fn csv_column_groups() {
+    let r = parse(&table(60)).unwrap();
+    let [
+        Measurement::Attitude(a),
+        Measurement::Gnss(g),
+        Measurement::Heading(h),
+    ] = r.measurements[..3]
+    else {
+        panic!("{:?}", &r.measurements[..3]);
+    };
+    assert!((a.tilt[0] - 1_f64.to_radians()).abs() < 1e-12 && (a.tilt[1] - 2_f64.to_radians()).abs() < 1e-12);
+    assert_eq!(a.heave, Some(-0.5), "down");
+    assert!((h.heading - 90_f64.to_radians()).abs() < 1e-12);
+    // Forward is east.
+    assert!(
+        (g.position[1] - 3.0).abs() < 1e-9 && (g.position[0] + 4.0).abs() < 1e-9,
+        "{g:?}"
+    );
+    assert_eq!((r.measurements.len(), r.decoded.good), (180, 60));
+    assert!(r.notes.is_empty(), "{:?}", r.notes);
+}
+
+#[test]
+fn csv_bad_rows_and_headers() {
+    let mut text = table(60);
+    text += "6.0,x,2,90,0,3,4\n\n6.1,1,2\n6.2,1,NaN,90,0,3,4\n";
+    let r = parse(&text).unwrap();
+    assert_eq!((r.decoded.good, r.decoded.corrupted), (60, 3));
+    assert!(
+        r.notes[0].contains("line 62") && r.notes[0].contains("roll_deg"),
+        "{:?}",
+        r.notes
+    );
+    for (bad, message) in [
+        ("t_s,roll_deg\n0,1\n", "pitch_deg"),
+        ("t_s,roll\n0,1\n", "unknown column `roll`"),
+        ("roll_deg,pitch_deg\n0,1\n", "t_s"),
+        ("t_s,t_s\n0,1\n", "twice"),
+        ("t_s,rol_deg\n0,1\n", "rol_deg"),
+        ("t_s,roll_deg,pitch_deg\n0,a,1\n", "line 2"),
+        ("t_s,roll_deg,pitch_deg\n0,1,1\n", "too few"),
+        ("t_s,heave_m\n0,1\n", "without `roll_deg`"),
+        (
+            "t_s,gyro_x_radps,gyro_y_radps,gyro_z_radps\n0,1,1,1\n",
+            "rates alone",
+        ),
+    ] {
+        let e = parse(bad).unwrap_err().to_string();
+        assert!(e.contains(message), "{bad}: {e}");
+    }
+}
+
+/// Attitude, rates, heave, place and velocity, each on rows of its own.
+fn bus() -> String {
+    let mut rows = Vec::new();
+    for k in 0..600 {
+        let t = 0.1 * f64::from(k);
+        let roll = 10.0 * (0.8 * t).sin();
+        rows.push((t, format!("{t:.3},{roll:.4},1,,,,,,,,")));
+        let t = t + 0.013;
+        let rate = 8.0_f64.to_radians() * (0.8 * t).cos();
+        rows.push((t, format!("{t:.3},,,,{rate:.6},0,0,,,,")));
+    }
+    for k in 0..59 {
+        let t = f64::from(k) + 0.452;
+        rows.push((t, format!("{t:.3},,,{:.4},,,,,,,", 0.3 * (0.8 * t).cos())));
+    }
+    for k in 0..240 {
+        let t = 0.25 * f64::from(k) + 0.031;
+        rows.push((t, format!("{t:.3},,,,,,,50,{:.7},,", 14.0 + 1e-6 * t)));
+        rows.push((t + 0.1, format!("{:.3},,,,,,,,,3.5,-0.5", t + 0.1)));
+    }
+    rows.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let head = "t_s,roll_deg,pitch_deg,heave_m,gyro_x_radps,gyro_y_radps,gyro_z_radps,latitude_deg,\
+                longitude_deg,north_mps,east_mps\n";
+    head.to_owned() + &rows.into_iter().map(|(_, r)| r + "\n").collect::<String>()
+}
+
+#[test]
+fn csv_quantities_on_rows_of_their_own() {
+    let r = parse(&bus()).unwrap();
+    let mut counts = [0; 4];
+    r.measurements.iter().for_each(|m| counts[m.kind()] += 1);
+    assert_eq!(counts, [0, 480, 0, 659]);
+    let (mut rated, mut heaved) = (0, 0);
+    for m in &r.measurements {
+        let t = m.at().secs();
+        match m {
+            Measurement::Attitude(a) => {
+                assert!(
+                    (a.tilt[0].to_degrees() - 10.0 * (0.8 * t).sin()).abs() < 0.02,
+                    "{t}: {a:?}"
+                );
+                if let Some(rates) = a.rates {
+                    rated += 1;
+                    assert!(
+                        (rates[0].to_degrees() - 8.0 * (0.8 * t).cos()).abs() < 0.02,
+                        "{t}: {a:?}"
+                    );
+                }
+                if let Some(heave) = a.heave {
+                    heaved += 1;
+                    assert!((heave + 0.3 * (0.8 * t).cos()).abs() < 1e-3, "{t}: {a:?}");
+                }
+            }
+            Measurement::Gnss(g) if g.velocity_sd[0] < NOT_MEASURED_SD => {
+                assert_eq!((g.velocity[0], g.position_sd[0]), (3.5, NOT_MEASURED_SD));
+                assert!((g.datum.latitude_deg - 50.0).abs() < 1e-9 && g.datum.longitude_deg > 13.9);
+            }
+            Measurement::Gnss(g) => {
+                assert!(
+                    g.position_sd[0] < 1.0 && g.position_sd[2] == NOT_MEASURED_SD,
+                    "{g:?}"
+                );
+            }
+            Measurement::Imu(_) | Measurement::Heading(_) => panic!("{m:?}"),
+        }
+    }
+    assert_eq!((heaved, rated), (59, 658));
+    let said = r.notes.join("\n");
+    for what in [
+        "no accelerations",
+        "heave on 59 rows",
+        "240 velocities",
+        "no altitude",
+    ] {
+        assert!(said.contains(what), "{what}: {said}");
+    }
+}
+
+#[test]
+fn csv_in_foreign_hands() {
+    let rows = |line: &dyn Fn(f64) -> String| (0..120).map(|k| line(0.1 * f64::from(k))).collect::<String>();
+    let comma = |t: f64| format!("{t:.1}").replace('.', ",");
+    let germany =
+        "\u{feff}The time, roll and pitch of a boat\r\nBoot;Kai\r\nTime [s];Roll [°];Pitch [°];Heave [cm]\r\n"
+            .to_owned() + &rows(&|t| format!("{};1,5;-2;25,0\r\n", comma(t)));
+    let spreadsheet = "sep=;\n\"t_s\";\"roll_deg\";\"pitch_deg\";\"heave_m\"\n".to_owned()
+        + &rows(&|t| format!("\"{t:.1}\";\"1.5\";\"-2\";\"0.25\"\n;;;\n"));
+    let america = "Date Time,Roll (rad),Pitch (rad),Heave (ft),Temp\n".to_owned()
+        + &rows(&|t| format!("5/6/2026 1:02:{t:04.1} PM,0.0261799,-0.0349066,0.82021,21\n"));
+    let survey = "UTC\tRoll\tPitch\tHeave\n\t(deg)\t(deg)\t(m)\n".to_owned()
+        + &rows(&|t| format!("2026-05-06T23:59:{:04.1}Z\t1.5\t-2.0\t0.25\n", t + 40.0));
+    let numpy =
+        "# t_s roll_deg pitch_deg heave_m\n".to_owned() + &rows(&|t| format!("{t:.1}  1.5 -2.0   0.25\n"));
+    let epoch = "timestamp,roll_deg,pitch_deg,heave_m\n".to_owned()
+        + &rows(&|t| format!("{:.0},1.5,-2,0.25\n", 1.78e12 + 1e3 * t));
+    let wide: Vec<u8> = "t_s;roll_deg;pitch_deg;heave_m\r\n"
+        .chars()
+        .chain(rows(&|t| format!("{t:.1};1.5;-2;0.25\r\n")).chars())
+        .flat_map(|c| [c as u8, 0])
+        .collect();
+    let wide = [&[0xff, 0xfe][..], &wide].concat();
+    let latin = [
+        &b"t_s,Roll [\xb0],Pitch [\xb0],heave_m\n"[..],
+        rows(&|t| format!("{t:.1},1.5,-2,0.25\n")).as_bytes(),
+    ]
+    .concat();
+    for (text, note) in [
+        (germany.into_bytes(), "decimal comma"),
+        (spreadsheet.into_bytes(), "semicolons"),
+        (america.into_bytes(), "Temp"),
+        (survey.into_bytes(), "units are those of line 2"),
+        (numpy.into_bytes(), "spaces"),
+        (epoch.into_bytes(), "milliseconds since 1970"),
+        (wide, "semicolons"),
+        (latin, "Latin-1"),
+    ] {
+        let shown = String::from_utf8_lossy(&text[..60]).into_owned();
+        let r = crate::log::read(&text, "t", &Mount::default()).unwrap_or_else(|e| panic!("{shown}: {e}"));
+        assert_eq!(
+            (r.format, r.decoded.good, r.decoded.corrupted),
+            ("CSV", 120, 0),
+            "{shown}"
+        );
+        let Measurement::Attitude(a) = r.measurements[30] else {
+            panic!("{shown}")
+        };
+        assert!((a.tilt[0].to_degrees() - 1.5).abs() < 1e-4 && (a.tilt[1].to_degrees() + 2.0).abs() < 1e-4);
+        assert!((a.heave.unwrap() + 0.25).abs() < 1e-5, "{shown}: {a:?}");
+        assert!((r.measurements[119].at().secs() - 11.9).abs() < 1e-3, "{shown}");
+        let said = r.notes.join("\n");
+        assert!(said.contains(note), "{note}: {said}");
+    }
+}
+
+#[test]
+fn csv_of_unclear_content() {
+    let rows = |line: &str| {
+        (0..60)
+            .map(|k| line.replace('T', &format!("{k}")))
+            .collect::<String>()
+    };
+    for (text, message) in [
+        (
+            "time,roll,pitch,heave\n".to_owned() + &rows("0.T,0,3,0\n"),
+            "`roll_deg`",
+        ),
+        (
+            "time,roll,pitch,heave\n".to_owned() + &rows("0.T,0,3,0\n"),
+            "`t_s` is missing",
+        ),
+        (
+            "time,roll_deg,pitch_deg\n".to_owned() + &rows("T,0,3\n"),
+            "separated by commas",
+        ),
+        (
+            "t_s;roll_deg;pitch_deg\n".to_owned() + &rows("T;0,5;3.5\n"),
+            "decimal comma in line 2",
+        ),
+        (
+            "t_s,roll_deg,pitch_deg\n".to_owned() + &rows("T,0,5,3,5\n"),
+            "need quotes",
+        ),
+        (
+            "t_s,gyro_x_radps,gyro_y_radps,gyro_z_radps,accel_x_mps2,accel_y_mps2,accel_z_mps2\n".to_owned()
+                + &rows("T,0,0,0,0,0,0.1\n"),
+            "gravity",
+        ),
+        (
+            "t_s,gyro_x_radps,gyro_y_radps,gyro_z_radps,accel_x_g,accel_y_g,accel_z_g\n".to_owned()
+                + &rows("T,0,0,0,0,0,1\n"),
+            "[180, 0, 0]",
+        ),
+        (
+            "t_s,roll_deg,pitch_deg\n".to_owned() + &rows("yesterday T:00,0,3\n"),
+            "no time",
+        ),
+    ] {
+        let e = crate::log::read(text.as_bytes(), "t", &Mount::default())
+            .unwrap_err()
+            .to_string();
+        assert!(
+            e.contains(message) && e.contains("line ") | e.contains("m/s²"),
+            "{message}: {e}"
+        );
+    }
+}
+
+#[test]
+fn csv_with_whole_second_stamps() {
+    let mut text = String::from("t_s,roll_deg,pitch_deg\n");
+    for k in 0..600 {
+        text += &format!("{},{:.4},2\n", k / 10, 10.0 * (0.08 * f64::from(k)).sin());
+    }
+    let r = parse(&text).unwrap();
+    assert!(
+        r.notes.iter().any(|n| n.contains("spread evenly")),
+        "{:?}",
+        r.notes
+    );
+    for (k, m) in r.measurements.iter().enumerate() {
+        assert!(
+            (m.at().secs() - 0.1 * k as f64).abs() < 0.02,
+            "{k}: {}",
+            m.at().secs()
+        );
+    }
+}
