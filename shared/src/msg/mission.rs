@@ -189,6 +189,8 @@ pub enum ReasonCode {
     CourseEnds,
     /// A landing is not likely enough, by its probability: the vessel's turn costs most of it.
     TurnTooFast,
+    /// The autopilot has not aligned its heading, or knows its position no more.
+    HeadingUnaligned,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -333,6 +335,10 @@ impl fmt::Display for Reason {
             ReasonCode::NoOrigin => {
                 write!(f, "the autopilot has not reported its origin (GPS_GLOBAL_ORIGIN)")
             }
+            ReasonCode::HeadingUnaligned => write!(
+                f,
+                "the autopilot has not aligned its heading (PX4: ESTIMATOR_STATUS, ArduPilot: EKF_STATUS_REPORT)"
+            ),
             ReasonCode::OriginMoved if v == 0.0 => {
                 write!(f, "the autopilot's estimate of position or heading has jumped")
             }

@@ -3,7 +3,7 @@
 //! process around it is `alight autopilot`.
 //!
 //! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
-//! [`lapse`] (whose hold it is), [`disarm`] (when motors are stopped), this file (one step), [`inbound`] and [`outbound`] (its two
+//! [`lapse`] (whose hold it is), `heading` (whether it is aligned), [`disarm`] (when motors are stopped), this file (one step), [`inbound`] and [`outbound`] (its two
 //! halves), [`ground_station`] and [`rc_switch`] (people at a ground station and at the remote control), [`shadow`] (a person flies and nothing is commanded), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
 //! [`parameters`] (what a landing relies on), and [`wire`] for the bytes.
 //!
@@ -19,6 +19,7 @@ mod deck;
 mod disarm;
 mod drone_state;
 pub mod ground_station;
+mod heading;
 mod inbound;
 mod lapse;
 pub mod message;
@@ -57,6 +58,7 @@ use clock::RemoteClock;
 use disarm::DisarmSequence;
 use drone_state::DroneStateAssembler;
 use ground_station::GroundReports;
+use heading::HeadingAlignment;
 use lapse::LapseMonitor;
 use message::{Address, CUSTOM_MODE, CommandLong, Frame, Heartbeat, Message, command};
 use peer::Peer;
@@ -176,8 +178,9 @@ pub struct AutopilotLink {
     clock: RemoteClock,
     timesync_requests: VecDeque<i64>,
     drone_state: DroneStateAssembler,
-    /// Jumps of its estimate after which the origin was asked for.
+    /// Jumps of its estimate that were taken into account, as it counts them.
     resets: u8,
+    heading: HeadingAlignment,
     smooth: Odometry,
     state: Option<DroneState>,
     /// Where the autopilot's NED begins, which is the drone's; None until it has reported that.
@@ -285,6 +288,7 @@ impl AutopilotLink {
             alive: p.is_some_and(|p| recent(p.heartbeat_at, self.config.heartbeat_loss_s)),
             clock: self.clock.is_synchronised(),
             origin: self.datum.is_some(),
+            heading: self.heading.was_aligned(),
             odometry: self
                 .state
                 .is_some_and(|s| recent(s.header.at, self.config.odometry_loss_s)),
@@ -359,7 +363,7 @@ impl AutopilotLink {
             },
             lapsed: self.lapse.is_lapsed(),
             landed: p.landed,
-            origin_resets: self.drone_state.resets,
+            origin_resets: self.drone_state.frames,
             battery: p.charge(),
             battery_v: p.voltage_v(),
             battery_a: p.current_a(),
@@ -369,6 +373,7 @@ impl AutopilotLink {
             hover_thrust: if settled { self.hover.value() } else { 0.0 },
             rejection: match self.datum {
                 None => ReasonCode::NoOrigin.into(),
+                Some(_) if !self.heading.is_aligned(now) => ReasonCode::HeadingUnaligned.into(),
                 Some(_) if self.config.check_parameters => p.parameters.rejection(),
                 Some(_) => Reason::default(),
             },
@@ -386,6 +391,7 @@ impl AutopilotLink {
                 ControlAuthority::Searching
                     | ControlAuthority::LinkLost
                     | ControlAuthority::NoOrigin
+                    | ControlAuthority::NoHeading
                     | ControlAuthority::OptionUnknown
                     | ControlAuthority::Standby { .. }
                     | ControlAuthority::TakenOver { .. }
@@ -393,8 +399,8 @@ impl AutopilotLink {
     }
     /// What of the autopilot is reported at once when it changes.
     fn mode_and_frame(&self) -> Option<(AutopilotMode, bool, LandedState, u8)> {
-        let resets = self.drone_state.resets;
-        self.peer.as_ref().map(|p| (p.mode, p.armed, p.landed, resets))
+        let frames = self.drone_state.frames;
+        self.peer.as_ref().map(|p| (p.mode, p.armed, p.landed, frames))
     }
 }
 
