@@ -5,16 +5,57 @@
 //! [`encode_payload`]): the crate's own feature for them would bring its code generator, and default
 //! features of the regular expressions in it, into every program.
 
+use core::convert::Infallible;
 use std::collections::VecDeque;
 use std::io::{self, ErrorKind, Read};
 
 use ::mavlink::error::{MessageReadError, ParserError};
 use ::mavlink::{
-    MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkReader, MavlinkVersion, Message, MessageData,
+    Dialect, MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkReader, MavlinkVersion, Message,
+    MessageData,
 };
 
 pub use ::mavlink::dialects::common as dialect;
 pub use ::mavlink::types::CharArray;
+
+/// `EKF_STATUS_REPORT` of ArduPilot's own dialect, the one message of it that is read: its number and its definition's check
+/// byte. The whole dialect would be as large again as the common one.
+pub const EKF_STATUS_REPORT: (u32, u8) = (193, 71);
+
+/// The common dialect, and what of ArduPilot's is read.
+struct Known;
+
+impl Dialect for Known {
+    type Message = dialect::MavMessage;
+    type EncodeError = Infallible;
+    fn message_id(&self, message: &Self::Message) -> u32 {
+        message.message_id()
+    }
+    fn extra_crc(&self, id: u32) -> Option<u8> {
+        let (own, crc) = EKF_STATUS_REPORT;
+        Some(if id == own {
+            crc
+        } else {
+            dialect::MavMessage::extra_crc(id)
+        })
+    }
+    fn decode(
+        &self,
+        version: MavlinkVersion,
+        id: u32,
+        payload: &[u8],
+    ) -> Result<dialect::MavMessage, ParserError> {
+        dialect::MavMessage::parse(version, id, payload)
+    }
+    fn encode(
+        &self,
+        version: MavlinkVersion,
+        message: &dialect::MavMessage,
+        payload: &mut [u8],
+    ) -> Result<usize, Infallible> {
+        Ok(message.ser(version, payload))
+    }
+}
 
 /// Bytes that wait to be decoded, at most; what comes beyond is lost, as it is on a full wire.
 pub const MAX_WAITING: usize = 1 << 16;
@@ -98,7 +139,7 @@ impl FrameReader {
     /// The next frame; None until more bytes are there.
     pub fn next_frame(&mut self) -> Option<RawFrame> {
         loop {
-            match self.reader.read_any_raw_message::<dialect::MavMessage>() {
+            match self.reader.read_any_raw_message_with_dialect(&Known) {
                 Ok(raw) => {
                     let length = match &raw {
                         MAVLinkMessageRaw::V1(r) => r.raw_bytes().len(),

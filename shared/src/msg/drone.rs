@@ -22,6 +22,12 @@ pub struct DroneState {
     pub header: Header<DroneClock>,
     /// Where the drone's NED begins: its autopilot's origin.
     pub datum: Datum,
+    /// Where `datum` lies in the frame of `position` now, NED, m. That frame goes on where the autopilot's estimate of its
+    /// position jumps, and this takes up the jump: what was seen stays where it was, what is known by latitude and longitude
+    /// (the vessel by radio) moves by it. 0 until the first jump.
+    pub datum_offset: [f64; 3],
+    /// Sum of the jumps of the autopilot's heading since its first odometry, -pi to pi, rad: `attitude` has them.
+    pub heading_jumps: f64,
     /// Centre of mass in the drone's NED, m.
     pub position: [f64; 3],
     /// Velocity in NED, m/s.
@@ -47,6 +53,8 @@ impl Default for DroneState {
         DroneState {
             header: Header::default(),
             datum: Datum::default(),
+            datum_offset: [0.0; 3],
+            heading_jumps: 0.0,
             position: [0.0; 3],
             velocity: [0.0; 3],
             attitude: [1.0, 0.0, 0.0, 0.0],
@@ -64,6 +72,10 @@ impl DroneState {
     /// Position in the drone's NED, m.
     pub fn position(&self) -> Vector3<f64> {
         Vector3::from(self.position)
+    }
+    /// Where `datum` lies in the frame of the position now, m.
+    pub fn datum_offset(&self) -> Vector3<f64> {
+        Vector3::from(self.datum_offset)
     }
     /// Velocity in NED, m/s.
     pub fn velocity(&self) -> Vector3<f64> {
@@ -134,7 +146,8 @@ pub struct AutopilotState {
     pub lapsed: bool,
     /// Its own opinion.
     pub landed: LandedState,
-    /// Counts jumps of its position estimate.
+    /// Counts the frames of its odometry: with each what was known in the one before is void. A jump of its estimate alone
+    /// makes none ([`DroneState::datum_offset`]).
     pub origin_resets: u8,
     /// Height of the origin of its NED above mean sea level, as it reports it, m; None: not reported.
     pub origin_sea_m: Option<f64>,
@@ -198,10 +211,14 @@ pub struct LinkCheckpoint {
     pub datum: Datum,
     /// Height of the sea above the ellipsoid by which it was found, m.
     pub geoid_m: f64,
-    /// Jumps of its position estimate, as reported to the other nodes.
+    /// Frames of its odometry, as reported to the other nodes.
     pub origin_resets: u8,
-    /// The same as it counts them, where it does.
+    /// Jumps of its estimate as it counts them, where it does.
     pub reported_resets: Option<u8>,
+    /// What the jumps of its estimate have come to: [`DroneState::datum_offset`], m, and ...
+    pub datum_offset: [f64; 3],
+    /// ... [`DroneState::heading_jumps`], rad.
+    pub heading_jumps: f64,
     /// Smooth odometry less the autopilot's: position (m) and velocity (m/s), NED; the bias of its acceleration, m/s²; and
     /// the disturbance, m/s², its third component 0.
     pub smoothing: [[f64; 3]; 4],
@@ -234,6 +251,10 @@ pub struct PredictorCheckpoint {
     pub offset_sd: [f64; 6],
     /// Where the drone's NED began: about another place the offset is void.
     pub datum: Datum,
+    /// Jumps of the autopilot's estimate until then, as in [`DroneState`]: after another the offset is void.
+    pub datum_offset: [f64; 3],
+    /// The same of its heading, rad.
+    pub heading_jumps: f64,
     /// Where the drone was by its odometry, NED, m: an origin that moves since makes the offset void.
     pub position: [f64; 3],
     /// Its velocity, m/s.
@@ -454,6 +475,8 @@ pub(super) fn is_unit(q: &[f64; 4]) -> bool {
 
 message!(DroneState, DroneClock, |m| {
     m.datum.is_on_earth() => "datum",
+    within(&m.datum_offset, MAX_POSITION_M) && within([&m.heading_jumps], MAX_ANGLE_RAD) =>
+        "datum_offset or heading_jumps",
     within(&m.position, MAX_POSITION_M) => "position",
     within(&m.velocity, MAX_SPEED_MPS) => "velocity",
     is_unit(&m.attitude) => "attitude",
@@ -480,11 +503,15 @@ message!(LinkCheckpoint, DroneClock, |m| {
     within([&m.geoid_m], 1e3) => "geoid_m",
     (0.0..=1.0).contains(&m.clock_error_s) => "clock_error_s",
     m.datum.is_on_earth() => "datum",
+    within(&m.datum_offset, MAX_POSITION_M) && within([&m.heading_jumps], MAX_ANGLE_RAD) =>
+        "datum_offset or heading_jumps",
     m.smoothing.iter().all(|s| within(s, MAX_SPEED_MPS)) => "smoothing",
     FRACTION.contains(&m.hover_thrust) && m.hover_learned_s >= 0.0 => "hover_thrust or hover_learned_s",
 });
 message!(PredictorCheckpoint, DroneClock, |m| {
     m.datum.is_on_earth() => "datum",
+    within(&m.datum_offset, MAX_POSITION_M) && within([&m.heading_jumps], MAX_ANGLE_RAD) =>
+        "datum_offset or heading_jumps",
     within(&m.offset, MAX_POSITION_M) => "offset",
     m.offset_sd.iter().all(|s| (0.0..=1e3).contains(s)) => "offset_sd",
     within(&m.position, MAX_POSITION_M) && within(&m.velocity, MAX_SPEED_MPS) => "position or velocity",

@@ -202,6 +202,8 @@ pub enum ReasonCode {
     HeightsDisagree,
     /// The deck was met harder than drones are built for: the speed, m/s.
     HardContact,
+    /// The autopilot has not aligned its heading, or knows its position no more.
+    HeadingUnaligned,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -352,6 +354,10 @@ impl fmt::Display for Reason {
             ReasonCode::NoOrigin => {
                 write!(f, "the autopilot has not reported its origin (GPS_GLOBAL_ORIGIN)")
             }
+            ReasonCode::HeadingUnaligned => write!(
+                f,
+                "the autopilot has not aligned its heading (PX4: ESTIMATOR_STATUS, ArduPilot: EKF_STATUS_REPORT)"
+            ),
             ReasonCode::OriginMoved if v == 0.0 => {
                 write!(f, "the autopilot's estimate of position or heading has jumped")
             }

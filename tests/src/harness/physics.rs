@@ -259,6 +259,7 @@ impl Physics {
             hover,
         );
         autopilot.set_frame(geometry, c.airframe.frame);
+        autopilot.start(&plant.streams);
         if let Some(place) = self.place {
             // Still water is at the place's height.
             autopilot.begin_at(place, plant.origin, place.height_m);

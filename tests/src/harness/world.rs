@@ -26,6 +26,7 @@ use alight_uav::planner::{Planner, PlannerIn, PlannerOut};
 use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
 use alight_usv::deck::{DeckInputs, DeckOrder};
 use alight_usv::{ComputerIn, VesselComputer};
+use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::cameras::SimulatedCameras;
@@ -238,6 +239,12 @@ impl World {
     pub fn reset_heading(&mut self, k: usize, by_rad: f64) {
         if let Some(linked) = self.linked(k) {
             linked.autopilot.reset_heading(by_rad);
+        }
+    }
+    /// The estimator of a drone's autopilot begins its position anew, this much further on (m); it counts that or not.
+    pub fn reset_position(&mut self, k: usize, by: &Vector3<f64>, counted: bool) {
+        if let Some(linked) = self.linked(k) {
+            linked.autopilot.reset_position(by, counted);
         }
     }
     /// The vessel's computer starts anew, with what it kept.
@@ -494,6 +501,10 @@ impl DroneComputer {
             .map(|(config, autopilot)| LinkedAutopilot::new(config, &streams, autopilot, make, self.boot));
     }
 
+    /// Its autopilot has aligned its heading.
+    pub fn autopilot_is_aligned(&self) -> bool {
+        self.linked.as_ref().is_some_and(|l| l.autopilot.is_aligned())
+    }
     /// What the radio carried and lost: to the drone, to the vessel.
     pub fn radio_counts(&self) -> [ChannelCounts; 2] {
         self.radio.counts()

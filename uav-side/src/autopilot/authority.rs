@@ -32,6 +32,8 @@ pub enum ControlAuthority {
     NoClock,
     /// It has not reported the origin of its NED.
     NoOrigin,
+    /// It has not aligned its heading yet.
+    NoHeading,
     /// No odometry with inertial samples arrives.
     NoOdometry,
     /// ArduCopter has not reported its GUID_OPTIONS.
@@ -75,6 +77,7 @@ impl ControlAuthority {
             ControlAuthority::Searching
             | ControlAuthority::LinkLost
             | ControlAuthority::NoOrigin
+            | ControlAuthority::NoHeading
             | ControlAuthority::OptionUnknown
             | ControlAuthority::OptionMissing
             | ControlAuthority::Standby { .. }
@@ -91,6 +94,10 @@ impl fmt::Display for ControlAuthority {
             ControlAuthority::LinkLost => "the autopilot's heartbeats have ceased",
             ControlAuthority::NoClock => "the autopilot answers no TIMESYNC",
             ControlAuthority::NoOrigin => "the autopilot has not reported its origin (GPS_GLOBAL_ORIGIN)",
+            ControlAuthority::NoHeading => {
+                "the autopilot has not aligned its heading yet (PX4: ESTIMATOR_STATUS, ArduPilot: EKF_STATUS_REPORT); \
+                 leave the drone still, away from steel"
+            }
             ControlAuthority::NoOdometry => "no odometry with inertial samples arrives from the autopilot",
             ControlAuthority::OptionUnknown => "ArduCopter has not reported its GUID_OPTIONS yet",
             ControlAuthority::OptionMissing => {
@@ -121,6 +128,8 @@ pub(crate) struct Evidence {
     pub(crate) clock: bool,
     /// Where its NED begins is known, or need not be.
     pub(crate) origin: bool,
+    /// Its heading is aligned, or was when this flight's odometry began.
+    pub(crate) heading: bool,
     /// Odometry arrives.
     pub(crate) odometry: bool,
     /// Whether thrust is read as thrust; None: not known yet.
@@ -195,6 +204,8 @@ impl AuthorityStateMachine {
             ControlAuthority::NoClock
         } else if !f.origin {
             ControlAuthority::NoOrigin
+        } else if !f.heading {
+            ControlAuthority::NoHeading
         } else if !f.odometry {
             ControlAuthority::NoOdometry
         } else if f.thrust.is_none() {
@@ -245,6 +256,7 @@ mod tests {
         alive: true,
         clock: true,
         origin: true,
+        heading: true,
         odometry: true,
         thrust: Some(true),
         heartbeat: true,
@@ -278,9 +290,10 @@ mod tests {
         let s = run(&mut a, 0, &[disarmed, disarmed, READY, READY]);
         assert_eq!(s[..3], [ControlAuthority::Disarmed; 3]);
         assert_eq!(s[3], ControlAuthority::Commanding);
-        let gaps: [fn(&mut Evidence); 7] = [
+        let gaps: [fn(&mut Evidence); 8] = [
             |e| e.clock = false,
             |e| e.origin = false,
+            |e| e.heading = false,
             |e| e.odometry = false,
             |e| e.thrust = None,
             |e| e.thrust = Some(false),

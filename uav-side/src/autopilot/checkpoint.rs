@@ -12,6 +12,7 @@ use super::message::{AUTOPILOT_COMPONENT, Address};
 use super::modes::Firmware;
 use super::peer::Peer;
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output};
+use crate::odometry::Jumps;
 use alight_shared::checkpoint::{CheckpointRejection, validate};
 
 /// Period of writing.
@@ -69,7 +70,12 @@ impl AutopilotLink {
         self.datum.get_or_insert(m.datum);
         self.geoid_m.get_or_insert(m.geoid_m);
         self.drone_state.resume(m.origin_resets, m.reported_resets);
-        self.smooth.resume(m.smoothing);
+        let jumps = Jumps {
+            offset: m.datum_offset.into(),
+            heading: m.heading_jumps,
+        };
+        self.smooth.resume(m.smoothing, jumps);
+        self.heading.resume();
         self.hover.resume(m.hover_thrust, m.hover_learned_s);
         self.authority.resume();
     }
@@ -94,8 +100,10 @@ impl AutopilotLink {
             clock_error_s: clock_error_s.min(1.0),
             datum: self.datum?,
             geoid_m: self.geoid_m?,
-            origin_resets: self.drone_state.resets,
+            origin_resets: self.drone_state.frames,
             reported_resets: self.drone_state.reported_resets,
+            datum_offset: self.smooth.jumps().offset.into(),
+            heading_jumps: self.smooth.jumps().heading,
             smoothing: self.smooth.difference(),
             hover_thrust,
             hover_learned_s,

@@ -88,7 +88,8 @@ impl AutopilotLink {
         let Some(deck) = self.deck(now).filter(|_| self.config.send_home && fresh) else {
             return;
         };
-        let place = datum.at(&Vector::<DroneNed>::from(Vector3::from(deck.position)));
+        let from_datum = Vector3::from(deck.position) - self.smooth.jumps().offset;
+        let place = datum.at(&Vector::<DroneNed>::from(from_datum));
         let due = self.home.is_none_or(|(at, sent)| {
             let age = now - at;
             age >= HOME_REPEAT || age >= HOME_PERIOD && place.distance_m(&sent) > HOME_MOVED_M

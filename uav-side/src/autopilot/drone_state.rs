@@ -9,7 +9,6 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use super::DroneTime;
 use super::config::AutopilotLinkConfig;
 use super::message::{DistanceReport, OdometryReport, VelocityFrame};
-use crate::odometry::origin::yaw_jump;
 
 /// An inertial sample further than this from the pose does not belong to it.
 const MAX_IMU_OFFSET: Span = Span::from_millis(50);
@@ -17,10 +16,6 @@ const MAX_IMU_OFFSET: Span = Span::from_millis(50);
 const MAX_ATTITUDE_OFFSET: Span = Span::from_millis(60);
 /// Position and attitude on their own are not used within this time after an `ODOMETRY`.
 const ODOMETRY_PREFERENCE: Span = Span::from_millis(500);
-/// A position further than this from the last one propagated by velocity is a jump of the estimate, m.
-const JUMP_M: f64 = 1.0;
-/// Such jumps are detected between samples no further apart than this, s.
-const JUMP_STEP_S: f64 = 0.3;
 /// Inertial samples averaged at most.
 const MAX_SAMPLES: u32 = 50;
 
@@ -41,8 +36,11 @@ pub(crate) struct DroneStateAssembler {
     odometry_at: Option<DroneTime>,
     last: Option<DroneState>,
     pub(crate) reported_resets: Option<u8>,
-    /// Jumps of the autopilot's estimate so far.
+    /// Jumps of its estimate that the autopilot has counted so far. Those that it does not count are detected in
+    /// [`crate::odometry`].
     pub(crate) resets: u8,
+    /// Frames so far.
+    pub(crate) frames: u8,
     /// Samples rejected.
     pub(crate) rejected: u32,
 }
@@ -53,9 +51,9 @@ fn rotation(q: [f64; 4]) -> Option<UnitQuaternion<f64>> {
 }
 
 impl DroneStateAssembler {
-    /// Goes on counting from these, as [`Self::resets`] and as the autopilot counts.
-    pub(crate) fn resume(&mut self, resets: u8, reported: Option<u8>) {
-        (self.resets, self.reported_resets) = (resets, reported);
+    /// Goes on counting from these, as [`Self::frames`] and as the autopilot counts.
+    pub(crate) fn resume(&mut self, frames: u8, reported: Option<u8>) {
+        (self.frames, self.reported_resets) = (frames, reported);
     }
     fn reject<T>(&mut self) -> Option<T> {
         self.rejected = self.rejected.saturating_add(1);
@@ -76,17 +74,10 @@ impl DroneStateAssembler {
             i.count += 1;
         }
     }
-    /// An attitude with its rates. ArduCopter counts no resets of its heading: one is seen.
+    /// An attitude with its rates.
     pub(crate) fn attitude(&mut self, at: DroneTime, attitude: [f64; 4], rates: [f64; 3]) {
         match rotation(attitude) {
-            Some(q) => {
-                if let Some((then, before, turning)) = &self.attitude
-                    && yaw_jump((before, *turning), (&q, rates.into()), (at - *then).secs()).is_some()
-                {
-                    self.resets = self.resets.wrapping_add(1);
-                }
-                self.attitude = Some((at, q, rates.into()));
-            }
+            Some(q) => self.attitude = Some((at, q, rates.into())),
             None => self.rejected = self.rejected.saturating_add(1),
         }
     }
@@ -107,13 +98,6 @@ impl DroneStateAssembler {
             return None;
         }
         let turned = q * UnitQuaternion::from_scaled_axis(rates * apart.secs());
-        if let Some(l) = &self.last {
-            let dt = (at - l.header.at).secs();
-            let expected = l.position() + (l.velocity() + Vector3::from(velocity)) * (0.5 * dt);
-            if dt < JUMP_STEP_S && !((Vector3::from(position) - expected).norm() < JUMP_M) {
-                self.resets = self.resets.wrapping_add(1);
-            }
-        }
         self.state(at, position, velocity, turned, rates, None, c)
     }
     /// Position, velocity and attitude in one.
@@ -171,6 +155,8 @@ impl DroneStateAssembler {
         let state = DroneState {
             header: Header::new(0, 0, 0, 0, at),
             datum: Datum::default(),
+            datum_offset: [0.0; 3],
+            heading_jumps: 0.0,
             position,
             velocity,
             attitude: [q.w, q.i, q.j, q.k],
@@ -190,7 +176,8 @@ impl DroneStateAssembler {
     /// The autopilot is another one, or restarted: its frame is another.
     pub(crate) fn restart(&mut self) {
         *self = DroneStateAssembler {
-            resets: self.resets.wrapping_add(u8::from(self.last.is_some())),
+            resets: self.resets,
+            frames: self.frames.wrapping_add(u8::from(self.last.is_some())),
             rejected: self.rejected,
             ..DroneStateAssembler::default()
         };
@@ -284,33 +271,17 @@ mod tests {
     }
 
     #[test]
-    fn estimate_jumps_reported_or_detected() {
+    fn estimate_jumps_that_the_autopilot_counts() {
         let c = AutopilotLinkConfig::default();
         let mut f = DroneStateAssembler::default();
-        let mut at = 1.0;
-        let mut report_resets = |f: &mut DroneStateAssembler, resets| {
-            at += 0.01;
-            f.imu(t(at), [0.0, 0.0, -9.8]);
-            f.odometry(t(at), &report([0.0; 3], VelocityFrame::Ned, resets), &c);
-        };
-        report_resets(&mut f, 7);
-        report_resets(&mut f, 7);
-        report_resets(&mut f, 8);
-        assert_eq!(f.resets, 1);
-        let mut f = DroneStateAssembler::default();
-        for (k, x) in [0.0, 0.01, 2.0, 2.01].into_iter().enumerate() {
+        for (k, resets) in [7, 7, 8].into_iter().enumerate() {
             let at = t(1.0 + 0.01 * k as f64);
             f.imu(at, [0.0, 0.0, -9.8]);
-            f.attitude(at, [1.0, 0.0, 0.0, 0.0], [0.0; 3]);
-            f.position(at, [x, 0.0, 0.0], [1.0, 0.0, 0.0], &c);
+            f.odometry(at, &report([0.0; 3], VelocityFrame::Ned, resets), &c);
         }
-        assert_eq!(f.resets, 1);
-        // A heading that jumps by 15 deg.
-        for (k, yaw) in [0.0, 0.002, 0.262, 0.264].into_iter().enumerate() {
-            let q = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
-            f.attitude(t(2.0 + 0.01 * k as f64), [q.w, q.i, q.j, q.k], [0.0, 0.0, 0.2]);
-        }
-        assert_eq!(f.resets, 2);
+        assert_eq!((f.resets, f.frames), (1, 0));
+        f.restart();
+        assert_eq!((f.resets, f.frames), (1, 1));
     }
 
     #[test]

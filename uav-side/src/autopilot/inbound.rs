@@ -4,6 +4,7 @@ use alight_shared::geodesy::Datum;
 use alight_shared::geoid;
 use alight_shared::msg::{CommandKind, DroneState, LandedState};
 
+use super::heading::HeadingAlignment;
 use super::message::{
     self, Address, CommandResult, DistanceReport, Frame, Heartbeat, Message, command, severity,
 };
@@ -17,6 +18,8 @@ const MAX_GEOID_M: f64 = 120.0;
 const ORIGINS_WITHOUT_GEOID: u8 = 3;
 /// An origin that moved by more than this is another, m: the message has centimetres.
 const ORIGIN_MOVED_M: f64 = 0.05;
+/// After a jump of its position by more than this its origin is asked for again, m.
+const JUMPED_M: f64 = 1.0;
 /// Time constant of the specific force in the evidence for a disarm, s.
 const SPECIFIC_FORCE_TIME_S: f64 = 0.03;
 /// Another autopilot is accepted when the first was silent for this long, s.
@@ -107,6 +110,14 @@ impl AutopilotLink {
                 peer.streams.received(message::id::SYS_STATUS);
                 self.switch.on_status(now, *present, *healthy);
             }
+            Message::EstimatorStatus { flags } => {
+                peer.streams.received(message::id::ESTIMATOR_STATUS);
+                self.heading.status(now, *flags);
+            }
+            Message::EkfStatus { flags } => {
+                peer.streams.received(message::id::EKF_STATUS_REPORT);
+                self.heading.status(now, *flags);
+            }
             Message::RemoteControl(channels) => {
                 peer.streams.received(message::id::RC_CHANNELS);
                 let given = self.switch.on_channels(now, c.rc_switch, channels);
@@ -145,7 +156,8 @@ impl AutopilotLink {
         self.clock
             .answered(now, local_ns, remote_ns, self.config.timesync_limit_s);
         if self.clock.restarts != before {
-            self.drone_state.restart();
+            self.new_frame();
+            self.heading = HeadingAlignment::default();
             // Its origin is another, too.
             (self.datum, self.geoid_m, self.origins, self.timers.origin) = Default::default();
             if let Some(peer) = &mut self.peer {
@@ -217,7 +229,8 @@ impl AutopilotLink {
             peer => {
                 *peer = Some(Peer::new(from, firmware, now, &self.config, self.attitudes));
                 self.clock.forget();
-                self.drone_state.restart();
+                self.new_frame();
+                self.heading = HeadingAlignment::default();
                 (self.datum, self.geoid_m, self.origins, self.timers.origin) = Default::default();
             }
         }
@@ -258,22 +271,28 @@ impl AutopilotLink {
         }
         match &self.datum {
             Some(known) if !(known.distance_m(&origin) > ORIGIN_MOVED_M) => return,
-            Some(_) => self.drone_state.restart(),
+            Some(_) => self.new_frame(),
             None => {}
         }
         self.datum = Some(origin);
     }
 
+    /// What was known in its frame is void.
+    fn new_frame(&mut self) {
+        self.drone_state.restart();
+        self.smooth.restart();
+    }
+
     /// New odometry: smooths it, learns the hover thrust from it and publishes it.
     fn on_odometry(&mut self, now: DroneTime, reported: Option<DroneState>, out: &mut AutopilotOut) {
-        if self.drone_state.resets != self.resets {
-            // Its origin may be another.
-            self.timers.origin = Default::default();
-            self.resets = self.drone_state.resets;
-        }
-        let (Some(mut reported), Some(datum)) = (reported, self.datum) else {
+        let Some(mut reported) = reported else { return };
+        self.heading.watch(&reported);
+        // Before its heading is aligned, its directions are anybody's.
+        let Some(datum) = self.datum.filter(|_| self.heading.was_aligned()) else {
             return;
         };
+        let counted =
+            core::mem::replace(&mut self.resets, self.drone_state.resets) != self.drone_state.resets;
         reported.datum = datum;
         reported.position = reported.position().component_mul(&self.map_scale()).into();
         let dt = self
@@ -291,7 +310,12 @@ impl AutopilotLink {
             let fraction = thrust::fraction(t, self.config.thrust_curve);
             self.hover.learn(fraction, up, dt, self.config.hover_thrust_s);
         }
-        let mut state = self.smooth.step(&reported);
+        let before = self.smooth.jumps();
+        let mut state = self.smooth.step(&reported, counted);
+        if counted || (self.smooth.jumps().offset - before.offset).norm() > JUMPED_M {
+            // Its origin may be another.
+            self.timers.origin = Default::default();
+        }
         state.header = self.header(Output::Odometry, reported.header.at);
         self.state = Some(state);
         let speed = self.from_deck(now).map(|(_, _, away)| away);

@@ -62,6 +62,10 @@ pub mod id {
     pub const DISTANCE_SENSOR: u32 = 132;
     /// `BATTERY_STATUS`.
     pub const BATTERY_STATUS: u32 = 147;
+    /// `EKF_STATUS_REPORT` (ArduPilot).
+    pub const EKF_STATUS_REPORT: u32 = alight_shared::mavlink::EKF_STATUS_REPORT.0;
+    /// `ESTIMATOR_STATUS` (PX4).
+    pub const ESTIMATOR_STATUS: u32 = 230;
     /// `EXTENDED_SYS_STATE`.
     pub const EXTENDED_SYS_STATE: u32 = 245;
     /// `ODOMETRY`.
@@ -80,6 +84,22 @@ pub mod severity {
     pub const NOTICE: u8 = 5;
     /// Normal.
     pub const INFO: u8 = 6;
+}
+
+/// Bits of an estimator's status, the same of both firmwares.
+pub mod estimator {
+    /// Attitude: tilt, in ArduPilot heading too.
+    pub const ATTITUDE: u16 = 1;
+    /// Velocity, north and east.
+    pub const VELOCITY_HORIZ: u16 = 2;
+    /// Velocity down.
+    pub const VELOCITY_VERT: u16 = 4;
+    /// Position by GNSS. PX4 (`EKF2`) and ArduPilot (`EKF3`) fuse GNSS only once tilt and heading are aligned.
+    pub const POSITION_HORIZ_ABS: u16 = 16;
+    /// Height.
+    pub const POSITION_VERT_ABS: u16 = 32;
+    /// The position is held where it is for want of a measurement.
+    pub const CONSTANT_POSITION: u16 = 128;
 }
 
 /// `MAV_SYS_STATUS_SENSOR_RC_RECEIVER`.
@@ -432,6 +452,16 @@ pub enum Message {
         present: u32,
         /// That work.
         healthy: u32,
+    },
+    /// `ESTIMATOR_STATUS`: what PX4's estimator knows, bits of [`estimator`].
+    EstimatorStatus {
+        /// `ESTIMATOR_STATUS_FLAGS`.
+        flags: u16,
+    },
+    /// `EKF_STATUS_REPORT`: the same of ArduPilot's, with the same bits.
+    EkfStatus {
+        /// `EKF_STATUS_FLAGS`.
+        flags: u16,
     },
     /// `RC_CHANNELS`.
     RemoteControl(RcChannels),

@@ -3,7 +3,7 @@
 //! process around it is `alight autopilot`.
 //!
 //! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
-//! [`lapse`] (whose hold it is), [`disarm`] (when motors are stopped), this file (one step), [`inbound`] and [`outbound`] (its two
+//! [`lapse`] (whose hold it is), `heading` (whether it is aligned), [`disarm`] (when motors are stopped), this file (one step), [`inbound`] and [`outbound`] (its two
 //! halves), [`ground_station`] and [`rc_switch`] (people at a ground station and at the remote control), [`shadow`] (a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
 //! [`parameters`] (what a landing relies on), and [`wire`] for the bytes.
 //!
@@ -20,6 +20,7 @@ mod disarm;
 mod drone_state;
 pub mod ground_station;
 mod guidance;
+mod heading;
 mod inbound;
 mod lapse;
 pub mod message;
@@ -59,6 +60,7 @@ use clock::RemoteClock;
 use disarm::DisarmSequence;
 use drone_state::DroneStateAssembler;
 use ground_station::GroundReports;
+use heading::HeadingAlignment;
 use lapse::LapseMonitor;
 use message::{Address, CUSTOM_MODE, CommandLong, Frame, Heartbeat, Message, command, severity};
 use peer::Peer;
@@ -178,8 +180,9 @@ pub struct AutopilotLink {
     clock: RemoteClock,
     timesync_requests: VecDeque<i64>,
     drone_state: DroneStateAssembler,
-    /// Jumps of its estimate after which the origin was asked for.
+    /// Jumps of its estimate that were taken into account, as it counts them.
     resets: u8,
+    heading: HeadingAlignment,
     smooth: Odometry,
     state: Option<DroneState>,
     /// Where the autopilot's NED begins, which is the drone's; None until it has reported that.
@@ -295,6 +298,7 @@ impl AutopilotLink {
             alive: p.is_some_and(|p| recent(p.heartbeat_at, self.config.heartbeat_loss_s)),
             clock: self.clock.is_synchronised(),
             origin: self.datum.is_some(),
+            heading: self.heading.was_aligned(),
             odometry: self
                 .state
                 .is_some_and(|s| recent(s.header.at, self.config.odometry_loss_s)),
@@ -369,7 +373,7 @@ impl AutopilotLink {
             },
             lapsed: self.lapse.is_lapsed(),
             landed: p.landed(now),
-            origin_resets: self.drone_state.resets,
+            origin_resets: self.drone_state.frames,
             origin_sea_m: self
                 .datum
                 .zip(self.geoid_m)
@@ -383,6 +387,7 @@ impl AutopilotLink {
             hover_thrust: if settled { self.hover.value() } else { 0.0 },
             rejection: match self.datum {
                 None => ReasonCode::NoOrigin.into(),
+                Some(_) if !self.heading.is_aligned(now) => ReasonCode::HeadingUnaligned.into(),
                 Some(_) if self.config.check_parameters => p.parameters.rejection(),
                 Some(_) => Reason::default(),
             },
@@ -400,6 +405,7 @@ impl AutopilotLink {
                 ControlAuthority::Searching
                     | ControlAuthority::LinkLost
                     | ControlAuthority::NoOrigin
+                    | ControlAuthority::NoHeading
                     | ControlAuthority::OptionUnknown
                     | ControlAuthority::Standby { .. }
                     | ControlAuthority::TakenOver { .. }
@@ -407,9 +413,9 @@ impl AutopilotLink {
     }
     /// What of the autopilot is reported at once when it changes.
     fn mode_and_frame(&self, now: DroneTime) -> Option<(AutopilotMode, bool, LandedState, u8)> {
-        let resets = self.drone_state.resets;
+        let frames = self.drone_state.frames;
         let peer = self.peer.as_ref();
-        peer.map(|p| (p.mode, p.armed, p.landed(now), resets))
+        peer.map(|p| (p.mode, p.armed, p.landed(now), frames))
     }
 }
 

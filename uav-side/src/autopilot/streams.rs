@@ -16,6 +16,8 @@ const MODE_HZ: f64 = 50.0;
 /// Rates of the remote control's channels and of the autopilot's sensors' health, where a switch commands, Hz.
 const CHANNELS_HZ: f64 = 10.0;
 const STATUS_HZ: f64 = 5.0;
+/// Rate of the estimator's status, Hz.
+const ESTIMATOR_HZ: f64 = 5.0;
 /// Below this fraction of its rate a stream is requested again.
 const MIN_RATE_FRACTION: f64 = 0.7;
 /// A denied stream is not requested for this long, s.
@@ -50,6 +52,7 @@ impl Streams {
             Firmware::Px4 => &[
                 (id::ODOMETRY, c.odometry_hz),
                 (id::HIGHRES_IMU, c.odometry_hz),
+                (id::ESTIMATOR_STATUS, ESTIMATOR_HZ),
                 // Its heartbeats keep to 1 Hz whatever is requested; this comes when the mode changes, and twice
                 // a second.
                 (id::CURRENT_MODE, MODE_HZ),
@@ -60,6 +63,7 @@ impl Streams {
                 (id::ATTITUDE_QUATERNION, c.odometry_hz),
                 (id::LOCAL_POSITION_NED, c.odometry_hz),
                 (id::SCALED_IMU, c.odometry_hz),
+                (id::EKF_STATUS_REPORT, ESTIMATOR_HZ),
             ],
         };
         let both = [
@@ -175,7 +179,7 @@ mod tests {
         let c = AutopilotLinkConfig::default();
         let mut s = Streams::new(Firmware::Px4, &c, Time::from_secs(0.0));
         let first = asked(&mut s, 0.0, 1.0, &[], CommandResult::Accepted);
-        assert_eq!(first.len(), 7, "{first:?}");
+        assert_eq!(first.len(), 8, "{first:?}");
         assert!(first.contains(&id::ODOMETRY) && !first.contains(&id::LOCAL_POSITION_NED));
         let all_but_range: Vec<u32> = first.into_iter().filter(|i| *i != id::DISTANCE_SENSOR).collect();
         asked(&mut s, 1.0, 2.0, &all_but_range, CommandResult::Accepted);

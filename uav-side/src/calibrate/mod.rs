@@ -232,7 +232,11 @@ impl DeckCalibration {
         let Some(pose) = self.track.at(e.header.at) else {
             return;
         };
-        let Some(e) = self.track.newest().and_then(|d| placed(e, &d.datum)) else {
+        let Some(e) = self
+            .track
+            .newest()
+            .and_then(|d| placed(e, &d.datum, &d.datum_offset()))
+        else {
             return;
         };
         self.newest = Some(e.header.at);

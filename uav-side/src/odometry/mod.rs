@@ -10,6 +10,12 @@
 //! The smooth frame is off from the autopilot's by some decimetres, so a set-point goes back through
 //! [`Odometry::for_autopilot`].
 //!
+//! An autopilot's estimate jumps: when it aligns its heading, when GNSS comes back, when another sensor takes over the
+//! height; some count it, some do not. Such a jump is detected here and nowhere else. The smooth frame goes on as if
+//! nothing had happened, so that plans, holds and what the camera saw stay where they are; the jump goes into
+//! [`DroneState::datum_offset`], by which the predictor places what is known by latitude and longitude. A jump of the heading
+//! stays in the attitude, because the autopilot flies by it, and is summed in [`DroneState::heading_jumps`].
+//!
 //! Here, too, and for all nodes is learnt what pushes the drone sideways besides its rotors: the drag that the accelerometers
 //! show across the thrust, and what moves the smooth frame besides them, their bias and the tilt's error in it; both averaged
 //! over [`DISTURBANCE_S`]. So a gust is known in 0.3 s, and a bias of 0.05 m/s² or a tilt of 0.3 deg, which would each cost
@@ -22,18 +28,28 @@ pub(crate) mod hover;
 pub(crate) mod origin;
 
 use alight_shared::config;
+use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{DroneState, SetPoint, SetPointKind};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::{Vector2, Vector3};
 
+use origin::yaw_jump;
+
 /// After a longer gap the smoothing starts again from the autopilot's odometry, s.
 const MAX_STEP_S: f64 = 0.1;
-/// A position that is further than this from where the velocity would have brought it is a reset of
-/// the autopilot's origin, m.
-const JUMP_M: f64 = 0.4;
+/// A position that is further than this from where the velocity would have brought it has jumped, m. A jump that is none
+/// costs nothing: the frame goes on by the velocity for one step.
+/// Source: twenty times what a fix of GNSS moves an estimate in one step (0.3 m of noise, 2 cm).
+const JUMP_M: f64 = 0.2;
+/// The same where the autopilot has counted a jump of its estimate, m.
+const COUNTED_JUMP_M: f64 = 0.02;
+/// By so much more in a gap of 1 s without samples, in proportion to its square, m.
+const JUMP_IN_GAP_M: f64 = 0.5;
+/// After a longer gap nothing is known of jumps in it, s.
+const MAX_GAP_S: f64 = 1.0;
 /// Further from the autopilot's position (m) or velocity (m/s) than this, one of the two is wrong:
-/// the smoothing starts again from the autopilot's odometry.
+/// the smoothing starts again from the autopilot's odometry, in the frame that it has.
 const MAX_DIFFERENCE: f64 = 1.5;
 /// A step in which the sampled force and the autopilot's velocity differ by more than this is an impact, m/s. A fix of GNSS
 /// moves the velocity by less.
@@ -112,14 +128,6 @@ impl SmoothState {
         self.at = reported.header.at;
         self.reported = *reported;
     }
-    fn state(&self) -> DroneState {
-        DroneState {
-            position: self.position.into(),
-            velocity: self.velocity.into(),
-            disturbance: self.disturbance.into(),
-            ..self.reported
-        }
-    }
     fn learn_disturbance(&mut self, sample: &Vector2<f64>, dt: f64) {
         let within = |d: f64| d.clamp(-MAX_DISTURBANCE_MPS2, MAX_DISTURBANCE_MPS2);
         let gain = 1.0 - (-dt / DISTURBANCE_S).exp();
@@ -127,11 +135,21 @@ impl SmoothState {
     }
 }
 
+/// What the jumps of the autopilot's estimate have come to.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Jumps {
+    /// [`DroneState::datum_offset`], m: what is added to the autopilot's position.
+    pub(crate) offset: Vector3<f64>,
+    /// [`DroneState::heading_jumps`], rad.
+    pub(crate) heading: f64,
+}
+
 /// The smooth odometry.
 #[derive(Clone, Debug, Default)]
 pub struct Odometry {
     config: OdometryConfig,
     smoothed: Option<SmoothState>,
+    jumps: Jumps,
     /// What a beginning adds to the autopilot's position and velocity, its bias, and the disturbance.
     first: [[f64; 3]; 4],
 }
@@ -142,87 +160,135 @@ impl Odometry {
         Odometry {
             config: *config,
             smoothed: None,
+            jumps: Jumps::default(),
             first: [[0.0; 3]; 4],
         }
     }
-    /// How this differs from the autopilot's odometry: position (m), velocity (m/s), the bias and the disturbance (m/s²).
+    /// Begins anew: the autopilot's frame is another.
+    pub(crate) fn restart(&mut self) {
+        let heading = self.jumps.heading;
+        *self = Odometry::new(&self.config);
+        self.jumps.heading = heading;
+    }
+    /// The jumps so far.
+    pub(crate) fn jumps(&self) -> Jumps {
+        self.jumps
+    }
+    /// How this differs from the autopilot's odometry besides by the jumps: position (m), velocity (m/s), the bias and the
+    /// disturbance (m/s²).
     pub(crate) fn difference(&self) -> [[f64; 3]; 4] {
         self.smoothed.map_or([[0.0; 3]; 4], |h| {
-            let position = h.position - h.reported.position();
+            let position = h.position - (h.reported.position() + self.jumps.offset);
             let velocity = h.velocity - h.reported.velocity();
             let disturbance = h.disturbance.push(0.0);
             [position, velocity, h.bias, disturbance].map(Into::into)
         })
     }
     /// Begins with such a difference, not with the autopilot's odometry: the frame stays where it was.
-    pub(crate) fn resume(&mut self, difference: [[f64; 3]; 4]) {
-        self.first = difference;
+    pub(crate) fn resume(&mut self, difference: [[f64; 3]; 4], jumps: Jumps) {
+        (self.first, self.jumps) = (difference, jumps);
     }
 
     /// The autopilot's odometry with smooth position and velocity:
     /// `v' = R f + g + b + k_v (v_a - v) + k_p (p_a - p)`, `p' = v + drift`, `b' = k_b (v_a - v)`.
+    /// `counted`: the autopilot has counted a jump of its estimate since the last one.
     ///
     /// An autopilot whose position drifts (GNSS) without its velocity saying so is followed by these
     /// only in part, `k_p / (k_p + k_b)`. What is more than [`LAG_M`] is made up for slowly by `drift`;
     /// a stiffer loop would bring the fixes' noise into every landing (6 mm of place), and none would
     /// end in a jump, in a flare too.
-    pub fn step(&mut self, reported: &DroneState) -> DroneState {
-        let smoothed = self.smoothed(reported);
-        if self.config.smooth {
-            return smoothed;
-        }
+    pub fn step(&mut self, reported: &DroneState, counted: bool) -> DroneState {
+        let smoothed = self.smoothed(reported, counted);
+        let jumps = self.jumps;
+        let (position, velocity, disturbance) = match smoothed {
+            Some(h) if self.config.smooth => (h.position, h.velocity, h.disturbance),
+            Some(h) => (
+                reported.position() + jumps.offset,
+                reported.velocity(),
+                h.disturbance,
+            ),
+            // Out of order: the readers reject it.
+            None => return *reported,
+        };
         DroneState {
-            disturbance: smoothed.disturbance,
+            position: position.into(),
+            velocity: velocity.into(),
+            disturbance: disturbance.into(),
+            datum_offset: jumps.offset.into(),
+            heading_jumps: jumps.heading,
             ..*reported
         }
     }
-    fn smoothed(&mut self, reported: &DroneState) -> DroneState {
+
+    /// Takes a jump of the autopilot's estimate since `last` into account.
+    fn watch(&mut self, last: &DroneState, reported: &DroneState, dt: f64, counted: bool) {
+        let rates = |d: &DroneState| Vector3::from(d.rates);
+        let (before, now) = (last.attitude(), reported.attitude());
+        let yaw = yaw_jump((&before, rates(last)), (&now, rates(reported)), dt).unwrap_or(0.0);
+        self.jumps.heading = wrap_angle(self.jumps.heading + yaw);
+        if dt > MAX_GAP_S {
+            return;
+        }
+        let expected = last.position() + (last.velocity() + reported.velocity()) * (0.5 * dt);
+        let jump = reported.position() - expected;
+        let limit = if counted { COUNTED_JUMP_M } else { JUMP_M } + JUMP_IN_GAP_M * dt * dt;
+        if jump.norm() > limit {
+            self.jumps.offset -= jump;
+        }
+    }
+
+    /// None: out of order.
+    fn smoothed(&mut self, reported: &DroneState, counted: bool) -> Option<SmoothState> {
         let [position, velocity, bias, disturbance] = self.first.map(Vector3::from);
-        let fresh = SmoothState {
-            at: reported.header.at,
-            position: reported.position(),
-            velocity: reported.velocity(),
-            bias: Vector3::zeros(),
-            disturbance: self.smoothed.map_or(disturbance.xy(), |h| h.disturbance),
-            reported: *reported,
-        };
         let Some(mut h) = self.smoothed else {
             let first = SmoothState {
-                position: fresh.position + position,
-                velocity: fresh.velocity + velocity,
+                at: reported.header.at,
+                position: reported.position() + self.jumps.offset + position,
+                velocity: reported.velocity() + velocity,
                 bias,
-                ..fresh
+                disturbance: disturbance.xy(),
+                reported: *reported,
             };
             self.smoothed = Some(first);
-            return first.state();
+            return self.smoothed;
         };
         let dt = (reported.header.at - h.at).secs();
-        let force = reported.attitude() * Vector3::from(reported.specific_force) + Vector3::z() * GRAVITY;
         if !(dt > 0.0) {
-            // Out of order: the readers reject it.
-            return *reported;
+            return None;
         }
+        let left = h.position - (h.reported.position() + self.jumps.offset);
+        self.watch(&h.reported, reported, dt, counted);
+        let force = reported.attitude() * Vector3::from(reported.specific_force) + Vector3::z() * GRAVITY;
         if dt > MAX_STEP_S || !force.norm().is_finite() {
+            // What the frames differ by stays.
             let begun = SmoothState {
-                bias: h.bias,
-                ..fresh
+                at: reported.header.at,
+                position: reported.position() + self.jumps.offset + left,
+                velocity: reported.velocity(),
+                reported: *reported,
+                ..h
             };
             self.smoothed = Some(begun);
-            return begun.state();
+            return self.smoothed;
         }
-        let expected = h.reported.position() + (h.reported.velocity() + reported.velocity()) * (0.5 * dt);
-        let jump = reported.position() - expected;
-        if jump.norm() > JUMP_M {
-            h.position += jump;
-        }
-        let (ahead, faster) = (reported.position() - h.position, reported.velocity() - h.velocity);
+        let place = reported.position() + self.jumps.offset;
+        let (ahead, faster) = (place - h.position, reported.velocity() - h.velocity);
         if !(ahead.norm() < MAX_DIFFERENCE && faster.norm() < MAX_DIFFERENCE) {
-            self.smoothed = Some(fresh);
-            return fresh.state();
+            let position = h.position + (h.velocity + reported.velocity()) * (0.5 * dt);
+            self.jumps.offset = position - reported.position();
+            self.smoothed = Some(SmoothState {
+                at: reported.header.at,
+                position,
+                velocity: reported.velocity(),
+                bias: Vector3::zeros(),
+                disturbance: h.disturbance,
+                reported: *reported,
+            });
+            return self.smoothed;
         }
         h.advance(reported, &force, &ahead, &faster, dt);
         self.smoothed = Some(h);
-        h.state()
+        self.smoothed
     }
 
     /// A set-point of the smooth frame in the autopilot's own, for a loop that the autopilot closes:
@@ -233,6 +299,10 @@ impl Odometry {
             (SetPointKind::Trajectory, Some(h)) if self.config.smooth => SetPoint {
                 position: (Vector3::from(set_point.position) + h.reported.position() - h.position).into(),
                 velocity: (Vector3::from(set_point.velocity) + h.reported.velocity() - h.velocity).into(),
+                ..*set_point
+            },
+            (SetPointKind::Trajectory, Some(_)) => SetPoint {
+                position: (Vector3::from(set_point.position) - self.jumps.offset).into(),
                 ..*set_point
             },
             (SetPointKind::Trajectory | SetPointKind::Attitude | SetPointKind::None, _) => *set_point,
@@ -263,7 +333,7 @@ mod tests {
         for k in 0..3000_u32 {
             // A drone at rest whose reported position moves by 2 cm and back, ten times a second.
             let reported = state(k, if (k / 10) % 2 == 0 { 0.02 } else { -0.02 }, 0.0, 0.0);
-            let s = o.step(&reported);
+            let s = o.step(&reported, false);
             if let Some(l) = last {
                 let moved = s.position[0] - l.position[0];
                 largest = largest.max((moved - 0.005 * (s.velocity[0] + l.velocity[0])).abs());
@@ -279,7 +349,7 @@ mod tests {
         let mut o = Odometry::new(&OdometryConfig::default());
         let mut s = DroneState::default();
         for k in 0..6000 {
-            s = o.step(&state(k, 0.0, 0.0, 0.1));
+            s = o.step(&state(k, 0.0, 0.0, 0.1), false);
         }
         assert!(s.velocity[0].abs() < 2e-3, "{}", s.velocity[0]);
         // The frame stays off by b / (k_p + k_b): constant, so nobody minds.
@@ -294,10 +364,11 @@ mod tests {
         let mut s = DroneState::default();
         for k in 0..1500_u32 {
             let t = 0.01 * f64::from(k);
-            s = o.step(&DroneState {
+            let reported = DroneState {
                 attitude: [roll.w, roll.i, roll.j, roll.k],
                 ..state(k, 0.3 * t * t, 0.6 * t, 0.6)
-            });
+            };
+            s = o.step(&reported, false);
         }
         let [north, east] = s.disturbance;
         assert!((north - 0.6).abs() < 0.03, "{north}");
@@ -314,12 +385,12 @@ mod tests {
         };
         let mut known = Vec::new();
         for k in 0..200 {
-            known.push(o.step(&pushed(k)).disturbance[0]);
+            known.push(o.step(&pushed(k), false).disturbance[0]);
         }
         assert!(known[99].abs() < 1e-9, "{}", known[99]);
         assert!(known[130] > 0.6 && (known[199] - 1.0).abs() < 0.05, "{known:?}");
         // Bounded whatever is sampled.
-        let most = (200..400).map(|k| o.step(&state(k, 0.5, 1.0, 25.0)).disturbance[0]);
+        let most = (200..400).map(|k| o.step(&state(k, 0.5, 1.0, 25.0), false).disturbance[0]);
         assert!(most.fold(0.0, f64::max) <= MAX_DISTURBANCE_MPS2);
     }
 
@@ -332,7 +403,7 @@ mod tests {
             for k in 0..100_u32 {
                 let moves = if k < 50 { 0.6 } else { 0.0 };
                 let x = 0.6 * 0.01 * f64::from(k.min(50));
-                s = o.step(&state(k, x, moves, if k == 50 { sampled } else { 0.0 }));
+                s = o.step(&state(k, x, moves, if k == 50 { sampled } else { 0.0 }), false);
                 assert!((s.velocity[0] - moves).abs() < 0.05, "{k}: {}", s.velocity[0]);
             }
             assert!((s.position[0] - 0.3).abs() < 0.02, "{}", s.position[0]);
@@ -346,7 +417,7 @@ mod tests {
         let mut last = 0.0;
         for k in 0..12_000_u32 {
             let x = 0.03 * 0.01 * f64::from(k);
-            let s = o.step(&state(k, x, 0.0, 0.0)).position[0];
+            let s = o.step(&state(k, x, 0.0, 0.0), false).position[0];
             (max, jump) = (max.max((s - x).abs()), jump.max((s - last).abs()));
             last = s;
         }
@@ -364,7 +435,7 @@ mod tests {
         // Half a degree of tilt error lays the frames 0.2 m apart.
         let (mut x, mut v, mut s) = (0.0, 0.0, DroneState::default());
         for k in 0..6000 {
-            s = o.step(&state(k, x, v, 0.1));
+            s = o.step(&state(k, x, v, 0.1), false);
             v = 0.5 * (o.for_autopilot(&wanted).position[0] - x);
             x += 0.01 * v;
         }
@@ -378,18 +449,65 @@ mod tests {
     }
 
     #[test]
-    fn odometry_origin_reset_gap_and_stale_input() {
+    fn odometry_frame_at_jumps_and_gaps() {
+        // Northward at 1 m/s. Jumps, counted or not, large or small; a gap; the frame goes on through all of it, and the
+        // datum takes it up.
+        for (jump, counted) in [
+            (5.0, false),
+            (0.4, false),
+            (0.4, true),
+            (0.1, true),
+            (-80.0, true),
+        ] {
+            for gap in [1, 30] {
+                let mut o = Odometry::new(&OdometryConfig::default());
+                (0..100).for_each(|k| {
+                    o.step(&state(k, 0.01 * f64::from(k), 1.0, 0.0), false);
+                });
+                for k in (99 + gap)..(200 + gap) {
+                    let x = 0.01 * f64::from(k);
+                    let s = o.step(&state(k, x + jump, 1.0, 0.0), counted && k == 99 + gap);
+                    let off = (s.position[0] - x).abs();
+                    assert!(off < 0.01, "{jump} {counted} {gap}: {off}");
+                    assert!(
+                        (s.datum_offset[0] + jump).abs() < 1e-6,
+                        "{jump}: {:?}",
+                        s.datum_offset
+                    );
+                    // What is led there by the autopilot is led to the same place.
+                    let here = SetPoint {
+                        kind: SetPointKind::Trajectory,
+                        position: s.position,
+                        ..SetPoint::default()
+                    };
+                    assert!((o.for_autopilot(&here).position[0] - x - jump).abs() < 1e-6);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn odometry_heading_jump() {
         let mut o = Odometry::new(&OdometryConfig::default());
-        o.step(&state(0, 0.0, 1.0, 0.0));
-        let moved = o.step(&state(1, 5.01, 1.0, 0.0));
-        assert!((moved.position[0] - 5.01).abs() < 1e-3);
-        let old = state(0, 7.0, 0.0, 0.0);
-        assert_eq!(o.step(&old), old);
-        // What pushes it does so after a gap, too.
-        let late = DroneState {
-            disturbance: moved.disturbance,
-            ..state(100, 9.0, 0.0, 0.0)
+        let heading = |k: u32, yaw: f64| {
+            let q = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
+            DroneState {
+                attitude: [q.w, q.i, q.j, q.k],
+                ..state(k, 0.0, 0.0, 0.0)
+            }
         };
-        assert_eq!(o.step(&late), late);
+        o.step(&heading(0, 0.2), false);
+        let s = o.step(&heading(1, 2.2), false);
+        assert!((s.heading_jumps - 2.0).abs() < 1e-9 && (s.euler().z - 2.2).abs() < 1e-9);
+        let s = o.step(&heading(2, 4.2), false);
+        assert!((s.heading_jumps - wrap_angle(4.0)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn odometry_stale_input() {
+        let mut o = Odometry::new(&OdometryConfig::default());
+        o.step(&state(1, 0.0, 1.0, 0.0), false);
+        let old = state(0, 7.0, 0.0, 0.0);
+        assert_eq!(o.step(&old, false), old);
     }
 }

@@ -372,6 +372,14 @@ impl Axis {
         }
     }
 
+    /// Forgets state `k`: back to its spread `sd` about nothing, known apart from all others.
+    pub fn forget(&mut self, k: usize, sd: f64) {
+        for j in 0..self.n {
+            (self.p[k][j], self.p[j][k]) = (0.0, 0.0);
+        }
+        (self.x[k], self.p[k][k]) = (0.0, sd * sd);
+    }
+
     /// All numbers in use are finite.
     pub fn is_finite(&self) -> bool {
         self.x.iter().take(self.n).all(|v| v.is_finite())

@@ -2,6 +2,7 @@
 //! half of a metre the deck is too near to be seen, and a predictor that began there would know the deck to the error of
 //! two GNSS receivers.
 
+use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{DroneState, PredictorCheckpoint};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector3;
@@ -34,6 +35,11 @@ pub(super) fn variances(
 /// The odometry's origin is where it was: the drone has moved by its velocities.
 fn same_frame(drone: &DroneState, given: &PredictorCheckpoint) -> bool {
     if drone.datum != given.datum {
+        return false;
+    }
+    let since = drone.datum_offset() - Vector3::from(given.datum_offset);
+    let turned = wrap_angle(drone.heading_jumps - given.heading_jumps);
+    if since.norm() > JUMP_M || turned != 0.0 {
         return false;
     }
     let dt = (drone.header.at - given.odometry_at).secs();

@@ -5,11 +5,11 @@ use std::collections::VecDeque;
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::time::{DroneClock, Span, Time};
-use nalgebra::Vector3;
 
 use super::axis::{Axis, AxisNoise, HEAD, MEAN, MeasurementRow, RATE, Step, TURN, VISION};
 use super::forecast::STEERAGE_MPS;
 use super::observation::{Kind, Observation};
+use super::shift;
 use super::track::Jump;
 use super::waves::{AXES, Waves};
 
@@ -66,6 +66,8 @@ pub struct Filter {
     rejected: [u32; 2],
     /// The radio is received.
     radio_available: bool,
+    /// Degrees of freedom that were ever measured in the drone's frame.
+    seen: [bool; AXES],
     started: Time<DroneClock>,
 }
 
@@ -93,6 +95,7 @@ impl Filter {
             spare: Vec::new(),
             rejected: [0; 2],
             radio_available: true,
+            seen: [false; AXES],
             started: first.at,
         };
         f.entries.push_back(Entry {
@@ -192,6 +195,7 @@ impl Filter {
     }
     /// Vision's slow error less the radio's was known before the filters began.
     pub fn know_offset(&mut self, offset: &[f64; AXES], variance: &[f64; AXES]) {
+        self.seen = [true; AXES];
         let Some(e) = self.begin_anew() else { return };
         for (i, a) in e.after.iter_mut().enumerate() {
             a.update(MeasurementRow::Offset, offset[i], variance[i]);
@@ -257,6 +261,15 @@ impl Filter {
         self.advance(&mut state, waves, since, o.at);
         let about = o.about(&waves.motion(o.at));
         let gated = apply(&mut state, &about, self.gate, self.common_tilt);
+        if o.kind != Kind::Estimate {
+            for (k, group) in GROUPS.iter().enumerate() {
+                let used = gated & (1 << k) == 0;
+                group
+                    .iter()
+                    .for_each(|&i| self.seen[i] |= used && o.value[i].is_some());
+            }
+        }
+        let gated = gated.count_ones();
         self.entries.insert(
             i,
             Entry {
@@ -304,6 +317,16 @@ impl Filter {
         }
     }
 
+    /// The autopilot's estimate has jumped.
+    pub fn shift(&mut self, jump: &Jump) {
+        for e in &mut self.entries {
+            shift::state(&mut e.after, jump, &self.seen, &self.noise, self.gate);
+            if let Some(o) = &mut e.observation {
+                o.shift(jump);
+            }
+        }
+    }
+
     /// A source that is rejected again and again is right and the filter wrong: the states that may be
     /// wrong become uncertain.
     fn reset_after_rejections(&mut self, kind: Kind, gated: u32) {
@@ -326,30 +349,6 @@ impl Filter {
                 a.p[slow][slow] += f64::powi(reset_sd[i], 2);
                 for k in HEAD..a.n {
                     a.p[k][k] *= 4.0;
-                }
-            }
-        }
-    }
-
-    /// The drone's estimate has jumped: vision has moved and turned along.
-    pub fn shift(&mut self, jump: &Jump) {
-        for e in &mut self.entries {
-            let seen: [f64; 3] = core::array::from_fn(|i| e.after[i].project(MeasurementRow::Vision).0);
-            let by = jump.of(&seen.into()) - Vector3::from(seen);
-            for i in 0..3 {
-                e.after[i].x[VISION] += by[i];
-            }
-            e.after[5].x[VISION] += jump.yaw;
-            if let Some(o) = &mut e.observation
-                && o.kind != Kind::Estimate
-            {
-                for i in 0..3 {
-                    if let Some(v) = &mut o.value[i] {
-                        v.0 += by[i];
-                    }
-                }
-                if let Some(v) = &mut o.value[5] {
-                    v.0 += jump.yaw;
                 }
             }
         }
@@ -403,7 +402,7 @@ fn update_camera_rotation(s: &mut State, o: &Observation, common: f64) {
     }
 }
 
-/// Fuses an observation into a state of the same time; the number of groups rejected.
+/// Fuses an observation into a state of the same time; the groups rejected, a bit each.
 fn apply(s: &mut State, o: &Observation, gate: f64, common: f64) -> u32 {
     let row = match o.kind {
         Kind::Estimate => MeasurementRow::Radio,
@@ -413,8 +412,8 @@ fn apply(s: &mut State, o: &Observation, gate: f64, common: f64) -> u32 {
         Some(lever) if *lever != 0.0 => MeasurementRow::Camera(*lever),
         Some(_) | None => row,
     };
-    let mut gated = 0;
-    for group in GROUPS {
+    let mut gated = 0_u32;
+    for (k, group) in GROUPS.into_iter().enumerate() {
         // Angles are compared along the shorter way.
         let near = |a: &Axis, i: usize, v: f64| {
             if i == 5 {
@@ -430,7 +429,7 @@ fn apply(s: &mut State, o: &Observation, gate: f64, common: f64) -> u32 {
                     .is_some_and(|(v, r)| s[i].normalised_innovation(MeasurementRow::Rate, v, r) > gate)
         });
         if outlier {
-            gated += 1;
+            gated |= 1 << k;
             continue;
         }
         if o.kind == Kind::Tag && group == GROUPS[1] {

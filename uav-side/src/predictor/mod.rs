@@ -8,6 +8,7 @@
 //! - [`observation`]: each message as a measurement of the six degrees of freedom.
 //! - [`track`]: where the drone was at the time of exposure.
 //! - [`lever_arm_heave`]: the deck's height due to its tilt.
+//! - `shift`: what of it moves where the autopilot's estimate jumps.
 //! - [`forecast`]: the horizon.
 //! - `checkpoint`: what outlives the process.
 //!
@@ -24,6 +25,7 @@ pub mod lever_arm_heave;
 mod node;
 pub mod observation;
 pub mod placement;
+mod shift;
 pub mod track;
 pub mod waves;
 

@@ -216,8 +216,8 @@ impl Predictor {
         e: &VesselEstimate<DroneClock>,
     ) -> Result<(), RejectionReason> {
         Self::admit(now, e)?;
-        let origin = self.track.newest().ok_or(RejectionReason::NoDroneState)?.datum;
-        let e = &placed(e, &origin).ok_or(RejectionReason::OutOfRange)?;
+        let drone = self.track.newest().ok_or(RejectionReason::NoDroneState)?;
+        let e = &placed(e, &drone.datum, &drone.datum_offset()).ok_or(RejectionReason::OutOfRange)?;
         let known = (e.header.boot, e.header.sequence);
         if self.radio_sequence == Some(known) {
             return Err(RejectionReason::Duplicate);
@@ -342,6 +342,8 @@ impl Predictor {
             offset: offset.map(|(value, _)| value),
             offset_sd: offset.map(|(_, variance)| variance.sqrt()),
             datum: drone.datum,
+            datum_offset: drone.datum_offset,
+            heading_jumps: drone.heading_jumps,
             position: drone.position,
             velocity: drone.velocity,
             odometry_at: drone.header.at,

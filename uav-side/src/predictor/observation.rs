@@ -7,7 +7,7 @@ use alight_shared::vessel_model::{PITCH, ROLL, YAW, turn_tilt};
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 use super::config::PredictorConfig;
-use super::track::Pose;
+use super::track::{Jump, Pose};
 use super::waves::{AXES, DeckMotion};
 
 /// The drone is above the deck when the line of sight is offset laterally by less than this fraction of
@@ -73,6 +73,29 @@ impl Observation {
             (*north, *east) = turn_tilt(*north, *east, -more);
         }
         self
+    }
+    /// The autopilot's estimate has jumped since: what was seen is where the drone saw it, what came by radio where the datum
+    /// lies now.
+    pub fn shift(&mut self, jump: &Jump) {
+        let (by, yaw) = match self.kind {
+            Kind::Estimate => (jump.datum, 0.0),
+            Kind::Tag | Kind::Uvdar | Kind::Range => match self.value {
+                [Some((n, _)), Some((e, _)), Some((d, _)), ..] => {
+                    let place = Vector3::new(n, e, d);
+                    (jump.of(&place) - place, jump.yaw)
+                }
+                // A range: what turns about the vertical leaves the height.
+                _ => (jump.moved, 0.0),
+            },
+        };
+        for (v, by) in self.value.iter_mut().zip(by.iter()) {
+            if let Some((v, _)) = v {
+                *v += by;
+            }
+        }
+        if let [.., Some((heading, _))] = &mut self.value {
+            *heading += yaw;
+        }
     }
     /// Takes out of the height what the tilt adds to it, m.
     #[must_use]

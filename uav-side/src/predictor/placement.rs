@@ -5,14 +5,27 @@ use alight_shared::geodesy::Datum;
 use alight_shared::msg::{MAX_POSITION_M, VesselEstimate, f16};
 use alight_shared::time::DroneClock;
 use alight_shared::vessel_model::{HEAVE, SURGE, SWAY, YAW};
-use nalgebra::{Rotation2, Vector2};
+use nalgebra::{Rotation2, Vector2, Vector3};
 
-/// `e` about the drone's `origin`; None further than [`MAX_POSITION_M`] from it.
+/// `e` about the drone's `origin`, which lies at `offset` (m) of the drone's frame; None further than [`MAX_POSITION_M`] from
+/// it.
 ///
 /// The vessel's sensors know north and down at the vessel, wherever its datum is: its directions are turned by the
 /// convergence of the meridians there, 2 mrad at 5 km and 70 deg of latitude. The modes of its motion are not: 2 mm/s of
 /// a motion of 1 m/s.
-pub fn placed(e: &VesselEstimate<DroneClock>, origin: &Datum) -> Option<VesselEstimate<DroneClock>> {
+pub fn placed(
+    e: &VesselEstimate<DroneClock>,
+    origin: &Datum,
+    offset: &Vector3<f64>,
+) -> Option<VesselEstimate<DroneClock>> {
+    let mut p = about(e, origin)?;
+    for (i, by) in [SURGE, SWAY, HEAVE].into_iter().zip(offset.iter()) {
+        p.eta[i] += by;
+    }
+    Some(p)
+}
+
+fn about(e: &VesselEstimate<DroneClock>, origin: &Datum) -> Option<VesselEstimate<DroneClock>> {
     if e.datum == *origin {
         return Some(*e);
     }
@@ -55,9 +68,10 @@ mod tests {
         for [lat, lon] in [[-33.9, 18.4], [47.6, -122.4], [-16.8, 179.99], [70.1, 19.2]] {
             let datum = Datum::new(lat, lon, 30.0);
             let origin = datum.at(&Vector::<VesselNed>::new(-2900.0, 3900.0, -4.0));
-            let [a, b] = [0.0, 3.0].map(|east| placed(&vessel(datum, [200.0, east, 1.0]), &origin).unwrap());
+            let [a, b] = [0.0, 3.0]
+                .map(|east| placed(&vessel(datum, [200.0, east, 1.0]), &origin, &Vector3::zeros()).unwrap());
             let moved = b.position() - a.position();
-            let stated = nalgebra::Vector3::new(f64::from(a.eta_dot[SURGE]), f64::from(a.eta_dot[SWAY]), 0.0);
+            let stated = Vector3::new(f64::from(a.eta_dot[SURGE]), f64::from(a.eta_dot[SWAY]), 0.0);
             assert!((moved - stated).norm() < 1e-4, "{moved} {stated}");
             let heading = stated.y.atan2(stated.x);
             assert!((heading - a.eta[YAW]).abs() < 1e-6 && a.eta[YAW] != core::f64::consts::FRAC_PI_2);
@@ -72,10 +86,10 @@ mod tests {
             Datum::new(-16.8, 179.999, 30.0),
             Datum::new(-16.79, -179.999, 12.0),
         );
-        let before = placed(&vessel(first, [50.0, 300.0, 0.5]), &origin).unwrap();
+        let before = placed(&vessel(first, [50.0, 300.0, 0.5]), &origin, &Vector3::zeros()).unwrap();
         let second = first.at(&Vector::<VesselNed>::new(48.0, 303.0, -1.5));
         let at = second.to::<VesselNed>(&first.at(&Vector::<VesselNed>::new(50.0, 300.0, 0.5)));
-        let after = placed(&vessel(second, at.0.into()), &origin).unwrap();
+        let after = placed(&vessel(second, at.0.into()), &origin, &Vector3::zeros()).unwrap();
         assert!((after.position() - before.position()).norm() < 1e-6);
         assert!((after.eta[YAW] - before.eta[YAW]).abs() < 1e-9);
     }
@@ -86,10 +100,11 @@ mod tests {
             placed(
                 &vessel(Datum::new(lat, 7.0, 0.0), [0.0; 3]),
                 &Datum::new(45.0, 7.0, 0.0),
+                &Vector3::zeros(),
             )
         };
         assert!(at(45.8).is_some() && at(46.0).is_none());
         let antipode = vessel(Datum::new(-45.0, -173.0, 0.0), [0.0; 3]);
-        assert!(placed(&antipode, &Datum::new(45.0, 7.0, 0.0)).is_none());
+        assert!(placed(&antipode, &Datum::new(45.0, 7.0, 0.0), &Vector3::zeros()).is_none());
     }
 }

@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use alight_shared::frames::wrap_angle;
 use alight_shared::msg::DroneState;
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -12,15 +13,19 @@ use crate::odometry::origin::yaw_jump;
 const MAX_STATES: usize = 128;
 /// A state may be rolled on by this much, s.
 const MAX_AHEAD_S: f64 = 0.1;
-/// A position that is further than this from where velocity would have brought it is a reset of
-/// the autopilot's origin, m.
+/// Of a link that began anew: a position that is further than this from where velocity would have brought it is in another
+/// frame, m.
 pub(super) const JUMP_M: f64 = 0.7;
+/// Not seen between states further apart, s.
+const JUMP_STEP_S: f64 = 0.2;
 
-/// A jump of the autopilot's estimate.
+/// A jump of the autopilot's estimate, as the odometry has detected it, in the frame that goes on through it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Jump {
-    /// Of the position, m.
+    /// Of the frame itself, m: 0 but where the link began anew and lost it.
     pub moved: Vector3<f64>,
+    /// Of the datum, by which the radio's place is known, m.
+    pub datum: Vector3<f64>,
     /// Of the heading, rad.
     pub yaw: f64,
     /// Where the drone is after it, m: what it sees has turned about there.
@@ -32,6 +37,28 @@ impl Jump {
     pub fn of(&self, place: &Vector3<f64>) -> Vector3<f64> {
         let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, self.yaw);
         self.about + turn * (place + self.moved - self.about)
+    }
+    fn between(last: &DroneState, s: &DroneState) -> Option<Jump> {
+        let dt = (s.header.at - last.header.at).secs();
+        let mut jump = Jump {
+            moved: Vector3::zeros(),
+            datum: s.datum_offset() - last.datum_offset(),
+            yaw: wrap_angle(s.heading_jumps - last.heading_jumps),
+            about: s.position(),
+        };
+        if s.header.boot != last.header.boot {
+            // Its sums may begin anew: what it reports itself counts.
+            let expected = last.position() + (last.velocity() + s.velocity()) * (0.5 * dt);
+            let moved = s.position() - expected;
+            if dt < JUMP_STEP_S && moved.norm() > JUMP_M {
+                jump.moved = moved;
+            }
+            let rates = |d: &DroneState| Vector3::from(d.rates);
+            let (before, now) = (last.attitude(), s.attitude());
+            jump.yaw = yaw_jump((&before, rates(last)), (&now, rates(s)), dt).unwrap_or(0.0);
+        }
+        let some = jump.moved != Vector3::zeros() || jump.datum != Vector3::zeros() || jump.yaw != 0.0;
+        some.then_some(jump)
     }
 }
 
@@ -63,32 +90,14 @@ impl Default for Track {
 impl Track {
     /// Takes a newer state. `Some` when the autopilot's estimate has jumped: the earlier states are moved and turned along.
     pub fn push(&mut self, s: &DroneState) -> Option<Jump> {
-        let mut jump = None;
-        if let Some(last) = self.states.back() {
-            let dt = (s.header.at - last.header.at).secs();
-            let expected = last.position() + (last.velocity() + s.velocity()) * (0.5 * dt);
-            let moved = s.position() - expected;
-            let moved = if dt < 0.2 && moved.norm() > JUMP_M {
-                moved
-            } else {
-                Vector3::zeros()
-            };
-            let rates = |d: &DroneState| Vector3::from(d.rates);
-            let yaw = yaw_jump((&last.attitude(), rates(last)), (&s.attitude(), rates(s)), dt).unwrap_or(0.0);
-            if moved != Vector3::zeros() || yaw != 0.0 {
-                let by = Jump {
-                    moved,
-                    yaw,
-                    about: s.position(),
-                };
-                let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
-                for old in &mut self.states {
-                    // Its path is true; which way it looked is not.
-                    old.position = (old.position() + moved).into();
-                    let q = turn * old.attitude();
-                    old.attitude = [q.w, q.i, q.j, q.k];
-                }
-                jump = Some(by);
+        let jump = self.states.back().and_then(|last| Jump::between(last, s));
+        if let Some(jump) = jump {
+            let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, jump.yaw);
+            for old in &mut self.states {
+                // Its path is true; which way it looked is not.
+                old.position = (old.position() + jump.moved).into();
+                let q = turn * old.attitude();
+                old.attitude = [q.w, q.i, q.j, q.k];
             }
         }
         if self.states.len() == MAX_STATES {
@@ -158,11 +167,35 @@ mod tests {
     }
 
     #[test]
-    fn track_with_an_origin_jump() {
+    fn track_at_a_jump_of_the_datum() {
         let mut t = Track::default();
         t.push(&state(1.0, 1.0));
-        let jump = t.push(&state(1.01, 6.01)).unwrap();
-        assert!((jump.moved.x - 5.0).abs() < 1e-6 && jump.yaw == 0.0);
+        let jump = t
+            .push(&DroneState {
+                datum_offset: [-5.0, 0.0, 0.4],
+                ..state(1.01, 1.01)
+            })
+            .unwrap();
+        assert!(
+            jump.datum == Vector3::new(-5.0, 0.0, 0.4) && jump.moved == Vector3::zeros() && jump.yaw == 0.0
+        );
+        assert!((t.at(Time::from_secs(1.0)).unwrap().position.x - 1.0).abs() < 1e-9);
+        // What was seen stays where it was.
+        let seen = Vector3::new(3.0, 1.0, 1.0);
+        assert_eq!(jump.of(&seen), seen);
+    }
+
+    #[test]
+    fn track_with_a_link_that_began_anew() {
+        let mut t = Track::default();
+        t.push(&DroneState {
+            datum_offset: [-5.0, 0.0, 0.0],
+            ..state(1.0, 1.0)
+        });
+        let mut anew = state(1.01, 6.01);
+        anew.header.boot += 1;
+        let jump = t.push(&anew).unwrap();
+        assert!((jump.moved.x - 5.0).abs() < 1e-6 && jump.datum.x == 5.0 && jump.yaw == 0.0);
         assert!((t.at(Time::from_secs(1.0)).unwrap().position.x - 6.0).abs() < 1e-6);
     }
 
@@ -174,6 +207,7 @@ mod tests {
         let jump = t
             .push(&DroneState {
                 attitude: [q.w, q.i, q.j, q.k],
+                heading_jumps: 0.3,
                 ..state(1.01, 1.01)
             })
             .unwrap();

@@ -84,6 +84,8 @@ impl Bench {
                 drone: Some(DroneState {
                     header: header(1),
                     datum: self.origin,
+                    // As the odometry has summed it.
+                    heading_jumps: self.yaw,
                     position: self.drone().into(),
                     attitude: [q.w, q.i, q.j, q.k],
                     position_sd: [0.02; 3],
@@ -150,5 +152,22 @@ fn deck_through_a_reset_of_the_drones_heading() {
     for _ in 0..20 {
         b.run(0.1, true);
         b.assert_right(0.1);
+    }
+}
+
+#[test]
+fn deck_by_radio_through_an_alignment_of_the_drones_heading() {
+    let mut b = Bench::new();
+    b.run(3.0, false);
+    let north_up = |b: &Bench| b.attitude() * b.seen();
+    let before = north_up(&b);
+    for yaw in [2.06, -3.0] {
+        b.yaw = yaw;
+        b.run(0.1, false);
+        assert!(
+            (north_up(&b) - before).norm() < 0.05,
+            "{yaw}: {}",
+            north_up(&b) - before
+        );
     }
 }

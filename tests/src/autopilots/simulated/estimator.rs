@@ -46,6 +46,8 @@ pub(super) struct Estimator {
     /// Further errors of heading: by the hull's steel, and by a reset of the estimate, rad.
     steel: f64,
     reset: f64,
+    /// By how much resets of its position have moved it, m.
+    displaced: Vector3<f64>,
     gyro_bias: Vector3<f64>,
     accelerometer_bias: Vector3<f64>,
     gnss_rng: ChaCha8Rng,
@@ -93,6 +95,7 @@ impl Estimator {
             attitude_error,
             steel: 0.0,
             reset: 0.0,
+            displaced: Vector3::zeros(),
             gyro_bias,
             accelerometer_bias,
             gnss_rng,
@@ -127,9 +130,10 @@ impl Estimator {
         e
     }
 
-    /// Position of the drone's navigation frame relative to the true one, m: its GNSS and barometer error.
+    /// Position of the drone's navigation frame relative to the true one, m: its GNSS and barometer error, and its resets.
     pub(super) fn offset(&self) -> Vector3<f64> {
-        Vector3::from_fn(|i, _| self.gnss_bias[i].value) + Vector3::z() * self.barometer.value
+        let wander = Vector3::from_fn(|i, _| self.gnss_bias[i].value) + Vector3::z() * self.barometer.value;
+        wander + self.displaced
     }
     pub(super) fn now(&self) -> &Estimate {
         &self.estimate
@@ -152,6 +156,11 @@ impl Estimator {
     /// The estimator begins its heading anew, wrong by this much more, rad.
     pub(super) fn reset_heading(&mut self, by_rad: f64) {
         self.reset += by_rad;
+    }
+    /// The estimator begins its position anew, by another sensor, which measures it this much further on, m.
+    pub(super) fn reset_position(&mut self, by: &Vector3<f64>) {
+        self.displaced += by;
+        self.estimate.position += by;
     }
 
     /// Standard deviations of roll, pitch, yaw, rad.
@@ -223,6 +232,7 @@ impl Estimator {
         let barometer = self.barometer.step(&mut self.barometer_rng);
         let offset =
             Vector3::from_fn(|i, _| self.gnss_bias[i].step(&mut self.gnss_rng)) + Vector3::z() * barometer;
+        let offset = offset + self.displaced;
         let mut noise = |sd: f64| Vector3::from_fn(|_, _| sd * normal(&mut self.gnss_rng));
         let position = m.position + offset + noise(sd_p);
         let velocity = m.velocity + noise(sd_v);

@@ -4,8 +4,9 @@
 //!
 //! [`SimulatedAutopilot::step`] is one turn of the inner loops; every fifth estimates, decides and reports. [`protocol`]
 //! has messages, streams, commands and parameters, [`flight`] modes, failsafes, position control and the land detector,
-//! [`attitude`], [`shaping`] and [`mixer`] the inner loops, [`estimator`] its sensors.
+//! [`attitude`], [`shaping`] and [`mixer`] the inner loops, [`estimator`] its sensors, [`alignment`] its start.
 
+mod alignment;
 mod attitude;
 mod estimator;
 mod flight;
@@ -32,6 +33,7 @@ use crate::physics::drone::{AutopilotConfig, Frame, MAX_ROTORS, NavigationConfig
 use crate::physics::streams::Streams;
 use crate::sensors::clocks::ClockModel;
 use crate::sensors::noise::Noise;
+use alignment::Unaligned;
 use estimator::Estimator;
 use flight::Flight;
 use protocol::Stream;
@@ -106,6 +108,8 @@ pub struct SimulatedAutopilot {
     /// Landing targets that it dropped.
     pub targets_rejected: u32,
     clock: ClockModel,
+    /// None: its heading is aligned.
+    unaligned: Option<Unaligned>,
     estimator: Estimator,
     flight: Flight,
     endurance_s: f64,
@@ -171,6 +175,7 @@ impl SimulatedAutopilot {
             target: None,
             targets_rejected: 0,
             clock: ClockModel::new(ago_s - truth.at.secs(), drift),
+            unaligned: None,
             estimator,
             flight,
             endurance_s: config.endurance_s,
@@ -198,6 +203,20 @@ impl SimulatedAutopilot {
             ..origin
         };
     }
+    /// It has just been switched on: started before our processes or after them, with a heading that is aligned only once its
+    /// origin is known. Drawn.
+    pub fn start(&mut self, streams: &Streams) {
+        self.unaligned = Some(Unaligned::drawn(streams, self.now));
+    }
+    /// Its heading is aligned.
+    pub fn is_aligned(&self) -> bool {
+        self.unaligned.is_none()
+    }
+    /// Its estimator begins its position anew, this much further on (m); it counts that or not.
+    pub fn reset_position(&mut self, by: &Vector3<f64>, counted: bool) {
+        self.estimator.reset_position(by);
+        self.resets = self.resets.wrapping_add(u8::from(counted));
+    }
     /// Its estimator begins its heading anew, wrong by this much more (rad), and counts that.
     pub fn reset_heading(&mut self, by_rad: f64) {
         self.estimator.reset_heading(by_rad);
@@ -209,7 +228,8 @@ impl SimulatedAutopilot {
     pub fn step(&mut self, truth: &PlantState, arrived: &[Message]) -> Option<[f64; MAX_ROTORS]> {
         let dt = (truth.at - self.now).secs();
         self.now = truth.at;
-        for message in arrived {
+        let boots = self.unaligned.is_some_and(|u| u.boots(self.now));
+        for message in arrived.iter().filter(|_| !boots) {
             self.receive(message);
         }
         self.force.0 += truth.specific_force;
@@ -240,7 +260,8 @@ impl SimulatedAutopilot {
     /// What it has sent since the last call.
     pub fn sent(&mut self) -> Vec<Message> {
         let sent = core::mem::take(&mut self.outbox);
-        if self.silent { Vec::new() } else { sent }
+        let boots = self.unaligned.is_some_and(|u| u.boots(self.now));
+        if self.silent || boots { Vec::new() } else { sent }
     }
 
     fn outer(&mut self, truth: &PlantState) {
@@ -252,12 +273,19 @@ impl SimulatedAutopilot {
         self.battery = (self.battery - dt / self.endurance_s).max(0.0);
         self.lose_connections();
         let now = self.now;
+        if self.unaligned.take_if(|u| u.is_over(now)).is_some() {
+            // PX4 counts it.
+            self.resets = self.resets.wrapping_add(1);
+        }
         self.flight.outer(self.estimator.now(), now, &self.parameters, dt);
         self.report();
     }
 
     /// A person moves the switch. True when the mode was entered.
     pub fn choose(&mut self, mode: u32) -> bool {
+        if !self.is_aligned() && self.firmware().mode(mode) == AutopilotMode::Offboard {
+            return false;
+        }
         self.flight.choose(mode, self.estimator.now(), self.now)
     }
     /// The mode that was chosen last; the one in force may be a failsafe's.

@@ -14,6 +14,7 @@ use alight_uav::autopilot::message::{
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
+use super::alignment::flags;
 use super::flight::Reference;
 use super::modes::mode_number;
 use super::{MAX_COMMANDS, SimulatedAutopilot};
@@ -167,7 +168,11 @@ impl SimulatedAutopilot {
                     let ellipsoid_m = both.map_or(0.0, |g| sea_m + g);
                     self.outbox.push(match c.parameters[0] as u32 {
                         id::GPS_RAW_INT => Message::GnssHeights { sea_m, ellipsoid_m },
-                        _ => Message::Origin(self.origin),
+                        _ => {
+                            let now = self.now;
+                            self.unaligned.iter_mut().for_each(|u| u.origin_reported(now));
+                            Message::Origin(self.origin)
+                        }
                     });
                 }
                 let result = self.answer.unwrap_or_else(|| self.apply(c));
@@ -273,7 +278,8 @@ impl SimulatedAutopilot {
             command::MESSAGE_INTERVAL => {
                 let which = p[0] as u32;
                 match (self.firmware(), which) {
-                    (Firmware::Px4, id::SCALED_IMU) => return CommandResult::Failed,
+                    (Firmware::Px4, id::SCALED_IMU | id::EKF_STATUS_REPORT)
+                    | (Firmware::ArduCopter, id::ESTIMATOR_STATUS) => return CommandResult::Failed,
                     (Firmware::ArduCopter, id::ODOMETRY) => return CommandResult::Denied,
                     // Its heartbeats keep their own rate although it accepts.
                     (Firmware::Px4, id::HEARTBEAT) => return CommandResult::Accepted,
@@ -291,6 +297,9 @@ impl SimulatedAutopilot {
             command::ARM_DISARM => {
                 let forced = (p[1] - command::FORCE).abs() < 0.5;
                 let arms = p[0] > 0.5;
+                if arms && !self.is_aligned() {
+                    return CommandResult::Denied;
+                }
                 if !arms && !forced && self.flight.landed() != LandedState::OnGround {
                     return CommandResult::Denied;
                 }
@@ -383,7 +392,8 @@ impl SimulatedAutopilot {
         let time_us = (self.own_time().nanos() / 1000).max(0).unsigned_abs();
         let time_ms = (time_us / 1000) as u32;
         let e = self.estimator.now();
-        let attitude = [e.attitude.w, e.attitude.i, e.attitude.j, e.attitude.k];
+        let read = self.unaligned.map_or(e.attitude, |u| u.read(&e.attitude));
+        let attitude = [read.w, read.i, read.j, read.k];
         Some(match which {
             id::HEARTBEAT => Message::Heartbeat(Heartbeat {
                 autopilot: match self.firmware() {
@@ -404,7 +414,7 @@ impl SimulatedAutopilot {
                     time_us,
                     position: self.on_map(&e.position).into(),
                     attitude,
-                    velocity: (e.attitude.inverse() * e.velocity).into(),
+                    velocity: (read.inverse() * e.velocity).into(),
                     frame: VelocityFrame::Body,
                     rates: e.rates.into(),
                     variances: Some(variances.map(|sd| sd.map(|s| s * s))),
@@ -461,6 +471,12 @@ impl SimulatedAutopilot {
                 }
             }
             id::ATTITUDE_TARGET if self.no_thrust => return None,
+            id::ESTIMATOR_STATUS => Message::EstimatorStatus {
+                flags: flags(self.firmware(), self.is_aligned()),
+            },
+            id::EKF_STATUS_REPORT => Message::EkfStatus {
+                flags: flags(self.firmware(), self.is_aligned()),
+            },
             id::ATTITUDE_TARGET => Message::AttitudeTargetThrust {
                 thrust: self.flight.reported_thrust(),
             },

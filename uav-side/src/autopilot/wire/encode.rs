@@ -164,6 +164,8 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
         // Made byte by byte.
         Message::Odometry(_)
         | Message::GnssHeights { .. }
+        | Message::EstimatorStatus { .. }
+        | Message::EkfStatus { .. }
         | Message::LandingTarget(_)
         | Message::Deck { .. } => return None,
         Message::SystemStatus { present, healthy } => {

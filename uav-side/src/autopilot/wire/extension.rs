@@ -2,7 +2,7 @@
 
 use alight_shared::mavlink::{CharArray, Fields, dialect as m};
 
-use super::super::message::{LandingTarget, Message, OdometryReport, TargetFrame, VelocityFrame};
+use super::super::message::{LandingTarget, Message, OdometryReport, TargetFrame, VelocityFrame, id};
 use super::chars;
 
 /// Name of the float array that holds the deck.
@@ -30,6 +30,7 @@ pub(super) const ELLIPSOID_HEIGHT_AT: usize = 30;
 /// `signal_quality` of `DISTANCE_SENSOR`, and its value for a reading that is invalid; 0 is unknown.
 pub(super) const DISTANCE_QUALITY_AT: usize = 38;
 pub(super) const DISTANCE_INVALID: u8 = 1;
+const EKF_FLAGS_AT: usize = 20;
 const TARGET_DISTANCE_AT: usize = 16;
 const TARGET_SIZE_AT: usize = 20;
 const TARGET_FRAME_AT: usize = 29;
@@ -110,9 +111,22 @@ pub(super) fn odometry(o: &OdometryReport) -> Vec<u8> {
         .0
 }
 
-/// Messages whose extension is their content.
-pub(super) fn read(id: u32, payload: Fields<'_>) -> Option<Message> {
-    match id {
+/// `ESTIMATOR_STATUS`: time, eight floats not used, flags.
+pub(super) fn estimator_status(flags: u16) -> Vec<u8> {
+    let row = Row::default().bytes(&[0; 8]).floats(&[0.1; 8]);
+    row.bytes(&flags.to_le_bytes()).0
+}
+/// `EKF_STATUS_REPORT`: five floats not used, flags.
+pub(super) fn ekf_status(flags: u16) -> Vec<u8> {
+    Row::default().floats(&[0.1; 5]).bytes(&flags.to_le_bytes()).0
+}
+
+/// Messages whose extension is their content, and ArduPilot's own.
+pub(super) fn read(number: u32, payload: Fields<'_>) -> Option<Message> {
+    match number {
+        id::EKF_STATUS_REPORT => Some(Message::EkfStatus {
+            flags: payload.u16(EKF_FLAGS_AT),
+        }),
         149 => read_landing_target(payload).map(Message::LandingTarget),
         350 => {
             let name = payload.0.get(10..20)?;

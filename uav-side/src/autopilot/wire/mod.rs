@@ -65,6 +65,14 @@ pub fn encode(from: Address, sequence: u8, message: &Message) -> Option<Vec<u8>>
         Message::Deck { time_us, values } => {
             mavlink::encode_payload::<350, 232>(from, extension::deck(*time_us, values))
         }
+        Message::EstimatorStatus { flags } => {
+            mavlink::encode_payload::<230, 163>(from, extension::estimator_status(*flags))
+        }
+        Message::EkfStatus { flags } => {
+            const ID: u32 = mavlink::EKF_STATUS_REPORT.0;
+            const CRC: u8 = mavlink::EKF_STATUS_REPORT.1;
+            mavlink::encode_payload::<ID, CRC>(from, extension::ekf_status(*flags))
+        }
         other => mavlink::encode(from, &encode::encode(other)?),
     })
 }

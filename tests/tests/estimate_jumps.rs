@@ -1,0 +1,138 @@
+//! Jumps of the autopilot's estimate: the heading that is aligned after the origin was reported, and resets of position and
+//! height on the way down, counted or not.
+// Helpers of tests may panic, as tests do.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use alight_shared::msg::{ReasonCode, State};
+use alight_sim::harness::outcome::{Ending, Judge, Outcome, TIME_LIMIT_S};
+use alight_sim::harness::rig::Rig;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_uav::autopilot::modes::Firmware;
+use nalgebra::Vector3;
+
+const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
+
+fn scenario(firmware: Firmware) -> Scenario {
+    let mut scenario = Scenario::default();
+    scenario.drone.autopilot.firmware = firmware;
+    scenario
+}
+
+/// Flights until the deck is seen; those that never see it, and how many wait for the heading first.
+fn see_the_deck(seeds: core::ops::Range<u64>) {
+    let (mut blind, mut waited) = (Vec::new(), 0);
+    for firmware in BOTH {
+        for seed in seeds.clone() {
+            let mut rig = Rig::landing(&scenario(firmware), &NodeConfigs::default(), seed).unwrap();
+            let sees = |rig: &Rig| {
+                let newest = rig.world.drones()[0].forecast;
+                newest.is_some_and(|f| f.vision_age_s < 1.0)
+            };
+            waited += u32::from(rig.mission(0).waiting.code == ReasonCode::HeadingUnaligned);
+            if !rig.until(120.0, sees) {
+                blind.push((firmware, seed, rig.visited(0)));
+            }
+        }
+    }
+    println!("{waited} waited for the heading at the order to land");
+    assert!(blind.is_empty(), "{blind:?}");
+}
+
+#[test]
+fn deck_seen_after_a_late_heading() {
+    see_the_deck(0..3);
+}
+
+#[test]
+#[ignore = "120 flights: minutes"]
+fn deck_seen_after_a_late_heading_60_flights_each() {
+    see_the_deck(100..160);
+}
+
+/// Before the heading is aligned nothing is known of directions: no odometry, no mode, no set-point.
+#[test]
+fn nothing_flown_before_the_heading_is_aligned() {
+    for firmware in BOTH {
+        for seed in 0..6 {
+            let mut scenario = scenario(firmware);
+            scenario.start.hover_s = 1.0;
+            let mut rig = Rig::landing(&scenario, &NodeConfigs::default(), seed).unwrap();
+            let mut aligned = false;
+            rig.until(6.0, |rig| {
+                let drone = &rig.world.drones()[0];
+                aligned |= drone.autopilot_is_aligned();
+                let flies = !matches!(drone.mission_state.state, State::Idle);
+                assert!(
+                    aligned || !flies && drone.forecast.is_none(),
+                    "{firmware:?} {seed}"
+                );
+                aligned && flies
+            });
+            assert!(
+                aligned && rig.state(0) != State::Idle,
+                "{firmware:?} {seed}: {}",
+                rig.mission(0).waiting
+            );
+        }
+    }
+}
+
+/// How a landing ends in which the autopilot's position is reset by `by` (m) so long (s) after a state was entered.
+fn landed(
+    firmware: Firmware,
+    seed: u64,
+    (state, after_s): (State, f64),
+    by: [f64; 3],
+    counted: bool,
+) -> Outcome {
+    let scenario = scenario(firmware);
+    let mut rig = Rig::landing(&scenario, &NodeConfigs::default(), seed).unwrap();
+    let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
+    let (mut judge, mut done) = (Judge::default(), false);
+    rig.each(TIME_LIMIT_S, |rig| {
+        if !done && rig.is_due(state, after_s) {
+            done = true;
+            rig.world.reset_position(0, &Vector3::from(by), counted);
+        }
+        judge.observe(&rig.world.observation(), half_deck)
+    });
+    assert!(done, "seed {seed}: ended before");
+    judge.outcome(seed, "", "", 0.0)
+}
+
+/// Every `stride`-th of all resets in all phases.
+fn resets_in_every_phase(stride: usize) {
+    let phases = [
+        (State::Flare, 0.1),
+        (State::Flare, 0.5),
+        (State::Descent, 1.0),
+        (State::Tracking, 0.3),
+        (State::Approach, 2.0),
+    ];
+    let resets = [[0.0, 0.0, 0.4], [0.0, 0.0, -0.4], [2.5, -1.5, 0.0]];
+    let cases = phases
+        .into_iter()
+        .flat_map(|phase| resets.map(|by| [true, false].map(|counted| (phase, by, counted))))
+        .flatten();
+    let mut lost = Vec::new();
+    for (n, (phase, by, counted)) in cases.enumerate().step_by(stride) {
+        let firmware = BOTH[n / stride % 2];
+        let outcome = landed(firmware, 201 + n as u64, phase, by, counted);
+        let fast = outcome.touchdown_speed_mps.is_none_or(|v| v > 1.0);
+        if outcome.outcome != Ending::Success || fast || outcome.attempts > 1 {
+            lost.push((firmware, phase, by, counted, outcome));
+        }
+    }
+    assert!(lost.is_empty(), "{lost:#?}");
+}
+
+#[test]
+fn position_resets_in_every_phase() {
+    resets_in_every_phase(3);
+}
+
+#[test]
+#[ignore = "30 landings: a minute"]
+fn thirty_position_resets() {
+    resets_in_every_phase(1);
+}

@@ -1,0 +1,120 @@
+//! Whether the autopilot's heading is aligned: nothing is flown on one that is not.
+//!
+//! PX4 and ArduPilot report the origin of their NED as soon as GNSS is good, and align the heading by the magnetometer 0.4 to
+//! 2 s later, by up to 180 deg. Both fuse GNSS only once tilt and heading are aligned, so that an estimator which reports its
+//! position as absolute has aligned them (PX4 `EKF2`: `yaw_align` before GNSS fusion; ArduPilot `EKF3`: `yawAlignComplete`).
+//! Of a firmware that reports no status the heading itself is watched: it counts once it has not jumped for [`STEADY_S`].
+
+use alight_shared::msg::DroneState;
+use alight_shared::time::Span;
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::DroneTime;
+use super::message::estimator;
+use crate::odometry::origin::yaw_jump;
+
+/// A status counts for so long.
+const STATUS_STALE: Span = Span::from_millis(3000);
+/// Without any status: a heading that has not jumped for so long, s. Five times the latest alignment measured.
+const STEADY_S: f64 = 10.0;
+
+/// What is known of the alignment.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct HeadingAlignment {
+    /// The newest status: the heading is aligned.
+    status: Option<(DroneTime, bool)>,
+    /// The last attitude with its rates.
+    last: Option<(DroneTime, UnitQuaternion<f64>, Vector3<f64>)>,
+    /// Since when the heading has not jumped.
+    steady_since: Option<DroneTime>,
+    was_aligned: bool,
+}
+
+impl HeadingAlignment {
+    /// The estimator's status, bits of [`estimator`].
+    pub(crate) fn status(&mut self, now: DroneTime, flags: u16) {
+        let needed = estimator::ATTITUDE | estimator::POSITION_HORIZ_ABS;
+        let aligned = flags & needed == needed;
+        self.status = Some((now, aligned));
+        self.was_aligned |= aligned;
+    }
+    /// The autopilot's own odometry.
+    pub(crate) fn watch(&mut self, d: &DroneState) {
+        let (at, q, rates) = (d.header.at, d.attitude(), Vector3::from(d.rates));
+        let jumped = self.last.is_some_and(|(then, before, turned)| {
+            yaw_jump((&before, turned), (&q, rates), (at - then).secs()).is_some()
+        });
+        let gap = self.last.is_none_or(|(then, ..)| (at - then).secs() > 1.0);
+        if jumped || gap {
+            self.steady_since = Some(at);
+        }
+        self.last = Some((at, q, rates));
+        let steady = self
+            .steady_since
+            .is_some_and(|since| (at - since).secs() >= STEADY_S);
+        self.was_aligned |= self.status.is_none() && steady;
+    }
+    /// The link before this one flew by it.
+    pub(crate) fn resume(&mut self) {
+        self.was_aligned = true;
+    }
+    /// It was aligned once: odometry and set-points are of one heading, but for jumps.
+    pub(crate) fn was_aligned(&self) -> bool {
+        self.was_aligned
+    }
+    /// A landing may begin by it.
+    pub(crate) fn is_aligned(&self, now: DroneTime) -> bool {
+        match self.status {
+            Some((at, aligned)) if now - at <= STATUS_STALE => aligned,
+            Some(_) | None => self.was_aligned,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::Header;
+
+    fn at(s: f64) -> DroneTime {
+        DroneTime::from_secs(s)
+    }
+    fn state(s: f64, yaw: f64) -> DroneState {
+        let q = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
+        DroneState {
+            header: Header::new(1, 1, 1, 1, at(s)),
+            attitude: [q.w, q.i, q.j, q.k],
+            ..DroneState::default()
+        }
+    }
+
+    #[test]
+    fn alignment_by_the_estimators_status() {
+        let mut h = HeadingAlignment::default();
+        // PX4 before: tilt, height, position held where it is.
+        h.status(
+            at(1.0),
+            estimator::ATTITUDE | estimator::POSITION_VERT_ABS | estimator::CONSTANT_POSITION,
+        );
+        (0..2000).for_each(|k| h.watch(&state(1.0 + 0.01 * f64::from(k), 0.3)));
+        assert!(!h.was_aligned() && !h.is_aligned(at(2.0)));
+        h.status(at(21.0), estimator::ATTITUDE | estimator::POSITION_HORIZ_ABS);
+        assert!(h.was_aligned() && h.is_aligned(at(21.0)));
+        // Lost in flight: what flies goes on, nothing begins.
+        h.status(at(30.0), estimator::ATTITUDE);
+        assert!(h.was_aligned() && !h.is_aligned(at(30.1)));
+    }
+
+    #[test]
+    fn alignment_of_a_firmware_without_a_status() {
+        let mut h = HeadingAlignment::default();
+        let yaw = |s: f64| if s < 4.0 { 0.0 } else { 2.0 };
+        for k in 0..1390 {
+            let s = 0.01 * f64::from(k);
+            h.watch(&state(s, yaw(s)));
+            assert!(!h.was_aligned(), "{s}");
+        }
+        (1390..1410).for_each(|k| h.watch(&state(0.01 * f64::from(k), 2.0)));
+        assert!(h.was_aligned() && h.is_aligned(at(14.1)));
+    }
+}

@@ -1,0 +1,237 @@
+//! What of the belief moves where the autopilot's estimate jumps: exactly what was measured in the drone's frame is still
+//! where the drone saw it, as seen from the drone; what came by radio is where the datum lies now.
+//!
+//! The deck's place is the mean plus the slow error of vision. The radio's part of it is the mean; a jump of the datum moves
+//! it. What was seen is held by the slow error, which takes the difference in proportion to how much of the place was seen at
+//! all. A deck that was never seen stays where the radio has it, whatever the heading does: PX4 and ArduPilot align theirs
+//! by up to 180 deg when the origin is known already, and a deck that turned along would lie `2 d sin(yaw / 2)` beside itself.
+
+use nalgebra::Vector3;
+
+use super::axis::{Axis, AxisNoise, DRIFT, MEAN, MeasurementRow, TURN, VISION};
+use super::filter::State;
+use super::track::Jump;
+use super::waves::AXES;
+
+/// A state of the filters after `jump`; `seen`: degrees of freedom that were ever measured in the drone's frame.
+pub(super) fn state(s: &mut State, jump: &Jump, seen: &[bool; AXES], noise: &[AxisNoise; AXES], gate: f64) {
+    let place = Vector3::from_fn(|i, _| s[i].project(MeasurementRow::Vision).0);
+    let by_vision = jump.of(&place) - place;
+    let moves = [0, 1, 2]
+        .map(|i| (i, jump.datum[i], by_vision[i]))
+        .into_iter()
+        .chain([(5, 0.0, jump.yaw)]);
+    for (i, by_radio, by_vision) in moves {
+        let (a, n, apart) = (&mut s[i], &noise[i], by_vision - by_radio);
+        a.x[MEAN] += by_radio;
+        if !seen[i] {
+            continue;
+        }
+        match Sight::of(a, n).share(apart, gate) {
+            Some(share) => a.x[VISION] += share * apart,
+            None => {
+                a.forget(VISION, n.vision.0);
+                a.forget(DRIFT, n.drift.0);
+            }
+        }
+    }
+    // The camera's mount has turned with the drone.
+    let (sin, cos) = jump.yaw.sin_cos();
+    let turned = |north: f64, east: f64| (cos * north - sin * east, sin * north + cos * east);
+    (s[3].x[VISION], s[4].x[VISION]) = turned(s[3].x[VISION], s[4].x[VISION]);
+    (s[1].x[TURN], s[0].x[TURN]) = turned(s[1].x[TURN], s[0].x[TURN]);
+}
+
+/// How well the deck is known in the drone's frame, variances.
+struct Sight {
+    /// As it is known.
+    whole: f64,
+    /// As it would be without anything seen: the radio's own, and the slow errors between radio and camera.
+    by_radio: f64,
+}
+
+impl Sight {
+    fn of(a: &Axis, noise: &AxisNoise) -> Sight {
+        Sight {
+            whole: a.project(MeasurementRow::Vision).1,
+            by_radio: a.project(MeasurementRow::Radio).1 + noise.radio.0.powi(2) + noise.vision.0.powi(2),
+        }
+    }
+    /// How much of what is known of the deck was seen, 0 to 1, where what was seen and the radio are now `apart`: by the
+    /// product of two normal distributions, of variances `S` (radio) and `V` with `1 / whole = 1 / S + 1 / V`, it is
+    /// `S / (S + V) = 1 - whole / S`. Where the two contradict each other by `gate` standard deviations there is no
+    /// product: the better known one counts. None: that is the radio.
+    fn share(&self, apart: f64, gate: f64) -> Option<f64> {
+        let share = (1.0 - self.whole / self.by_radio).clamp(0.0, 1.0);
+        // S + V = S / share.
+        if apart * apart * share <= gate * gate * self.by_radio {
+            return Some(share);
+        }
+        (share > 0.5).then_some(1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::observation::body_from_camera;
+    use super::super::{Predictor, PredictorConfig, PredictorIn};
+    use super::*;
+    use crate::odometry::{Odometry, OdometryConfig};
+    use alight_shared::msg::{DroneState, Header, UvdarFix, VesselEstimate};
+    use alight_shared::node::Node;
+    use alight_shared::time::{DroneClock, Time};
+    use nalgebra::UnitQuaternion;
+    use proptest::prelude::*;
+
+    /// A drone at rest whose autopilot's estimate jumps, with its odometry and its predictor.
+    struct Bench {
+        odometry: Odometry,
+        predictor: Predictor,
+        tick: u32,
+        /// Of the autopilot's estimate, now.
+        place: Vector3<f64>,
+        yaw: f64,
+        /// The deck by radio, about the datum.
+        deck: Vector3<f64>,
+        /// The same from the drone, in its own axes, where the camera sees it.
+        sight: Option<Vector3<f64>>,
+        /// Deck and drone as the forecast and the odometry have them.
+        newest: Option<(Vector3<f64>, Vector3<f64>)>,
+    }
+
+    impl Bench {
+        fn new(place: Vector3<f64>, yaw: f64, deck: Vector3<f64>) -> Bench {
+            Bench {
+                odometry: Odometry::new(&OdometryConfig::default()),
+                predictor: Predictor::new(&PredictorConfig::default(), 1),
+                tick: 0,
+                place,
+                yaw,
+                deck,
+                sight: None,
+                newest: None,
+            }
+        }
+        fn run(&mut self, seconds: f64) {
+            for _ in 0..(seconds * 100.0) as u32 {
+                self.step();
+            }
+        }
+        fn step(&mut self) {
+            self.tick += 1;
+            let now = Time::<DroneClock>::from_secs(10.0 + 0.01 * f64::from(self.tick));
+            let header = Header::new(1, 1, 1, self.tick, now);
+            let q = UnitQuaternion::from_euler_angles(0.0, 0.0, self.yaw);
+            let reported = DroneState {
+                header,
+                position: self.place.into(),
+                attitude: [q.w, q.i, q.j, q.k],
+                specific_force: [0.0, 0.0, -9.806_65],
+                ..DroneState::default()
+            };
+            let drone = self.odometry.step(&reported, false);
+            let [x, y, z]: [f64; 3] = (self.deck + DroneState::default().position()).into();
+            let estimate = self.tick.is_multiple_of(5).then(|| VesselEstimate {
+                header,
+                eta: [x, y, z, 0.0, 0.0, 0.4],
+                ..VesselEstimate::default()
+            });
+            let uvdar = self
+                .sight
+                .filter(|_| self.tick.is_multiple_of(3))
+                .map(|sight| UvdarFix {
+                    header,
+                    position: (body_from_camera().transpose() * sight).into(),
+                    variance: [1e-4; 3],
+                    ..UvdarFix::default()
+                });
+            let out = self.predictor.step(
+                now,
+                &PredictorIn {
+                    drone: Some(drone),
+                    estimate,
+                    uvdar: uvdar.into_iter().collect(),
+                    ..PredictorIn::default()
+                },
+            );
+            if let Some(stage) = out.forecast.and_then(|f| f.at(now)) {
+                self.newest = Some((stage.position.into(), drone.position()));
+            }
+        }
+        /// The deck from the drone, level, north up, as it believes.
+        fn apart(&self) -> Vector3<f64> {
+            self.newest
+                .map_or(Vector3::repeat(f64::NAN), |(deck, drone)| deck - drone)
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(12))]
+        /// A deck that was never seen lies where the radio has it, before and after any jump of heading and position.
+        #[test]
+        fn unseen_deck_at_any_jump(
+            yaw in -3.14_f64..3.14,
+            by in prop::array::uniform3(-60.0_f64..60.0),
+            bearing in 0.0_f64..6.28,
+            distance in 5.0_f64..80.0,
+        ) {
+            let deck = Vector3::new(distance * bearing.cos(), distance * bearing.sin(), 0.0);
+            let mut b = Bench::new(Vector3::new(0.0, 0.0, -12.0), 0.5, deck);
+            b.run(3.0);
+            let before = b.apart();
+            b.yaw += yaw;
+            b.place += Vector3::from(by);
+            b.run(0.1);
+            // The radio's place about the datum has not moved: the drone has.
+            let moved = b.apart() - (before - Vector3::from(by));
+            prop_assert!(moved.norm() < 0.3, "{moved:?} at {yaw} {by:?}");
+        }
+
+        /// A deck that is seen is where the camera sees it, through any jump.
+        #[test]
+        fn seen_deck_at_any_jump(
+            yaw in -3.14_f64..3.14,
+            by in prop::array::uniform3(-20.0_f64..20.0),
+        ) {
+            let (place, heading) = (Vector3::new(0.0, 0.0, -4.0), 0.5);
+            let mut b = Bench::new(place, heading, Vector3::new(0.8, 0.3, 0.0));
+            b.run(2.0);
+            let in_body = UnitQuaternion::from_euler_angles(0.0, 0.0, -heading) * b.apart();
+            b.sight = Some(in_body);
+            b.run(2.0);
+            let before = UnitQuaternion::from_euler_angles(0.0, 0.0, -b.yaw) * b.apart();
+            b.sight = None;
+            b.yaw += yaw;
+            b.place += Vector3::from(by);
+            b.run(0.1);
+            let after = UnitQuaternion::from_euler_angles(0.0, 0.0, -b.yaw) * b.apart();
+            prop_assert!((after - before).norm() < 0.05, "{before:?} {after:?}");
+        }
+    }
+
+    #[test]
+    fn heading_aligned_before_the_deck_is_seen() {
+        // 55 m away, aligned by 118 deg: turned along, the deck would lie 94 m beside itself.
+        let mut b = Bench::new(Vector3::new(0.0, 0.0, -10.0), 0.0, Vector3::new(55.0, 0.0, 0.0));
+        b.run(2.0);
+        let before = b.apart();
+        b.yaw = 118.0_f64.to_radians();
+        b.run(2.0);
+        assert!((b.apart() - before).norm() < 0.2, "{:?}", b.apart() - before);
+    }
+
+    #[test]
+    fn deck_seen_a_minute_ago_at_a_jump() {
+        // By then the odometry has drifted by more than the radio errs: the radio counts.
+        let mut b = Bench::new(Vector3::new(0.0, 0.0, -10.0), 0.0, Vector3::new(20.0, 0.0, 0.0));
+        b.run(2.0);
+        b.sight = Some(b.apart());
+        b.run(1.0);
+        b.sight = None;
+        b.run(60.0);
+        let before = b.apart();
+        b.yaw = 2.0;
+        b.run(0.5);
+        assert!((b.apart() - before).norm() < 1.5, "{:?}", b.apart() - before);
+    }
+}
