@@ -70,7 +70,10 @@ impl Heights {
         }
         if self.stated == 0 && self.flat > 0 {
             return Some(Remark::fault(
-                format!("height: none of {} fixes has one, and it stays unknown", self.flat),
+                format!(
+                    "height: none of {} fixes has one, and it stays unknown",
+                    self.flat
+                ),
                 "let the receiver send GGA or GNS",
             ));
         }
