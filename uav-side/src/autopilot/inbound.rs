@@ -318,7 +318,7 @@ impl AutopilotLink {
         }
         state.header = self.header(Output::Odometry, reported.header.at);
         self.state = Some(state);
-        let speed = self.from_deck(now).map(|(_, _, away)| away);
+        let speed = self.relative_to_deck(now).map(|(_, _, away)| away);
         self.range_witness.moves(dt.clamp(0.0, 0.1), speed);
         out.odometry.push(state);
     }

@@ -77,9 +77,9 @@ impl AutopilotLink {
         let height = range_m - self.feet_range_m();
         height >= -BELOW_FEET_M && !self.range_witness.contradicts() && !disagree(height, forecast_height)
     }
-    /// Of the feet above the deck, m, of the drone relative to it, and away from it along its normal, m/s; None while either
-    /// is unknown.
-    pub(super) fn from_deck(&self, now: DroneTime) -> Option<(f64, f64, f64)> {
+    /// Height of the feet above the deck, m, the drone's speed relative to it, and that away from it along its normal, m/s; None
+    /// while drone or deck is unknown.
+    pub(super) fn relative_to_deck(&self, now: DroneTime) -> Option<(f64, f64, f64)> {
         let state = self
             .state
             .filter(|s| now - s.header.at <= topics::DRONE_STATE.stale_after)?;
@@ -99,7 +99,7 @@ impl AutopilotLink {
         let state = self
             .state
             .filter(|s| now - s.header.at <= topics::DRONE_STATE.stale_after);
-        let below = self.from_deck(now);
+        let below = self.relative_to_deck(now);
         let forecast_height = below.map(|(h, _, _)| h);
         let range = self.fresh_range(now);
         let believed = |r: &f64| self.believes(*r, forecast_height);

@@ -50,6 +50,9 @@ enum Task {
     Stand(f64),
 }
 
+/// What a rangefinder reads where it should read the first at the second, the clearance, m.
+type Reads = fn(f64, f64) -> f64;
+
 struct World {
     sea: Sea,
     task: Task,
@@ -62,8 +65,7 @@ struct World {
     hover: f64,
     damping: f64,
     ranges: bool,
-    /// What the rangefinder reads where it should read this at this clearance, m.
-    reads: fn(f64, f64) -> f64,
+    reads: Reads,
     /// The autopilot reports its thrust.
     reports: bool,
     state: State,
@@ -319,7 +321,7 @@ fn landed_from_above(phase: f64, seed: u64, change: impl FnOnce(&mut World)) -> 
 
 #[test]
 fn touchdown_with_a_rangefinder_that_sticks() {
-    let faults: [(&str, fn(f64, f64) -> f64); 5] = [
+    let faults: [(&str, Reads); 5] = [
         ("at the feet from the start", |_, _| 0.22),
         ("at the feet below 1 m", |r, h| if h < 1.0 { 0.22 } else { r }),
         ("at the feet below 0.45 m", |r, h| if h < 0.45 { 0.22 } else { r }),
