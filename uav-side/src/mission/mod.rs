@@ -50,14 +50,13 @@ use alight_shared::msg::{
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
-use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
 use crate::odometry::origin::DroneFrame;
 use battery::BatteryMonitor;
 use checkpoint::{Beginning, Begun};
-use height::{HeightInput, HeightWitnesses, Heights, Surface};
+use height::{HeightWitnesses, Surface};
 use outlook::Outlook;
 use phase::{MissionPhase, Progress, gave_up};
 use place::Place;
@@ -109,17 +108,6 @@ pub struct MissionOut {
 const PERIOD: Span = Span::from_millis(20);
 /// A wind that is known no better than this is not published, standard deviation, m/s.
 const WIND_SD_MPS: f64 = 3.0;
-/// Time constant of the deck's mean level, s: two periods of a long swell.
-const LEVEL_TIME_S: f64 = 10.0;
-/// The level follows a forecast by no more than this at a time, m: 0.2 m/s with [`LEVEL_TIME_S`], many
-/// times what two GNSS receivers drift apart. The minimum altitude depends on it, and a wrong
-/// forecast (20 m below the water, from an estimator that had lost the tilt) must not lower it; a frame
-/// that moves for good shows in the count of origin resets.
-const LEVEL_STEP_M: f64 = 2.0;
-/// A deck whose height is known no better was not seen, standard deviation, m: two receivers are worse, a camera that sees the
-/// tag from the tracking height ten times better.
-const SEEN_SD_M: f64 = 0.5;
-
 /// The mission node.
 #[derive(Clone, Debug, Default)]
 pub struct Mission {
@@ -251,15 +239,7 @@ impl Mission {
             self.config.tracking_height_m = self.heights_m[0].max(lowest);
             self.config.approach_height_m = self.heights_m[1].max(lowest);
             if let Some(z) = forecast_mean(&m) {
-                let mean = self
-                    .mean_deck_z
-                    .follow(m.header.at, z, LEVEL_TIME_S, LEVEL_STEP_M);
-                // Vision has corrected the radio: what a second witness confirms need not be followed slowly.
-                let (deck_m, w) = (self.deck_height_m(), &self.heights);
-                let rises = z < mean && w.confirm(z, deck_m) && !w.confirm(mean, deck_m);
-                if rises || w.confirm_aside(z, deck_m) && !w.confirm_aside(mean, deck_m) {
-                    self.mean_deck_z.begin(m.header.at, z);
-                }
+                self.follow_level(m.header.at, z);
             }
         }
         if let Some(m) = &input.plan {
@@ -274,53 +254,7 @@ impl Mission {
         if let Some(m) = &input.deck {
             self.grant.offer(now, m);
         }
-        let own = self.drone.fresh(now, topics::DRONE_STATE.stale_after);
-        for (m, d) in input.ranges.iter().zip(own.into_iter().cycle()) {
-            let down = d.attitude() * (Vector3::z() * (m.range_m + self.drone_geometry.rangefinder_m[2]));
-            self.surface.update(m.header.at, d.position[2] + down.z);
-        }
-    }
-
-    /// Height of the deck over still water, m.
-    fn deck_height_m(&self) -> f64 {
-        -self.deck_geometry.centre_m[2]
-    }
-
-    /// What the witnesses of the deck's height make of its level.
-    fn heights(&mut self, now: Time<DroneClock>) -> Heights {
-        let forecast = self.forecast.fresh(now, topics::FORECAST.stale_after);
-        let own = self.drone.fresh(now, topics::DRONE_STATE.stale_after);
-        let level = forecast.and_then(forecast_mean);
-        let autopilot = self.autopilot.fresh(now, topics::AUTOPILOT.stale_after);
-        if let Some(a) = autopilot {
-            let deck = forecast.and_then(|f| f.at(now.max(f.header.at)));
-            let apart = own
-                .zip(deck)
-                .map(|(d, deck)| d.position() - Vector3::from(deck.position));
-            let input = HeightInput {
-                forecast_z: level,
-                seen: forecast.is_some_and(|f| f.vision_age_s <= self.config.vision_fresh_s)
-                    && deck.is_some_and(|d| d.position_sd[2] < SEEN_SD_M),
-                own_z: own.map(|d| d.position[2]),
-                feet_m: self.drone_geometry.feet_below_m,
-                distance_m: apart.map_or(f64::INFINITY, |r| r.xy().norm()),
-                landed: a.landed,
-                armed: a.armed,
-                origin_sea_m: a.origin_sea_m,
-                flies: self.phase.flies(),
-            };
-            self.heights.update(&input, &self.config);
-        }
-        let above_m = self.config.approach_height_m;
-        let (mean_z, deck_m) = (self.mean_deck_z.value(), self.deck_height_m());
-        let heights = self.heights.judge(mean_z, level, deck_m, above_m);
-        let own_z = own.map(|d| d.position[2]);
-        match self.surface.level(now).zip(own_z) {
-            Some((surface_z, own_z)) => {
-                heights.above_surface(surface_z, own_z, above_m, self.config.minimum_altitude_m)
-            }
-            None => heights,
-        }
+        self.see_surface(now, &input.ranges);
     }
 
     /// How likely a landing from here succeeds, and above which probability waiting on is not worth it.
