@@ -255,19 +255,21 @@ mod tests {
 
     #[test]
     fn recording_on_a_full_disk() {
-        // Every write to it fails as on a full disk.
+        // Every write to it fails as on a full disk, whichever comes first.
         let path = Path::new("/dev/full");
-        let mut opening = Opening::create(path).unwrap();
-        let channel = opening.raw("/node/vessel", "bytes").unwrap();
-        let mut sink = opening.start();
-        for k in 0..100 {
-            let bytes = |to: &mut Vec<u8>| -> Result<(), ()> {
-                to.extend([7; 100_000]);
-                Ok(())
-            };
-            sink.message(channel, k, bytes).unwrap();
-        }
-        let e = sink.finish("outcome", &[]).unwrap_err();
+        let record = || -> Result<(), McapError> {
+            let mut opening = Opening::create(path)?;
+            let channel = opening.raw("/node/vessel", "bytes")?;
+            let mut sink = opening.start();
+            for k in 0..100 {
+                sink.message(channel, k, |to: &mut Vec<u8>| -> Result<(), McapError> {
+                    to.extend([7; 100_000]);
+                    Ok(())
+                })?;
+            }
+            sink.finish("outcome", &[])
+        };
+        let e = record().unwrap_err();
         let text = unwritable(Path::new("/mnt/stick/l.mcap"), &e);
         assert!(
             text.starts_with("no space left on /mnt/stick (No space left on device"),

@@ -59,6 +59,9 @@ const MIN_SAMPLES: usize = 20;
 /// Slower attitudes than this leave the fast part of a motion out, Hz.
 const SLOW_HZ: f64 = 4.9;
 
+/// A value at its time, where there is one.
+type Timed<const N: usize> = Option<(f64, [f64; N])>;
+
 /// A quantity over time.
 struct Series<const N: usize> {
     t: Vec<f64>,
@@ -90,7 +93,7 @@ impl<const N: usize> Series<N> {
         if usual > 0.0 { 1.0 / usual } else { 0.0 }
     }
     /// The values before and after a time, which may be one.
-    fn around(&self, t: f64) -> (Option<(f64, [f64; N])>, Option<(f64, [f64; N])>) {
+    fn around(&self, t: f64) -> (Timed<N>, Timed<N>) {
         let k = self.t.partition_point(|x| *x < t);
         let at = |k: usize| Some((*self.t.get(k)?, *self.y.get(k)?));
         (k.checked_sub(1).and_then(at), at(k))
