@@ -79,7 +79,7 @@ fn heading_resets_in_every_phase() {
         (State::Approach, 2.0),
         (State::Tracking, 0.3),
         (State::Descent, 1.0),
-        (State::Descent, 3.0),
+        (State::Descent, 2.0),
         (State::Flare, 0.3),
     ];
     let mut lost = Vec::new();

@@ -173,6 +173,12 @@ pub struct DeckForecast {
     pub vision_age_s: f64,
     /// Age of the newest tag detection that was used, s; infinite when there was none.
     pub tag_age_s: f64,
+    /// The deck's height by the rangefinder against the camera's: mean of the normalised innovation squared over 3 s, the largest
+    /// of late, 1 where both err as they state; None while one of them is missing.
+    pub height_nis: Option<f64>,
+    /// The deck's place as seen less its place by radio, horizontal, and the most that it may be by the spread of both, m; None
+    /// while it was not seen.
+    pub place_apart_m: Option<[f64; 2]>,
     /// Confidence in the wave model, 0 (broad default, or a calm) to 1.
     pub wave_confidence: f64,
     /// The deck's mean heading without the waves' share, rad.
@@ -237,6 +243,8 @@ message!(DeckForecast, DroneClock, |m| {
     m.step > Span::ZERO => "step",
     m.surroundings.is_sound() => "surroundings",
     within([&m.mean_heading_rate], MAX_RATE_RPS) => "mean_heading_rate",
+    m.height_nis.is_none_or(|n| n >= 0.0) => "height_nis",
+    m.place_apart_m.is_none_or(|a| within(&a, MAX_POSITION_M)) => "place_apart_m",
     m.stages.iter().all(|s| {
         within(&s.position, MAX_POSITION_M)
             && within(&s.velocity, MAX_SPEED_MPS)

@@ -204,6 +204,10 @@ pub enum ReasonCode {
     HardContact,
     /// The autopilot has not aligned its heading, or knows its position no more.
     HeadingUnaligned,
+    /// The deck is seen elsewhere than where the radio places it: apart by, m, and what both may err.
+    DeckElsewhere,
+    /// The rangefinder contradicts the camera about the deck's height, in standard deviations of both.
+    HeightContradicted,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -354,6 +358,14 @@ impl fmt::Display for Reason {
             ReasonCode::NoOrigin => {
                 write!(f, "the autopilot has not reported its origin (GPS_GLOBAL_ORIGIN)")
             }
+            ReasonCode::DeckElsewhere => write!(
+                f,
+                "the deck is seen {v:.1} m from where the radio places it (limit {l:.1}): another vessel's?"
+            ),
+            ReasonCode::HeightContradicted => write!(
+                f,
+                "rangefinder and camera contradict each other about the deck's height: by {v:.1} times what they err (limit {l:.1})"
+            ),
             ReasonCode::HeadingUnaligned => write!(
                 f,
                 "the autopilot has not aligned its heading (PX4: ESTIMATOR_STATUS, ArduPilot: EKF_STATUS_REPORT)"

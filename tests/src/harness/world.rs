@@ -23,6 +23,7 @@ use alight_uav::camera::node::CameraIdentity;
 use alight_uav::mission::{Mission, MissionConfig, MissionIn, MissionOut};
 use alight_uav::pilot::{Output, Pilot, PilotIn};
 use alight_uav::planner::{Planner, PlannerIn, PlannerOut};
+use alight_uav::predictor::observation::body_from_camera;
 use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
 use alight_usv::deck::{DeckInputs, DeckOrder};
 use alight_usv::{ComputerIn, VesselComputer};
@@ -39,6 +40,7 @@ use super::scenario::{NodeConfigs, Scenario, SetupError, StateOutage};
 use super::tap::{NoTap, Tap};
 use crate::autopilots::simulated::{INNER_PER_OUTER, mode_number};
 use crate::radio::{ChannelCounts, Session};
+use crate::sensors::DroneReadings;
 use crate::sensors::delay::DelayLine;
 use crate::sensors::noise::Noise;
 
@@ -241,6 +243,14 @@ impl World {
             linked.autopilot.reset_heading(by_rad);
         }
     }
+    /// Images of a drone's cameras are stamped so late from now on.
+    pub fn stamp_images_late(&mut self, k: usize, late: Span) {
+        self.drones[k].images_late = late;
+    }
+    /// What a drone's cameras see of the deck is another vessel's, moored so far from this one (NED, m).
+    pub fn show_neighbour(&mut self, k: usize, beside: Vector3<f64>) {
+        self.drones[k].sees_beside = beside;
+    }
     /// The estimator of a drone's autopilot begins its position anew, this much further on (m); it counts that or not.
     pub fn reset_position(&mut self, k: usize, by: &Vector3<f64>, counted: bool) {
         if let Some(linked) = self.linked(k) {
@@ -406,6 +416,10 @@ pub struct DroneComputer {
     commands: Vec<Command>,
     /// A test's set-point in place of the pilot's.
     external: Option<SetPoint>,
+    /// Fault: images are stamped so late.
+    images_late: Span,
+    /// Fault: the deck seen is so far from the vessel's, NED, m.
+    sees_beside: Vector3<f64>,
     /// When the next status is due.
     status_due: Time<TrueTime>,
     /// When the pilot stands still.
@@ -475,6 +489,8 @@ impl DroneComputer {
             solve_delay: Span::from_secs(scenario.solve_delay_s),
             commands: Vec::new(),
             external: None,
+            images_late: Span::ZERO,
+            sees_beside: Vector3::zeros(),
             status_due: Time::EPOCH,
             pilot_outage_window: None,
             mission_state: MissionState::default(),
@@ -557,6 +573,7 @@ impl DroneComputer {
         if let Some(cameras) = &mut self.cameras {
             cameras.step(t, now, &mut readings);
         }
+        self.mislead(physics, &mut readings);
         let input = PredictorIn {
             estimate: received.estimate,
             wave: received.wave,
@@ -660,6 +677,23 @@ impl DroneComputer {
         }
     }
 
+    /// What faults make of what the cameras saw.
+    fn mislead(&self, physics: &Physics, readings: &mut DroneReadings) {
+        let Some(truth) = physics.drone(self.k) else {
+            return;
+        };
+        let beside: [f64; 3] =
+            (body_from_camera().transpose() * (truth.attitude.0.inverse() * self.sees_beside)).into();
+        let shown = |p: &mut [f64; 3]| p.iter_mut().zip(beside).for_each(|(p, by)| *p += by);
+        for m in &mut readings.tags {
+            m.header.at = m.header.at + self.images_late;
+            shown(&mut m.position);
+        }
+        for m in &mut readings.uvdar {
+            m.header.at = m.header.at + self.images_late;
+            shown(&mut m.position);
+        }
+    }
     fn status(&self, header: Header<DroneClock>, deck_distance_m: Option<f32>) -> DroneStatus {
         let (mission, autopilot) = (&self.mission_state, &self.autopilot_state);
         let still_armed_s = still_armed_s(header.at, mission, autopilot.armed, &DisarmConfig::default());

@@ -115,6 +115,8 @@ fn message() -> impl Strategy<Value = Message> {
         (commands(), Just(CommandResult::Denied))
             .prop_map(|(command, result)| Message::CommandAck { command, result }),
         (0..8_u8, "\\PC{0,60}").prop_map(|(severity, text)| Message::Text { severity, text }),
+        any::<u16>().prop_map(|flags| Message::EstimatorStatus { flags }),
+        any::<u16>().prop_map(|flags| Message::EkfStatus { flags }),
         any::<(u32, u32)>().prop_map(|(present, healthy)| Message::SystemStatus { present, healthy }),
         (
             any::<u8>(),

@@ -204,10 +204,10 @@ impl AuthorityStateMachine {
             ControlAuthority::NoClock
         } else if !f.origin {
             ControlAuthority::NoOrigin
-        } else if !f.heading {
-            ControlAuthority::NoHeading
         } else if !f.odometry {
             ControlAuthority::NoOdometry
+        } else if !f.heading {
+            ControlAuthority::NoHeading
         } else if f.thrust.is_none() {
             ControlAuthority::OptionUnknown
         } else if f.thrust == Some(false) {

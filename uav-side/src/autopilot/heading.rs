@@ -54,6 +54,10 @@ impl HeadingAlignment {
             .is_some_and(|since| (at - since).secs() >= STEADY_S);
         self.was_aligned |= self.status.is_none() && steady;
     }
+    /// The autopilot's own odometry arrives, the newest no older than `limit_s`.
+    pub(crate) fn is_watched(&self, now: DroneTime, limit_s: f64) -> bool {
+        self.last.is_some_and(|(at, ..)| (now - at).secs() <= limit_s)
+    }
     /// The link before this one flew by it.
     pub(crate) fn resume(&mut self) {
         self.was_aligned = true;

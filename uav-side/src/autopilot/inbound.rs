@@ -2,7 +2,7 @@
 
 use alight_shared::geodesy::Datum;
 use alight_shared::geoid;
-use alight_shared::msg::{CommandKind, DroneState, LandedState};
+use alight_shared::msg::{CommandKind, DroneState, LandedState, Message as _};
 
 use super::heading::HeadingAlignment;
 use super::message::{
@@ -312,6 +312,11 @@ impl AutopilotLink {
         }
         let before = self.smooth.jumps();
         let mut state = self.smooth.step(&reported, counted);
+        if state.check().is_err() {
+            // Its jumps have led the frame beyond all bounds.
+            self.new_frame();
+            state = self.smooth.step(&reported, false);
+        }
         if counted || (self.smooth.jumps().offset - before.offset).norm() > JUMPED_M {
             // Its origin may be another.
             self.timers.origin = Default::default();

@@ -299,9 +299,13 @@ impl AutopilotLink {
             clock: self.clock.is_synchronised(),
             origin: self.datum.is_some(),
             heading: self.heading.was_aligned(),
-            odometry: self
-                .state
-                .is_some_and(|s| recent(s.header.at, self.config.odometry_loss_s)),
+            odometry: if self.heading.was_aligned() {
+                self.state
+                    .is_some_and(|s| recent(s.header.at, self.config.odometry_loss_s))
+            } else {
+                // It is not passed on yet.
+                self.heading.is_watched(now, self.config.odometry_loss_s)
+            },
             thrust: p.and_then(|p| p.parameters.thrust_is_thrust()),
             heartbeat,
             mode: p.map_or(AutopilotMode::Other, |p| p.mode),

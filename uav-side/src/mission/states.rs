@@ -281,7 +281,8 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
                 (NoPlan, s.plan_age_s, s.plan_limit_s),
             ])
         })
-        .or_else(|| deck_infeasible(deck, c, wide));
+        .or_else(|| deck_infeasible(deck, c, wide))
+        .or_else(|| contradicted(deck, progress));
     // What happens to a drone at rest on the deck is better than what happens to one with an empty battery.
     let rejection = rejection.or_else(|| {
         if progress.is_urgent() {
@@ -344,6 +345,11 @@ fn deck_infeasible(deck: &Deck, c: &MissionConfig, slack: f64) -> Option<Reason>
     ])
 }
 
+/// Two witnesses of the deck contradict each other: no landing, unless the battery decides.
+fn contradicted(deck: &Deck, progress: &Progress) -> Option<Reason> {
+    deck.contradicted.filter(|_| !progress.is_urgent())
+}
+
 /// What forbids the flare at the decision clearance.
 fn not_ready_to_flare(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
     first_beyond([
@@ -379,6 +385,7 @@ fn violation(
         .or_else(|| exceeds(Deviated, deck.distance_m, cone))
         .or_else(|| deck_infeasible(deck, c, WIDER * widening(progress)))
         .or_else(|| exceeds(Swings, s.swing_rad, WIDER * MAX_SWING_RAD))
+        .or_else(|| contradicted(deck, progress))
         .or_else(|| unlikely(progress, s, needed))
         .or_else(|| exceeds(NoPlan, s.plan_age_s, s.plan_limit_s))
 }

@@ -65,6 +65,7 @@ pub(super) fn fair() -> Situation {
             turn_radps: 0.0,
             turn_mps: 0.0,
             tilt_rad: 0.1,
+            contradicted: None,
             ends: None,
         }),
         mean_deck_z: Some(-1.3),

@@ -6,6 +6,7 @@ use std::collections::VecDeque;
 use alight_shared::frames::wrap_angle;
 use alight_shared::time::{DroneClock, Span, Time};
 
+use super::agreement;
 use super::axis::{Axis, AxisNoise, HEAD, MEAN, MeasurementRow, RATE, Step, TURN, VISION};
 use super::forecast::STEERAGE_MPS;
 use super::observation::{Kind, Observation};
@@ -68,6 +69,8 @@ pub struct Filter {
     radio_available: bool,
     /// Degrees of freedom that were ever measured in the drone's frame.
     seen: [bool; AXES],
+    /// What jumps of the autopilot's estimate have put between vision's slow error and the radio's, north and east, m.
+    taken: [f64; 2],
     started: Time<DroneClock>,
 }
 
@@ -96,6 +99,7 @@ impl Filter {
             rejected: [0; 2],
             radio_available: true,
             seen: [false; AXES],
+            taken: [0.0; 2],
             started: first.at,
         };
         f.entries.push_back(Entry {
@@ -319,12 +323,36 @@ impl Filter {
 
     /// The autopilot's estimate has jumped.
     pub fn shift(&mut self, jump: &Jump) {
+        let before = self.offsets();
+        let mut known = self.seen;
         for e in &mut self.entries {
-            shift::state(&mut e.after, jump, &self.seen, &self.noise, self.gate);
+            known = shift::state(&mut e.after, jump, &self.seen, &self.noise, self.gate);
             if let Some(o) = &mut e.observation {
                 o.shift(jump);
             }
         }
+        let after = self.offsets();
+        for (taken, (a, b)) in self.taken.iter_mut().zip(after.into_iter().zip(before)) {
+            *taken += a - b;
+        }
+        self.seen = known;
+        if !(known[0] && known[1]) {
+            self.taken = [0.0; 2];
+        }
+    }
+    /// Vision's slow error less the radio's, north and east, m.
+    fn offsets(&self) -> [f64; 2] {
+        let offset = |i: usize| {
+            self.last()
+                .map_or(0.0, |s| s[i].project(MeasurementRow::Offset).0)
+        };
+        [offset(0), offset(1)]
+    }
+    /// The place as seen less the place by radio, and how far it may be, m; None: it was not seen.
+    pub fn place_apart_m(&self) -> Option<[f64; 2]> {
+        let [north, east, ..] = self.seen;
+        let last = self.last().filter(|_| north && east)?;
+        Some(agreement::place(last, &self.noise, self.taken))
     }
 
     /// A source that is rejected again and again is right and the filter wrong: the states that may be

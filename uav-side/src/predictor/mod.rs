@@ -5,6 +5,7 @@
 //! - [`axis`]: the Kalman filter of one degree of freedom.
 //! - [`filter`]: the six of them, and how late observations are fused at their own time.
 //! - [`placement`]: the vessel's estimate in the drone's frame.
+//! - `agreement`: whether camera, rangefinder and radio contradict each other.
 //! - [`observation`]: each message as a measurement of the six degrees of freedom.
 //! - [`track`]: where the drone was at the time of exposure.
 //! - [`lever_arm_heave`]: the deck's height due to its tilt.
@@ -16,6 +17,7 @@
 //! known to the drone only up to a slow offset; vision measures that offset. With the radio
 //! silent the same filters go on by vision alone.
 
+mod agreement;
 pub mod axis;
 mod checkpoint;
 mod config;

@@ -16,6 +16,7 @@ use alight_shared::vessel_model::{YAW, turn_tilt};
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::agreement::HeightAgreement;
 use super::axis::{Axis, AxisNoise, MEAN, MeasurementRow, RATE, VISION, compass};
 use super::checkpoint;
 use super::config::PredictorConfig;
@@ -87,6 +88,7 @@ pub struct Predictor {
     vision_at: Option<Time<DroneClock>>,
     tag_at: Option<Time<DroneClock>>,
     range_at: Option<Time<DroneClock>>,
+    height: HeightAgreement,
     /// Apparent slopes of the deck as reported by the vessel, and when.
     slopes: Option<(Time<DroneClock>, Seq<u8, SLOPE_WINDOWS>)>,
     surroundings: Surroundings,
@@ -116,6 +118,7 @@ impl Predictor {
             vision_at: None,
             tag_at: None,
             range_at: None,
+            height: HeightAgreement::default(),
             slopes: None,
             surroundings: Surroundings::default(),
             next: Periodic::default(),
@@ -196,6 +199,7 @@ impl Predictor {
         self.filter = None;
         (self.radio_at, self.radio_sequence) = (None, None);
         (self.vision_at, self.tag_at, self.range_at) = (None, None, None);
+        self.height = HeightAgreement::default();
     }
 
     fn wave(&mut self, now: Time<DroneClock>, m: &WaveModel<DroneClock>) -> Result<(), RejectionReason> {
@@ -294,6 +298,12 @@ impl Predictor {
             return Ok(());
         };
         let o = o.levelled(lever_arm_heave_m);
+        if self.vision_at.is_some()
+            && let (Some((v, r)), a) = (o.about(&self.waves.motion(at)).value[2], &axes[2])
+        {
+            let innovation_sd = a.normalised_innovation(MeasurementRow::Vision, v, r);
+            self.height.take(at, innovation_sd);
+        }
         self.range_at = Some(at);
         self.fuse(&o)
     }
@@ -483,6 +493,8 @@ impl Predictor {
             radio_age_s,
             vision_age_s,
             tag_age_s: age(self.tag_at),
+            height_nis: self.height.value(now),
+            place_apart_m: filter.place_apart_m(),
             wave_confidence: self.waves.confidence,
             mean_heading: wrap_angle(axes[5].x[MEAN] + axes[5].x[VISION]),
             mean_heading_rate: axes[5].x[RATE],

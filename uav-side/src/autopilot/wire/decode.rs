@@ -153,9 +153,6 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
             present: d.onboard_control_sensors_present.bits(),
             healthy: d.onboard_control_sensors_health.bits(),
         },
-        M::ESTIMATOR_STATUS(d) => Message::EstimatorStatus {
-            flags: d.flags.bits(),
-        },
         M::RC_CHANNELS(d) => Message::RemoteControl(RcChannels {
             count: d.chancount,
             pulses_us: [

@@ -30,6 +30,7 @@ pub(super) const ELLIPSOID_HEIGHT_AT: usize = 30;
 /// `signal_quality` of `DISTANCE_SENSOR`, and its value for a reading that is invalid; 0 is unknown.
 pub(super) const DISTANCE_QUALITY_AT: usize = 38;
 pub(super) const DISTANCE_INVALID: u8 = 1;
+const ESTIMATOR_FLAGS_AT: usize = 40;
 const EKF_FLAGS_AT: usize = 20;
 const TARGET_DISTANCE_AT: usize = 16;
 const TARGET_SIZE_AT: usize = 20;
@@ -124,6 +125,10 @@ pub(super) fn ekf_status(flags: u16) -> Vec<u8> {
 /// Messages whose extension is their content, and ArduPilot's own.
 pub(super) fn read(number: u32, payload: Fields<'_>) -> Option<Message> {
     match number {
+        // By their places: a flag that the dialect does not know yet is no damage.
+        id::ESTIMATOR_STATUS => Some(Message::EstimatorStatus {
+            flags: payload.u16(ESTIMATOR_FLAGS_AT),
+        }),
         id::EKF_STATUS_REPORT => Some(Message::EkfStatus {
             flags: payload.u16(EKF_FLAGS_AT),
         }),

@@ -1,0 +1,110 @@
+//! Two witnesses of the deck that contradict each other: no descent begins, and one that is high is broken off, with words.
+// Helpers of tests may panic, as tests do.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use alight_shared::msg::{ReasonCode, State};
+use alight_shared::time::Span;
+use alight_sim::harness::outcome::{Ending, Judge, Outcome};
+use alight_sim::harness::rig::Rig;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use nalgebra::Vector3;
+
+/// How a flight ends, the largest disagreement about the height on the way down, and what was said of the two witnesses.
+struct Flown {
+    outcome: Outcome,
+    height_sd: f64,
+    said: Vec<ReasonCode>,
+}
+
+fn flown(scenario: &Scenario, seed: u64, limit_s: f64, mislead: impl Fn(&mut Rig)) -> Flown {
+    let mut rig = Rig::landing(scenario, &NodeConfigs::default(), seed).unwrap();
+    mislead(&mut rig);
+    let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
+    let (mut judge, mut height_sd, mut said) = (Judge::default(), 0.0_f64, Vec::new());
+    rig.each(limit_s, |rig| {
+        let m = *rig.mission(0);
+        for code in [m.waiting.code, m.entered.code] {
+            let names = matches!(code, ReasonCode::DeckElsewhere | ReasonCode::HeightContradicted);
+            if names && !said.contains(&code) {
+                said.push(code);
+            }
+        }
+        if matches!(m.state, State::TrackingStable | State::Descent | State::Flare) {
+            let newest = rig.world.drones()[0].forecast.and_then(|f| f.height_nis);
+            height_sd = height_sd.max(newest.unwrap_or(0.0).sqrt());
+        }
+        judge.observe(&rig.world.observation(), half_deck)
+    });
+    Flown {
+        outcome: judge.outcome(seed, "", "", 0.0),
+        height_sd,
+        said,
+    }
+}
+
+/// In a sound world two witnesses are never said to contradict each other.
+fn agreement(seeds: core::ops::Range<u64>) {
+    let mut refused = Vec::new();
+    for seed in seeds {
+        let f = flown(&Scenario::default(), seed, 200.0, |_| {});
+        println!("sound {seed}: {:.2} sd, {:?}", f.height_sd, f.outcome.outcome);
+        if !f.said.is_empty() || f.outcome.outcome != Ending::Success {
+            refused.push((seed, f.said, f.outcome));
+        }
+    }
+    assert!(refused.is_empty(), "{refused:#?}");
+}
+
+#[test]
+fn witnesses_that_agree_in_a_sound_world() {
+    agreement(300..303);
+}
+
+#[test]
+#[ignore = "40 landings: a minute"]
+fn forty_landings_with_witnesses_that_agree() {
+    agreement(400..440);
+}
+
+/// Images that take 0.3 s and are stamped 0.25 s after their exposure: no hard contact.
+fn late_images(seeds: core::ops::Range<u64>) {
+    let mut scenario = Scenario::default();
+    (scenario.sensors.tag.latency_s, scenario.sensors.uvdar.latency_s) = (0.3, 0.3);
+    let mut hard = Vec::new();
+    for seed in seeds {
+        let f = flown(&scenario, seed, 90.0, |rig| {
+            rig.world.stamp_images_late(0, Span::from_millis(250));
+        });
+        println!(
+            "late {seed}: {:.2} sd, {:?}, {:?} at {:?}",
+            f.height_sd, f.said, f.outcome.outcome, f.outcome.touchdown_speed_mps
+        );
+        if f.outcome.touchdown_speed_mps.is_some_and(|v| v > 1.0) {
+            hard.push((seed, f.said, f.outcome));
+        }
+    }
+    assert!(hard.is_empty(), "{hard:#?}");
+}
+
+#[test]
+fn images_stamped_late() {
+    late_images(320..324);
+}
+
+#[test]
+#[ignore = "20 flights: a minute"]
+fn twenty_flights_with_images_stamped_late() {
+    late_images(340..360);
+}
+
+#[test]
+fn deck_of_a_neighbour() {
+    for (seed, beside) in [(331, [0.0, 9.0, 0.0]), (332, [-8.0, 6.0, 0.0])] {
+        let f = flown(&Scenario::default(), seed, 60.0, |rig| {
+            rig.world.show_neighbour(0, Vector3::from(beside));
+        });
+        let touched = f.outcome.touchdown_speed_mps.is_some() || f.outcome.water_contacts > 0;
+        assert!(!touched && f.outcome.attempts == 0, "{seed}: {:?}", f.outcome);
+        assert_eq!(f.said, [ReasonCode::DeckElsewhere], "{seed}");
+    }
+}
