@@ -13,10 +13,9 @@ use alight_shared::time::{Time, VesselClock};
 use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessState;
 use alight_shared::transport::rejections::{AccessRejection, AccessRejections};
-use alight_usv::deck::{Closure, Starved};
-use alight_usv::sensors::Remark;
 use alight_usv::deck::{Closure, Starved, Unheard};
 use alight_usv::followed::FollowsAnother;
+use alight_usv::sensors::Remark;
 use alight_usv::{ComputerIn, ComputerOut, Estimator, KINDS, VesselNode};
 use serde::{Deserialize, Serialize};
 

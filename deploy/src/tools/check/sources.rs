@@ -10,8 +10,8 @@ use tokio::time::{Instant, timeout_at};
 
 use crate::config::VesselComputer;
 use crate::io::byte_link::ByteLink;
-use crate::io::peer::Speaks;
 use crate::io::byte_links::ByteLinks;
+use crate::io::peer::Speaks;
 use crate::io::runtime;
 use crate::tools::check::facts::SourceCheck;
 use crate::vessel::sensors::strangers_remark;
