@@ -10,7 +10,10 @@ use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
 use alight_sim::harness::tap::Tap;
 use alight_sim::harness::trial::{Event, FlownTrial, Watch, fly, fly_with};
 use alight_sim::physics::sea::SeaConfig;
+use alight_sim::physics::streams::Streams;
 use alight_sim::physics::vessel::Course;
+use alight_sim::sensors::noise::Noise;
+use alight_uav::autopilot::modes::Firmware;
 use alight_uav::pilot::{PilotIn, PilotOut};
 
 /// A flight, and the phases that it went through.
@@ -164,6 +167,38 @@ fn touchdown_alignment_in_steady_wind() {
         .collect();
     let mean = errors.iter().sum::<f64>() / errors.len() as f64;
     assert!(mean < 2.2, "{errors:?} deg");
+}
+
+/// A flight of the autopilot with a response that no configuration names: dead time 0 to 0.25 s, lag 0.05 to 0.35 s.
+fn response_of(seed: u64) -> [f64; 2] {
+    let mut draw = Noise::new(&Streams::new(seed), "response");
+    [0.25 * draw.uniform(), 0.05 + 0.30 * draw.uniform()]
+}
+
+#[test]
+fn landing_with_any_response() {
+    let mut failed = Vec::new();
+    for (k, firmware) in [Firmware::Px4, Firmware::ArduCopter]
+        .into_iter()
+        .cycle()
+        .take(6)
+        .enumerate()
+    {
+        let seed = 11_000 + k as u64;
+        let mut scenario = at_sea(0.5, 5.0);
+        let [dead_s, lag_s] = response_of(seed);
+        let autopilot = &mut scenario.drone.autopilot;
+        autopilot.firmware = firmware;
+        (autopilot.dead_time_s, autopilot.attitude_lag_s) = (dead_s, Some(lag_s));
+        let o = outcome(&scenario, seed);
+        if !o.success {
+            failed.push(format!(
+                "{firmware:?}, {dead_s:.2} and {lag_s:.2} s, seed {seed}: {}",
+                o.reason
+            ));
+        }
+    }
+    assert!(failed.is_empty(), "{failed:#?}");
 }
 
 #[test]

@@ -154,12 +154,12 @@ enum Event {
 }
 
 impl ByteLink {
-    /// A link to `url`. What can be known to be wrong at once is refused: a port that is taken, a host
-    /// that has no address; a peer that is not there yet is waited for.
+    #[cfg(test)]
     pub async fn new(url: LinkUrl) -> Result<ByteLink, CliError> {
         ByteLink::with_peer(url, None).await
     }
-    /// The same; over UDP its peer is the first that `speaks`.
+    /// A link to `url`; over UDP its peer is the first that `speaks`. What can be known to be wrong at once is refused: a
+    /// port that is taken, a host that has no address; a peer that is not there yet is waited for.
     pub async fn with_peer(url: LinkUrl, speaks: Option<Speaks>) -> Result<ByteLink, CliError> {
         let doing = || format!("opening {url}");
         let open = match &url {

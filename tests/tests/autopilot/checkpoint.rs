@@ -28,9 +28,10 @@ fn link_successor_with_a_checkpoint() {
         let (began_s, known) = (p.t_s, p.odometry.len());
         p.run(1.0);
         let (at_s, _) = *p.sent.iter().find(|(t, _)| *t > began_s).unwrap();
-        assert!(at_s - began_s <= 0.03, "{firmware:?}: {} s", at_s - began_s);
+        // With its first odometry, of which ArduCopter gives one every 25 ms.
+        assert!(at_s - began_s <= 0.04, "{firmware:?}: {} s", at_s - began_s);
         let (t_s, first) = p.odometry[known];
-        assert!(t_s - began_s <= 0.03, "{firmware:?}: {} s", t_s - began_s);
+        assert!(t_s - began_s <= 0.04, "{firmware:?}: {} s", t_s - began_s);
         let moved = before.position() + before.velocity() * (first.header.at - before.header.at).secs();
         assert!(
             (first.position() - moved).norm() < 0.05,

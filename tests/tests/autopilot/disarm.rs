@@ -88,7 +88,7 @@ fn false_touchdown_in_the_air() {
             assert!(p.linked.autopilot.armed());
             // It goes up a little and holds.
             let up = before - p.truth().position.0.z;
-            assert!((0.8..1.2).contains(&up), "{up} m");
+            assert!((0.8..1.2).contains(&up), "{firmware:?} at {height} m: {up} m");
         }
     }
 }

@@ -48,7 +48,8 @@ fn ardu_copter_without_body_rates() {
     };
     let default = AutopilotLinkConfig::default().send_rates;
     let [px4, copter] = BOTH.map(|f| apart(f, default));
-    assert!((px4 - copter).abs() < 0.1 * px4, "{px4} {copter}");
+    // ArduCopter shapes its input: of 8.6 deg it is 4 deg behind, where PX4 is 2.7.
+    assert!(px4 < copter && copter < 0.08, "{px4} {copter}");
     // What they would do.
     let with = apart(Firmware::ArduCopter, true);
     assert!(with > 1.2 * copter, "{with} {copter}");

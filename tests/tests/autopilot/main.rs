@@ -30,15 +30,20 @@ fn config() -> AutopilotLinkConfig {
 
 #[test]
 fn odometry_rate_and_time_of_validity() {
-    for firmware in BOTH {
+    // ArduCopter's telemetry gives 40 Hz.
+    for (firmware, positions, readings) in [(Firmware::Px4, 180, 90), (Firmware::ArduCopter, 76, 76)] {
         let mut p = LinkRig::new(firmware, 5.0, &config());
         p.run(4.0);
         p.odometry.clear();
         p.ranges.clear();
         let began = p.t_s;
         p.run(2.0);
-        assert!(p.odometry.len() >= 180, "{firmware:?}: {}", p.odometry.len());
-        assert!(p.ranges.len() >= 90, "{firmware:?}: {}", p.ranges.len());
+        assert!(
+            p.odometry.len() >= positions,
+            "{firmware:?}: {}",
+            p.odometry.len()
+        );
+        assert!(p.ranges.len() >= readings, "{firmware:?}: {}", p.ranges.len());
         for (arrived, o) in &p.odometry {
             let age = arrived - o.header.at.secs();
             // The wire takes 6 ms, a step 5 ms; ArduCopter dates in whole milliseconds.
@@ -385,7 +390,7 @@ fn firmware_without_optional_messages() {
     // No ODOMETRY on ArduCopter: it is not requested, and odometry comes from 31 and 32.
     let asked = p.commands_of(command::MESSAGE_INTERVAL);
     assert!(asked.iter().all(|c| c.parameters[0] as u32 != id::ODOMETRY));
-    assert!(p.odometry.len() > 200);
+    assert!(p.odometry.len() > 80, "{}", p.odometry.len());
     // An autopilot that denies every rate: requested a bounded number of times, nothing flown.
     let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
     p.linked.autopilot.answer = Some(CommandResult::Denied);

@@ -286,7 +286,8 @@ impl Mission {
                 distance_m: apart.map_or(f64::INFINITY, |r| r.xy().norm()),
                 landed: a.landed,
                 armed: a.armed,
-                origin_sea_m: a.origin_sea_m,
+                // In the frame that goes on through the jumps of the autopilot's estimate.
+                origin_sea_m: a.origin_sea_m.zip(own).map(|(m, d)| m + d.datum_offset[2]),
                 flies: self.phase.flies(),
             };
             self.heights.update(&input, &self.config);

@@ -30,7 +30,7 @@ const CANDIDATE_STEP_S: f64 = 0.02;
 const CHANGES_S: f64 = 1.0;
 const MEMORY_S: f64 = 10.0;
 /// Residual that is no evidence of another dead time: vibration in a second of samples, (m/s²)².
-const RESIDUAL: f64 = 4.0;
+const RESIDUAL: f64 = 0.5;
 /// Spread of the dead time about the odometry's own way before anything is learnt, s.
 const DEAD_TIME_SD_S: f64 = 0.03;
 

@@ -55,7 +55,7 @@ impl Kinds {
         fate.undated += after.undated - before.undated;
         if after.corrupted > before.corrupted {
             fate.damaged += 1;
-        } else if after.good > before.good {
+        } else if after.good > before.good && after.left_out == before.left_out {
             fate.read += 1;
         } else {
             let is_empty = !content.iter().any(u8::is_ascii_digit);
