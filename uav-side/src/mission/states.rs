@@ -52,7 +52,7 @@ pub(super) fn step(
         }
         MissionPhase::GaveUp { at, yaw } => {
             let at = held_place(&at, s, true);
-            let why = super::transition::stopped_low(progress, s).unwrap_or(NotCommanded.into());
+            let why = stopped_low(progress, s).unwrap_or(NotCommanded.into());
             MissionPhase::GaveUp { at, yaw }.stay(why)
         }
     }
@@ -77,6 +77,16 @@ fn order_expired(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> O
     };
     let waited_s = (s.now - progress.started).secs();
     (over || waited_s > limit_s).then(|| Reason::new(ReasonCode::OrderExpired, waited_s, limit_s))
+}
+
+/// Share of the reserve in which an operator who has stopped the landing decides.
+pub(super) const FOR_OPERATOR: f64 = 0.25;
+
+/// The battery of a drone whose landing was stopped is below the reserve, and its operator has yet to decide.
+fn stopped_low(progress: &Progress, s: &Situation) -> Option<Reason> {
+    let b = s.battery.filter(|b| *b < s.battery_reserve && progress.stopped)?;
+    let limit = (1.0 - FOR_OPERATOR) * s.battery_reserve;
+    Some(Reason::new(ReasonCode::BatteryStopped, b, limit)).filter(|_| b >= limit)
 }
 
 /// Idle: waits for command, flight and the vessel's state by radio.
@@ -565,7 +575,7 @@ fn held(
     c: &MissionConfig,
 ) -> Transition {
     if cause == HoldCause::Operator && !progress.landing {
-        let why = super::transition::stopped_low(progress, s).unwrap_or(Operator.into());
+        let why = stopped_low(progress, s).unwrap_or(Operator.into());
         return hold(None).stay(why);
     }
     if s.flight == ControlState::Unknown {

@@ -132,25 +132,16 @@ fn without_data(progress: &Progress, s: &Situation, c: &MissionConfig) -> Missio
 
 /// Share of the reserve that is for waiting above a deck on which no descent can begin; the rest is for the next place.
 const FOR_WAITING: f64 = 0.5;
-/// Share of the reserve in which an operator who has stopped the landing decides.
-const FOR_OPERATOR: f64 = 0.25;
 
 /// Whether the charge `b` is below what the flight keeps: the reserve, and for a stopped landing what is left of it for its
 /// operator; at once where the order came with less.
 fn is_low(b: f64, progress: &Progress, s: &Situation) -> bool {
     let limit = if progress.stopped {
-        (1.0 - FOR_OPERATOR) * s.battery_reserve
+        (1.0 - states::FOR_OPERATOR) * s.battery_reserve
     } else {
         s.battery_reserve
     };
     b < limit
-}
-
-/// The battery of a drone whose landing was stopped is below the reserve, and its operator has yet to decide.
-pub(super) fn stopped_low(progress: &Progress, s: &Situation) -> Option<Reason> {
-    let b = s.battery.filter(|b| *b < s.battery_reserve && progress.stopped)?;
-    let limit = (1.0 - FOR_OPERATOR) * s.battery_reserve;
-    Some(Reason::new(ReasonCode::BatteryStopped, b, limit)).filter(|_| b >= limit)
 }
 
 /// Whether there is charge left to wait for the deck: until half of the reserve is left, or of what was left of it at the

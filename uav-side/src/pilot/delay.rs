@@ -30,7 +30,7 @@ const CANDIDATE_STEP_S: f64 = 0.02;
 const CHANGES_S: f64 = 1.0;
 const MEMORY_S: f64 = 10.0;
 /// Residual that is no evidence of another dead time: vibration in a second of samples, (m/s²)².
-const RESIDUAL: f64 = 0.5;
+const RESIDUAL: f64 = 1.0;
 /// Spread of the dead time about the odometry's own way before anything is learnt, s.
 const DEAD_TIME_SD_S: f64 = 0.03;
 
@@ -49,6 +49,23 @@ impl Sent {
             self.0.pop_front();
         }
         self.0.push_back((now, command));
+    }
+    /// The thrust of what was sent by `at` after its lag (s), from the last time that the autopilot closed the loop.
+    fn acting(&self, at: Time<DroneClock>, lag_s: f64) -> Option<f64> {
+        let count = self.0.partition_point(|(sent, _)| *sent <= at);
+        let ends = self.0.iter().map(|(sent, _)| *sent).skip(1);
+        let held = self.0.iter().zip(ends.map(Some).chain([None])).take(count);
+        held.fold(None, |acting, ((from, command), until)| {
+            let (_, u) = (*command)?;
+            let dt = (until.unwrap_or(at).min(at) - *from).secs();
+            let share = if lag_s > 0.0 {
+                1.0 - (-dt / lag_s).exp()
+            } else {
+                1.0
+            };
+            let last = acting.unwrap_or(u);
+            Some(last + share * (u - last))
+        })
     }
     /// The newest command sent by `at`.
     pub(crate) fn by(&self, at: Time<DroneClock>) -> Commanded {
@@ -217,7 +234,11 @@ impl Delay {
         let (mut position, mut velocity) = (drone.position(), drone.velocity());
         let (mut attitude, mut rates) = (drone.attitude(), Vector3::from(drone.rates));
         let measured_force = -drone.specific_force[2];
-        let mut thrust = estimate.acting();
+        let thrust_dead_s = self.thrust_s();
+        let mut thrust = self.sent.acting(
+            drone.header.at - Span::from_secs(thrust_dead_s),
+            dynamics.thrust_s,
+        );
         let push = estimate.disturbance();
         let outside = Vector3::new(push.x, push.y, GRAVITY - estimate.lift());
         let steps = (horizon_s / STEP_S).ceil().max(1.0);
@@ -231,7 +252,6 @@ impl Delay {
         };
         let [roll, pitch] = response.lag_s;
         let lags = Vector3::new(roll, pitch, 0.5 * (roll + pitch)).map(|t| t.max(0.02));
-        let thrust_dead_s = self.thrust_s();
         for k in 0..steps as u32 {
             let at = drone.header.at + Span::from_secs(f64::from(k) * h);
             let wanted = match self.sent.by(at - Span::from_secs(response.dead_time_s)) {
@@ -420,7 +440,7 @@ mod tests {
         for (dead_s, one_way_s) in [(0.0, 0.004), (0.12, 0.004), (0.24, 0.02)] {
             let mut delay = Delay::default();
             delay.received(one_way_s, 1.0, &DelayConfig::default());
-            let command = |t: f64| 0.4 + 0.04 * (3.0 * t).sin() + 0.02 * (7.0 * t).cos();
+            let command = |t: f64| 0.4 + 0.08 * (3.0 * t).sin() + 0.04 * (7.0 * t).cos();
             let mut acting = 0.4;
             for k in 0..600 {
                 let t = 0.01 * f64::from(k);

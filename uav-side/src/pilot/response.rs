@@ -42,9 +42,9 @@ const PRIOR_ANGLE: f64 = 1.2e-5;
 /// The same of `T_r`: a second in which the rates change by 1.5 rad/s², rad²/s².
 const PRIOR_RATE: f64 = 0.1;
 /// Residual of a window that is no evidence of another dead time, rad.
-const RESIDUAL_RAD: f64 = 4e-4;
+const RESIDUAL_RAD: f64 = 1e-3;
 /// Spread of the dead time about the one-way age of the odometry before anything is learnt, s.
-const DEAD_TIME_SD_S: f64 = 0.06;
+const DEAD_TIME_SD_S: f64 = 0.03;
 /// Largest lag of a rate loop, s.
 const MAX_RATE_LAG_S: f64 = 0.2;
 /// Information in units of the prior's above which a response counts as identified.
@@ -338,8 +338,8 @@ mod tests {
     fn rocking(t: f64) -> UnitQuaternion<f64> {
         let wave = |a: f64, w: f64| a * (w * t).sin();
         UnitQuaternion::from_euler_angles(
-            wave(0.06, 3.0) + wave(0.03, 9.0),
-            wave(0.05, 2.0) + wave(0.03, 7.0),
+            wave(0.11, 3.0) + wave(0.06, 9.0),
+            wave(0.10, 2.0) + wave(0.06, 7.0),
             0.0,
         )
     }

@@ -365,7 +365,7 @@ fn braking_of_a_plan_not_renewed() {
     assert!((1.3..1.5).contains(&braked), "{braked}");
     // Tilted by 0.5 rad the same force up takes more thrust.
     let tilted = thrust_of_old_plan(0.2, 2.0, 0.5);
-    assert!(tilted > 1.1 * braked, "{tilted}");
+    assert!(tilted > 1.1 * braked, "{tilted} {braked}");
     // A plan that brakes harder already is followed.
     let soft = thrust_of_old_plan(0.2, 0.2, 0.0);
     assert!(soft > braked, "{soft}");

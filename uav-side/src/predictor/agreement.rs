@@ -4,8 +4,7 @@
 
 use alight_shared::time::{DroneClock, Time};
 
-use super::axis::{AxisNoise, MeasurementRow};
-use super::filter::State;
+use super::axis::AxisNoise;
 
 /// The rangefinder's disagreement is averaged over this time, s: half a period of a swell.
 const MEMORY_S: f64 = 3.0;
@@ -55,10 +54,10 @@ impl HeightAgreement {
     }
 }
 
-/// The place as seen less the place by radio, horizontal, and how far it may be by the spread of both, m; `taken`: what jumps of
-/// the autopilot's estimate have put between them since the deck was seen.
-pub(super) fn place(s: &State, noise: &[AxisNoise], taken: [f64; 2]) -> [f64; 2] {
-    let [north, east] = [0, 1].map(|i| s[i].project(MeasurementRow::Offset).0 - taken[i]);
+/// The place as seen less the place by radio, horizontal, and how far it may be by the spread of both, m; `offset`: of both,
+/// north and east; `taken`: what jumps of the autopilot's estimate have put between them since the deck was seen.
+pub(super) fn place(offset: [f64; 2], noise: &[AxisNoise], taken: [f64; 2]) -> [f64; 2] {
+    let [north, east] = [0, 1].map(|i| offset[i] - taken[i]);
     let spread = noise
         .iter()
         .take(2)

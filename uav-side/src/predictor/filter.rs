@@ -352,7 +352,8 @@ impl Filter {
     pub fn place_apart_m(&self) -> Option<[f64; 2]> {
         let [north, east, ..] = self.seen;
         let last = self.last().filter(|_| north && east)?;
-        Some(agreement::place(last, &self.noise, self.taken))
+        let offset = [0, 1].map(|i| last[i].project(MeasurementRow::Offset).0);
+        Some(agreement::place(offset, &self.noise, self.taken))
     }
 
     /// A source that is rejected again and again is right and the filter wrong: the states that may be

@@ -156,7 +156,7 @@ fn deck_through_a_reset_of_the_drones_heading() {
 }
 
 #[test]
-fn deck_by_radio_through_an_alignment_of_the_drones_heading() {
+fn deck_by_radio_through_a_late_heading_alignment() {
     let mut b = Bench::new();
     b.run(3.0, false);
     let north_up = |b: &Bench| b.attitude() * b.seen();
