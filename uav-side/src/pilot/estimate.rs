@@ -52,6 +52,7 @@ impl FlightEstimator {
         u * GRAVITY / self.hover
     }
     /// Own commanded thrust after its lag, 0 to 1; None while the autopilot closes the loop.
+    #[cfg(test)]
     pub(crate) fn acting(&self) -> Option<f64> {
         self.acting
     }
