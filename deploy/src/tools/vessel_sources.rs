@@ -5,9 +5,10 @@ use alight_usv::sensors::Remark;
 
 use crate::process::snapshot::time;
 use crate::tools::check::finding::{Finding, Topic};
-use crate::tools::vessel_status::MISSING_S;
 use crate::vessel::status_file::{EstimatorStatus, SourceHealth, VesselStatus};
 
+/// A sensor or an estimate older than this is missing, s.
+pub const MISSING_S: f64 = 2.0;
 /// Standard deviations of an estimate that a landing can do with. Chosen: the drone finds the deck's tags by them from
 /// 10 m away, within a view of some 5 m and some degrees, and begins above the deck by the height.
 const MOST_PLACE_M: f64 = 5.0;

@@ -20,14 +20,12 @@ use crate::tools::check::finding::{Finding, Level, Topic};
 use crate::tools::status::page::View;
 use crate::tools::status::vessel::page;
 use crate::tools::status::watch;
-use crate::tools::vessel_sources::{estimator, remark, source, strange_datagrams};
+use crate::tools::vessel_sources::{MISSING_S, estimator, remark, source, strange_datagrams};
 use crate::vessel::status_file::{self, CertificateStatus, DeckStatus, HeadingAdvice, VesselStatus};
 use crate::vessel::{deck_inputs, helm_lamp};
 
 /// A status older than this is a dead or a frozen process's, s: six of its periods.
 pub const STALE_S: f64 = 3.0;
-/// A sensor or an estimate older than this is missing, s.
-pub const MISSING_S: f64 = 2.0;
 /// A drone reports at 2 Hz; without a report for this long it is out of reach, s.
 pub const LOST_CONTACT_S: f64 = 5.0;
 /// A turn that takes less than a tenth of the tilt away is not worth it.

@@ -9,14 +9,13 @@
 use nalgebra::Vector3;
 
 use super::axis::{Axis, AxisNoise, DRIFT, MEAN, MeasurementRow, TURN, VISION};
-use super::filter::State;
 use super::track::Jump;
 use super::waves::AXES;
 
 /// A state of the filters after `jump`; `seen`: degrees of freedom that were ever measured in the drone's frame. Gives those of
 /// which that is still known.
 pub(super) fn state(
-    s: &mut State,
+    s: &mut [Axis; AXES],
     jump: &Jump,
     seen: &[bool; AXES],
     noise: &[AxisNoise; AXES],
