@@ -20,7 +20,7 @@ use crate::tools::check::finding::{Finding, Level, Topic};
 use crate::tools::status::page::View;
 use crate::tools::status::vessel::page;
 use crate::tools::status::watch;
-use crate::tools::vessel_sources::{MISSING_S, estimator, remark, source, strange_datagrams};
+use crate::tools::vessel_sources::{estimator, remark, source, strange_datagrams};
 use crate::vessel::status_file::{self, CertificateStatus, DeckStatus, HeadingAdvice, VesselStatus};
 use crate::vessel::{deck_inputs, helm_lamp};
 
