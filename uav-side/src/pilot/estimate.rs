@@ -51,12 +51,8 @@ impl FlightEstimator {
     pub(crate) fn specific(&self, u: f64) -> f64 {
         u * GRAVITY / self.hover
     }
-    /// Own commanded thrust after its lag, 0 to 1; None while the autopilot closes the loop.
-    #[cfg(test)]
-    pub(crate) fn acting(&self) -> Option<f64> {
-        self.acting
-    }
-    /// The same once it is what the rotors give: a witness of what else carries the drone.
+    /// Own commanded thrust after its lag, 0 to 1, once it is what the rotors give: a witness of what else carries the drone.
+    /// None while the autopilot closes the loop.
     pub(crate) fn in_force(&self) -> Option<f64> {
         self.acting.filter(|_| self.commanded_s >= IN_FORCE_S)
     }
