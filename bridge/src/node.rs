@@ -141,7 +141,7 @@ impl Bridge {
     pub fn rejections(&self) -> &Rejections {
         &self.rejections
     }
-    /// The boot of a second computer that speaks as the vessel and was heard lately; nothing of it is used.
+    /// The boot of a second computer that speaks as the vessel and was received lately; nothing of it is used.
     pub fn second_sender(&self, now: Time<DroneClock>) -> Option<u32> {
         self.boots.second(now)
     }
@@ -266,7 +266,7 @@ impl Bridge {
         }
         // The earliest that it can have been sent.
         let sent = at - Span::from_secs(slack + ahead);
-        self.boots.heard(arrival, sent);
+        self.boots.received(arrival, sent);
         self.newest = Some(self.newest.map_or(header.at, |n| n.max(header.at)));
         self.orders[kind as usize].admit(header.sequence);
         Ok((at, advance))
@@ -326,7 +326,7 @@ impl Bridge {
             Boot::Other => return Err(RejectionReason::Boot),
             Boot::Second => return Err(RejectionReason::SecondSender),
         }
-        self.boots.heard(t4, asked);
+        self.boots.received(t4, asked);
         self.clock
             .exchange(asked, m.received_at, header.at, t4)
             .map_err(|_| RejectionReason::RoundTrip)?;

@@ -1,9 +1,9 @@
 //! Which start of the vessel's computer is listened to, and the order of its messages.
 //!
 //! One identity has one holder. Two computers with one certificate look like one that is started again and again, but for
-//! one thing: a computer that was started anew is not heard any more under its former boot. So another boot is
+//! one thing: a computer that was started anew is not received any more under its former boot. So another boot is
 //! listened to only once the holder is silent, for [`RESTART_SILENCE`] where nothing speaks against a restart. A boot that
-//! was heard before a message that the holder sent later is that of a second computer ([`Boots::second`]), and it is
+//! was received before a message that the holder sent later is that of a second computer ([`Boots::second`]), and it is
 //! listened to only after [`HOLDER_SILENCE`]. If the former holder turns out to live after a restart was believed, it is
 //! the holder again.
 
@@ -14,13 +14,13 @@ use alight_shared::time::{DroneClock, Span, Time};
 
 /// Other boots that are remembered.
 const MAX_OTHERS: usize = 16;
-/// The holder is silent for this long before a boot that was never heard beside it counts as its next start: fifteen
+/// The holder is silent for this long before a boot that was never received beside it counts as its next start: fifteen
 /// estimates, and half of what an estimate may be old.
 pub const RESTART_SILENCE: Span = Span::from_millis(500);
 /// Before that of a second computer does: longer than a descent and flare (38 s), and what the vessel's deck arbiter waits
 /// for before it believes that a silent drone has ended its landing.
 pub const HOLDER_SILENCE: Span = Span::from_millis(60_000);
-/// A second computer that was not heard for this long is not reported any more.
+/// A second computer that was not received for this long is not reported any more.
 const SECOND_TIMEOUT: Span = Span::from_millis(10_000);
 
 /// Which start of the vessel's computer is listened to.
@@ -33,7 +33,7 @@ pub struct Boots {
 #[derive(Clone, Copy, Debug)]
 struct Holder {
     boot: u32,
-    heard: Time<DroneClock>,
+    received: Time<DroneClock>,
     /// Since when it is listened to.
     adopted: Time<DroneClock>,
     /// The one whose next start it was taken for.
@@ -61,7 +61,7 @@ pub enum Boot {
     First,
     /// The holder is silent for long enough: its next start, if a message proves to be newer than its.
     Next,
-    /// Not known to be newer than the holder, which was heard just now; or superseded.
+    /// Not known to be newer than the holder, which was received just now; or superseded.
     Other,
     /// Another computer with the same identity, beside the holder.
     Second,
@@ -76,7 +76,7 @@ impl Boots {
         if holder.boot == boot {
             return Boot::Current;
         }
-        let silence = now - holder.heard;
+        let silence = now - holder.received;
         let other = match self.others.iter_mut().find(|o| o.boot == boot) {
             Some(known) => {
                 known.newest = now;
@@ -101,11 +101,11 @@ impl Boots {
             Other { .. } => Boot::Other,
         }
     }
-    /// A message of the holder was admitted that it sent at `sent` or later, on our clock: whoever was heard before
+    /// A message of the holder was admitted that it sent at `sent` or later, on our clock: whoever was received before
     /// that is another computer.
-    pub fn heard(&mut self, now: Time<DroneClock>, sent: Time<DroneClock>) {
+    pub fn received(&mut self, now: Time<DroneClock>, sent: Time<DroneClock>) {
         if let Some(holder) = &mut self.holder {
-            holder.heard = holder.heard.max(now);
+            holder.received = holder.received.max(now);
             let lived = |o: &&mut Other| !o.retired && o.first < sent;
             self.others.iter_mut().filter(lived).for_each(|o| o.beside = true);
         }
@@ -116,7 +116,7 @@ impl Boots {
         self.others.retain(|o| o.boot != boot);
         let former = self.holder.replace(Holder {
             boot,
-            heard: now,
+            received: now,
             adopted: now,
             // A second computer is no next start of the first, which may be back at any time.
             predecessor: self.holder.map(|h| h.boot).filter(|_| !second),
@@ -124,8 +124,8 @@ impl Boots {
         if let Some(former) = former.filter(|f| f.boot != boot) {
             self.remember(Other {
                 boot: former.boot,
-                first: former.heard,
-                newest: former.heard,
+                first: former.received,
+                newest: former.received,
                 retired: true,
                 beside: second,
             });
@@ -148,7 +148,7 @@ impl Boots {
         second.for_each(|o| (o.beside, o.newest) = (true, now));
         true
     }
-    /// The boot of a second computer with the vessel's identity that was heard lately.
+    /// The boot of a second computer with the vessel's identity that was received lately.
     pub fn second(&self, now: Time<DroneClock>) -> Option<u32> {
         let lately = |o: &&Other| o.beside && now - o.newest <= SECOND_TIMEOUT;
         self.others.iter().rfind(lately).map(|o| o.boot)
@@ -199,7 +199,11 @@ mod tests {
         let mut b = Boots::default();
         assert_eq!(b.hear(at(0.0), 7), Boot::First);
         b.adopt(at(0.0), 7);
-        assert_eq!(b.hear(at(0.4), 8), Boot::Other, "the holder was heard just now");
+        assert_eq!(
+            b.hear(at(0.4), 8),
+            Boot::Other,
+            "the holder was received just now"
+        );
         assert_eq!(b.hear(at(0.6), 8), Boot::Next);
         b.adopt(at(0.6), 8);
         assert_eq!(
@@ -215,10 +219,10 @@ mod tests {
         let mut b = Boots::default();
         b.adopt(at(0.0), 7);
         b.hear(at(1.0), 8);
-        // Under way before the other was heard first: the holder may have ended meanwhile.
-        b.heard(at(1.2), at(0.9));
+        // Under way before the other was received first: the holder may have ended meanwhile.
+        b.received(at(1.2), at(0.9));
         assert_eq!(b.second(at(1.2)), None);
-        b.heard(at(1.3), at(1.1));
+        b.received(at(1.3), at(1.1));
         assert_eq!(b.second(at(1.3)), Some(8));
         // No outage of the first that a flight has gives it to the second.
         assert_eq!(b.hear(at(61.0), 8), Boot::Second);
@@ -226,7 +230,7 @@ mod tests {
         b.adopt(at(62.0), 8);
         // The first is the second now, and takes it back by nothing less.
         assert!(!b.returns(at(64.0), 7, at(63.0)));
-        b.heard(at(65.0), at(65.0));
+        b.received(at(65.0), at(65.0));
         assert_eq!(b.hear(at(65.1), 7), Boot::Second);
         assert_eq!(b.second(at(65.1)), Some(7));
         assert_eq!(b.second(at(80.0)), None, "switched off");
@@ -253,7 +257,7 @@ mod tests {
         let mut b = Boots::default();
         b.adopt(at(0.0), 7);
         b.hear(at(0.1), 8);
-        b.heard(at(0.2), at(0.2));
+        b.received(at(0.2), at(0.2));
         for boot in 100..200 {
             b.hear(at(0.3), boot);
         }

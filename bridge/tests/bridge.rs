@@ -226,7 +226,7 @@ fn bridge_restarted_vessel() {
     let (mut b, now) = settled(0.05, 0.05, 5);
     let old = estimate(1, 500, vessel(now - 0.2));
     assert!(admitted(&mut b, now, &old).is_some());
-    // A computer that is heard still was not started anew.
+    // A computer that is received still was not started anew.
     assert!(admitted(&mut b, now, &estimate(2, 0, vessel(now - 0.05))).is_none());
     let now = now + 0.6;
     assert!(admitted(&mut b, now, &estimate(2, 17, vessel(now - 0.05))).is_some());
@@ -346,7 +346,7 @@ fn bridge_restarted_vessel_with_earlier_clock() {
     let e = |seq: u32, s: f64| estimate(2, seq, behind(s - 0.05));
     assert!(admitted(&mut b, now, &estimate(1, 1, vessel(now - 0.05))).is_some());
     assert!(admitted(&mut b, now, &e(0, now)).is_none());
-    // When it answers a request, and its predecessor is not heard any more.
+    // When it answers a request, and its predecessor is not received any more.
     let mut t = now + 0.6;
     let q = loop {
         t += 0.01;

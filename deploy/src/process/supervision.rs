@@ -149,8 +149,8 @@ impl Child {
         self.ready = self.ready.or(reported);
         let newest = [Some(self.started), self.killed, reported];
         let silence_s = (now - newest.into_iter().flatten().max().unwrap_or(now)).secs();
-        let heard = reported.is_some_and(|at| (now - at).secs() <= timeout_s);
-        if heard && self.ready.is_some_and(|at| now - at > STABLE_RUN) {
+        let received = reported.is_some_and(|at| (now - at).secs() <= timeout_s);
+        if received && self.ready.is_some_and(|at| now - at > STABLE_RUN) {
             self.silences = 0;
         }
         (silence_s > self.allowed_s(timeout_s)).then(|| {

@@ -79,7 +79,7 @@ pub struct LinkState {
     pub latency_p99_s: f64,
     /// Vessel messages rejected since start.
     pub rejected: u32,
-    /// Boot of a second computer with the vessel's identity that is heard beside the one that is listened to.
+    /// Boot of a second computer with the vessel's identity that is received beside the one that is listened to.
     pub second_sender: Option<u32>,
 }
 

@@ -29,7 +29,7 @@ struct Observed {
     /// The autopilot's mode.
     mode: AutopilotMode,
     /// Something of the autopilot arrived in this step.
-    heard: bool,
+    received: bool,
     /// When the last set-point went out.
     sent_at: Option<DroneTime>,
     /// Without one PX4 leaves OFFBOARD after this, s; None for a firmware that does not.
@@ -72,7 +72,7 @@ pub(super) struct LapseMonitor {
     stepped: Option<DroneTime>,
     /// Of our set-points, and of what the autopilot sends.
     sent: Gaps,
-    heard: Gaps,
+    received: Gaps,
 }
 
 impl LapseMonitor {
@@ -92,8 +92,8 @@ impl LapseMonitor {
         if let Some(at) = o.sent_at.filter(|at| self.sent.last != Some(*at)) {
             self.sent.goes_on(now, at);
         }
-        if o.heard {
-            self.heard.goes_on(now, now);
+        if o.received {
+            self.received.goes_on(now, now);
         }
         if o.mode != self.mode {
             let left = self.mode == AutopilotMode::Offboard && o.mode == AutopilotMode::Hold;
@@ -122,13 +122,13 @@ impl LapseMonitor {
             (None, Some(at)) => (now - at).secs() <= loss_s + REPORTED_WITHIN_S,
             (None, None) => false,
         };
-        ours || self.sent.explains(now, loss_s) || self.heard.explains(now, loss_s)
+        ours || self.sent.explains(now, loss_s) || self.received.explains(now, loss_s)
     }
 }
 
 impl AutopilotLink {
-    /// Judges a hold that has just begun; `heard`: something of the autopilot arrived in this step.
-    pub(super) fn watch_lapse(&mut self, now: DroneTime, heard: bool) {
+    /// Judges a hold that has just begun; `received`: something of the autopilot arrived in this step.
+    pub(super) fn watch_lapse(&mut self, now: DroneTime, received: bool) {
         let Some(peer) = &self.peer else { return };
         let loss_s = match peer.firmware {
             Firmware::Px4 => Some(peer.parameters.loss_s()),
@@ -136,7 +136,7 @@ impl AutopilotLink {
         };
         let observed = Observed {
             mode: peer.mode,
-            heard,
+            received,
             sent_at: self.sent_at,
             loss_s,
         };
@@ -157,7 +157,7 @@ mod tests {
     fn observed(mode: AutopilotMode, sent_s: f64, loss_s: Option<f64>) -> Observed {
         Observed {
             mode,
-            heard: true,
+            received: true,
             sent_at: Some(at(sent_s)),
             loss_s,
         }
@@ -217,11 +217,11 @@ mod tests {
             (false, 0.12, 0.2, false),
         ] {
             let mut m = LapseMonitor::default();
-            let goes_on = |m: &mut LapseMonitor, t: f64, mode, heard| {
+            let goes_on = |m: &mut LapseMonitor, t: f64, mode, received| {
                 m.step(
                     at(t),
                     &Observed {
-                        heard,
+                        received,
                         ..observed(mode, t, Some(0.25))
                     },
                 );

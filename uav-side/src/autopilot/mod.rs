@@ -437,7 +437,7 @@ impl Node for AutopilotLink {
             heartbeat |= self.receive(now, frame, &mut out);
         }
         let peer = self.peer.as_ref().map(|p| p.address);
-        let heard = input.received.iter().any(|f| Some(f.from) == peer);
+        let received = input.received.iter().any(|f| Some(f.from) == peer);
         if let Some(m) = &input.mission
             && self.mission.offer(now, m)
         {
@@ -448,7 +448,7 @@ impl Node for AutopilotLink {
         }
         let new = input.set_point.is_some_and(|s| self.set_point.offer(now, &s));
 
-        self.watch_lapse(now, heard);
+        self.watch_lapse(now, received);
         let evidence = self.evidence(now, heartbeat);
         self.authority
             .step(now, &evidence, Span::from_secs(self.config.takeover_pause_s));

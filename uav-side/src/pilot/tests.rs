@@ -336,7 +336,7 @@ fn climb_without_a_plan_from_a_rising_deck() {
 fn thrust_of_old_plan(age_s: f64, planned_mps: f64, tilt: f64) -> f64 {
     let geometry = DroneGeometry::default();
     let mut pilot = Pilot::new(&PilotConfig::default(), &geometry, 1, 1);
-    let mut thrust = 0.0;
+    let mut thrust = pilot.estimate.hover();
     for k in 0..=(20 + (100.0 * age_s) as u32) {
         let now = Time::from_secs(5.0 + f64::from(k) * 0.01);
         let mut input = everything(k, now, State::Flare, 0.6);
@@ -344,6 +344,8 @@ fn thrust_of_old_plan(age_s: f64, planned_mps: f64, tilt: f64) -> f64 {
         let attitude = UnitQuaternion::from_euler_angles(0.0, tilt, 0.0);
         d.velocity = [0.0, 0.0, 2.0];
         d.attitude = [attitude.w, attitude.i, attitude.j, attitude.k];
+        // What the rotors give by the last command.
+        d.specific_force = [0.0, 0.0, -pilot.estimate.specific(thrust)];
         let stage = PlanStage {
             position: d.position,
             velocity: [0.0, 0.0, planned_mps],

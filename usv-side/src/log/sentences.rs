@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::{Gather, LogError, Recording};
 use crate::sensors::{Decoded, Decoder, Mount, Mounting, NmeaDecoder};
 
-/// Most kinds of sentences that are told apart, and that are named.
+/// Most kinds of sentences that are distinguished, and that are named.
 const MAX_KINDS: usize = 200;
 const MAX_NAMED: usize = 16;
 

@@ -1,4 +1,4 @@
-//! What people are told of a silent drone that has the deck.
+//! Messages for people about a silent drone that has the deck.
 
 use core::fmt;
 

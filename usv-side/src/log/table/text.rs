@@ -252,7 +252,7 @@ pub(super) fn layout(text: &str) -> Layout {
     layout
 }
 
-/// `sep=;`, by which a spreadsheet is told.
+/// `sep=;`, by which a spreadsheet is recognised.
 fn is_separator_line(line: &str) -> bool {
     line.trim()
         .trim_matches('"')

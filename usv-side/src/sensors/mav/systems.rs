@@ -18,12 +18,12 @@ const SUBMARINE: u8 = 12;
 const COMPUTER: u8 = 18;
 /// A sensor without heartbeats is taken for the vessel's after so many messages (every autopilot sends one a second).
 const SILENT_HEARTBEAT: u64 = 100;
-/// Most systems and components that are told apart.
+/// Most systems and components that are distinguished.
 const MAX_HEARD: usize = 16;
 
-/// A component that was heard.
+/// A component that was received.
 #[derive(Clone, Copy, Debug)]
-struct Heard {
+struct Received {
     system: u32,
     component: u8,
     /// Type and autopilot in its heartbeat.
@@ -40,7 +40,7 @@ enum Kin {
     Other,
 }
 
-impl Heard {
+impl Received {
     fn kin(&self) -> Kin {
         match self.kind {
             None | Some((COMPUTER, _)) => Kin::Unknown,
@@ -72,7 +72,7 @@ pub(super) struct Systems {
     /// The vessel's by configuration.
     configured: Option<u32>,
     own: Option<(u32, u8)>,
-    heard: Vec<Heard>,
+    received: Vec<Received>,
     beyond: u64,
 }
 
@@ -91,18 +91,18 @@ impl Systems {
     /// Whether a message is the vessel's.
     pub(super) fn is_own(&mut self, raw: &RawFrame) -> bool {
         let id = (raw.system, raw.component);
-        let at = self.heard.iter().position(|h| (h.system, h.component) == id);
+        let at = self.received.iter().position(|h| (h.system, h.component) == id);
         let at = match at {
             Some(at) => at,
-            None if self.heard.len() < MAX_HEARD => {
-                self.heard.push(Heard {
+            None if self.received.len() < MAX_HEARD => {
+                self.received.push(Received {
                     system: raw.system,
                     component: raw.component,
                     kind: None,
                     messages: 0,
                     left_out: 0,
                 });
-                self.heard.len() - 1
+                self.received.len() - 1
             }
             None => {
                 self.beyond += 1;
@@ -110,19 +110,19 @@ impl Systems {
             }
         };
         let configured = self.configured;
-        let Some(heard) = self.heard.get_mut(at) else {
+        let Some(received) = self.received.get_mut(at) else {
             return false;
         };
-        heard.messages += 1;
+        received.messages += 1;
         if raw.id == HEARTBEAT {
             let p: Fields<'_> = raw.fields();
-            heard.kind = Some((p.u8(4), p.u8(5)));
+            received.kind = Some((p.u8(4), p.u8(5)));
         }
-        let may_be = match (configured, heard.kin()) {
-            (Some(system), _) if system != heard.system => false,
-            (Some(_), _) if heard.component == AUTOPILOT => true,
+        let may_be = match (configured, received.kin()) {
+            (Some(system), _) if system != received.system => false,
+            (Some(_), _) if received.component == AUTOPILOT => true,
             (_, Kin::Boat) => true,
-            (_, Kin::Unknown) => heard.messages > SILENT_HEARTBEAT,
+            (_, Kin::Unknown) => received.messages > SILENT_HEARTBEAT,
             (Some(_), Kin::Other) | (None, Kin::Other) => false,
         };
         // One that was taken without a heartbeat, and then says that it is something else, is given up.
@@ -133,14 +133,14 @@ impl Systems {
             self.own = Some(id);
         }
         let own = self.own == Some(id);
-        heard.left_out += u64::from(!own);
+        received.left_out += u64::from(!own);
         own
     }
 
     /// Whose messages are used, and who else speaks.
     pub(super) fn remarks(&self) -> Vec<Remark> {
         let mut others: Vec<String> = self
-            .heard
+            .received
             .iter()
             .filter(|h| h.left_out > 0 && Some((h.system, h.component)) != self.own)
             .map(|h| format!("{} ({} messages)", h.name(), h.left_out))

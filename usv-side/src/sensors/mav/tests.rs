@@ -201,7 +201,7 @@ fn drone(with_heartbeat: bool) -> Vec<u8> {
 fn mavlink_of_two_systems() {
     let gcs = frame_of(255, 190, 0, &heartbeat(m::MavType::MAV_TYPE_GCS));
     let companion = frame_of(7, 191, 0, &attitude(77, 1.0));
-    // The drone is heard first, also before its heartbeat.
+    // The drone is received first, also before its heartbeat.
     let bytes = [
         drone(false),
         drone(true),

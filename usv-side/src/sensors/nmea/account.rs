@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::sensors::Remark;
 
-/// Most addresses of sentences that are told apart.
+/// Most addresses of sentences that are distinguished.
 const MAX_ADDRESSES: usize = 48;
 /// Most that one remark names.
 const MAX_NAMED: usize = 6;
