@@ -686,11 +686,11 @@ impl DroneComputer {
             (body_from_camera().transpose() * (truth.attitude.0.inverse() * self.sees_beside)).into();
         let shown = |p: &mut [f64; 3]| p.iter_mut().zip(beside).for_each(|(p, by)| *p += by);
         for m in &mut readings.tags {
-            m.header.at = m.header.at + self.images_late;
+            m.header.at += self.images_late;
             shown(&mut m.position);
         }
         for m in &mut readings.uvdar {
-            m.header.at = m.header.at + self.images_late;
+            m.header.at += self.images_late;
             shown(&mut m.position);
         }
     }

@@ -2,7 +2,7 @@
 
 use alight_shared::msg::{AutopilotMode, State};
 use alight_uav::autopilot::AutopilotLinkConfig;
-use alight_uav::autopilot::message::{CommandResult, command};
+use alight_uav::autopilot::message::{CommandResult, command, id};
 use alight_uav::autopilot::modes::Firmware;
 
 use crate::rig::{LinkRig, press, stop};
@@ -218,7 +218,7 @@ fn abort_on_the_deck_begins_the_disarm_anew() {
 fn disarm_without_reports_of_the_thrust() {
     for firmware in BOTH {
         let mut p = pressed(firmware, &config());
-        p.linked.autopilot.no_thrust = true;
+        p.linked.autopilot.muted = vec![id::ATTITUDE_TARGET];
         p.run(1.0);
         assert_eq!(p.state().thrust, None, "{firmware:?}");
         p.pilot = Some(stop);
@@ -227,7 +227,7 @@ fn disarm_without_reports_of_the_thrust() {
         assert!(!p.linked.autopilot.armed() && p.on_deck, "{firmware:?}");
         // Not in the air.
         let mut p = LinkRig::commanding(firmware, 1.2, &config());
-        p.linked.autopilot.no_thrust = true;
+        p.linked.autopilot.muted = vec![id::ATTITUDE_TARGET];
         p.run(1.0);
         p.mission = State::Landed;
         p.pilot = Some(stop);

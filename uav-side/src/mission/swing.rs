@@ -90,7 +90,7 @@ mod tests {
     fn swing_of_a_limit_cycle() {
         let waves = |t: f64| 1.5 * (1.2 * t).sin();
         // 16 deg of standard deviation at 1 Hz, the flight of a real ArduCopter; the plan and the wind are none.
-        let cycle = swing(|t| 0.39 * (6.28 * t).sin(), waves);
+        let cycle = swing(|t| 0.39 * (std::f64::consts::TAU * t).sin(), waves);
         assert!((12.0..19.0).contains(&cycle), "{cycle}");
         let quiet = swing(|_| 0.0, waves);
         assert!(quiet < 0.1, "{quiet}");

@@ -152,7 +152,6 @@ mod tests {
                     header,
                     position: (body_from_camera().transpose() * sight).into(),
                     variance: [1e-4; 3],
-                    ..UvdarFix::default()
                 });
             let out = self.predictor.step(
                 now,

@@ -575,7 +575,10 @@ impl Flight {
             return self.target;
         }
         self.delayed.push_back((now + dead, self.target));
-        while let Some((_, target)) = self.delayed.pop_front_if(|(at, _)| *at <= now) {
+        while let Some(&(at, target)) = self.delayed.front()
+            && at <= now
+        {
+            self.delayed.pop_front();
             self.in_force = target;
         }
         self.in_force

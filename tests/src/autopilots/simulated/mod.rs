@@ -85,8 +85,6 @@ pub struct SimulatedAutopilot {
     pub muted: Vec<u32>,
     /// Fault: reports this landed state whatever its detector has.
     pub landed_report: Option<LandedState>,
-    /// Fault: reports its thrust no more.
-    pub no_thrust: bool,
     /// Fault: answers no TIMESYNC.
     pub no_timesync: bool,
     /// Fault: does not report its origin.
@@ -162,7 +160,6 @@ impl SimulatedAutopilot {
             answer: None,
             muted: Vec::new(),
             landed_report: None,
-            no_thrust: false,
             no_timesync: false,
             no_origin: false,
             home: None,

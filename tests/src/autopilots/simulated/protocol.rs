@@ -470,7 +470,6 @@ impl SimulatedAutopilot {
                     healthy: bit(receiver && !lost),
                 }
             }
-            id::ATTITUDE_TARGET if self.no_thrust => return None,
             id::ESTIMATOR_STATUS => Message::EstimatorStatus {
                 flags: flags(self.firmware(), self.is_aligned()),
             },
