@@ -14,7 +14,7 @@ use core::fmt;
 use core::marker::PhantomData;
 use core::ops::{Add, Mul, Neg, Sub};
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 /// A coordinate frame.
 pub trait Frame: Copy + PartialEq + 'static {
@@ -195,6 +195,12 @@ impl<A, B, C> Mul<Rotation<B, C>> for Rotation<A, B> {
     fn mul(self, o: Rotation<B, C>) -> Rotation<A, C> {
         Rotation::from(self.0 * o.0)
     }
+}
+
+/// Rotation body from camera, of one that looks down along the body's axes: camera x is body y, camera y is body -x, camera z
+/// is body z.
+pub fn body_from_camera() -> Matrix3<f64> {
+    Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 }
 
 /// Wraps an angle to (-pi, pi], rad. A non-finite angle stays non-finite.

@@ -4,6 +4,7 @@ pub mod calibrate;
 pub mod camera;
 pub mod contingency;
 mod deck_height;
+mod flatness;
 #[cfg(test)]
 mod fixtures;
 pub mod mission;
@@ -14,3 +15,4 @@ pub mod predictor;
 mod range_witness;
 pub mod settings;
 mod surroundings;
+mod tracking;

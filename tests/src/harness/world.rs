@@ -9,6 +9,7 @@ use std::rc::Rc;
 use alight_bridge::{Bridge, BridgeConfig, BridgeIn, Packet, PacketKind};
 use alight_shared::admission::{Arrival, Sender};
 use alight_shared::checkpoint::Keeper;
+use alight_shared::frames::body_from_camera;
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DroneStatus, Header, MissionState,
     OperatorCommand, Plan, SetPoint, TimeRequest,
@@ -23,7 +24,6 @@ use alight_uav::camera::node::CameraIdentity;
 use alight_uav::mission::{Mission, MissionConfig, MissionIn, MissionOut};
 use alight_uav::pilot::{Output, Pilot, PilotIn};
 use alight_uav::planner::{Planner, PlannerIn, PlannerOut};
-use alight_uav::predictor::observation::body_from_camera;
 use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
 use alight_usv::deck::{DeckInputs, DeckOrder};
 use alight_usv::{ComputerIn, VesselComputer};

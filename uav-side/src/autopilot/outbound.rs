@@ -17,7 +17,7 @@ use super::message::{
 use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, STILL_ARMED, thrust};
 use crate::contingency::GOES_ON_WITHOUT_MISSION_S;
-use crate::pilot::steer;
+use crate::tracking::steer;
 use crate::range_witness::disagree;
 
 /// The pilot's set-point is repeated this often while no newer one comes, s: 50 Hz.

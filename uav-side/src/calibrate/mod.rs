@@ -18,13 +18,13 @@ pub mod regression;
 mod tests;
 
 pub use alight_shared::estimation::ValueWithSd;
+use alight_shared::frames::body_from_camera;
 use alight_shared::msg::{DroneState, Message, TagPose, VesselEstimate};
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::vessel_model::{PITCH, ROLL, YAW};
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use thiserror::Error;
 
-use crate::predictor::observation::body_from_camera;
 use crate::predictor::placement::placed;
 use crate::predictor::track::Track;
 use crate::predictor::{PredictorConfig, PredictorIn};

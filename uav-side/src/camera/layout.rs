@@ -1,5 +1,6 @@
 //! Layout of a deck's tags, and the places from which the camera sees each of them whole.
 
+use alight_shared::frames::body_from_camera;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::tags::{DeckTag, MARGIN};
 use nalgebra::{Rotation3, Vector3};
@@ -7,7 +8,6 @@ use nalgebra::{Rotation3, Vector3};
 use super::CameraSettings;
 use super::motion_blur::width_px;
 use super::square_pose::corners_of;
-use crate::predictor::observation::body_from_camera;
 
 /// The codes of the family 36h11 by their numbers, from the library of its authors (Wang and Olson 2016; BSD licence): 6 x 6
 /// cells, rows from the top, most significant bit first, 1 white.

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 
 use super::below::{Body, DeckBelow};
 use super::climb::Climb;
-use crate::pilot::attitude::attitude_of_thrust;
+use crate::flatness::attitude_of_thrust;
 
 /// Speed of a soft contact relative to the deck, m/s: that of the mission's flare.
 pub(crate) const SINK_MPS: f64 = 0.5;

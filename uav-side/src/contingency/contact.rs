@@ -18,6 +18,8 @@ use super::completion::SINK_MPS;
 /// The limits of a good contact (trials are judged by the same): speeds, m/s, and angle, rad.
 pub(crate) const MAX_MPS: f64 = 1.0;
 pub(crate) const MAX_TILT_RAD: f64 = 10.0 * core::f64::consts::PI / 180.0;
+/// A contact faster than this along the deck's normal is hard, m/s: what counts as good, and what the measured speed errs by.
+pub(crate) const HARD_MPS: f64 = 1.5;
 /// Feet no further from the deck than this rest on it, m: the forecast's error.
 const AT_REST_M: f64 = 0.15;
 /// From the decision to climb to the acceleration, s: a period of the planner and one of the link, the thrust's lag of

@@ -16,6 +16,6 @@ pub(crate) use below::{Body, DeckBelow, NEAR_DECK_M};
 pub(crate) use climb::{BELOW_M, Climb};
 pub(crate) use completion::Completion;
 pub use contact::{Ends, PredictedContact};
-pub(crate) use contact::{MAX_MPS, MAX_TILT_RAD};
+pub(crate) use contact::{HARD_MPS, MAX_MPS, MAX_TILT_RAD};
 pub(crate) use escape::escape_velocity;
 pub(crate) use hold::Hold;

@@ -30,9 +30,7 @@ use super::situation::Deck;
 use super::staying::Staying;
 use super::wind::WindMonitor;
 use crate::contingency::{MAX_MPS, MAX_TILT_RAD};
-use crate::planner::rendezvous::carried;
-use crate::planner::rendezvous::config::WindConfig;
-use crate::planner::rendezvous::touchdown_time::aligned_acceleration;
+use crate::flatness::{aligned_acceleration, wind_during_alignment};
 
 /// What the deck does unforeseen for so long the drone does not follow, s: a tenth from measurement to thrust, and two
 /// tenths until its sink has changed.
@@ -136,7 +134,7 @@ impl Outlook<'_> {
             TILT_PER_GUST * gust / GRAVITY,
         ]);
         // Against the part of a strong wind that would blow an aligned drone along too fast it banks.
-        let lean = (wind - carried(&wind, &WindConfig::default())).norm() / GRAVITY;
+        let lean = (wind - wind_during_alignment(&wind)).norm() / GRAVITY;
         Odds {
             hard: below((MAX_MPS - self.contact_mps()) / norm(&[CONTACT_SD_MPS, CHANGES * az])),
             fast: inside(along, along_sd, MAX_MPS),

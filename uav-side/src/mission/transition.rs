@@ -12,7 +12,7 @@ use super::limits::{LOST_OUTSIDE_M, RESUME_DISTANCE_M};
 use super::phase::{HoldCause, MissionPhase, Progress, Transition, gave_up, holding, old_data};
 use super::situation::{ControlState, Deck, Reservation, Situation};
 use super::states;
-use crate::pilot::touchdown::HARD_MPS;
+use crate::contingency::HARD_MPS;
 
 /// What a step decided.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -16,8 +16,8 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::Pilot;
 use super::config::DelayConfig;
-use super::estimate::FlightEstimator;
 use crate::contingency::Body;
+use crate::tracking::FlightEstimator;
 
 /// Commands kept: those of 0.8 s at 100 Hz, more than the longest dead time and the oldest odometry.
 const KEPT: usize = 80;

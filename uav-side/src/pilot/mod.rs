@@ -5,14 +5,11 @@
 //! learns in flight, [`touchdown`] the evidence of contact, [`set_points`] what each action sends. What the drone does
 //! without a plan or a mission is decided in [`crate::contingency`].
 
-pub mod attitude;
 pub mod config;
 mod delay;
-mod estimate;
 mod response;
 mod set_points;
 pub mod touchdown;
-mod tracking;
 
 #[cfg(test)]
 mod sim_tests;
@@ -21,7 +18,6 @@ mod tests;
 
 pub use config::{Output, PilotConfig};
 pub use touchdown::{Contact, Touchdown};
-pub(crate) use tracking::steer;
 
 use alight_shared::admission::Latest;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
@@ -39,12 +35,11 @@ use crate::contingency::{
     Action, Body, COMMIT_CLEARANCE_M, DeckBelow, Ends, GOES_ON_WITHOUT_MISSION_S, Hold, Known,
 };
 use crate::odometry::origin::DroneFrame;
+use crate::tracking::{FlightEstimator, Tracker};
 use delay::Delay;
-use estimate::FlightEstimator;
 use response::ResponseEstimator;
 use set_points::OLD_PLAN_S;
 use touchdown::{AUTOPILOT_AGE_S, Evidence, TouchdownDetector};
-use tracking::Tracker;
 
 /// Inputs.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]

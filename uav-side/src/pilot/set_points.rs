@@ -7,11 +7,11 @@ use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::Pilot;
-use super::attitude::{rates_of, upright};
 use super::config::Output;
 use super::touchdown::{Contact, press_fraction};
-use super::tracking::{AttitudeCommand, Authority};
 use crate::contingency::{Body, Completion, DeckBelow, Hold};
+use crate::flatness::{rates_of, upright};
+use crate::tracking::{AttitudeCommand, Authority};
 
 /// A plan older than this, five of its periods, brakes by an old forecast of the deck, s.
 pub(super) const OLD_PLAN_S: f64 = 0.1;

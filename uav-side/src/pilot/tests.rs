@@ -5,10 +5,9 @@ use alight_shared::msg::{DeckStage, LandedState, Motors};
 use nalgebra::UnitQuaternion;
 use proptest::prelude::*;
 
-use super::attitude::{attitude_of_thrust, lead, slewed, thrust_of_attitude, tilt_limited, upright};
-use super::config::TrackingConfig;
-use super::tracking::Authority;
 use super::*;
+use crate::flatness::{attitude_of_thrust, lead, slewed, thrust_of_attitude, tilt_limited, upright};
+use crate::tracking::{Authority, TrackingConfig};
 use crate::fixtures::{airborne, drone, forecast, header, level, mission, plan};
 
 proptest! {

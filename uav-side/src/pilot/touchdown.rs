@@ -143,8 +143,6 @@ const FALLS_S: f64 = 0.15;
 /// The excess has to last this long without the autopilot's report of its thrust, on a drone that stays on the deck, s: its
 /// command reaches the rotors within a fifth of that.
 const SILENT_CONFIRM_S: f64 = 0.4;
-/// A contact faster than this along the deck's normal is hard, m/s: what counts as a good contact, and what the speed errs by.
-pub(crate) const HARD_MPS: f64 = 1.5;
 /// The speed of a contact is the greatest within this time before it, s.
 const BEFORE_CONTACT_S: f64 = 0.1;
 /// No new suspicion for this long after that, s.

@@ -1,6 +1,6 @@
 //! Messages as measurements of the deck's six degrees of freedom.
 
-use alight_shared::frames::body_rates;
+use alight_shared::frames::{body_from_camera, body_rates};
 use alight_shared::msg::{RangeSample, TagPose, UvdarFix, VesselEstimate};
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::vessel_model::{PITCH, ROLL, YAW, turn_tilt};
@@ -115,11 +115,6 @@ pub struct MountRotation {
     pub turn: Vector3<f64>,
     /// Its standard deviations.
     pub sd: Vector3<f64>,
-}
-
-/// Rotation body from camera: camera x is body y, camera y is body -x, camera z is body z.
-pub fn body_from_camera() -> Matrix3<f64> {
-    Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 }
 
 /// Variances of value and rate per degree of freedom that the vessel states; of the tilt the mean of both.

@@ -82,10 +82,10 @@ impl Sight {
 
 #[cfg(test)]
 mod tests {
-    use super::super::observation::body_from_camera;
     use super::super::{Predictor, PredictorConfig, PredictorIn};
     use super::*;
     use crate::odometry::{Odometry, OdometryConfig};
+    use alight_shared::frames::body_from_camera;
     use alight_shared::msg::{DroneState, Header, UvdarFix, VesselEstimate};
     use alight_shared::node::Node;
     use alight_shared::time::{DroneClock, Time};

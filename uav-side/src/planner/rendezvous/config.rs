@@ -100,23 +100,6 @@ config! {
 }
 
 config! {
-    /// The wind in the plan.
-    ///
-    /// Chosen: An alignment lasts about 0.3 s, so each m/s² costs
-    /// 0.3 m/s along the deck, and each that is compensated by tilt 6 deg: at 5 m/s (0.7 m/s²) aligning
-    /// is cheap, at 8 m/s (1.8 m/s²) it is divided.
-    #[derive(Copy)]
-    pub struct WindConfig {
-        /// Closer than this to the deck nothing is learnt: a contact is no wind, m.
-        pub free_m: f64 = 0.5, in 0.0..=10.0;
-        /// Wind up to this acceleration blows an aligned drone along, m/s² ...
-        pub aligned_mps2: f64 = 1.2, in 0.0..=9.0;
-        /// ... and this fraction of what is beyond; for the rest it keeps its tilt.
-        pub aligned_fraction: f64 = 0.6, in 0.0..=1.0;
-    }
-}
-
-config! {
     /// The rendezvous planner (`alight`).
     ///
     /// Chosen: on landings on seven decks (40 each). Tilt weighs more far away than alignment needs so that the plan does
@@ -129,8 +112,6 @@ config! {
         pub profile: ProfileConfig;
         /// The instant of contact.
         pub touchdown_time: TouchdownTimeConfig;
-        /// The wind.
-        pub wind: WindConfig;
         /// Tilt is planned as the horizontal acceleration that it causes at the planned vertical one; else
         /// as `g tilt`, the linear model's.
         pub true_tilt: bool = true;

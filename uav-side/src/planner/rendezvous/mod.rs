@@ -28,11 +28,14 @@ use super::model::{State, angular_velocity, state};
 use super::mpc_faa::Problem;
 use super::reference::{Reference, ReferenceGenerator};
 use super::weights::FaaDistance;
-use config::{RendezvousConfig, TouchdownTimeConfig, WindConfig};
+use crate::flatness::{aligned_acceleration, wind_during_alignment};
+use config::{RendezvousConfig, TouchdownTimeConfig};
 use profile::{Height, Profile};
 use push::Push;
-use touchdown_time::{TouchdownTime, aligned_acceleration};
+use touchdown_time::TouchdownTime;
 
+/// Closer than this to a deck that it is to touch the wind is not learnt: a contact is no wind, m.
+const FREE_M: f64 = 0.5;
 /// The deck's plane is followed this far from its centre, m: half the way across the default deck, and
 /// a little.
 const MAX_LATERAL_OFFSET_M: f64 = 1.0;
@@ -81,7 +84,7 @@ impl Way {
 impl Law for Rendezvous {
     /// Learns the wind, unless the drone is near enough to the deck to touch it.
     fn observe(&mut self, drone: Option<&DroneState>, _forecast: Option<&DeckForecast>, last: &Reference) {
-        let near = last.touch && last.clearance_m < self.config.wind.free_m;
+        let near = last.touch && last.clearance_m < FREE_M;
         if let Some(d) = drone.filter(|_| !near) {
             self.push.measure(d);
         }
@@ -161,7 +164,7 @@ impl Rendezvous {
         let lifted_m = mission.lowest_clearance_m.unwrap_or(0.0);
         let contact = self.contact_z(here, &lateral_offset, lifted_m);
         let push = self.push.at(contact, &Vector3::from(here.velocity).xy());
-        let wind = carried(&push, &self.config.wind);
+        let wind = wind_during_alignment(&push);
         let mean_z = reference.mean_z;
         // Height over the surface that the profile follows at this height.
         let over =
@@ -329,16 +332,6 @@ impl Rendezvous {
     }
 }
 
-/// The part of the acceleration `wind` that an aligned drone is to be blown along with; against
-/// the rest it tilts.
-pub(crate) fn carried(wind: &Vector2<f64>, c: &WindConfig) -> Vector2<f64> {
-    let whole = wind.norm();
-    if whole <= c.aligned_mps2 {
-        return *wind;
-    }
-    wind * ((c.aligned_mps2 + c.aligned_fraction * (whole - c.aligned_mps2)) / whole)
-}
-
 /// The attitude whose thrust gives the planned accelerations: `state`'s tilt is horizontal
 /// acceleration per g, of which `wind` (m/s²) gives a part; `down` is the vertical acceleration
 /// (NED, m/s²). Gives (phi, theta) about north
@@ -353,21 +346,4 @@ pub fn true_tilt(state: &State, down: f64, wind: &Vector2<f64>) -> (f64, f64, f6
     let up = Vector3::new(x, y, -1.0).normalize();
     let (phi, theta) = (up.y.asin(), (-up.x).atan2(-up.z));
     (phi, theta, GRAVITY / lift * up.z * up.z)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn drift_and_tilt_in_strong_wind() {
-        let c = WindConfig {
-            aligned_mps2: 1.0,
-            aligned_fraction: 0.5,
-            ..WindConfig::default()
-        };
-        let of = |d: f64| carried(&Vector2::new(0.0, d), &c).y;
-        assert_eq!((of(0.7), of(-1.0)), (0.7, -1.0));
-        assert!((of(1.001) - 1.0005).abs() < 1e-9 && (of(3.0) - 2.0).abs() < 1e-9);
-    }
 }

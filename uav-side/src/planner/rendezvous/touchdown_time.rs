@@ -7,19 +7,12 @@ use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{Vector2, Vector3};
 
 use super::config::TouchdownTimeConfig;
+use crate::flatness::aligned_acceleration;
 
 /// Candidates are this far apart, s.
 const GRID_S: f64 = 0.1;
 /// Most candidates: a window of 4 s.
 const MAX_CANDIDATES: usize = 41;
-
-/// Horizontal acceleration of a drone that lies along the normal of `deck` and keeps its height
-/// over it: `(g - a_z) n_xy / -n_z`, NED, m/s².
-pub fn aligned_acceleration(deck: &DeckStage) -> Vector2<f64> {
-    let n = deck.normal();
-    let up = (-n.z).max(0.3);
-    Vector2::new(n.x, n.y) * ((GRAVITY - deck.acceleration[2]) / up)
-}
 
 /// What touching this deck in `wind` (its horizontal acceleration, m/s²) is expected to cost, besides waiting for it:
 /// `E[x²] = E[x]² + var x` of each quantity, so that an instant of which little is known counts as an average one.

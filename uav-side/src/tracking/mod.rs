@@ -5,14 +5,20 @@
 //! it is, and its authority over the tilt shrinks towards the deck: the drone has to have the
 //! plan's attitude at the contact, a few centimetres off the plan's place.
 
+mod config;
+mod estimate;
+
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{DroneState, PlanStage, SetPoint, SetPointKind};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
-use super::attitude::{attitude_of_thrust, lead, rates_of, slewed, thrust_of_attitude, tilt_limited};
-use super::config::{LagConfig, TrackingConfig};
-use super::estimate::FlightEstimator;
 use crate::contingency::Body;
+use crate::flatness::{attitude_of_thrust, lead, rates_of, slewed, thrust_of_attitude, tilt_limited};
+pub use config::TrackingConfig;
+pub(crate) use estimate::FlightEstimator;
+
+/// The time constant of the attitude for which the default gains are laid out, s.
+pub(crate) const DESIGN_LAG_S: f64 = 0.2;
 
 /// Attitude and thrust to command.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -192,8 +198,16 @@ pub(crate) fn steer(stage: &PlanStage, drone: &DroneState, hover: f64) -> SetPoi
     const TURN_S: f64 = 0.2;
     let c = TrackingConfig::default();
     let body = Body::of(drone, 0.0);
-    let (estimate, lag) = (FlightEstimator::new(hover), LagConfig::default().design_s);
-    let a = Tracker::default().track(stage, &body, &estimate, Authority::descent(&c), lag, TURN_S, &c);
+    let estimate = FlightEstimator::new(hover);
+    let a = Tracker::default().track(
+        stage,
+        &body,
+        &estimate,
+        Authority::descent(&c),
+        DESIGN_LAG_S,
+        TURN_S,
+        &c,
+    );
     SetPoint {
         kind: SetPointKind::Attitude,
         position: stage.position,
