@@ -74,8 +74,7 @@ fn false_touchdown_in_the_air() {
             (5.0, State::Landed, false),
             (1.2, State::Descent, true),
             (0.8, State::Flare, false),
-            // As high as a drone whose odometry comes at 40 Hz falls until the thrust is back, and more.
-            (0.6, State::Tracking, true),
+            (0.35, State::Tracking, true),
         ] {
             let mut p = LinkRig::commanding(firmware, height, &config());
             (p.mission, p.forecast) = (mission, forecast);

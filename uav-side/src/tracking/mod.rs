@@ -191,12 +191,23 @@ impl Tracker {
     }
 }
 
-/// The attitude and thrust that bring a drone to `stage`, by the default gains and nothing but its newest odometry: for who
-/// commands without a pilot. `hover` is the collective thrust that hovers, 0 to 1; the header is the caller's.
+/// The attitude and thrust that bring a drone to `stage`, by nothing but its newest odometry: for who commands without a pilot.
+/// `hover` is the collective thrust that hovers, 0 to 1; the header is the caller's.
+///
+/// Nothing here knows the age of the odometry or how the autopilot answers, so the gains are those of a loop that keeps its
+/// margin with any of them: it crosses over at 3.7 rad/s vertically, where 0.15 s from motion to thrust leave 41 deg, and at
+/// 1.7 rad/s horizontally, where 0.4 s of dead time and lag leave 37 deg.
 pub(crate) fn steer(stage: &PlanStage, drone: &DroneState, hover: f64) -> SetPoint {
     /// The command turns no further than the rate limit allows in this time, s: once, and not with each step.
     const TURN_S: f64 = 0.2;
-    let c = TrackingConfig::default();
+    let c = TrackingConfig {
+        horizontal_kp: 0.7,
+        horizontal_kv: 1.6,
+        attitude_gain: 0.0,
+        vertical_kp: 4.0,
+        vertical_kv: 3.5,
+        ..TrackingConfig::default()
+    };
     let body = Body::of(drone, 0.0);
     let estimate = FlightEstimator::new(hover);
     let a = Tracker::default().track(
