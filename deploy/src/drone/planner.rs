@@ -1,6 +1,6 @@
 //! The drone's planner as a process: wakes with a forecast and with the mission's state.
 
-use alight_shared::msg::{AutopilotState, DeckForecast, DroneState, MissionState, Plan};
+use alight_shared::msg::{DeckForecast, DroneState, MissionState, Plan};
 use alight_shared::transport::TransportError;
 use alight_shared::transport::memory::{Listener, Memory, Publisher};
 use alight_shared::transport::process::ProcessKind;
@@ -15,7 +15,6 @@ reads! {
         newest forecast: DeckForecast,
         newest mission: MissionState,
         newest drone: DroneState,
-        newest autopilot: AutopilotState,
     }
 }
 

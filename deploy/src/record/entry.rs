@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 /// Encoding of the channels of this module, as MCAP calls it.
 pub const ENCODING: &str = "alight-record";
 /// Format of the entries, in recordings and in the flight recorder's files; a replay rejects any other.
-pub const FORMAT: u32 = 17;
+pub const FORMAT: u32 = 18;
 
 /// One step of a node.
 #[derive(Serialize, Deserialize)]
@@ -82,7 +82,6 @@ pub struct PlannerEntry {
     forecast: Reference,
     mission: Option<MissionState>,
     drone: DroneEntry,
-    autopilot: Option<AutopilotState>,
 }
 /// The pilot's input.
 #[derive(Serialize, Deserialize)]
@@ -125,7 +124,6 @@ impl PlannerEntry {
             forecast: forecast_id(i.forecast.as_ref()),
             mission: i.mission,
             drone: newest.entry(i.drone.as_ref()),
-            autopilot: i.autopilot,
         }
     }
 }
@@ -233,7 +231,6 @@ impl PlannerEntry {
             forecast: computed.forecast_of(self.forecast)?,
             mission: self.mission,
             drone: computed.drone_of(self.drone)?,
-            autopilot: self.autopilot,
         })
     }
 }

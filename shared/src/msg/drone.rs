@@ -20,6 +20,9 @@ pub const PLAN_STAGES: usize = 41;
 pub struct DroneState {
     /// Identity and time of validity.
     pub header: Header<DroneClock>,
+    /// Counts the frames of `position` (another autopilot, its restart, an origin that moved): with each, what was known in
+    /// the one before is void. A jump of the estimate alone makes none (`datum_offset`).
+    pub frames: u8,
     /// Where the drone's NED begins: its autopilot's origin.
     pub datum: Datum,
     /// Where `datum` lies in the frame of `position` now, NED, m. That frame goes on where the autopilot's estimate of its
@@ -52,6 +55,7 @@ impl Default for DroneState {
     fn default() -> Self {
         DroneState {
             header: Header::default(),
+            frames: 0,
             datum: Datum::default(),
             datum_offset: [0.0; 3],
             heading_jumps: 0.0,
@@ -146,9 +150,6 @@ pub struct AutopilotState {
     pub lapsed: bool,
     /// Its own opinion.
     pub landed: LandedState,
-    /// Counts the frames of its odometry: with each what was known in the one before is void. A jump of its estimate alone
-    /// makes none ([`DroneState::datum_offset`]).
-    pub origin_resets: u8,
     /// Height of the origin of its NED above mean sea level, as it reports it, m; None: not reported.
     pub origin_sea_m: Option<f64>,
     /// Remaining battery, 0 to 1; None: not reported.
@@ -211,8 +212,8 @@ pub struct LinkCheckpoint {
     pub datum: Datum,
     /// Height of the sea above the ellipsoid by which it was found, m.
     pub geoid_m: f64,
-    /// Frames of its odometry, as reported to the other nodes.
-    pub origin_resets: u8,
+    /// [`DroneState::frames`].
+    pub frames: u8,
     /// Jumps of its estimate as it counts them, where it does.
     pub reported_resets: Option<u8>,
     /// What the jumps of its estimate have come to: [`DroneState::datum_offset`], m, and ...

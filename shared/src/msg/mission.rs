@@ -523,9 +523,9 @@ pub struct MissionCheckpoint {
     pub command: Option<Command>,
     /// The newest abort that was accepted.
     pub abort: Option<Header<DroneClock>>,
-    /// The autopilot's count of origin resets: another count, another frame.
-    pub origin_resets: u8,
-    /// Where the drone's NED begins: another place, another frame.
+    /// The drone's frame: [`DroneState::frames`](super::DroneState::frames) ...
+    pub frames: u8,
+    /// ... and where its NED begins.
     pub datum: Datum,
     /// The deck's mean level, drone's NED z, m.
     pub mean_deck_z: Option<f64>,

@@ -635,7 +635,6 @@ impl DroneComputer {
             forecast,
             mission,
             drone: odometry,
-            autopilot,
         };
         let mut solved = PlannerOut::default();
         if let Some(planner) = &mut self.planner {

@@ -257,10 +257,10 @@ fn link_without_heartbeats() {
 fn link_with_a_restarted_autopilot() {
     for firmware in BOTH {
         let mut p = LinkRig::commanding(firmware, 5.0, &config());
-        let resets = p.state().origin_resets;
+        let frames = p.frames();
         p.linked.autopilot.restart();
         p.run(6.0);
-        assert_ne!(p.state().origin_resets, resets);
+        assert_ne!(p.frames(), frames);
         let (arrived, o) = p.odometry.last().unwrap();
         assert!((0.0..0.02).contains(&(arrived - o.header.at.secs())));
         assert!(p.t_s - arrived < 0.05);
@@ -632,10 +632,10 @@ fn odometry_about_the_autopilots_origin() {
         // Held in its place, not kilometres away.
         assert!((p.truth().position.0 - before).norm() < 0.1);
         // The estimator restarts elsewhere: the origin moves, and that is a jump for the other nodes.
-        let resets = p.state().origin_resets;
+        let frames = p.frames();
         p.linked.autopilot.origin.latitude_deg += 1e-4;
         p.run(6.0);
-        assert_ne!(p.state().origin_resets, resets);
+        assert_ne!(p.frames(), frames);
         let (_, reported) = *p.odometry.last().unwrap();
         assert!((reported.datum.latitude_deg - p.linked.autopilot.origin.latitude_deg).abs() < 1e-7);
     }

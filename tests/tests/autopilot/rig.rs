@@ -233,6 +233,10 @@ impl LinkRig {
     pub fn silent_since(&self) -> f64 {
         self.sent.last().expect("set-points").0
     }
+    /// Frames of its odometry so far.
+    pub fn frames(&self) -> u8 {
+        self.odometry.last().map_or(0, |(_, o)| o.frames)
+    }
     /// The newest state that the link reports.
     pub fn state(&self) -> &AutopilotState {
         self.states.last().expect("states")

@@ -69,7 +69,7 @@ impl AutopilotLink {
         self.clock.resume(now, m.clock_offset_ns, m.clock_error_s);
         self.datum.get_or_insert(m.datum);
         self.geoid_m.get_or_insert(m.geoid_m);
-        self.drone_state.resume(m.origin_resets, m.reported_resets);
+        self.drone_state.resume(m.frames, m.reported_resets);
         let jumps = Jumps {
             offset: m.datum_offset.into(),
             heading: m.heading_jumps,
@@ -100,7 +100,7 @@ impl AutopilotLink {
             clock_error_s: clock_error_s.min(1.0),
             datum: self.datum?,
             geoid_m: self.geoid_m?,
-            origin_resets: self.drone_state.frames,
+            frames: self.drone_state.frames,
             reported_resets: self.drone_state.reported_resets,
             datum_offset: self.smooth.jumps().offset.into(),
             heading_jumps: self.smooth.jumps().heading,

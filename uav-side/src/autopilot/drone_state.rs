@@ -154,6 +154,7 @@ impl DroneStateAssembler {
         };
         let state = DroneState {
             header: Header::new(0, 0, 0, 0, at),
+            frames: self.frames,
             datum: Datum::default(),
             datum_offset: [0.0; 3],
             heading_jumps: 0.0,

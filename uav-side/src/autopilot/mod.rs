@@ -377,7 +377,6 @@ impl AutopilotLink {
             },
             lapsed: self.lapse.is_lapsed(),
             landed: p.landed(now),
-            origin_resets: self.drone_state.frames,
             origin_sea_m: self
                 .datum
                 .zip(self.geoid_m)
@@ -416,10 +415,9 @@ impl AutopilotLink {
             )
     }
     /// What of the autopilot is reported at once when it changes.
-    fn mode_and_frame(&self, now: DroneTime) -> Option<(AutopilotMode, bool, LandedState, u8)> {
-        let frames = self.drone_state.frames;
+    fn mode(&self, now: DroneTime) -> Option<(AutopilotMode, bool, LandedState)> {
         let peer = self.peer.as_ref();
-        peer.map(|p| (p.mode, p.armed, p.landed(now), frames))
+        peer.map(|p| (p.mode, p.armed, p.landed(now)))
     }
 }
 
@@ -430,7 +428,7 @@ impl Node for AutopilotLink {
 
     fn step(&mut self, now: DroneTime, input: &AutopilotIn) -> AutopilotOut {
         let mut out = AutopilotOut::default();
-        let before = (self.mode_and_frame(now), self.control_authority());
+        let before = (self.mode(now), self.control_authority());
         let mut heartbeat = false;
         self.begin(now, input.checkpoint.as_ref(), &mut out);
         for frame in input.received.iter().take(MAX_FRAMES) {
@@ -468,7 +466,7 @@ impl Node for AutopilotLink {
         self.publish_deck(now, &mut out);
         self.disarm_own_landing(now, &mut out);
 
-        let after = (self.mode_and_frame(now), self.control_authority());
+        let after = (self.mode(now), self.control_authority());
         if after.1 != before.1 {
             out.texts.push(after.1.to_string());
         }

@@ -53,7 +53,7 @@ use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
-use crate::odometry::origin::DroneFrame;
+use crate::odometry::origin::FrameEpoch;
 use battery::BatteryMonitor;
 use checkpoint::{Beginning, Begun};
 use height::{HeightWitnesses, Surface};
@@ -128,7 +128,7 @@ pub struct Mission {
     set_point: Latest<SetPoint>,
     grant: Latest<DeckGrant<DroneClock>>,
     commands: CommandAdmission<DroneClock>,
-    frame: DroneFrame,
+    frame: FrameEpoch,
     /// When it moved, until a forecast has come since, and by how much.
     moved: Option<(Time<DroneClock>, f64)>,
     mean_deck_z: MeanDeckHeight,
@@ -209,15 +209,12 @@ impl Mission {
             && self.autopilot.offer(now, m)
         {
             self.battery.update(m, &self.config);
-            if self.frame.has_jumped(m) {
-                moved_m = Some(0.0);
-            }
         }
         if let Some(m) = &input.drone
             && self.drone.offer(now, m)
         {
             self.wind.update(m, self.follows);
-            moved_m = self.frame.moved_m(m).or(moved_m);
+            moved_m = self.frame.moved_m(m);
         }
         if let Some(by_m) = moved_m {
             // Forecast, plan and level are of another frame.
@@ -430,11 +427,8 @@ impl Mission {
     fn begin(&mut self, now: Time<DroneClock>, begun: &Begun, s: &Situation) -> Option<CommandKind> {
         self.unjudged = begun.checkpoint.is_none();
         if let Some(m) = &begun.checkpoint {
-            let same_frame = self
-                .autopilot
-                .get()
-                .is_none_or(|a| a.origin_resets == m.origin_resets)
-                && self.drone.get().is_none_or(|d| d.datum == m.datum);
+            let drone = self.drone.get();
+            let same_frame = drone.is_none_or(|d| (d.frames, d.datum) == (m.frames, m.datum));
             let (phase, changed) = checkpoint::restored(m, same_frame, s, &self.config);
             self.phase = phase;
             self.progress = checkpoint::progress(m);
@@ -540,7 +534,7 @@ impl Mission {
             disarmed: matches!(self.phase, MissionPhase::Landed { disarmed: true, .. }),
             command: self.commands.newest(),
             abort: self.commands.abort(),
-            origin_resets: self.autopilot.get().map_or(0, |a| a.origin_resets),
+            frames: self.drone.get().map_or(0, |d| d.frames),
             datum: self.drone.get().map_or(Datum::default(), |d| d.datum),
             mean_deck_z: self.mean_deck_z.value(),
         }

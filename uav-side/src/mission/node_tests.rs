@@ -589,7 +589,7 @@ fn mission_at_an_origin_reset() {
             .commands
             .extend((k == 3).then_some(command(header(1, t), CommandKind::Land)));
         if k == 200 {
-            input.autopilot.as_mut().unwrap().origin_resets = 1;
+            input.drone.as_mut().unwrap().frames = 1;
             input.forecast = None;
         }
         let before = m.phase.state();

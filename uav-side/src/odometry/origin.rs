@@ -1,7 +1,7 @@
 //! Jumps of the autopilot's origin or its estimate of position and heading, which put everything in its frame elsewhere.
 
 use alight_shared::geodesy::Datum;
-use alight_shared::msg::{AutopilotState, DroneState};
+use alight_shared::msg::DroneState;
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// A heading that differs by more than this from what the gyroscopes turned it to is a reset of the autopilot's estimate,
@@ -24,23 +24,15 @@ pub(crate) fn yaw_jump(
     (dt > 0.0 && dt < YAW_STEP_S && yaw.abs() > limit).then_some(yaw)
 }
 
-/// What distinguishes one frame of the drone from the next, as last reported.
+/// The frame of the last odometry.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct DroneFrame {
-    resets: Option<u8>,
-    datum: Option<Datum>,
-}
+pub(crate) struct FrameEpoch(Option<(u8, Datum)>);
 
-impl DroneFrame {
-    /// Whether the autopilot's estimate has jumped since the last report.
-    pub(crate) fn has_jumped(&mut self, a: &AutopilotState) -> bool {
-        let count = a.origin_resets;
-        self.resets.replace(count).is_some_and(|last| last != count)
-    }
-    /// By how much its origin has moved since the last odometry, m; None: not at all.
+impl FrameEpoch {
+    /// By how much the origin has moved, m, where the frame is another than that of the last odometry; None: it is the same.
     pub(crate) fn moved_m(&mut self, d: &DroneState) -> Option<f64> {
-        let last = self.datum.replace(d.datum)?;
-        (last != d.datum).then(|| last.distance_m(&d.datum))
+        let (frames, datum) = self.0.replace((d.frames, d.datum))?;
+        ((frames, datum) != (d.frames, d.datum)).then(|| datum.distance_m(&d.datum))
     }
 }
 

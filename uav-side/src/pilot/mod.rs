@@ -34,7 +34,7 @@ use serde::{Deserialize, Serialize};
 use crate::contingency::{
     Action, Body, COMMIT_CLEARANCE_M, DeckBelow, Ends, GOES_ON_WITHOUT_MISSION_S, Hold, Known,
 };
-use crate::odometry::origin::DroneFrame;
+use crate::odometry::origin::FrameEpoch;
 use crate::tracking::{FlightEstimator, Tracker};
 use delay::Delay;
 use response::ResponseEstimator;
@@ -91,7 +91,7 @@ pub struct Pilot {
     drone: Latest<DroneState>,
     autopilot: Latest<AutopilotState>,
     range: Latest<RangeSample>,
-    frame: DroneFrame,
+    frame: FrameEpoch,
 
     estimate: FlightEstimator,
     response: ResponseEstimator,
@@ -137,7 +137,7 @@ impl Pilot {
             drone: Latest::default(),
             autopilot: Latest::default(),
             range: Latest::default(),
-            frame: DroneFrame::default(),
+            frame: FrameEpoch::default(),
             estimate: FlightEstimator::new(hover),
             response: ResponseEstimator::new(geometry.attitude_lag_s, &config.lag),
             delay: Delay::default(),
@@ -162,9 +162,6 @@ impl Pilot {
         if let Some(m) = &input.autopilot
             && self.autopilot.offer(now, m)
         {
-            if self.frame.has_jumped(m) {
-                self.forget_frame();
-            }
             self.estimate.use_reported_hover(m.hover_thrust);
             if !m.armed {
                 self.detector.forget_contacts();

@@ -34,7 +34,7 @@ use alight_shared::admission::{InOrder, Latest, Rule};
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotState, DeckForecast, DroneState, Header, LandingMode, Message, MissionState, Phase, Plan,
+    DeckForecast, DroneState, Header, LandingMode, Message, MissionState, Phase, Plan,
     PlanStage, Solve,
 };
 use alight_shared::node::Node;
@@ -43,7 +43,7 @@ use serde::{Deserialize, Serialize};
 
 pub use config::{PlannerConfig, PlannerKind};
 
-use crate::odometry::origin::DroneFrame;
+use crate::odometry::origin::FrameEpoch;
 use alignment::FaaAlignment;
 use law::{Law, View};
 use model::{INPUTS, State, clearance, state, tilt_of, up_of};
@@ -61,8 +61,6 @@ pub struct PlannerIn {
     pub mission: Option<MissionState>,
     /// Odometry.
     pub drone: Option<DroneState>,
-    /// The autopilot: its origin-reset counter.
-    pub autopilot: Option<AutopilotState>,
 }
 
 /// Outputs.
@@ -92,8 +90,7 @@ pub struct Planner {
     forecast: Latest<DeckForecast>,
     mission: Latest<MissionState>,
     drone: Latest<DroneState>,
-    autopilot: Latest<AutopilotState>,
-    frame: DroneFrame,
+    frame: FrameEpoch,
     /// Starts from the measured state.
     resets: u32,
 }
@@ -132,8 +129,7 @@ impl Planner {
             forecast: Latest::default(),
             mission: Latest::default(),
             drone: Latest::default(),
-            autopilot: Latest::default(),
-            frame: DroneFrame::default(),
+            frame: FrameEpoch::default(),
             resets: 0,
         }
     }
@@ -148,11 +144,7 @@ impl Planner {
         offer(&mut self.mission, now, MISSION_AGE_S, &input.mission);
         let last = self.drone.get().map(|d| d.header.at);
         offer(&mut self.drone, now, ODOMETRY_AGE_S, &input.drone);
-        // Any age will do for a counter of jumps.
-        offer(&mut self.autopilot, now, 10.0, &input.autopilot);
-        let jumped = self.autopilot.get().is_some_and(|a| self.frame.has_jumped(a));
-        let moved = self.drone.get().is_some_and(|d| self.frame.moved_m(d).is_some());
-        if jumped || moved {
+        if self.drone.get().is_some_and(|d| self.frame.moved_m(d).is_some()) {
             self.solved = None;
             self.generator.forget();
         }

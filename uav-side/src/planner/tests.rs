@@ -255,7 +255,6 @@ impl Bench {
             }),
             mission: Some(MissionState { header, ..mission }),
             drone: Some(self.follower.drone),
-            autopilot: None,
         };
         let plan = self.planner.step(now, &input).plan;
         self.follower.end_tick(plan);
@@ -390,7 +389,6 @@ fn planner_leaving_a_deck_under_way() {
                 velocity: [7.0, 0.0, -1.5],
                 ..crate::fixtures::drone(header, [0.3, 0.0, -2.1])
             }),
-            autopilot: None,
         };
         let plan = planner.step(now, &input).plan.expect("plans");
         let step_s = plan.step.secs();
@@ -482,12 +480,12 @@ fn planner_far_from_its_plan_or_at_an_origin_reset() {
     b.follower.plan = None;
     b.follower.drone.position[0] = plan.stages[1].position[0] + 0.5;
     b.tick(hold([0.0, 0.0, -10.0]), None);
-    for origin_resets in [0, 1] {
+    for frames in [0, 1] {
+        b.follower.drone.frames = frames;
         let input = PlannerIn {
-            autopilot: Some(AutopilotState {
+            drone: Some(DroneState {
                 header: b.follower.header(),
-                origin_resets,
-                ..AutopilotState::default()
+                ..b.follower.drone
             }),
             ..PlannerIn::default()
         };
@@ -632,9 +630,8 @@ proptest! {
                 }),
                 drone: Some(DroneState {
                     header, position: [v[3], v[4], v[5] - 20.0], velocity: [v[6] * scale, v[7] * scale, v[8] * scale],
-                    rates: [v[9] * scale, v[10] * scale, v[11] * scale], ..DroneState::default()
+                    rates: [v[9] * scale, v[10] * scale, v[11] * scale], frames: (*jitter % 2) as u8, ..DroneState::default()
                 }),
-                autopilot: Some(AutopilotState { header, origin_resets: (*jitter % 2) as u8, ..AutopilotState::default() }),
             };
             if let Some(plan) = planner.step(now, &input).plan {
                 prop_assert!(plan.check().is_ok());
