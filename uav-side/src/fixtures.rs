@@ -49,6 +49,7 @@ pub(crate) fn mission(header: Header<DroneClock>, state: State, descent_mps: f64
         header,
         state,
         descent_mps,
+        commit_clearance_m: 0.8,
         ..MissionState::default()
     }
 }

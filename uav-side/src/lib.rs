@@ -4,9 +4,9 @@ pub mod calibrate;
 pub mod camera;
 pub mod contingency;
 mod deck_height;
-mod flatness;
 #[cfg(test)]
 mod fixtures;
+mod flatness;
 pub mod mission;
 pub mod odometry;
 pub mod pilot;

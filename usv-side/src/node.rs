@@ -1,6 +1,6 @@
 //! The vessel's node: admission of measurements, the estimator, broadcast, time replies.
 
-use alight_shared::admission::{Arrival, InOrder, Periodic, RejectionReason, Rejections, Rule, Sender};
+use alight_shared::admission::{Arrival, Periodic, RejectionReason, Rejections, Rule, Sender};
 use alight_shared::msg::{
     AttitudeFix, GnssFix, Header, HeadingFix, ImuSample, MAX_SOURCES, MESSAGE_VERSION, Message, TimeReply,
     TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
@@ -207,7 +207,6 @@ impl VesselNode {
         let rule = Rule {
             lead: Span::from_secs(FUTURE_S),
             max_age: Span::from_secs(max_age_s),
-            order: InOrder::ByTime,
         };
         for m in measurements.iter().take(MAX_PER_STEP) {
             // A source beyond the last is invalid, and counted with the last.

@@ -172,3 +172,28 @@ fn module_layers() {
     }
     assert!(upward.is_empty(), "{upward:#?}");
 }
+
+/// Rooms of a package that are nodes: what two of them share is a room of its own.
+const NODES: [(&str, &[&str]); 2] = [
+    (
+        "uav-side",
+        &["autopilot", "camera", "mission", "pilot", "planner", "predictor"],
+    ),
+    ("usv-side", &["deck", "estimator", "sensors"]),
+];
+
+#[test]
+fn nodes_that_import_each_other() {
+    let mut across = Vec::new();
+    for (name, nodes) in NODES {
+        let node = |module: &str| nodes.iter().find(|n| module.split("::").next() == Some(n));
+        for (own, imported) in package(name) {
+            let Some(own_node) = node(&own) else { continue };
+            let others = imported
+                .iter()
+                .filter(|to| node(to).is_some_and(|n| n != own_node));
+            across.extend(others.map(|to| format!("{name}: {own} imports {to}")));
+        }
+    }
+    assert!(across.is_empty(), "{across:#?}");
+}

@@ -4,15 +4,6 @@ use super::{RejectionReason, check_message};
 use crate::msg::{Header, Message};
 use crate::time::{Clock, Span, Time};
 
-/// What makes a message newer than the one before it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum InOrder {
-    /// A later time of validity.
-    ByTime,
-    /// A higher sequence number and no earlier time, or another boot.
-    BySequence,
-}
-
 /// What a kind of message must fulfil.
 #[derive(Clone, Copy, Debug)]
 pub struct Rule {
@@ -20,8 +11,6 @@ pub struct Rule {
     pub lead: Span,
     /// It may be this old.
     pub max_age: Span,
-    /// Its order.
-    pub order: InOrder,
 }
 
 impl Rule {
@@ -30,7 +19,6 @@ impl Rule {
     pub const NEWER: Rule = Rule {
         lead: Span::from_millis(50),
         max_age: Span::MAX,
-        order: InOrder::ByTime,
     };
     /// `at` is within the rule's time about `now`.
     pub fn is_fresh<C: Clock>(&self, now: Time<C>, at: Time<C>) -> bool {
@@ -52,11 +40,7 @@ impl Rule {
         if age > self.max_age {
             return Err(RejectionReason::Stale);
         }
-        let in_order = last.is_none_or(|last| match self.order {
-            InOrder::ByTime => h.at > last.at,
-            InOrder::BySequence => h.boot != last.boot || (h.sequence > last.sequence && h.at >= last.at),
-        });
-        if in_order {
+        if last.is_none_or(|last| h.at > last.at) {
             Ok(())
         } else {
             Err(RejectionReason::OutOfOrder)
@@ -161,22 +145,25 @@ mod tests {
     }
 
     #[test]
-    fn latest_by_sequence_and_boot() {
+    fn latest_by_a_rule_of_its_own() {
         let rule = Rule {
             lead: Span::from_millis(20),
             max_age: Span::from_millis(500),
-            order: InOrder::BySequence,
         };
         let now = Time::<DroneClock>::from_secs(1.0);
         let mut latest = Latest::default();
-        assert!(latest.offer_by(&rule, now, &sample(900, 1, 5)));
-        assert!(
-            latest.offer_by(&rule, now, &sample(900, 1, 6)),
-            "same time, next number"
-        );
-        assert!(latest.offer_by(&rule, now, &sample(800, 2, 0)), "another boot");
-        for bad in [sample(900, 2, 0), sample(499, 3, 0), sample(1030, 3, 0)] {
-            assert!(!latest.offer_by(&rule, now, &bad));
+        for (at_ms, taken) in [
+            (499, false),
+            (900, true),
+            (900, false),
+            (1030, false),
+            (1020, true),
+        ] {
+            assert_eq!(
+                latest.offer_by(&rule, now, &sample(at_ms, 1, 5)),
+                taken,
+                "{at_ms}"
+            );
         }
     }
 }

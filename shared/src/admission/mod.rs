@@ -8,7 +8,7 @@ mod rejection;
 mod sender;
 
 pub use command::CommandAdmission;
-pub use latest::{InOrder, Latest, Rule};
+pub use latest::{Latest, Rule};
 pub use periodic::Periodic;
 pub use rejection::{RejectionReason, Rejections};
 pub use sender::{Arrival, Sender};

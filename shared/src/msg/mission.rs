@@ -476,6 +476,8 @@ pub struct MissionState {
     pub mode: LandingMode,
     /// No plan leads lower over the deck, along its normal, m; None: onto it.
     pub lowest_clearance_m: Option<f64>,
+    /// Below this clearance only hard reasons break a landing off, m.
+    pub commit_clearance_m: f64,
     /// Remaining battery that the way to the deck and one attempt take, or that is kept in any case, 0 to 1.
     pub battery_reserve: f64,
     /// How likely a landing from here succeeds, 0 to 1; None while that is not known.
@@ -733,6 +735,7 @@ message!(MissionState, DroneClock, |m| {
     within(&m.hold_position, MAX_POSITION_M) && within([&m.hold_yaw], 50.0) => "hold_position",
     within(m.waiting_offset.iter().flatten(), MAX_POSITION_M) => "waiting_offset",
     m.lowest_clearance_m.is_none_or(|c| (0.0..=1e3).contains(&c)) => "lowest_clearance_m",
+    (0.0..=10.0).contains(&m.commit_clearance_m) => "commit_clearance_m",
     (0.0..=1e3).contains(&m.battery_reserve) => "battery_reserve",
     m.likelihood.is_none_or(|p| FRACTION.contains(&p)) => "likelihood",
     m.wind.is_none_or(|w| within(&w, MAX_SPEED_MPS)) => "wind",

@@ -17,15 +17,13 @@ use super::message::{
 use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, STILL_ARMED, thrust};
 use crate::contingency::GOES_ON_WITHOUT_MISSION_S;
-use crate::tracking::steer;
 use crate::range_witness::disagree;
+use crate::tracking::steer;
 
 /// The pilot's set-point is repeated this often while no newer one comes, s: 50 Hz.
 const REPEAT_S: f64 = 0.02;
 /// A hold is streamed before OFFBOARD only within this distance of the drone, m.
 const OFFER_WITHIN_M: f64 = 3.0;
-/// A range counts as evidence for so long.
-const RANGE_STALE: Span = Span::from_millis(200);
 /// Thrust with which a link that began on the deck presses while it looks for the evidence, as a fraction of hover.
 const PRESS_OF_HOVER: f64 = 0.5;
 /// The drone climbs by this when it is not on the deck although the pilot reports so, m.
@@ -68,7 +66,9 @@ impl AutopilotLink {
     }
     /// The last fresh range, m.
     fn fresh_range(&self, now: DroneTime) -> Option<f64> {
-        let fresh = self.range.filter(|r| now - r.header.at <= RANGE_STALE);
+        let fresh = self
+            .range
+            .filter(|r| now - r.header.at <= topics::RANGE.stale_after);
         fresh.map(|r| r.range_m)
     }
     /// Whether this range (m) is one of the deck's: not of a rangefinder that does not follow the drone, none that no deck can

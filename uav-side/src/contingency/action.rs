@@ -4,9 +4,6 @@ use alight_shared::msg::{AutopilotMode, AutopilotState, LandedState, MissionStat
 
 use super::below::DeckBelow;
 
-/// Below this clearance the landing goes on without mission or plan when a climb would end harder, m: the mission's commit
-/// clearance.
-pub(crate) const COMMIT_CLEARANCE_M: f64 = 0.8;
 /// Without a message from the mission the last one counts so long, s, beyond its validity; then the autopilot's own failsafe
 /// acts.
 pub(crate) const GOES_ON_WITHOUT_MISSION_S: f64 = 3.0;
@@ -74,7 +71,10 @@ impl Known<'_> {
         let (Some(autopilot), Some(mission)) = (self.autopilot, self.mission) else {
             return Action::Nothing;
         };
-        let close = self.below.is_some_and(|b| b.clearance < COMMIT_CLEARANCE_M);
+        // The landing goes on without mission or plan when a climb would end harder.
+        let close = self
+            .below
+            .is_some_and(|b| b.clearance < mission.commit_clearance_m);
         if self.waits() {
             // A report alone does not cut the thrust: it may be wrong.
             let grounded = autopilot.landed == LandedState::OnGround && self.low;

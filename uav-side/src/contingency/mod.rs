@@ -11,7 +11,7 @@ mod contact;
 mod escape;
 mod hold;
 
-pub(crate) use action::{Action, COMMIT_CLEARANCE_M, GOES_ON_WITHOUT_MISSION_S, Known};
+pub(crate) use action::{Action, GOES_ON_WITHOUT_MISSION_S, Known};
 pub(crate) use below::{Body, DeckBelow, NEAR_DECK_M};
 pub(crate) use climb::{BELOW_M, Climb};
 pub(crate) use completion::Completion;

@@ -572,6 +572,7 @@ impl Mission {
             waiting_offset: place.offset,
             mode: c.mode,
             lowest_clearance_m: c.lowest_plan_m(),
+            commit_clearance_m: c.commit_clearance_m,
             battery_reserve: s.battery_reserve,
             likelihood: s.odds.map(|o| o.whole()),
             wind: self

@@ -31,9 +31,7 @@ use alight_shared::topics;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::contingency::{
-    Action, Body, COMMIT_CLEARANCE_M, DeckBelow, Ends, GOES_ON_WITHOUT_MISSION_S, Hold, Known,
-};
+use crate::contingency::{Action, Body, DeckBelow, Ends, GOES_ON_WITHOUT_MISSION_S, Hold, Known};
 use crate::odometry::origin::FrameEpoch;
 use crate::tracking::{FlightEstimator, Tracker};
 use delay::Delay;
@@ -118,8 +116,6 @@ const PLAN_PERIOD_S: f64 = 0.02;
 /// than this above where it was disarmed, m: a deck that heaves.
 const LOW_BY_RANGE_M: f64 = 0.3;
 const LOW_M: f64 = 1.0;
-/// A reading of the rangefinder counts for so long.
-const RANGE_AGE: Span = Span::from_millis(200);
 
 impl Pilot {
     /// A pilot of the drone described by `geometry`.
@@ -204,7 +200,7 @@ impl Pilot {
     /// Low enough to stand on the ground: by the rangefinder, or where none reads, as low as where it was disarmed.
     fn is_low(&self, now: Time<DroneClock>, body: &Body) -> bool {
         let feet_m = self.geometry.feet_below_m - self.geometry.rangefinder_m[2];
-        match self.range.fresh(now, RANGE_AGE) {
+        match self.range.fresh(now, topics::RANGE.stale_after) {
             Some(r) => r.range_m < feet_m + LOW_BY_RANGE_M,
             None => self.disarmed_z.is_some_and(|z| body.position.z > z - LOW_M),
         }
@@ -307,10 +303,10 @@ impl Pilot {
     ) -> Evidence {
         let limit = Span::from_secs(AUTOPILOT_AGE_S);
         let commands = self.armed(now).is_some_and(|a| a.mode == AutopilotMode::Offboard);
-        let committed = below.is_some_and(|b| b.clearance <= COMMIT_CLEARANCE_M);
         let permitted = commands
             && mission.is_some_and(|m| m.lowest_clearance_m.is_none())
             && mission.is_some_and(|m| {
+                let committed = below.is_some_and(|b| b.clearance <= m.commit_clearance_m);
                 let near = committed && matches!(m.state, State::Descent | State::Landed);
                 m.state == State::Flare || near
             });

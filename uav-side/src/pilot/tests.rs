@@ -6,9 +6,9 @@ use nalgebra::UnitQuaternion;
 use proptest::prelude::*;
 
 use super::*;
+use crate::fixtures::{airborne, drone, forecast, header, level, mission, plan};
 use crate::flatness::{attitude_of_thrust, lead, slewed, thrust_of_attitude, tilt_limited, upright};
 use crate::tracking::{Authority, TrackingConfig};
-use crate::fixtures::{airborne, drone, forecast, header, level, mission, plan};
 
 proptest! {
     #[test]

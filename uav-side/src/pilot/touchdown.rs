@@ -14,6 +14,7 @@
 
 use alight_shared::msg::Header;
 use alight_shared::time::{DroneClock, Time};
+use alight_shared::topics;
 
 use serde::{Deserialize, Serialize};
 
@@ -149,8 +150,6 @@ const BEFORE_CONTACT_S: f64 = 0.1;
 const PAUSE_S: f64 = 0.2;
 /// The autopilot's report of its thrust must be no older than this to confirm, s.
 pub(super) const AUTOPILOT_AGE_S: f64 = 0.5;
-/// Readings of the rangefinder older than this count as missing, s.
-const RANGE_AGE_S: f64 = 0.2;
 /// Readings kept for the median and for resting.
 const READINGS: usize = 32;
 /// Readings whose median counts as the range.
@@ -238,7 +237,7 @@ impl TouchdownDetector {
         let mut n = 0;
         for k in 1..=MEDIAN {
             let (at, r) = self.readings[(self.next + READINGS - k) % READINGS];
-            if (now - at).secs() <= RANGE_AGE_S {
+            if now - at <= topics::RANGE.stale_after {
                 newest[n] = r;
                 n += 1;
             }

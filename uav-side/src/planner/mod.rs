@@ -30,15 +30,15 @@ mod start_tests;
 #[cfg(test)]
 mod tests;
 
-use alight_shared::admission::{InOrder, Latest, Rule};
+use alight_shared::admission::Latest;
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    DeckForecast, DroneState, Header, LandingMode, Message, MissionState, Phase, Plan,
-    PlanStage, Solve,
+    DeckForecast, DroneState, Header, LandingMode, MissionState, Phase, Plan, PlanStage, Solve,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
 pub use config::{PlannerConfig, PlannerKind};
@@ -140,16 +140,19 @@ impl Planner {
     }
 
     fn receive(&mut self, now: Time<DroneClock>, input: &PlannerIn) {
-        offer(&mut self.forecast, now, FORECAST_AGE_S, &input.forecast);
-        offer(&mut self.mission, now, MISSION_AGE_S, &input.mission);
-        let last = self.drone.get().map(|d| d.header.at);
-        offer(&mut self.drone, now, ODOMETRY_AGE_S, &input.drone);
+        if let Some(m) = &input.forecast {
+            self.forecast.offer(now, m);
+        }
+        if let Some(m) = &input.mission {
+            self.mission.offer(now, m);
+        }
+        let drone = input.drone.filter(|m| self.drone.offer(now, m));
         if self.drone.get().is_some_and(|d| self.frame.moved_m(d).is_some()) {
             self.solved = None;
             self.generator.forget();
         }
-        let drone = self.drone.get().filter(|d| Some(d.header.at) != last);
-        self.law.observe(drone, self.forecast.get(), &self.reference);
+        self.law
+            .observe(drone.as_ref(), self.forecast.get(), &self.reference);
     }
 
     fn due(&mut self, now: Time<DroneClock>, phase: Phase, with_deck: bool) -> bool {
@@ -179,7 +182,7 @@ impl Planner {
     /// State and input with which the plan starts: the last plan now, or the measured state. None without odometry.
     fn start(&mut self, now: Time<DroneClock>) -> Option<(State, [f64; INPUTS])> {
         let c = &self.config;
-        let drone = *usable(&self.drone, now, ODOMETRY_AGE_S)?;
+        let drone = *self.drone.fresh(now, topics::DRONE_STATE.stale_after)?;
         let law = &self.law;
         let lands = self.last_solve.is_some_and(|(_, phase)| phase == Phase::Landing);
         let landing = lands.then(|| law.landing_start());
@@ -194,7 +197,7 @@ impl Planner {
     }
 
     fn plan(&mut self, now: Time<DroneClock>, mission: &MissionState) -> Option<Plan> {
-        let forecast = usable(&self.forecast, now, FORECAST_AGE_S).copied();
+        let forecast = self.forecast.fresh(now, topics::FORECAST.stale_after).copied();
         if let Some(plan) = self.own_plan(now, mission, forecast.as_ref()) {
             return Some(plan);
         }
@@ -360,7 +363,7 @@ impl Node for Planner {
 
     fn step(&mut self, now: Time<DroneClock>, input: &PlannerIn) -> PlannerOut {
         self.receive(now, input);
-        let mission = usable(&self.mission, now, MISSION_AGE_S).copied();
+        let mission = self.mission.fresh(now, topics::MISSION.stale_after).copied();
         // Without a mission the pilot has flown on its own: no plan of before is what the drone does now.
         let mission = mission.unwrap_or_default();
         let phase = mission.state.phase();
@@ -391,45 +394,4 @@ impl Node for Planner {
             }
         }
     }
-}
-
-/// A forecast older than this is not used, s.
-const FORECAST_AGE_S: f64 = 0.5;
-/// A mission state older than this is not followed, s.
-const MISSION_AGE_S: f64 = 0.5;
-/// Odometry older than this is not used, s.
-const ODOMETRY_AGE_S: f64 = 0.2;
-/// Tolerance for stamps ahead of now: shared memory between processes of one computer.
-const LEAD: Span = Span::from_millis(50);
-
-/// What is of use at this age, in the sender's order.
-fn rule(max_age_s: f64) -> Rule {
-    Rule {
-        lead: LEAD,
-        max_age: Span::from_secs(max_age_s),
-        order: InOrder::BySequence,
-    }
-}
-
-/// Takes an input of at most this age.
-fn offer<M: Message<Clock = DroneClock> + Copy>(
-    latest: &mut Latest<M>,
-    now: Time<DroneClock>,
-    max_age_s: f64,
-    new: &Option<M>,
-) {
-    if let Some(new) = new {
-        latest.offer_by(&rule(max_age_s), now, new);
-    }
-}
-
-/// The newest input, when it is of this age at most.
-fn usable<M: Message<Clock = DroneClock> + Copy>(
-    latest: &Latest<M>,
-    now: Time<DroneClock>,
-    max_age_s: f64,
-) -> Option<&M> {
-    latest
-        .get()
-        .filter(|m| rule(max_age_s).is_fresh(now, m.header().at))
 }
