@@ -1,5 +1,6 @@
 //! The deck's mean height, from forecasts.
 
+use alight_shared::estimation::low_pass_gain;
 use alight_shared::msg::DeckForecast;
 use alight_shared::time::{DroneClock, Time};
 
@@ -31,7 +32,7 @@ impl MeanDeckHeight {
     pub(crate) fn follow(&mut self, at: Time<DroneClock>, z: f64, time_s: f64, limit_m: f64) -> f64 {
         let next = self.0.map_or(z, |(last, mean)| {
             let dt = (at - last).secs().max(0.0);
-            mean + (z - mean).clamp(-limit_m, limit_m) * (1.0 - (-dt / time_s).exp())
+            mean + (z - mean).clamp(-limit_m, limit_m) * low_pass_gain(dt, time_s)
         });
         self.begin(at, next)
     }

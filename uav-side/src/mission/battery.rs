@@ -3,6 +3,7 @@
 
 use std::collections::VecDeque;
 
+use alight_shared::estimation::low_pass_gain;
 use alight_shared::msg::AutopilotState;
 
 use super::config::MissionConfig;
@@ -99,7 +100,7 @@ impl BatteryMonitor {
             return;
         }
         if let Some(amps) = a.battery_a {
-            let gain = 1.0 - (-dt / CURRENT_TIME_S).exp();
+            let gain = low_pass_gain(dt, CURRENT_TIME_S);
             self.current_a = Some(self.current_a.map_or(amps, |i| i + gain * (amps - i)));
         }
         let Some(charge) = self.charge(c) else { return };
@@ -130,7 +131,7 @@ impl BatteryMonitor {
         let closing = closing_mps.filter(|_| distance_m > ARRIVED_M);
         self.closing_mps = closing.map(|v| {
             let before = self.closing_mps.unwrap_or(assumed_mps);
-            before + (1.0 - (-dt / CLOSING_TIME_S).exp()) * (v - before)
+            before + low_pass_gain(dt, CLOSING_TIME_S) * (v - before)
         });
     }
 

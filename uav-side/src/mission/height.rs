@@ -15,6 +15,7 @@
 //! the deck's. Without a witness it stays no lower than a person flew it. Mean sea level is no witness where the drone
 //! itself has been lower (an inland water below the sea), and contradicts nothing that a take-off from the deck confirms.
 
+use alight_shared::estimation::low_pass_gain;
 use alight_shared::msg::{LandedState, RangeSample, Reason, ReasonCode};
 use alight_shared::time::Span;
 use alight_shared::topics;
@@ -67,7 +68,7 @@ impl Surface {
         };
         self.seen = match self.seen.filter(same) {
             Some((since, last, level)) => {
-                let gain = 1.0 - (-(at - last).secs() / SURFACE_TIME_S).exp();
+                let gain = low_pass_gain((at - last).secs(), SURFACE_TIME_S);
                 Some((since, at, level + gain * (z - level)))
             }
             None => z.is_finite().then_some((at, at, z)),

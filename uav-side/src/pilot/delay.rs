@@ -9,6 +9,7 @@
 
 use std::collections::VecDeque;
 
+use alight_shared::estimation::low_pass_gain;
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{AttitudeResponse, DroneState, Plan, PlanStage};
 use alight_shared::time::{DroneClock, Span, Time};
@@ -58,13 +59,8 @@ impl Sent {
         held.fold(None, |acting, ((from, command), until)| {
             let (_, u) = (*command)?;
             let dt = (until.unwrap_or(at).min(at) - *from).secs();
-            let share = if lag_s > 0.0 {
-                1.0 - (-dt / lag_s).exp()
-            } else {
-                1.0
-            };
             let last = acting.unwrap_or(u);
-            Some(last + share * (u - last))
+            Some(last + low_pass_gain(dt, lag_s) * (u - last))
         })
     }
     /// The newest command sent by `at`.
@@ -103,7 +99,7 @@ impl ThrustDelay {
         if !(dt > 0.0 && dt < 0.2 && force.is_finite()) {
             return;
         }
-        let share = |time_s: f64| 1.0 - (-dt / time_s.max(1e-3)).exp();
+        let share = |time_s: f64| low_pass_gain(dt, time_s.max(1e-3));
         let (slow, keep) = (share(CHANGES_S), 1.0 - share(MEMORY_S));
         let mean = self.force.map_or(force, |mean| mean + slow * (force - mean));
         self.force = Some(mean);
@@ -192,7 +188,7 @@ impl Delay {
         let age_s = age_s.clamp(0.0, c.limit_s);
         self.age_s = Some(match self.age_s {
             None => age_s,
-            Some(last) => last + (1.0 - (-dt / c.time_s).exp()) * (age_s - last),
+            Some(last) => last + low_pass_gain(dt, c.time_s) * (age_s - last),
         });
     }
     /// The odometry's way, s.
@@ -243,13 +239,7 @@ impl Delay {
         let outside = Vector3::new(push.x, push.y, GRAVITY - estimate.lift());
         let steps = (horizon_s / STEP_S).ceil().max(1.0);
         let h = horizon_s / steps;
-        let fraction = |lag_s: f64| {
-            if lag_s > 0.0 {
-                1.0 - (-h / lag_s).exp()
-            } else {
-                1.0
-            }
-        };
+        let fraction = |lag_s: f64| low_pass_gain(h, lag_s);
         let [roll, pitch] = response.lag_s;
         let lags = Vector3::new(roll, pitch, 0.5 * (roll + pitch)).map(|t| t.max(0.02));
         for k in 0..steps as u32 {
@@ -397,9 +387,9 @@ mod tests {
             let Some((command, thrust)) = k.checked_sub(one_way).and_then(|i| commands.get(i)) else {
                 continue;
             };
-            u += (1.0 - (-dt / DYNAMICS.thrust_s).exp()) * (thrust - u);
+            u += low_pass_gain(dt, DYNAMICS.thrust_s) * (thrust - u);
             let set = (q.inverse() * command).scaled_axis() / DYNAMICS.response.lag_s[0];
-            w += (set - w) * (1.0 - (-dt / DYNAMICS.response.rate_lag_s).exp());
+            w += (set - w) * low_pass_gain(dt, DYNAMICS.response.rate_lag_s);
             q *= UnitQuaternion::from_scaled_axis(w * dt);
             let a = Vector3::z() * GRAVITY - q * Vector3::z() * estimate.specific(u);
             p += v * dt + a * (0.5 * dt * dt);

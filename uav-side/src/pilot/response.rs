@@ -19,6 +19,7 @@
 //! axes, so they share it. An equation error does not mistake a swing of the loop for a slow response, as a fit without dead
 //! time did: it then amplified its commands, which fed the swing.
 
+use alight_shared::estimation::low_pass_gain;
 use alight_shared::msg::{AttitudeResponse, DroneState};
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
@@ -319,7 +320,7 @@ mod tests {
                     (*at - is) * 4.5 + *turning
                 }
             };
-            let step = (wanted.push(0.0) - self.rates) * (1.0 - (-dt / self.rate_s).exp());
+            let step = (wanted.push(0.0) - self.rates) * low_pass_gain(dt, self.rate_s);
             self.rates += step;
             self.attitude *= UnitQuaternion::from_scaled_axis(self.rates * dt);
         }
@@ -429,8 +430,8 @@ mod tests {
         fn learn(&mut self, d: &DroneState) {
             let angle = (d.attitude().inverse() * self.commanded).scaled_axis().xy();
             let dt = 0.01;
-            self.left += (angle - self.left) * (1.0 - f64::exp(-dt / 0.06));
-            let fade = 1.0 - f64::exp(-dt / 10.0);
+            self.left += (angle - self.left) * low_pass_gain(dt, 0.06);
+            let fade = low_pass_gain(dt, 10.0);
             self.square += fade * (3e-4 - self.square) + self.left.norm_squared() * dt;
             self.product +=
                 fade * (3e-4 / 0.2 - self.product) + self.left.dot(&Vector3::from(d.rates).xy()) * dt;

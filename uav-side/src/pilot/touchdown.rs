@@ -12,6 +12,7 @@
 //! followed the way down ([`RangeWitness`]) is none. Where the autopilot's report of its thrust has stopped, the command
 //! that it follows stands in for it, on a drone that stays on the deck for longer.
 
+use alight_shared::estimation::low_pass_gain;
 use alight_shared::msg::Header;
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::topics;
@@ -275,7 +276,7 @@ impl TouchdownDetector {
     /// Takes the speed along the deck's normal.
     fn watch(&mut self, now: DroneTime, dt: f64, e: &Evidence) {
         self.witness.moves(dt, e.normal_speed);
-        let gain = 1.0 - (-dt / STAYS_TIME_S).exp();
+        let gain = low_pass_gain(dt, STAYS_TIME_S);
         self.along = e.normal_speed.map(|v| {
             let before = self.along.unwrap_or(v);
             before + gain * (v - before)
@@ -306,7 +307,7 @@ impl TouchdownDetector {
         else {
             return 0.0;
         };
-        let fraction = 1.0 - (-dt / EXCESS_TIME_S).exp();
+        let fraction = low_pass_gain(dt, EXCESS_TIME_S);
         let impact = force - thrust;
         // A single impact must not fill the memory of the sustained excess.
         let bound = |v: f64| v.clamp(-10.0, 10.0);

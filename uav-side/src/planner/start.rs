@@ -1,5 +1,6 @@
 //! Start of a plan: the previous plan sampled now, or the measured state.
 
+use alight_shared::estimation::low_pass_gain;
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::DroneState;
@@ -99,7 +100,7 @@ pub(super) fn start(
                 for (i, max) in [(state::DOWN, reset.ahead_m), (state::V_DOWN, reset.ahead_mps)] {
                     state[i] += (gap[i] - max).max(0.0);
                 }
-                let share = 1.0 - (-(now - previous.at).secs() / yields_s).exp();
+                let share = low_pass_gain((now - previous.at).secs(), yields_s);
                 for i in [state::NORTH, state::EAST, state::V_NORTH, state::V_EAST] {
                     state[i] += share * gap[i];
                 }
