@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use alight_shared::estimation::quantile;
 use alight_shared::time::{DroneClock, Time};
 
 /// At most this many arrivals are remembered.
@@ -96,13 +97,8 @@ impl LinkStatistics {
     pub fn latency_s(&mut self) -> (f64, f64) {
         self.sorted.clear();
         self.sorted.extend(self.arrivals.iter().map(|a| a.latency_s));
-        self.sorted.sort_unstable_by(f64::total_cmp);
-        let n = self.sorted.len();
-        let rank = |q: f64| {
-            let i = ((q * n as f64).ceil() as usize).clamp(1, n.max(1)) - 1;
-            self.sorted.get(i).copied().unwrap_or(0.0)
-        };
-        (rank(0.5), rank(0.99))
+        let [p50, p99] = [0.5, 0.99].map(|q| quantile(&mut self.sorted, q).unwrap_or(0.0));
+        (p50, p99)
     }
 }
 

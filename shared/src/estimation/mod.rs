@@ -6,4 +6,4 @@ mod statistics;
 
 pub use kalman::{Gaussian, Transition, Update, symmetrise};
 pub use low_pass::low_pass_gain;
-pub use statistics::{ValueWithSd, median, moments};
+pub use statistics::{ValueWithSd, median, moments, quantile};

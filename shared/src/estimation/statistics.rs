@@ -34,6 +34,13 @@ pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     Some((low? + high?) / 2.0)
 }
 
+/// The `q` quantile by the nearest rank, 0 to 1, of `values`, which it sorts; None without any.
+pub fn quantile(values: &mut [f64], q: f64) -> Option<f64> {
+    values.sort_unstable_by(f64::total_cmp);
+    let rank = ((q * values.len() as f64).ceil() as usize).clamp(1, values.len().max(1));
+    values.get(rank - 1).copied()
+}
+
 /// Mean and standard deviation; of nothing both are no number.
 pub fn moments(values: &[f64]) -> (f64, f64) {
     let n = values.len() as f64;
@@ -47,9 +54,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn medians() {
+    fn medians_and_quantiles() {
         assert_eq!(median([3.0, 1.0, 2.0]), Some(2.0));
         assert_eq!(median([4.0, 1.0, f64::NAN, 2.0, 3.0]), Some(2.5));
         assert_eq!(median([]), None);
+        let mut hundred: Vec<f64> = (1..=100).rev().map(f64::from).collect();
+        for (q, value) in [(0.0, 1.0), (0.5, 50.0), (0.99, 99.0), (1.0, 100.0)] {
+            assert_eq!(quantile(&mut hundred, q), Some(value));
+        }
+        assert_eq!(quantile(&mut [], 0.5), None);
     }
 }

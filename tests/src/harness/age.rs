@@ -3,6 +3,7 @@
 //! phase of the saw-tooth only.)
 
 use alight_bridge::{BridgeIn, BridgeOut};
+use alight_shared::estimation;
 use alight_shared::time::{DroneClock, Time, TrueTime};
 
 use crate::harness::tap::Tap;
@@ -26,10 +27,7 @@ impl AgeTap {
     }
     /// The `q` quantile, s; NaN when nothing was seen.
     pub fn quantile(&self, q: f64) -> f64 {
-        let mut sorted = self.ages_s.clone();
-        sorted.sort_unstable_by(f64::total_cmp);
-        let rank = ((q * sorted.len() as f64).ceil() as usize).max(1) - 1;
-        sorted.get(rank).copied().unwrap_or(f64::NAN)
+        estimation::quantile(&mut self.ages_s.clone(), q).unwrap_or(f64::NAN)
     }
 }
 

@@ -18,6 +18,7 @@ pub mod regression;
 mod tests;
 
 pub use alight_shared::estimation::ValueWithSd;
+use alight_shared::estimation::quantile;
 use alight_shared::frames::body_from_camera;
 use alight_shared::msg::{DroneState, Message, TagPose, VesselEstimate};
 use alight_shared::time::{DroneClock, Time};
@@ -498,7 +499,5 @@ struct Relative {
 
 /// What 95 of 100 values are below.
 fn percentile_95(values: impl Iterator<Item = f64>) -> f64 {
-    let mut all: Vec<f64> = values.collect();
-    all.sort_by(f64::total_cmp);
-    all.get(all.len() * 95 / 100).copied().unwrap_or(f64::NAN)
+    quantile(&mut values.collect::<Vec<f64>>(), 0.95).unwrap_or(f64::NAN)
 }

@@ -14,6 +14,7 @@
 //!
 //! Both are averaged over the friction (Gauss and Hermite, three nodes).
 
+use alight_shared::estimation::moments;
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{DeckForecast, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, SLOPE_WINDOW_S};
 use nalgebra::Vector2;
@@ -137,7 +138,10 @@ impl Slopes {
     fn hold(&self, friction: f64) -> f64 {
         let until_rest = if self.predicted.is_empty() {
             // While no wave is known the next group of waves is taken to be like the last.
-            let (mean, sd) = moments(&self.measured);
+            let (mean, sd) = match self.measured.as_slice() {
+                [] => (0.0, 0.0),
+                waves => moments(waves),
+            };
             self.holds(friction, mean + self.push.norm(), sd)
                 .powf(TIME_TO_REST_S / WAVE_S)
         } else {
@@ -175,14 +179,6 @@ fn tilt_sd(forecast: Option<&DeckForecast>, ahead_s: f64) -> f64 {
     stage.map_or(UNKNOWN_SD, |s| {
         norm(&s.euler_sd[..2]) * core::f64::consts::FRAC_1_SQRT_2
     })
-}
-
-/// Mean and standard deviation; 0 of none.
-fn moments(values: &[f64]) -> (f64, f64) {
-    let n = values.len().max(1) as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n;
-    (mean, square.sqrt())
 }
 
 #[cfg(test)]

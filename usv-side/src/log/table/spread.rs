@@ -3,6 +3,8 @@
 //! A logger that writes rows evenly and stamps them with the step `q` of a coarse clock writes `floor(t / q) q`. A line
 //! through stamp over number of the row gives the times back, to a constant of less than `q`.
 
+use alight_shared::estimation::median;
+
 use super::Row;
 
 /// Rows with the stamp of the row before, of all, from which on the stamps are coarse.
@@ -61,11 +63,6 @@ fn parts(rows: &[Row]) -> Vec<Vec<usize>> {
     parts
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_unstable_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or_default()
-}
-
 fn spread_part(
     rows: &mut [Row],
     part: &[usize],
@@ -86,9 +83,9 @@ fn spread_part(
     if runs.len() < 3 || (repeated as f64) < COARSE * part.len() as f64 {
         return Ok(None);
     }
-    let usual = median(runs.iter().map(|r| r.count as f64).collect());
+    let usual = median(runs.iter().map(|r| r.count as f64)).unwrap_or_default();
     let steps = runs.windows(2).map(|w| w[1].t - w[0].t).filter(|d| *d > 0.0);
-    let step = median(steps.collect());
+    let step = median(steps).unwrap_or_default();
     let even = |r: &Run| (r.count as f64 - usual).abs() <= 1.0 + EVEN * usual;
     let last = runs.len() - 1;
     let mut out = 0;
