@@ -302,6 +302,7 @@ impl Pilot {
         below: Option<&DeckBelow>,
     ) -> Evidence {
         let limit = Span::from_secs(AUTOPILOT_AGE_S);
+        let begins = self.config.output == Output::Attitude && self.estimate.in_force().is_none();
         let commands = self.armed(now).is_some_and(|a| a.mode == AutopilotMode::Offboard);
         let permitted = commands
             && mission.is_some_and(|m| m.lowest_clearance_m.is_none())
@@ -314,7 +315,7 @@ impl Pilot {
             permitted,
             descending: mission.is_some_and(|m| m.descent_mps > 0.0 || m.state == State::Landed),
             force: new.map(|d| -d.specific_force[2]),
-            begins: self.config.output == Output::Attitude && self.estimate.in_force().is_none(),
+            begins_within: begins.then_some(self.geometry.max_thrust_n / self.geometry.mass_kg),
             own_thrust: self.estimate.in_force().map(|u| self.estimate.specific(u)),
             reported_thrust: self
                 .autopilot

@@ -381,7 +381,7 @@ fn hard_contact_by_speed_and_impact() {
         let evidence = |force: f64, speed: f64| Evidence {
             permitted: true,
             descending: true,
-            begins: false,
+            begins_within: None,
             force: Some(force),
             own_thrust: Some(GRAVITY),
             reported_thrust: Some(GRAVITY),

@@ -51,8 +51,9 @@ pub(crate) struct Evidence {
     pub(crate) descending: bool,
     /// Specific force along the body's up axis, m/s²; None without a new measurement.
     pub(crate) force: Option<f64>,
-    /// The pilot is to command the thrust, and what it commands is not in force yet: what the rotors give is not known.
-    pub(crate) begins: bool,
+    /// Greatest specific thrust of the rotors, m/s², while what the pilot commands is not in force yet: what they give is not
+    /// known. None: known by command or report.
+    pub(crate) begins_within: Option<f64>,
     /// Specific thrust that the pilot's own command applies, m/s²; None while the autopilot closes
     /// the loop.
     pub(crate) own_thrust: Option<f64>,
@@ -298,9 +299,10 @@ impl TouchdownDetector {
 
     /// Takes what carries the drone; gives this step's excess.
     fn weigh(&mut self, dt: f64, e: &Evidence) -> f64 {
-        if e.begins {
+        if let Some(greatest) = e.begins_within {
+            // Only what no thrust explains is a contact.
             (self.excess, self.sure_excess) = (0.0, 0.0);
-            return 0.0;
+            return e.force.map_or(0.0, |force| force - greatest);
         }
         let (Some(force), Some(thrust), Some(sure)) =
             (e.force, e.own_thrust.or(e.reported_thrust), e.applied_thrust())
