@@ -28,7 +28,7 @@ use crate::{drone, vessel};
 alight trial                     the same computed as fast as it goes\n  \
 alight trial --sea rough --plot landing.svg\n  alight trials --trials 100        a success rate with its interval\n  \
 alight rehearse                  what the packages install, on simulated vehicles\n\n\
-Exit codes: 0 success, 1 failed landing, 2 bad input."
+Exit codes: 0 success, 1 failed landing, 2 bad input, 3 this computer was too slow."
 )]
 pub struct Cli {
     /// What to do.

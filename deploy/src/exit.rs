@@ -14,6 +14,8 @@ pub enum Exit {
     Failed,
     /// Exit code 2: a check found something that does not work.
     Broken,
+    /// Exit code 3: this computer did not keep up with real time, and what was seen counts for nothing.
+    TooSlow,
 }
 
 impl Exit {

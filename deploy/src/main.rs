@@ -36,6 +36,7 @@ fn main() -> ExitCode {
         Ok(Exit::Success) => ExitCode::SUCCESS,
         Ok(Exit::Failed) => ExitCode::from(1),
         Ok(Exit::Broken) => ExitCode::from(2),
+        Ok(Exit::TooSlow) => ExitCode::from(3),
         Err(error) => {
             eprintln!("alight: {error}");
             ExitCode::from(2)

@@ -18,6 +18,7 @@ use serde::Serialize;
 
 use crate::exit::{CliError, Doing};
 use crate::process::args::ProcessArgs;
+use crate::process::lateness::Lateness;
 use crate::record::flight::recorder::{NodeRecorder, PartHeader};
 
 /// Time between two reports, ns.
@@ -28,6 +29,7 @@ pub struct Life {
     kind: ProcessKind,
     boot: u32,
     step_times: Quantiles,
+    lateness: Lateness,
     steps: u64,
     began_ns: i64,
     next_state_ns: i64,
@@ -44,6 +46,7 @@ impl Life {
             kind,
             boot,
             step_times: Quantiles::default(),
+            lateness: Lateness::of(kind, began_ns),
             steps: 0,
             began_ns,
             next_state_ns: began_ns,
@@ -61,6 +64,7 @@ impl Life {
             self.step_times.add(time_s);
         }
         self.steps += 1;
+        self.lateness.step(steady_ns());
     }
     /// Whether the process was asked to end.
     pub fn ended(&self) -> bool {
@@ -74,6 +78,11 @@ impl Life {
         }
         self.next_state_ns = now + STATE_PERIOD_NS;
         let (cpu_s, resident_bytes) = usage();
+        let mut metrics = self.metrics;
+        for late in self.lateness.metrics() {
+            // A process has fewer metrics than there is place for.
+            let _full = metrics.push(late);
+        }
         Some(ProcessState {
             kind: self.kind,
             pid: std::process::id(),
@@ -86,7 +95,7 @@ impl Life {
             step_p50_s: self.step_times.quantile(0.5),
             step_p99_s: self.step_times.quantile(0.99),
             unsent,
-            metrics: self.metrics,
+            metrics,
             inputs: Seq::filled(inputs()),
             flows: Seq::new(),
         })

@@ -6,6 +6,7 @@ pub mod flight;
 pub mod instance;
 pub mod journal;
 pub mod keeper;
+pub mod lateness;
 pub mod life;
 pub mod local_command;
 pub mod metrics;

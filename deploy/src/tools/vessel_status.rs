@@ -12,6 +12,7 @@ use serde_json::json;
 use crate::certificates::RENEWAL_DAYS;
 use crate::config::VesselComputer;
 use crate::exit::{CliError, Exit};
+use crate::process::lateness;
 use crate::process::snapshot::time;
 use crate::process::supervisor::pause;
 use crate::terminal;
@@ -113,6 +114,7 @@ pub fn judge(status: &VesselStatus, now_ns: i64) -> Vec<Finding> {
         )
     }));
     all.extend(recorder(status));
+    all.extend(late(status));
     all.extend(strange_datagrams(status));
     for s in &status.sources {
         all.push(source(s));
@@ -153,6 +155,12 @@ fn recorder(status: &VesselStatus) -> Option<Finding> {
             "the process goes on without; its journal names file and error: free space, or make it writable",
         )
     })
+}
+
+/// A computer that does not keep up.
+fn late(status: &VesselStatus) -> Option<Finding> {
+    let found = status.process.late.clone()?;
+    Some(Topic("computer").warning(found, lateness::REMEDY))
 }
 
 fn certificate(c: &CertificateStatus) -> Finding {
@@ -490,6 +498,11 @@ mod tests {
                 "deck",
             ),
             (&|w| w.process.unrecorded = 9, Level::Warning, "recorder"),
+            (
+                &|w| w.process.late = Some("late".into()),
+                Level::Warning,
+                "computer",
+            ),
             (
                 &|w| w.edited = Some("edited".into()),
                 Level::Warning,

@@ -21,6 +21,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::certificates;
 use crate::config::VesselComputer;
+use crate::process::lateness;
 use crate::vessel::sensor_supervisor::{SensorSupervisor, SourceReport};
 
 /// Directory of the installed service.
@@ -200,7 +201,7 @@ impl SourceHealth {
 }
 
 /// The process.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ProcessStatus {
     /// Its number.
     pub pid: u32,
@@ -222,6 +223,9 @@ pub struct ProcessStatus {
     pub dropped: u64,
     /// Steps that are not recorded because the disk refused or was too slow.
     pub unrecorded: u64,
+    /// What is to be said of missed deadlines.
+    #[serde(default)]
+    pub late: Option<String>,
     /// Datagrams at its sensors' port that were no measurements.
     #[serde(default)]
     pub datagrams_rejected: u64,
@@ -491,6 +495,7 @@ impl StatusFile {
                 sent_bytes: process.count(MetricName::BytesSent),
                 dropped: process.count(MetricName::PacketsDropped),
                 unrecorded: process.count(MetricName::StepsUnrecorded),
+                late: lateness::finding(process),
                 datagrams_rejected: process.count(MetricName::SensorDatagramsRejected),
             },
             listen: computer.radio.listen.clone(),

@@ -246,6 +246,27 @@ fn killed_and_frozen_processes_and_an_interrupt() {
 }
 
 #[test]
+fn world_that_falls_behind_real_time() {
+    let name = instance("slow");
+    let child = land(&name, "--warm-up 600 --link clean");
+    let seen = running(&name);
+    let world = pid(&seen, "world").expect("it runs");
+    signal(world, "-STOP");
+    std::thread::sleep(Duration::from_millis(1500));
+    signal(world, "-CONT");
+    let out = child.output();
+    assert_eq!(out.status.code(), Some(3), "{}", errors(&out));
+    assert!(
+        errors(&out).contains("this computer was too slow"),
+        "{}",
+        errors(&out)
+    );
+    let behind_s = outcome(&out)["too-slow"]["behind_s"].as_f64();
+    assert!(behind_s.is_some_and(|s| s > 1.0), "{}", printed(&out));
+    assert_gone(&name, &pids(&seen));
+}
+
+#[test]
 fn processes_of_a_killed_supervisor() {
     let name = instance("orphans");
     let mut child = land(&name, "--warm-up 600");

@@ -92,6 +92,9 @@ names! {
     ImagesDropped: "images dropped",
     // Of every process that records.
     StepsUnrecorded: "steps not recorded",
+    // Of every process that steps on time.
+    LongestStep: "longest time between steps",
+    LateSteps: "late steps",
 }
 
 /// The value of a metric, with its unit.

@@ -57,6 +57,7 @@ use crate::odometry::origin::FrameEpoch;
 use battery::BatteryMonitor;
 use checkpoint::{Beginning, Begun};
 use height::{HeightWitnesses, Surface};
+use odds::Odds;
 use outlook::Outlook;
 use phase::{MissionPhase, Progress, gave_up};
 use place::Place;
@@ -138,6 +139,8 @@ pub struct Mission {
     waiting: Waiting,
     tilt: TiltMonitor,
     swing: SwingMonitor,
+    /// By the newest forecast: whether a landed drone stays, and how likely a landing succeeds.
+    judged: Option<(Time<DroneClock>, Staying, Option<Odds>)>,
     battery: BatteryMonitor,
     /// Flies over the deck at its speed: the wind now is the wind on the deck.
     follows: bool,
@@ -254,8 +257,24 @@ impl Mission {
         self.see_surface(now, &input.ranges);
     }
 
-    /// How likely a landing from here succeeds, and above which probability waiting on is not worth it.
+    /// How likely a landing from here succeeds, and above which probability waiting on is not worth it: anew with each
+    /// forecast.
     fn judge(&mut self, now: Time<DroneClock>, s: &mut Situation) {
+        let forecast_at = self.forecast.get().map(|f| f.header.at);
+        match self.judged {
+            Some((at, staying, odds)) if Some(at) == forecast_at => {
+                s.staying = staying;
+                s.odds = odds.filter(|_| s.fresh_deck().is_some());
+            }
+            Some(_) | None => self.judge_anew(now, s),
+        }
+        self.judged = forecast_at.map(|at| (at, s.staying, s.odds));
+        if let Some(odds) = s.odds.filter(|_| self.phase.state().phase() == Phase::Follow) {
+            self.waiting.update(now, odds.whole());
+        }
+        s.worth_waiting = self.waiting.threshold(self.config.waiting_cost_per_s());
+    }
+    fn judge_anew(&self, now: Time<DroneClock>, s: &mut Situation) {
         let (plate, drone) = (&self.deck_geometry, &self.drone_geometry);
         let edge = |side_m: f64, span_m: f64| 0.5 * (side_m - span_m);
         let stand = Stand {
@@ -277,10 +296,6 @@ impl Mission {
             response: self.set_point.get().map(|s| s.response).unwrap_or_default(),
         };
         s.odds = outlook.odds(now);
-        if let Some(odds) = s.odds.filter(|_| self.phase.state().phase() == Phase::Follow) {
-            self.waiting.update(now, odds.whole());
-        }
-        s.worth_waiting = self.waiting.threshold(self.config.waiting_cost_per_s());
     }
 
     /// The speed made good on the way to the deck.

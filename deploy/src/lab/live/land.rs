@@ -169,7 +169,16 @@ struct Ending {
 impl Ending {
     fn show(self, args: &LandArgs) -> Result<Exit, CliError> {
         let report = format!("{}{}", self.usage, self.report.text());
-        let WorldReport::Landed(landed) = self.result;
+        let landed = match self.result {
+            WorldReport::Landed(landed) => landed,
+            WorldReport::TooSlow(too_slow) => {
+                eprintln!("alight: {too_slow}");
+                if args.json {
+                    terminal::json(&WorldReport::TooSlow(too_slow))?;
+                }
+                return Ok(Exit::TooSlow);
+            }
+        };
         let outcome = landed.outcome;
         let exit = Exit::of(outcome.success);
         if args.json {

@@ -2,6 +2,7 @@
 //! camera and rangefinder. Speaks to the other processes only as real ones would, and to its
 //! supervisor by lines on standard output.
 
+use std::fmt;
 use std::time::Duration;
 
 use alight_shared::config;
@@ -41,6 +42,41 @@ pub const CONTACT: &str = "world: first contact";
 pub enum WorldReport {
     /// How it ended, judged from the truth.
     Landed(Box<Landed>),
+    /// It ended because this computer did not keep up with it.
+    TooSlow(TooSlow),
+}
+
+/// The simulated world fell behind real time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TooSlow {
+    /// By so much, s.
+    pub behind_s: f64,
+    /// So long after the start, negative in the warm-up, s.
+    pub t_s: f64,
+}
+
+impl TooSlow {
+    /// Further behind than this, s, every link of the system has timed out: an autopilot waits for set-points for 0.5 to 1 s.
+    const BEHIND_S: f64 = 1.0;
+
+    /// Whether a tick that is `late_s` late at `t_s` ends the world.
+    fn of(late_s: f64, t_s: f64) -> Option<TooSlow> {
+        (late_s > Self::BEHIND_S).then_some(TooSlow {
+            behind_s: late_s,
+            t_s,
+        })
+    }
+}
+
+impl fmt::Display for TooSlow {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "this computer was too slow: at {:.1} s the simulated world was {:.1} s behind real time, and what was \
+             seen counts for nothing; end other work on this computer, or take a faster one",
+            self.t_s, self.behind_s
+        )
+    }
 }
 
 /// An outcome and what the report beside it takes from the truth.
@@ -128,6 +164,12 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         let late_s = -early.secs();
         latest_s = latest_s.max(late_s);
         late_ticks += u32::from(late_s > TICK.secs());
+        if let Some(too_slow) = TooSlow::of(late_s, physics.time_since_start().secs()) {
+            terminal::line(
+                serde_json::to_string(&WorldReport::TooSlow(too_slow)).doing("writing the outcome")?,
+            );
+            return Ok(Exit::TooSlow);
+        }
         let before = steady_ns();
 
         plant.place(&mut physics);

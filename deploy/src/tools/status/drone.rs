@@ -9,8 +9,8 @@ use alight_shared::transport::process::ProcessKind;
 use alight_uav::autopilot::config::DisarmConfig;
 
 use super::page::Page;
-use crate::process::metrics;
 use crate::process::snapshot::{Snapshot, time};
+use crate::process::{lateness, metrics};
 use crate::tools::check::finding::Level;
 
 /// A vessel's estimate older than this is a warning, s: above the limit of go and no-go.
@@ -149,6 +149,17 @@ fn alarms(page: &mut Page, snapshot: &Snapshot, disarm: &DisarmConfig, silent: &
         let names: Vec<&str> = silent.iter().map(|kind| kind.name()).collect();
         let text = format!("no report of {}", names.join(", "));
         page.alarm(Level::Broken, text.clone(), text);
+    }
+    for (kind, text) in snapshot
+        .processes
+        .values()
+        .filter_map(|p| Some((p.kind, lateness::finding(p)?)))
+    {
+        page.alarm(
+            Level::Warning,
+            format!("{} late", kind.name()),
+            format!("{text}; {}", lateness::REMEDY),
+        );
     }
     if let Some(a) = &snapshot.autopilot
         && a.rejection.code != ReasonCode::None

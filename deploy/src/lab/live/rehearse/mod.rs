@@ -33,7 +33,7 @@ use self::lines::SensorFeed;
 use self::list::{CheckList, Row};
 use self::services::{Service, command};
 use crate::exit::{CliError, Doing, Exit};
-use crate::lab::live::world::{Landed, WorldReport};
+use crate::lab::live::world::{Landed, TooSlow, WorldReport};
 use crate::process::instance::is_running;
 use crate::process::life::end_with_supervisor;
 use crate::process::observer::Observer;
@@ -63,6 +63,8 @@ enum Waited {
     Met,
     TooLong,
     Stopped,
+    /// This computer did not keep up with the simulated world.
+    TooSlow,
 }
 
 /// The JSON object at the end.
@@ -102,6 +104,13 @@ pub fn run(args: &RehearseArgs) -> Result<Exit, CliError> {
     );
     let mut rehearsal = Rehearsal::begin(args, plan)?;
     let whole = rehearsal.run(&mut list)?;
+    if let Some(too_slow) = rehearsal.too_slow {
+        eprintln!("alight: {too_slow}");
+        if args.json {
+            terminal::json(&WorldReport::TooSlow(too_slow))?;
+        }
+        return Ok(Exit::TooSlow);
+    }
     if whole == Waited::Stopped {
         eprintln!("stopped");
         return Ok(Exit::Failed);
@@ -137,6 +146,7 @@ struct Rehearsal<'a> {
     commanded_ns: i64,
     armed: Option<bool>,
     landed: Option<Landed>,
+    too_slow: Option<TooSlow>,
     /// The vessel's service was killed at this time, ns, and was ready again after so long, s.
     killed_ns: Option<i64>,
     back_s: Option<f64>,
@@ -162,6 +172,7 @@ impl<'a> Rehearsal<'a> {
             commanded_ns: 0,
             armed: None,
             landed: None,
+            too_slow: None,
             killed_ns: None,
             back_s: None,
             plan,
@@ -186,23 +197,29 @@ impl<'a> Rehearsal<'a> {
         Ok(Waited::Met)
     }
 
-    /// One look at everything.
-    fn look(&mut self, list: &CheckList) -> Result<(), CliError> {
+    /// Takes the world's report.
+    fn receive_report(&mut self) {
         for line in self.world.output() {
-            if let Ok(WorldReport::Landed(landed)) = serde_json::from_str(&line) {
-                self.landed = Some(*landed);
+            match serde_json::from_str(&line) {
+                Ok(WorldReport::Landed(landed)) => self.landed = Some(*landed),
+                Ok(WorldReport::TooSlow(too_slow)) => self.too_slow = Some(too_slow),
+                Err(_) => {}
             }
         }
-        if !self.world.poll() && self.landed.is_none() {
+    }
+    fn has_verdict(&self) -> bool {
+        self.landed.is_some() || self.too_slow.is_some()
+    }
+    /// One look at everything.
+    fn look(&mut self, list: &CheckList) -> Result<(), CliError> {
+        self.receive_report();
+        if !self.world.poll() && !self.has_verdict() {
             // Its last line may still be under way.
             pause(10 * POLL);
-            let last = self.world.output().join("\n");
-            match serde_json::from_str(&last) {
-                Ok(WorldReport::Landed(landed)) => self.landed = Some(*landed),
-                Err(_) => {
-                    let why = self.world.complaints();
-                    return Err(CliError(format!("the simulated world ended: {why}")));
-                }
+            self.receive_report();
+            if !self.has_verdict() {
+                let why = self.world.complaints();
+                return Err(CliError(format!("the simulated world ended: {why}")));
             }
         }
         for service in [&mut self.vessel, &mut self.drone].into_iter().flatten() {
@@ -251,6 +268,9 @@ impl<'a> Rehearsal<'a> {
                 return Ok(Waited::Stopped);
             }
             self.look(list)?;
+            if self.too_slow.is_some() {
+                return Ok(Waited::TooSlow);
+            }
             if met(self) {
                 return Ok(Waited::Met);
             }
@@ -302,7 +322,7 @@ impl<'a> Rehearsal<'a> {
         let mut ended = |_: &mut Self| !matches!(child.try_wait(), Ok(None));
         match self.until(list, READY_S, &mut ended)? {
             Waited::Met => child.wait_with_output().doing(doing).map(Some),
-            Waited::TooLong | Waited::Stopped => {
+            Waited::TooLong | Waited::Stopped | Waited::TooSlow => {
                 let _gone = child.kill().and_then(|()| child.wait());
                 Ok(None)
             }
@@ -349,7 +369,7 @@ impl<'a> Rehearsal<'a> {
         let first = self.vessel_status();
         let left_s = (-self.world_s()).max(0.0) + KNOWN_S;
         let waited = self.until(list, left_s, |r| r.world_s() >= 0.0 && r.is_known())?;
-        if waited == Waited::Stopped {
+        if matches!(waited, Waited::Stopped | Waited::TooSlow) {
             return Ok(waited);
         }
         self.show_sources(list, first, self.vessel_status());
@@ -482,7 +502,7 @@ impl<'a> Rehearsal<'a> {
             r.restart();
             r.landed.is_some()
         })?;
-        if waited == Waited::Stopped {
+        if matches!(waited, Waited::Stopped | Waited::TooSlow) {
             return Ok(waited);
         }
         self.show_vision(list);
