@@ -248,11 +248,11 @@ fn killed_and_frozen_processes_and_an_interrupt() {
 #[test]
 fn world_that_falls_behind_real_time() {
     let name = instance("slow");
-    let child = land(&name, "--warm-up 600 --link clean");
+    let child = land(&name, "--warm-up 1 --link clean");
     let seen = running(&name);
     let world = pid(&seen, "world").expect("it runs");
     signal(world, "-STOP");
-    std::thread::sleep(Duration::from_millis(1500));
+    std::thread::sleep(Duration::from_millis(2500));
     signal(world, "-CONT");
     let out = child.output();
     assert_eq!(out.status.code(), Some(3), "{}", errors(&out));

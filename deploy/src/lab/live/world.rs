@@ -59,9 +59,11 @@ impl TooSlow {
     /// Further behind than this, s, every link of the system has timed out: an autopilot waits for set-points for 0.5 to 1 s.
     const BEHIND_S: f64 = 1.0;
 
-    /// Whether a tick that is `late_s` late at `t_s` ends the world.
+    /// Whether a tick that is `late_s` late at `t_s` ends the world. What is made up for in the warm-up, as where a firmware
+    /// connects, harms nobody.
     fn of(late_s: f64, t_s: f64) -> Option<TooSlow> {
-        (late_s > Self::BEHIND_S).then_some(TooSlow {
+        let commanded = t_s + late_s >= 0.0;
+        (commanded && late_s > Self::BEHIND_S).then_some(TooSlow {
             behind_s: late_s,
             t_s,
         })
