@@ -1,18 +1,21 @@
 //! The command line.
 
+use std::path::PathBuf;
+
 use alight_shared::transport::process::ProcessKind;
 use clap::builder::StyledStr;
 use clap::{Command as Clap, CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap_complete::Shell;
 
 use crate::drone::{autopilot, bridge, camera, mission, pilot, planner, predictor};
-use crate::exit::{CliError, Exit};
+use crate::exit::{CliError, Doing, Exit};
 #[cfg(feature = "lab")]
 use crate::lab;
 use crate::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, SensorsArgs, ServiceArgs};
 use crate::process::shell;
 use crate::record::replay::ForeignLaw;
 use crate::tools::{calibrate, check, command, config, estimate, flights, keys, replay, status, tag, view};
-use crate::{drone, vessel};
+use crate::{drone, terminal, vessel};
 
 /// Lands a multirotor on the deck of a small boat that moves and rocks in waves.
 #[derive(Parser, Debug)]
@@ -20,7 +23,7 @@ use crate::{drone, vessel};
     version,
     about,
     arg_required_else_help = true,
-    max_term_width = 100,
+    max_term_width = 80,
     subcommand_value_name = "COMMAND"
 )]
 #[command(
@@ -55,6 +58,7 @@ const GROUPS: [(&str, &[&str]); 3] = [
             "tag",
             "vessel",
             "drone",
+            "completions",
         ],
     ),
     ("Operate", &["status", "view", "command", "flights", "replay"]),
@@ -157,6 +161,17 @@ pub enum Command {
     Tag(tag::TagArgs),
     /// Measure what the configuration of this vessel and this drone needs.
     Calibrate(calibrate::CalibrateArgs),
+    /// Print what completes these commands in a shell: source it from the shell's start-up file.
+    Completions {
+        /// Which shell.
+        shell: Shell,
+    },
+    /// Write manual pages for man(1) into a directory.
+    #[command(hide = true)]
+    Manual {
+        /// The directory, which exists.
+        directory: PathBuf,
+    },
 }
 
 /// The law of a recorded planner that the drone does not carry: a baseline, which only the laboratory has.
@@ -196,6 +211,17 @@ impl Command {
             Command::Check(a) => check::run(a),
             Command::Tag(a) => tag::run(a),
             Command::Calibrate(a) => calibrate::run(a),
+            Command::Completions { shell } => {
+                let mut script = Vec::new();
+                clap_complete::generate(*shell, &mut Cli::command(), "alight", &mut script);
+                terminal::line(String::from_utf8_lossy(&script).trim_end());
+                Ok(Exit::Success)
+            }
+            Command::Manual { directory } => {
+                let doing = format_args!("writing manual pages to {}", directory.display());
+                clap_mangen::generate_to(Cli::command(), directory).doing(doing)?;
+                Ok(Exit::Success)
+            }
         }
     }
 }
