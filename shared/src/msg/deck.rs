@@ -131,6 +131,14 @@ impl DeckStage {
         let q = nalgebra::UnitQuaternion::from_euler_angles(r, p, y);
         q * -Vector3::z()
     }
+    /// Height of `point` (NED, m) over the deck's plane, along its normal, m.
+    pub fn height_of(&self, point: &Vector3<f64>) -> f64 {
+        (point - Vector3::from(self.position)).dot(&self.normal())
+    }
+    /// Speed of `velocity` (NED, m/s) away from the deck, along its normal, m/s.
+    pub fn speed_away(&self, velocity: &Vector3<f64>) -> f64 {
+        (velocity - Vector3::from(self.velocity)).dot(&self.normal())
+    }
     /// Rotation matrix NED from deck.
     pub fn rotation(&self) -> Matrix3<f64> {
         let [r, p, y] = self.euler;

@@ -84,10 +84,9 @@ impl AutopilotLink {
             .state
             .filter(|s| now - s.header.at <= topics::DRONE_STATE.stale_after)?;
         let deck = self.deck(now)?;
-        let (up, apart) = (deck.normal(), state.position() - Vector3::from(deck.position));
-        let velocity = state.velocity() - Vector3::from(deck.velocity);
-        let height = up.dot(&apart) - self.geometry.feet_below_m;
-        Some((height, velocity.norm(), up.dot(&velocity)))
+        let height = deck.height_of(&state.position()) - self.geometry.feet_below_m;
+        let speed = (state.velocity() - Vector3::from(deck.velocity)).norm();
+        Some((height, speed, deck.speed_away(&state.velocity())))
     }
     /// The deck may carry the drone: the hover thrust cannot be learned.
     pub(super) fn may_touch(&self, now: DroneTime) -> bool {

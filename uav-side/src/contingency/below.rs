@@ -65,14 +65,12 @@ impl DeckBelow {
         drone: &DroneGeometry,
     ) -> Option<DeckBelow> {
         let stage = forecast.at(now.max(forecast.header.at))?;
-        let up = stage.normal();
-        let r = body.position - Vector3::from(stage.position);
         let rises = forecast.stages.iter().map(|s| stage.position[2] - s.position[2]);
         Some(DeckBelow {
             stage,
             around: forecast.surroundings,
-            clearance: up.dot(&r) - drone.feet_below_m,
-            normal_speed: up.dot(&(body.velocity - Vector3::from(stage.velocity))),
+            clearance: stage.height_of(&body.position) - drone.feet_below_m,
+            normal_speed: stage.speed_away(&body.velocity),
             rises: rises.fold(0.0, f64::max),
         })
     }

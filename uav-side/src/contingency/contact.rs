@@ -90,7 +90,7 @@ impl Ends {
                 tilt_rad: 0.0,
             });
         Some(Ends {
-            rests: (here.normal().dot(&aside) - drone.feet_below_m).abs() < AT_REST_M,
+            rests: (here.height_of(position) - drone.feet_below_m).abs() < AT_REST_M,
             landing,
             climb: prediction.contact(End::Climb),
         })

@@ -242,7 +242,7 @@ impl Deck {
         let v = own.velocity - Vector3::from(here.velocity);
         let feet = here.rotation().transpose() * (r + attitude * (Vector3::z() * drone.feet_below_m));
 
-        let clearance_m = r.dot(&here.normal()) - drone.feet_below_m;
+        let clearance_m = here.height_of(&own.position) - drone.feet_below_m;
         let [speed_mps, heave_mps, tilt_rad] = greatest_motion(forecast, start);
         let horizontal = |s: &DeckStage| Vector2::new(s.velocity[0], s.velocity[1]);
         let course: Vector2<f64> = forecast.stages.iter().map(horizontal).sum();
@@ -265,7 +265,7 @@ impl Deck {
             } else {
                 forecast.vision_age_s.min(forecast.radio_age_s)
             },
-            sinking_mps: -v.dot(&here.normal()),
+            sinking_mps: -here.speed_away(&own.velocity),
             speed_mps,
             heave_mps,
             tilt_rad,

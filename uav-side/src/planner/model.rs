@@ -231,8 +231,7 @@ pub fn angular_velocity(d: &DeckStage) -> Vector3<f64> {
 /// Height of the foot plane of a body at `p` with upward axis `up` over the deck plane, along the
 /// deck's normal, m.
 pub fn clearance(p: &Vector3<f64>, up: &Vector3<f64>, deck: &DeckStage, feet_below_m: f64) -> f64 {
-    let feet = p - up * feet_below_m;
-    (feet - Vector3::from(deck.position)).dot(&deck.normal())
+    deck.height_of(&(p - up * feet_below_m))
 }
 
 /// Odometry as a state of the model: tilt and rates about north and east.
