@@ -1,13 +1,13 @@
 //! An operator's command from ashore: through the vessel, to one drone, with a receipt.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::time::Duration;
 
 use alight_shared::config::{Check, Keys};
 use alight_shared::msg::{
-    Charge, CommandKind, CommandProgress, CommandReceipt, DroneStatus, Header, MESSAGE_VERSION,
-    OperatorCommand, still_armed,
+    Charge, CommandKind, CommandProgress, CommandReceipt, DECK_CLOSED, DeckGrant, DroneStatus, Header,
+    MESSAGE_VERSION, OperatorCommand, still_armed,
 };
 use alight_shared::time::{Time, VesselClock};
 use alight_shared::transport::radio::{Publication, Radio, RadioConfig, Urgency};
@@ -42,9 +42,12 @@ struct Ashore {
     contact: bool,
     /// What the vessel reports of this order.
     receipt: Option<CommandProgress>,
-    /// Number of the drone, once it is known: named, or the only one that the vessel receives.
+    /// Number of the drone, once it is known: named, or the only one that the vessel knows.
     number: Option<u32>,
+    /// Drones that the vessel receives.
     drones: BTreeMap<u32, DroneStatus>,
+    /// Drones that have its deck or a place to wait for it, silent or not.
+    reserved: BTreeSet<u32>,
     /// Looks since the first message of the vessel.
     looks: u32,
     sent: u32,
@@ -68,26 +71,39 @@ impl Ashore {
             self.drones.insert(drone, status);
         }
     }
+    fn receive_grant(&mut self, grant: &DeckGrant<VesselClock>) {
+        if grant.header.version == MESSAGE_VERSION {
+            let named = |n: &u32| *n != 0 && *n != DECK_CLOSED;
+            self.reserved = grant
+                .places
+                .into_iter()
+                .chain([grant.owner])
+                .filter(named)
+                .collect();
+        }
+    }
     fn drone(&self) -> Option<&DroneStatus> {
         self.drones.get(&self.number?)
     }
-    /// Which drone is meant where none was named: the only one that the vessel receives, once each had the time to report.
-    /// None: not known yet.
+    /// Which drone is meant where none was named: the only one that the vessel receives or keeps the deck for, once each had
+    /// the time to report. None: not known yet.
     fn choose(&mut self) -> Result<(), CliError> {
         self.looks += u32::from(self.contact);
         if self.number.is_some() || self.looks < POLLS_ALL_REPORT {
             return Ok(());
         }
-        match self.drones.len() {
+        let known: BTreeSet<u32> = self.drones.keys().chain(&self.reserved).copied().collect();
+        match known.len() {
             0 => {}
-            1 => self.name(self.drones.keys().next().copied()),
+            1 => self.name(known.first().copied()),
             _ => {
-                let state = |(id, s): (&u32, &DroneStatus)| {
-                    format!("  --drone {id}   {}: {}", s.state.name(), s.entered)
+                let state = |id: &u32| match self.drones.get(id) {
+                    Some(s) => format!("  --drone {id}   {}: {}", s.state.name(), s.entered),
+                    None => format!("  --drone {id}   silent; the deck is kept for it"),
                 };
-                let list: Vec<String> = self.drones.iter().map(state).collect();
+                let list: Vec<String> = known.iter().map(state).collect();
                 return Err(CliError(format!(
-                    "nothing is commanded: the vessel receives {} drones, name one of them:\n{}",
+                    "nothing is commanded: the vessel knows {} drones, name one of them:\n{}",
                     list.len(),
                     list.join("\n")
                 )));
@@ -218,6 +234,7 @@ pub fn run(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliE
         receipt: None,
         number: args.drone,
         drones: BTreeMap::new(),
+        reserved: BTreeSet::new(),
         looks: 0,
         sent: 0,
     };
@@ -241,7 +258,9 @@ pub fn run(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliE
                 1 => wire::decode(&packet.bytes)
                     .into_iter()
                     .for_each(|r| ashore.receive_receipt(&r)),
-                _ => {}
+                _ => wire::decode(&packet.bytes)
+                    .into_iter()
+                    .for_each(|g| ashore.receive_grant(&g)),
             }
             next = radio.receive(Duration::ZERO);
         }
@@ -299,6 +318,7 @@ mod tests {
             receipt: None,
             number: Some(3),
             drones: BTreeMap::new(),
+            reserved: BTreeSet::new(),
             looks: 0,
             sent: 0,
         }
@@ -384,6 +404,33 @@ mod tests {
         // None: nobody is commanded by a guess.
         let (mut none, chosen) = unnamed(&[], MAX_POLLS_ASHORE);
         assert!(chosen.is_ok() && (0..MAX_POLLS_ASHORE).all(|k| !none.is_due(k)));
+    }
+
+    #[test]
+    fn command_to_a_silent_drone_that_has_the_deck() {
+        let grant = |owner, first| {
+            let mut grant = DeckGrant {
+                header: Header::new(1, 0, 9, 1, Time::EPOCH),
+                owner,
+                ..DeckGrant::default()
+            };
+            grant.places[0] = first;
+            grant
+        };
+        let after = |drones: &[u32], grant: DeckGrant<VesselClock>| {
+            let (mut terminal, _) = unnamed(drones, 0);
+            terminal.receive_grant(&grant);
+            let chosen = (0..POLLS_ALL_REPORT).try_for_each(|_| terminal.choose());
+            chosen.map(|()| terminal.number)
+        };
+        assert_eq!(after(&[], grant(2, 0)).unwrap(), Some(2));
+        assert_eq!(after(&[2], grant(2, 2)).unwrap(), Some(2));
+        assert_eq!(after(&[], grant(DECK_CLOSED, 0)).unwrap(), None);
+        let why = after(&[3], grant(2, 3)).unwrap_err().0;
+        assert!(
+            why.contains("--drone 2   silent") && why.contains("--drone 3   Tracking"),
+            "{why}"
+        );
     }
 
     #[test]
