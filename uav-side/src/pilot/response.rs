@@ -19,7 +19,6 @@
 //! axes, so they share it. An equation error does not mistake a swing of the loop for a slow response, as a fit without dead
 //! time did: it then amplified its commands, which fed the swing.
 
-use alight_shared::estimation::low_pass_gain;
 use alight_shared::msg::{AttitudeResponse, DroneState};
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
@@ -284,6 +283,7 @@ fn integrate(window: &mut Window, last: &DroneState, drone: &DroneState, dt: f64
 mod tests {
     use super::*;
     use crate::fixtures::header;
+    use alight_shared::estimation::low_pass_gain;
 
     /// A drone's two axes: PX4's loop, or ArduCopter's shaping before it.
     struct Axes {

@@ -19,6 +19,7 @@ use alight_shared::topics;
 
 use serde::{Deserialize, Serialize};
 
+use crate::contingency::HARD_MPS;
 use crate::range_witness::{RangeWitness, disagree};
 
 type DroneTime = Time<DroneClock>;

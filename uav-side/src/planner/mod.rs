@@ -34,7 +34,7 @@ use alight_shared::admission::Latest;
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    DeckForecast, DroneState, Header, LandingMode, MissionState, Phase, Plan, PlanStage, Solve,
+    DeckForecast, DroneState, Header, LandingMode, Message as _, MissionState, Phase, Plan, PlanStage, Solve,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};

@@ -11,7 +11,6 @@ use super::config::Reset;
 use super::law::LandingStart;
 use super::model::{INPUTS, State, measured_state, state};
 use super::mpc_faa::{Mpc, Solution};
-use super::rule;
 
 /// A plan as the solver left it: exact at any time, not only at its stages.
 #[derive(Clone, Debug)]
@@ -80,7 +79,7 @@ pub(super) fn start(
     let wind = wind / GRAVITY;
     measured[state::PHI] += wind.y;
     measured[state::THETA] -= wind.x;
-    if let Some(previous) = previous.filter(|p| rule(reset.age_s).is_fresh(now, p.at)) {
+    if let Some(previous) = previous.filter(|p| (now - p.at).secs() <= reset.age_s) {
         let (then, _) = previous.sample(drone.header.at, mpc); // compared at the odometry's time
         let gap: State = core::array::from_fn(|i| measured[i] - then[i]);
         let near = gap[state::NORTH].hypot(gap[state::EAST]) <= reset.horizontal_m
