@@ -462,7 +462,7 @@ mod tests {
             name: "vessel-1".into(),
             days_left,
         };
-        let cases: [(Change<'_>, Level, &str); 25] = [
+        let cases: [(Change<'_>, Level, &str); 26] = [
             (&|w| w.deck.closed = Some(Closure::Crew), Level::Warning, "deck"),
             (&|w| w.deck.closed = Some(Closure::Sensor), Level::Warning, "deck"),
             (

@@ -115,7 +115,9 @@ impl Gaussian {
     }
     /// Every number is finite.
     pub fn is_finite(&self) -> bool {
-        self.x.iter().chain(self.p.iter()).all(|v| v.is_finite())
+        // All of them, not until the first: so the processor takes eight at a time.
+        let all = |values: &[f64]| values.iter().fold(true, |ok, v| ok & v.is_finite());
+        all(self.x.as_slice()) & all(self.p.as_slice())
     }
 
     /// Propagates the mean only: `x <- A x`.

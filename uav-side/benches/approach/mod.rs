@@ -211,7 +211,6 @@ impl Approach {
                 ..MissionState::default()
             }),
             drone: Some(drone),
-            autopilot: None,
         };
         let plan = step(now, &input);
         self.follower.end_tick(plan);

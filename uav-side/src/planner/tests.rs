@@ -1,7 +1,7 @@
 //! The planner in a closed loop, its solver against a dense one, and bad input.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::{AutopilotState, DeckStage, Header, State as Mode};
+use alight_shared::msg::{DeckStage, Header, State as Mode};
 use alight_shared::surroundings::{KeepOut, Surroundings};
 use nalgebra::{DMatrix, DVector, SVector, Vector3};
 use proptest::prelude::*;

@@ -1,11 +1,10 @@
 //! The predictor where the frames of vessel and drone begin at different places, and move.
 
-use alight_shared::frames::{DroneNed, Vector, VesselNed};
+use alight_shared::frames::{DroneNed, Vector, VesselNed, body_from_camera};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{DeckForecast, DroneState, Header, TagPose, VesselEstimate, f16};
 use alight_shared::node::Node;
-use alight_uav::predictor::observation::body_from_camera;
 use alight_uav::predictor::{Predictor, PredictorConfig, PredictorIn};
 use nalgebra::{UnitQuaternion, Vector3};
 

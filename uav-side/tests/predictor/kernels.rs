@@ -1,11 +1,12 @@
 //! The filter of one axis and the geometry of vision, against closed forms.
 
+use alight_shared::frames::body_from_camera;
 use alight_shared::msg::{RangeSample, TagPose};
 use alight_shared::time::{DroneClock, Time};
 use alight_uav::predictor::PredictorConfig;
 use alight_uav::predictor::axis::{Axis, AxisNoise, HEAD, MeasurementRow, RATE, Step};
 use alight_uav::predictor::filter::Filter;
-use alight_uav::predictor::observation::{self, Kind, MountRotation, Observation, Plane, body_from_camera};
+use alight_uav::predictor::observation::{self, Kind, MountRotation, Observation, Plane};
 use alight_uav::predictor::track::Pose;
 use alight_uav::predictor::waves::Waves;
 use nalgebra::{UnitQuaternion, Vector3};

@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::rc::Rc;
 
-use alight_shared::frames::wrap_angle;
+use alight_shared::frames::{body_from_camera, wrap_angle};
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
@@ -12,7 +12,6 @@ use alight_shared::msg::{
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Time};
-use alight_uav::predictor::observation::body_from_camera;
 use alight_uav::predictor::{Predictor, PredictorConfig, PredictorIn};
 use nalgebra::{Complex, Rotation3, UnitQuaternion, Vector3};
 use rand_chacha::ChaCha8Rng;
