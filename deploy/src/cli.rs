@@ -75,7 +75,7 @@ impl Cli {
         let cli = Cli::command();
         let line = |name: &&str| {
             let about = cli.find_subcommand(name)?.get_about()?;
-            Some(format!("  {name:<10} {about}\n"))
+            Some(format!("  {name:<11} {about}\n"))
         };
         let group = |(title, names): (&str, &[&str])| {
             let lines: String = names.iter().filter_map(line).collect();
@@ -89,7 +89,11 @@ impl Cli {
         let template = format!(
             "{{about}}\n\n{{usage-heading}} {{usage}}\n\n{groups}Processes that these start:\n  {}\n\n\
              Options:\n{{options}}{{after-help}}",
-            hidden.join(", ")
+            hidden
+                .chunks(6)
+                .map(|c| c.join(", "))
+                .collect::<Vec<_>>()
+                .join(",\n  ")
         );
         cli.help_template(template)
     }
@@ -109,15 +113,15 @@ pub enum Command {
     /// Print a configuration, to start from.
     #[command(subcommand)]
     Config(ConfigCommand),
-    /// Run the vessel's estimator over a recording of a boat and show how well it fits.
+    /// Run the estimator over a boat's recording; show how well it fits.
     Estimate(estimate::EstimateArgs),
-    /// List the flights that this computer recorded, with outcome and figures.
+    /// List the flights that this computer recorded, with outcomes.
     Flights(flights::FlightsArgs),
-    /// Compute a recording or a flight again and check whether every output is bit-identical.
+    /// Compute a flight again: is every output bit-identical?
     Replay(replay::ReplayArgs),
     /// Show what runs: processes, topics, ages, drops, link and mission.
     Status(status::StatusArgs),
-    /// Show what runs to people with a browser or with Foxglove: deck, drone, state, alarms.
+    /// Show what runs in a browser or in Foxglove: deck, drone, alarms.
     View(view::ViewCommand),
     /// Process of the vessel: estimator and broadcast.
     Vessel(ServiceArgs),
@@ -153,15 +157,15 @@ pub enum Command {
     /// Process of the drone: the ultraviolet camera's images, and the markers in them.
     #[command(hide = true)]
     Uvdar(CameraArgs),
-    /// Make a private authority and certificates of vessel and drone; show when they expire.
+    /// Make certificates of vessel and drone; show when they expire.
     Keys(keys::KeysArgs),
     /// Find what keeps this computer from flying, with the remedy.
     Check(check::CheckArgs),
-    /// List the deck's tags, and print them: sheets at true scale and a drawing of the deck.
+    /// List the deck's tags, and print them at true scale.
     Tag(tag::TagArgs),
     /// Measure what the configuration of this vessel and this drone needs.
     Calibrate(calibrate::CalibrateArgs),
-    /// Print what completes these commands in a shell: source it from the shell's start-up file.
+    /// Print what completes these commands in a shell.
     Completions {
         /// Which shell.
         shell: Shell,

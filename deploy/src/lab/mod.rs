@@ -32,12 +32,12 @@ pub enum LabCommand {
     Study(StudyArgs),
     /// Draw in which relative wind and sea a drone lands on a boat.
     Envelope(EnvelopeArgs),
-    /// Print the simulated vessel's response (RAO) in surge, heave and pitch by wave length.
+    /// Print the simulated vessel's response to waves (RAO).
     #[command(alias = "response")]
     Rao(RaoArgs),
-    /// Land once in real time: all processes of vessel and drone, simulated vehicles.
+    /// Land once in real time: all processes, on simulated vehicles.
     Land(Box<LandArgs>),
-    /// Rehearse an installation: what the packages install, on simulated vehicles.
+    /// Rehearse an installation on simulated vehicles.
     Rehearse(Box<RehearseArgs>),
     /// The former name of `land --trials N`.
     #[command(hide = true)]
@@ -48,7 +48,7 @@ pub enum LabCommand {
     #[command(hide = true)]
     /// Process of the simulation: both vehicles, in real time.
     World(WorldArgs),
-    /// Emulate a bad link between two network namespaces of this computer (needs root).
+    /// Emulate a bad link between two network namespaces (needs root).
     Link(LinkArgs),
 }
 

@@ -122,8 +122,8 @@ fn help_on_first_commands() {
     let text = stdout(&o);
     assert!(text.contains("alight trial") && text.contains("Exit codes"));
     assert!(
-        text.lines().all(|l| l.chars().count() <= 100),
-        "wider than 100 columns"
+        text.lines().all(|l| l.chars().count() <= 80),
+        "wider than 80 columns"
     );
 }
 
