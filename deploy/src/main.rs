@@ -38,7 +38,7 @@ fn main() -> ExitCode {
         Ok(Exit::Broken) => ExitCode::from(2),
         Ok(Exit::TooSlow) => ExitCode::from(3),
         Err(error) => {
-            eprintln!("alight: {error}");
+            terminal::note(true, format_args!("alight: {error}"));
             ExitCode::from(2)
         }
     }

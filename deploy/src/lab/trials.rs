@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use alight_shared::transport::wake::end_requested;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::trial::{Watch, fly};
@@ -67,6 +68,10 @@ pub fn seeds(seed0: u64, n: u32) -> Result<Vec<u64>, CliError> {
 /// Flies and sums up.
 pub fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
     let scene = Scene::of(&args.scene)?;
+    // The first question puts the handler in place: a signal from here on ends the study with what was flown.
+    if end_requested() {
+        return Ok(Exit::Failed);
+    }
     let seeds = seeds(args.seed0, args.trials)?;
     let rows = args.rows.as_deref().map(rows_writer).transpose()?;
     let motion = scene.scenario.deck_motion.as_ref();
@@ -79,13 +84,28 @@ pub fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
         // Beyond its end it starts over.
         Some(start % recording_s.unwrap_or(f64::INFINITY))
     };
-    let outcomes = in_parallel(args.jobs, "landings", &seeds, |seed| {
+    let flown = in_parallel(args.jobs, "landings", &seeds, |seed| {
+        if end_requested() {
+            return Ok(None);
+        }
         let mut scenario = scene.scenario.clone();
         if let (Some(start_s), Some(motion)) = (motion_start(*seed), scenario.deck_motion.as_mut()) {
             motion.start_s = start_s;
         }
-        fly_seed(&scenario, &scene.nodes, *seed, &scene.sea)
+        fly_seed(&scenario, &scene.nodes, *seed, &scene.sea).map(Some)
     })?;
+    let outcomes: Vec<Outcome> = flown.into_iter().flatten().collect();
+    let interrupted = outcomes.len() < seeds.len();
+    if interrupted {
+        let (flown, all) = (outcomes.len(), seeds.len());
+        note(
+            args.json,
+            format_args!("interrupted after {flown} of {all} landings"),
+        );
+    }
+    if outcomes.is_empty() {
+        return Ok(Exit::Failed);
+    }
     if let Some(mut rows) = rows {
         let mut written = outcomes.iter().map(|o| rows.serialize(o));
         let written = written.try_for_each(|r| r);
@@ -113,7 +133,7 @@ pub fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
             terminal::line(outcome_table::likelihood(&summary));
         }
     }
-    Ok(Exit::of(summary.successes == summary.trials))
+    Ok(Exit::of(!interrupted && summary.successes == summary.trials))
 }
 
 /// A file of one row per outcome.

@@ -1,4 +1,6 @@
 //! Commands: exit codes, errors, JSON, determinism.
+use std::process::{Command, Stdio};
+
 use crate::program::{alight, assert_rejected, file, json, scratch, stderr, stdout};
 
 #[test]
@@ -114,6 +116,45 @@ fn printed_configurations() {
         "trial --drone-config {drone} --scenario {scenario} --json --seed 5"
     ));
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+}
+
+#[test]
+fn interrupted_trials() {
+    let child = Command::new(env!("CARGO_BIN_EXE_alight"))
+        .args("trials --trials 100000 --jobs 1 --sea calm".split_whitespace())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("starts");
+    // Longer than a landing takes, on a busy computer, too.
+    std::thread::sleep(std::time::Duration::from_secs(4));
+    let pid = child.id().to_string();
+    assert!(
+        Command::new("kill")
+            .args(["-INT", &pid])
+            .status()
+            .expect("kill runs")
+            .success()
+    );
+    let o = child.wait_with_output().expect("ends");
+    assert_eq!(o.status.code(), Some(1), "{}", stderr(&o));
+    let text = stdout(&o);
+    assert!(
+        text.contains("interrupted after") && text.contains("landed"),
+        "{text}"
+    );
+}
+
+#[test]
+fn errors_to_a_reader_that_went_away() {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_alight"))
+        .args(["tag", "--pdf", "/nonexistent/x.pdf"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("starts");
+    drop(child.stderr.take());
+    assert_eq!(child.wait().expect("ends").code(), Some(2));
 }
 
 #[test]

@@ -208,6 +208,14 @@ pub enum ReasonCode {
     DeckElsewhere,
     /// The rangefinder contradicts the camera about the deck's height, in standard deviations of both.
     HeightContradicted,
+    /// On its way to the height that it is to hold: off it, m.
+    OffHeight,
+    /// Descends: height above the deck, m, and that at which the flare begins.
+    Descending,
+    /// Descends to follow the deck: height above it, m, and that at which it follows.
+    DescendingTo,
+    /// Flares: height above the deck, m.
+    Flaring,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -277,6 +285,16 @@ impl fmt::Display for Reason {
             ReasonCode::NoVision => write!(f, "deck not seen yet"),
             ReasonCode::VisionLost => write!(f, "deck not seen for {v:.2} s (limit {l:.2})"),
             ReasonCode::TooFar => write!(f, "{v:.2} m beside the deck (limit {l:.2} m)"),
+            ReasonCode::OffHeight => write!(f, "{v:.1} m off its height (limit {l:.1} m)"),
+            ReasonCode::Descending => write!(f, "descending, {:.1} m to the flare", (v - l).max(0.0)),
+            ReasonCode::DescendingTo => {
+                write!(
+                    f,
+                    "descending, {:.1} m to {l:.1} m above the deck",
+                    (v - l).max(0.0)
+                )
+            }
+            ReasonCode::Flaring => write!(f, "flaring, {v:.1} m above the deck"),
             ReasonCode::TooFast => write!(f, "{v:.2} m/s relative to the deck (limit {l:.2})"),
             ReasonCode::Infeasible => {
                 write!(f, "predicted deck motion exceeds limits: {v:.2} (limit {l:.2})")

@@ -1,8 +1,8 @@
 //! Ends of orders and waivers: an order that waits, a battery below the reserve at the order and after a stop, heights in doubt.
 
 use alight_shared::msg::ReasonCode::{
-    BatteryDeck, BatteryHome, BatteryStopped, HeightsDisagree, NotCommanded, NotFlying, Operator,
-    OrderExpired, TooFar,
+    BatteryDeck, BatteryHome, BatteryStopped, HeightsDisagree, NotCommanded, NotFlying, OffHeight, Operator,
+    OrderExpired,
 };
 use alight_shared::msg::{AutopilotMode, BatteryPlace};
 
@@ -214,5 +214,5 @@ fn heights_that_disagree_in_every_phase() {
         own: fair().own,
         ..doubtful
     };
-    waits(&step(climb, &below), State::GetAltitude, TooFar);
+    waits(&step(climb, &below), State::GetAltitude, OffHeight);
 }

@@ -1,7 +1,7 @@
 //! Modes on the way to a first landing: shadow, and match (follow the deck, then climb).
 
 use alight_shared::msg::ReasonCode::{
-    BatteryHome, Matched, Matching, NotFlying, Operator, TooFar, TooNear, VisionLost,
+    BatteryHome, DescendingTo, Matched, Matching, NotFlying, Operator, TooNear, VisionLost,
 };
 use alight_shared::msg::{AutopilotMode, AutopilotState, BatteryPlace, LandedState, LandingMode};
 
@@ -37,7 +37,7 @@ fn at_clearance(t: f64, clearance_m: f64) -> Situation {
 #[test]
 fn match_for_its_time() {
     let mut d = step_at(&descends(), &at_clearance(10.0, 5.0), None);
-    waits(&d, State::Descent, TooFar);
+    waits(&d, State::Descent, DescendingTo);
     for k in 0..=100 {
         let t = 12.0 + 0.1 * f64::from(k);
         // The deck heaves a little under it.

@@ -608,6 +608,9 @@ impl Node for Mission {
 
     fn step(&mut self, now: Time<DroneClock>, input: &MissionIn) -> MissionOut {
         self.receive(now, input);
+        if self.stepped.is_none() {
+            self.since = now;
+        }
         let mut s = self.situation(now);
         let begins = self.beginning.is_some();
         let Some((order, rejected)) = self.order(now, input, &s) else {

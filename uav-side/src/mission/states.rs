@@ -1,9 +1,9 @@
 //! State table: one function per state, with its conditions and transitions.
 
 use alight_shared::msg::ReasonCode::{
-    Commanded, CourseEnds, Deviated, Infeasible, Matched, Matching, Missed, NoPlace, NoPlan, NoVessel,
-    NoVision, NotCommanded, NotFlying, NotSteady, Operator, Reached, Swings, TiltExcess, TooFar, TooFast,
-    TooNear, TooSteep, VesselTooFar, VesselTurns, VisionLost,
+    Commanded, CourseEnds, Descending, DescendingTo, Deviated, Flaring, Infeasible, Matched, Matching,
+    Missed, NoPlace, NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotSteady, OffHeight, Operator,
+    Reached, Swings, TiltExcess, TooFar, TooFast, TooNear, TooSteep, VesselTooFar, VesselTurns, VisionLost,
 };
 use alight_shared::msg::{Course, PLACES, Reason, ReasonCode};
 use nalgebra::Vector3;
@@ -144,7 +144,7 @@ fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> Transition 
                 .into(),
             None => from,
         };
-        return MissionPhase::GetAltitude { from }.stay(Reason::new(TooFar, error, HEIGHT_TOLERANCE_M));
+        return MissionPhase::GetAltitude { from }.stay(Reason::new(OffHeight, error, HEIGHT_TOLERANCE_M));
     }
     MissionPhase::APPROACH.enter(Reached)
 }
@@ -198,7 +198,7 @@ fn unsteady(deck: &Deck, s: &Situation, c: &MissionConfig, slack: f64) -> Option
     first_beyond([
         (TooFar, deck.distance_m, STEADY_DISTANCE_M * slack),
         (TooFast, deck.relative_speed_mps, c.steady_speed_mps * slack),
-        (TooFar, height, STEADY_HEIGHT_M * slack),
+        (OffHeight, height, STEADY_HEIGHT_M * slack),
     ])
 }
 
@@ -453,7 +453,7 @@ fn descent(
     if let Some(why) = stopped.filter(|_| waited > DECISION_TIMEOUT_S) {
         return Transition::BreakOff(why);
     }
-    let sinking = Reason::new(TooFar, deck.clearance_m, c.flare_clearance_m);
+    let sinking = Reason::new(Descending, deck.clearance_m, c.flare_clearance_m);
     MissionPhase::Descent { violated, paused }.stay(stopped.or(violation).unwrap_or(sinking))
 }
 
@@ -482,7 +482,7 @@ fn matching(
     let waits = if there {
         Reason::new(Matching, lasted, c.match_s)
     } else {
-        Reason::new(TooFar, deck.clearance_m, lowest_m)
+        Reason::new(DescendingTo, deck.clearance_m, lowest_m)
     };
     MissionPhase::Descent { violated, paused }.stay(violation.unwrap_or(waits))
 }
@@ -513,7 +513,7 @@ fn flare(
     if let Some(why) = violation.filter(|_| lasted > VIOLATION_S && !committed) {
         return Transition::BreakOff(why);
     }
-    let sinking = Reason::new(TooFar, deck.clearance_m, 0.0);
+    let sinking = Reason::new(Flaring, deck.clearance_m, 0.0);
     MissionPhase::Flare { committed, violated }.stay(violation.unwrap_or(sinking))
 }
 

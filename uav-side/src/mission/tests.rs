@@ -1,10 +1,10 @@
 //! State table: situation to state and reason.
 
 use alight_shared::msg::ReasonCode::{
-    AutopilotParameter, Commanded, CourseEnds, DeckGrantStale, DeckReserved, Deviated, ForecastStale,
-    Infeasible, LikelyBeside, LikelyFast, LikelyHard, LikelySlides, LikelyTilted, Missed, NoPlan, NoVessel,
-    NoVision, NotCommanded, NotFlying, NotSteady, OriginMoved, Reached, Swings, TiltExcess, TooFar, TooFast,
-    TooSteep, Touchdown, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
+    AutopilotParameter, Commanded, CourseEnds, DeckGrantStale, DeckReserved, Descending, Deviated, Flaring,
+    ForecastStale, Infeasible, LikelyBeside, LikelyFast, LikelyHard, LikelySlides, LikelyTilted, Missed,
+    NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotSteady, OffHeight, OriginMoved, Reached, Swings,
+    TiltExcess, TooFar, TooFast, TooSteep, Touchdown, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
 };
 use alight_shared::msg::{AutopilotMode, BatteryPlace, Course, DECK_CLOSED};
 use nalgebra::{Vector2, Vector3};
@@ -266,7 +266,7 @@ fn approach_conditions() {
     let high = with(|s| s.own.as_mut().unwrap().position.z = -1.3 - 15.0 + 0.5);
     let unseen = with_deck(|d| d.vision_age_s = f64::INFINITY);
     let blind = with_deck(|d| (d.vision_age_s, d.radio_age_s) = (f64::INFINITY, 6.0));
-    waits(&d, GetAltitude, TooFar);
+    waits(&d, GetAltitude, OffHeight);
     goes(&step(climb, &high), Approach, Reached);
     let rows = [
         (unseen, 5.0, Stay(Approach, NoVision)),
@@ -286,7 +286,7 @@ fn tracking_steadiness() {
     let rows = [
         (with_deck(|d| d.distance_m = 2.0), 2.0, Stay(Tracking, TooFar)),
         (fast, 2.0, Stay(Tracking, TooFast)),
-        (deep, 2.0, Stay(Tracking, TooFar)),
+        (deep, 2.0, Stay(Tracking, OffHeight)),
         (fair(), 0.3, Stay(Tracking, NotSteady)),
         (fair(), 1.0, Enter(TrackingStable, Reached)),
     ];
@@ -350,7 +350,7 @@ fn flare_clearance() {
     let risen = with_deck(|d| (d.clearance_m, d.distance_m) = (0.6, 0.7));
     let low = with_deck(|d| d.clearance_m = 0.85);
     let rows = [
-        (fair(), 0.0, Stay(Descent, TooFar)),
+        (fair(), 0.0, Stay(Descent, Descending)),
         (low, 0.0, Enter(Flare, Reached)),
         (risen, 0.0, Enter(Flare, Reached)),
     ];
@@ -417,7 +417,7 @@ fn soft_violations_below_the_commit_clearance() {
 fn flare_without_vision() {
     for radio_age_s in [fair().deck.unwrap().radio_age_s, 9.0] {
         let blind = with_deck(|d| (d.clearance_m, d.vision_age_s, d.radio_age_s) = (0.85, 2.0, radio_age_s));
-        waits(&run(FREE_FLARE, &blind, 1.0), Flare, TooFar);
+        waits(&run(FREE_FLARE, &blind, 1.0), Flare, Flaring);
     }
 }
 
@@ -496,7 +496,7 @@ fn turn_in_a_landing() {
     let turns = with_odds(|p| (p.fast, p.turns) = (0.8, true));
     goes(&step(descent, &low(3.0, stated)), Tracking, VesselTurns);
     goes(&step(flare(false), &low(0.9, stated)), Tracking, VesselTurns);
-    waits(&step(flare(true), &low(0.5, stated)), Flare, TooFar);
+    waits(&step(flare(true), &low(0.5, stated)), Flare, Flaring);
     goes(&step(descent, &low(3.0, turns)), Tracking, TurnTooFast);
     waits(&step(flare(true), &low(0.5, turns)), Flare, TurnTooFast);
     // An empty battery leaves no other place than the deck, turning or not.
@@ -504,7 +504,7 @@ fn turn_in_a_landing() {
         low_battery: Some(BatteryPlace::Deck),
         ..attempt()
     };
-    waits(&step((descent, urgent), &low(3.0, stated)), Descent, TooFar);
+    waits(&step((descent, urgent), &low(3.0, stated)), Descent, Descending);
 }
 
 #[test]

@@ -78,10 +78,13 @@ impl RadioPath {
             Emulate::Auto if args.link != "scenario" && args.link != "clean" => {
                 let made = OwnSpaces::make(&args.instance);
                 if let Err(e) = &made {
-                    eprintln!(
-                        "network namespaces are not permitted here ({e}): the link {} is emulated inside the \
+                    crate::terminal::note(
+                        true,
+                        format_args!(
+                            "network namespaces are not permitted here ({e}): the link {} is emulated inside the \
                          processes",
-                        args.link
+                            args.link
+                        ),
                     );
                 }
                 made.ok()

@@ -57,7 +57,10 @@ impl<T: Clone> Impaired<T> {
                 },
             );
             if let Err(e) = followed {
-                eprintln!("alight: the outage does not follow the mission: {e}");
+                crate::terminal::note(
+                    true,
+                    format_args!("alight: the outage does not follow the mission: {e}"),
+                );
             }
         });
     }

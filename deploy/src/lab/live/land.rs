@@ -113,7 +113,7 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
     let landing = match Landing::begin(args, &memory, &plan, &owned) {
         // A signal can end a start half way; what it broke there is no error of the input.
         Err(_) if !memory.wait(Duration::from_millis(1)) => {
-            eprintln!("stopped");
+            note(true, format_args!("stopped"));
             return Ok(Exit::Failed);
         }
         begun => begun?,
@@ -130,7 +130,7 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
         // A recording that failed takes nothing of what was flown.
         Some(ending) => ending.show(args).and_then(|exit| recorded.map(|()| exit)),
         None => {
-            eprintln!("stopped");
+            note(true, format_args!("stopped"));
             Ok(Exit::Failed)
         }
     }
@@ -172,7 +172,7 @@ impl Ending {
         let landed = match self.result {
             WorldReport::Landed(landed) => landed,
             WorldReport::TooSlow(too_slow) => {
-                eprintln!("alight: {too_slow}");
+                note(true, format_args!("alight: {too_slow}"));
                 if args.json {
                     terminal::json(&WorldReport::TooSlow(too_slow))?;
                 }
@@ -434,7 +434,7 @@ impl<'a> Landing<'a> {
                 let (kind, status) = match event {
                     Event::Ended(kind, status) => (kind, status),
                     Event::Silent(..) | Event::NotStarted(..) => {
-                        eprintln!("{event}");
+                        note(true, format_args!("{event}"));
                         continue;
                     }
                 };
@@ -456,7 +456,10 @@ impl<'a> Landing<'a> {
         if kind == ProcessKind::World {
             return Err(CliError(format!("the simulated world ended ({status}): {why}")));
         }
-        eprintln!("{} ended ({status}) and is started again; {why}", kind.name());
+        note(
+            true,
+            format_args!("{} ended ({status}) and is started again; {why}", kind.name()),
+        );
         Ok(())
     }
 

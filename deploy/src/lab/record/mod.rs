@@ -124,8 +124,11 @@ impl Shown<'_> {
         };
         let ended = recorder.finish(path, &[("outcome", "interrupted".into())]);
         match ended {
-            Ok(()) => eprintln!("interrupted: {} has the first {:.1} s", path.display(), t.secs()),
-            Err(e) => eprintln!("alight: {e}"),
+            Ok(()) => crate::terminal::note(
+                true,
+                format_args!("interrupted: {} has the first {:.1} s", path.display(), t.secs()),
+            ),
+            Err(e) => crate::terminal::note(true, format_args!("alight: {e}")),
         }
         std::process::exit(1);
     }

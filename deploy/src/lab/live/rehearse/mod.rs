@@ -105,14 +105,14 @@ pub fn run(args: &RehearseArgs) -> Result<Exit, CliError> {
     let mut rehearsal = Rehearsal::begin(args, plan)?;
     let whole = rehearsal.run(&mut list)?;
     if let Some(too_slow) = rehearsal.too_slow {
-        eprintln!("alight: {too_slow}");
+        crate::terminal::note(true, format_args!("alight: {too_slow}"));
         if args.json {
             terminal::json(&WorldReport::TooSlow(too_slow))?;
         }
         return Ok(Exit::TooSlow);
     }
     if whole == Waited::Stopped {
-        eprintln!("stopped");
+        crate::terminal::note(true, format_args!("stopped"));
         return Ok(Exit::Failed);
     }
     if !list.ok() {
