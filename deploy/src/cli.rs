@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use alight_shared::transport::process::ProcessKind;
 use clap::builder::StyledStr;
+use clap::error::ErrorKind;
 use clap::{Command as Clap, CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
 
@@ -67,8 +68,45 @@ const GROUPS: [(&str, &[&str]); 3] = [
 impl Cli {
     /// Reads the command line; on an error, or where help is asked for, prints that and ends the process.
     pub fn read() -> Cli {
-        let matches = Cli::grouped().get_matches();
-        Cli::from_arg_matches(&matches).unwrap_or_else(|e| e.exit())
+        let matches = Cli::grouped().try_get_matches();
+        matches
+            .and_then(|m| Cli::from_arg_matches(&m))
+            .unwrap_or_else(|e| Self::reject(&e))
+    }
+    /// Shows the error, where a number was expected in words of what is wanted, and ends the process.
+    fn reject(e: &clap::Error) -> ! {
+        if e.kind() != ErrorKind::ValueValidation {
+            e.exit();
+        }
+        terminal::note(true, Self::in_words(&e.render().to_string()).trim_end());
+        std::process::exit(e.exit_code());
+    }
+    fn in_words(text: &str) -> String {
+        [
+            (
+                "invalid digit found in string",
+                "a whole number is needed, such as 3",
+            ),
+            (
+                "cannot parse integer from empty string",
+                "a whole number is needed, such as 3",
+            ),
+            (
+                "number too large to fit in target type",
+                "a smaller number is needed",
+            ),
+            (
+                "number too small to fit in target type",
+                "a larger number is needed",
+            ),
+            ("invalid float literal", "a number is needed, such as 1.5"),
+            (
+                "cannot parse float from empty string",
+                "a number is needed, such as 1.5",
+            ),
+        ]
+        .iter()
+        .fold(text.to_owned(), |text, (said, wanted)| text.replace(said, wanted))
     }
     /// The command line with its commands in groups, which clap has for options alone.
     fn grouped() -> Clap {
