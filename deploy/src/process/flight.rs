@@ -236,7 +236,7 @@ mod tests {
                 s * S,
                 None,
                 state,
-                reason(ReasonCode::Reached),
+                reason(ReasonCode::Steady),
                 reason(ReasonCode::NotCommanded),
             );
         };

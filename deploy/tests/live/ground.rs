@@ -71,7 +71,7 @@ impl GroundStation {
             .collect();
         for state in [
             "Get altitude: landing commanded",
-            "Descent: reached",
+            "Descent: the descent is permitted",
             "Landed: touchdown",
         ] {
             assert!(texts.contains(&state), "{state}: {texts:?}");

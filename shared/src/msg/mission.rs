@@ -92,8 +92,8 @@ pub enum ReasonCode {
     None,
     /// A landing was commanded.
     Commanded,
-    /// The condition to go on is met.
-    Reached,
+    /// At the height of the approach.
+    HeightReached,
     /// No landing was commanded.
     NotCommanded,
     /// The drone is not flying, not armed or not in the mode that takes set-points.
@@ -216,6 +216,18 @@ pub enum ReasonCode {
     DescendingTo,
     /// Flares: height above the deck, m.
     Flaring,
+    /// The deck is in sight for long enough.
+    InSight,
+    /// Steady above the deck, s.
+    Steady,
+    /// Nothing speaks against a descent.
+    Permitted,
+    /// At the height of the flare, m.
+    FlareHeight,
+    /// Armed again, by a person, after the landing.
+    ArmedAgain,
+    /// The data that was missing is back, s.
+    Recovered,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -269,7 +281,13 @@ impl fmt::Display for Reason {
         match self.code {
             ReasonCode::None => Ok(()),
             ReasonCode::Commanded => write!(f, "landing commanded"),
-            ReasonCode::Reached => write!(f, "reached"),
+            ReasonCode::HeightReached => write!(f, "at the height of the approach"),
+            ReasonCode::InSight => write!(f, "the deck is in sight"),
+            ReasonCode::Steady => write!(f, "steady above the deck for {v:.1} s"),
+            ReasonCode::Permitted => write!(f, "the descent is permitted"),
+            ReasonCode::FlareHeight => write!(f, "{v:.1} m above the deck: flare"),
+            ReasonCode::ArmedAgain => write!(f, "armed again after the landing"),
+            ReasonCode::Recovered => write!(f, "what was missing is back for {v:.1} s"),
             ReasonCode::NotCommanded => write!(f, "no landing commanded"),
             ReasonCode::NotFlying => write!(
                 f,

@@ -264,9 +264,9 @@ mod tests {
 
     #[test]
     fn severities_of_states_by_their_kind() {
-        use ReasonCode::{ForecastStale, Matched, Operator, Reached, Touchdown};
+        use ReasonCode::{ForecastStale, Matched, Operator, Permitted, Touchdown};
         for (previous, entered, code, expected) in [
-            (State::Tracking, State::Descent, Reached, severity::INFO),
+            (State::Tracking, State::Descent, Permitted, severity::INFO),
             (State::Flare, State::Landed, Touchdown, severity::NOTICE),
             (State::Descent, State::GaveUp, Operator, severity::WARNING),
             (State::Tracking, State::GaveUp, Operator, severity::WARNING),
@@ -291,7 +291,7 @@ mod tests {
     #[test]
     fn text_of_a_stop_that_completes_the_landing() {
         let mut reports = GroundReports::default();
-        let mut m = state(State::Flare, 0.0, ReasonCode::Reached);
+        let mut m = state(State::Flare, 0.0, ReasonCode::Permitted);
         assert!(reports.report(Time::from_secs(0.0), &m).is_some());
         m.waiting = ReasonCode::CompletesLanding.into();
         let first = reports.report(Time::from_secs(0.1), &m);
@@ -311,7 +311,7 @@ mod tests {
         for k in 0..100 {
             let at = 0.1 * f64::from(k);
             let m = if k < 50 {
-                state(State::Tracking, 0.0, ReasonCode::Reached)
+                state(State::Tracking, 0.0, ReasonCode::Permitted)
             } else {
                 state(State::Hold, 5.0, ReasonCode::Operator)
             };

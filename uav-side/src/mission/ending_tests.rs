@@ -95,7 +95,7 @@ fn order_below_the_reserve() {
     goes(
         &step(tracking, &rough(0.17)),
         State::Descent,
-        alight_shared::msg::ReasonCode::Reached,
+        alight_shared::msg::ReasonCode::Permitted,
     );
     // No descent can begin: half of it is for the next place.
     let closed = |battery| Situation {
@@ -125,7 +125,7 @@ fn order_below_the_reserve() {
     goes(
         &step(last, &rough(0.03)),
         State::Descent,
-        alight_shared::msg::ReasonCode::Reached,
+        alight_shared::msg::ReasonCode::Permitted,
     );
 }
 
@@ -178,7 +178,7 @@ fn low_battery_after_a_give_up() {
     goes(&d, State::Tracking, BatteryDeck);
     let d = run(&d, &charged(0.19), 5.0);
     let d = run(&d, &charged(0.19), 5.0);
-    goes(&d, State::Descent, alight_shared::msg::ReasonCode::Reached);
+    goes(&d, State::Descent, alight_shared::msg::ReasonCode::Permitted);
 }
 
 /// A deck whose height another witness contradicts is approached no lower than both allow, and never followed down.

@@ -3,7 +3,7 @@
 use alight_shared::msg::ReasonCode::{
     BatteryDeck, BatteryHere, BatteryHome, BatteryLow, Commanded, CompletesLanding, DeckGrantStale, Deviated,
     FalseTouchdown, ForecastStale, HardContact, NotCommanded, NotFlying, OdometryStale, Operator,
-    OutOfRetries, Reached, TooFar, TooLong, Touchdown,
+    OutOfRetries, Permitted, Recovered, TooFar, TooLong, Touchdown,
 };
 use alight_shared::msg::{AutopilotMode, BatteryPlace, DECK_CLOSED};
 use nalgebra::Vector3;
@@ -30,9 +30,9 @@ fn hold_with_stale_data() {
             };
             assert!((at.z + 8.3).abs() < 1e-9, "{at:?}");
             waits(&run(&d, &s, 3.0), State::Hold, why);
-            goes(&run(&d, &fair(), 1.0), State::Tracking, Reached);
+            goes(&run(&d, &fair(), 1.0), State::Tracking, Recovered);
             let unseen = with_deck(|d| d.vision_age_s = 20.0);
-            goes(&run(&d, &unseen, 1.0), State::GetAltitude, Reached);
+            goes(&run(&d, &unseen, 1.0), State::GetAltitude, Recovered);
         }
     }
 }
@@ -43,7 +43,7 @@ fn hold_by_an_operator() {
     goes(&d, State::Hold, Operator);
     waits(&run(&d, &fair(), 20.0), State::Hold, Operator);
     let d = commanded(&d, CommandKind::Land, &fair());
-    goes(&run(&d, &fair(), 1.0), State::Tracking, Reached);
+    goes(&run(&d, &fair(), 1.0), State::Tracking, Recovered);
 }
 
 #[test]
@@ -267,7 +267,7 @@ fn last_attempt() {
     let c = config();
     for n in 1..=c.max_attempts {
         let d = step((MissionPhase::TrackingStable, progress), &fair());
-        goes(&d, State::Descent, Reached);
+        goes(&d, State::Descent, Permitted);
         assert_eq!(d.progress.attempts, n);
         progress = d.progress;
         let d = run(&d, &bad, 1.0);
@@ -385,7 +385,7 @@ fn low_battery_without_a_deck() {
     let d = step(MissionPhase::APPROACH, &reserved);
     let d = commanded(&d, CommandKind::Land, &low);
     goes(&d, State::Hold, Commanded);
-    goes(&run(&d, &low, 1.0), State::Tracking, Reached);
+    goes(&run(&d, &low, 1.0), State::Tracking, Recovered);
 }
 
 #[test]
@@ -408,7 +408,7 @@ fn low_battery_limits_above_the_deck() {
                 .is_some_and(|why| why.to_string().contains("lands on the deck"))
         );
         let d = run(&d, &rough(0.1), 5.0);
-        goes(&run(&d, &rough(0.1), 5.0), State::Descent, Reached);
+        goes(&run(&d, &rough(0.1), 5.0), State::Descent, Permitted);
     }
     // Also on the way there, and in a descent.
     let mut away = rough(0.1);
@@ -424,7 +424,7 @@ fn low_battery_limits_above_the_deck() {
     };
     let d = run(TRACKING, &silent(0.1), 5.0);
     let d = run(&d, &silent(0.1), 5.0);
-    goes(&run(&d, &silent(0.1), 5.0), State::Descent, Reached);
+    goes(&run(&d, &silent(0.1), 5.0), State::Descent, Permitted);
     let full = step(MissionPhase::TrackingStable, &silent(0.9));
     waits(&full, State::TrackingStable, DeckGrantStale);
     // Not what nothing survives.

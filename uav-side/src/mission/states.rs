@@ -1,9 +1,10 @@
 //! State table: one function per state, with its conditions and transitions.
 
 use alight_shared::msg::ReasonCode::{
-    Commanded, CourseEnds, Descending, DescendingTo, Deviated, Flaring, Infeasible, Matched, Matching,
-    Missed, NoPlace, NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotSteady, OffHeight, Operator,
-    Reached, Swings, TiltExcess, TooFar, TooFast, TooNear, TooSteep, VesselTooFar, VesselTurns, VisionLost,
+    ArmedAgain, Commanded, CourseEnds, Descending, DescendingTo, Deviated, FlareHeight, Flaring,
+    HeightReached, InSight, Infeasible, Matched, Matching, Missed, NoPlace, NoPlan, NoVessel, NoVision,
+    NotCommanded, NotFlying, NotSteady, OffHeight, Operator, Permitted, Recovered, Steady, Swings,
+    TiltExcess, TooFar, TooFast, TooNear, TooSteep, VesselTooFar, VesselTurns, VisionLost,
 };
 use alight_shared::msg::{Course, PLACES, Reason, ReasonCode};
 use nalgebra::Vector3;
@@ -146,7 +147,7 @@ fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> Transition 
         };
         return MissionPhase::GetAltitude { from }.stay(Reason::new(OffHeight, error, HEIGHT_TOLERANCE_M));
     }
-    MissionPhase::APPROACH.enter(Reached)
+    MissionPhase::APPROACH.enter(HeightReached)
 }
 
 /// Straight up to the height of its waiting place, with the deck while it is over it.
@@ -186,7 +187,7 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Tr
     if lasted < CONTACT_CONFIRM_S {
         return MissionPhase::Approach { detected }.stay(NoVision);
     }
-    MissionPhase::TRACKING.enter(Reached)
+    MissionPhase::TRACKING.enter(InSight)
 }
 
 /// What is unsteady above the deck; `slack` widens the limits.
@@ -262,7 +263,7 @@ fn tracking(steady: Option<DroneTime>, progress: &Progress, s: &Situation, c: &M
     if lasted < c.steady_s && !progress.is_urgent() {
         return MissionPhase::Tracking { steady }.stay(Reason::new(NotSteady, lasted, c.steady_s));
     }
-    MissionPhase::TrackingStable.enter(Reason::new(Reached, lasted, c.steady_s))
+    MissionPhase::TrackingStable.enter(Reason::new(Steady, lasted, c.steady_s))
 }
 
 /// Tracking stable: until the descent's conditions hold.
@@ -313,7 +314,7 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
         return Transition::BreakOff(Reason::default());
     }
     progress.attempts += 1;
-    MissionPhase::DESCENT.enter(Reached)
+    MissionPhase::DESCENT.enter(Permitted)
 }
 
 /// The longest time from here to the touchdown, s: down at the speeds of descent and flare, with the longest wait at the
@@ -446,7 +447,7 @@ fn descent(
             committed: close,
             violated: None,
         };
-        return flare.enter(Reason::new(Reached, deck.clearance_m, c.flare_clearance_m));
+        return flare.enter(Reason::new(FlareHeight, deck.clearance_m, c.flare_clearance_m));
     }
     let stopped = rejection.filter(|_| deck.clearance_m < c.decision_clearance_m);
     let (paused, waited) = lasting(stopped.is_some(), paused, s.now);
@@ -559,7 +560,7 @@ fn landed(
         ControlState::OnGround | ControlState::OtherControl(_) | ControlState::Lapsed | ControlState::Ours
     );
     if disarmed && armed {
-        return MissionPhase::Idle.enter(Reached);
+        return MissionPhase::Idle.enter(ArmedAgain);
     }
     let disarmed = disarmed || s.flight == ControlState::Disarmed;
     MissionPhase::Landed { disarmed, airborne }.stay(Reason::default())
@@ -605,5 +606,5 @@ fn held(
             from: [own.position.x, own.position.y],
         }
     };
-    next.enter(Reason::new(Reached, lasted, RECOVER_S))
+    next.enter(Reason::new(Recovered, lasted, RECOVER_S))
 }

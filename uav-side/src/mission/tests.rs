@@ -1,10 +1,11 @@
 //! State table: situation to state and reason.
 
 use alight_shared::msg::ReasonCode::{
-    AutopilotParameter, Commanded, CourseEnds, DeckGrantStale, DeckReserved, Descending, Deviated, Flaring,
-    ForecastStale, Infeasible, LikelyBeside, LikelyFast, LikelyHard, LikelySlides, LikelyTilted, Missed,
-    NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotSteady, OffHeight, OriginMoved, Reached, Swings,
-    TiltExcess, TooFar, TooFast, TooSteep, Touchdown, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
+    ArmedAgain, AutopilotParameter, Commanded, CourseEnds, DeckGrantStale, DeckReserved, Descending,
+    Deviated, FlareHeight, Flaring, ForecastStale, HeightReached, InSight, Infeasible, LikelyBeside,
+    LikelyFast, LikelyHard, LikelySlides, LikelyTilted, Missed, NoPlan, NoVessel, NoVision, NotCommanded,
+    NotFlying, NotSteady, OffHeight, OriginMoved, Permitted, Steady, Swings, TiltExcess, TooFar, TooFast,
+    TooSteep, Touchdown, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
 };
 use alight_shared::msg::{AutopilotMode, BatteryPlace, Course, DECK_CLOSED};
 use nalgebra::{Vector2, Vector3};
@@ -267,12 +268,12 @@ fn approach_conditions() {
     let unseen = with_deck(|d| d.vision_age_s = f64::INFINITY);
     let blind = with_deck(|d| (d.vision_age_s, d.radio_age_s) = (f64::INFINITY, 6.0));
     waits(&d, GetAltitude, OffHeight);
-    goes(&step(climb, &high), Approach, Reached);
+    goes(&step(climb, &high), Approach, HeightReached);
     let rows = [
         (unseen, 5.0, Stay(Approach, NoVision)),
         // A single detection is not enough.
         (fair(), 0.0, Stay(Approach, NoVision)),
-        (fair(), 1.0, Enter(Tracking, Reached)),
+        (fair(), 1.0, Enter(Tracking, InSight)),
         // Neither vision nor radio.
         (blind, 1.0, Enter(Hold, NoVessel)),
     ];
@@ -288,7 +289,7 @@ fn tracking_steadiness() {
         (fast, 2.0, Stay(Tracking, TooFast)),
         (deep, 2.0, Stay(Tracking, OffHeight)),
         (fair(), 0.3, Stay(Tracking, NotSteady)),
-        (fair(), 1.0, Enter(TrackingStable, Reached)),
+        (fair(), 1.0, Enter(TrackingStable, Steady)),
     ];
     table(TRACKING, rows);
 }
@@ -299,7 +300,7 @@ fn tracking_without_radio_or_vision() {
     let unseen = with_deck(|d| d.vision_age_s = 5.5);
     let nothing = with_deck(|d| (d.vision_age_s, d.radio_age_s) = (5.5, 5.5));
     let rows = [
-        (silent, 1.0, Enter(TrackingStable, Reached)),
+        (silent, 1.0, Enter(TrackingStable, Steady)),
         (unseen, 1.0, Enter(Approach, VisionLost)),
         (nothing, 1.0, Enter(Hold, VisionLost)),
     ];
@@ -336,8 +337,8 @@ fn reasons_not_to_descend() {
         (with(|s| s.swing_rad = 0.1), stays(Swings)),
         (others, stays(DeckReserved)),
         (unknown, stays(DeckGrantStale)),
-        (fair(), Enter(Descent, Reached)),
-        (promised(20.0), Enter(Descent, Reached)),
+        (fair(), Enter(Descent, Permitted)),
+        (promised(20.0), Enter(Descent, Permitted)),
         (with_deck(|d| d.distance_m = 2.5), Enter(Tracking, TooFar)),
     ];
     table(MissionPhase::TrackingStable, rows.map(|(s, does)| (s, 0.0, does)));
@@ -351,8 +352,8 @@ fn flare_clearance() {
     let low = with_deck(|d| d.clearance_m = 0.85);
     let rows = [
         (fair(), 0.0, Stay(Descent, Descending)),
-        (low, 0.0, Enter(Flare, Reached)),
-        (risen, 0.0, Enter(Flare, Reached)),
+        (low, 0.0, Enter(Flare, FlareHeight)),
+        (risen, 0.0, Enter(Flare, FlareHeight)),
     ];
     table(DESCENT, rows);
 }
@@ -458,7 +459,7 @@ fn landed_until_disarmed_and_armed() {
         }
     );
     let d = step(&d, &fair());
-    goes(&d, Idle, Reached);
+    goes(&d, Idle, ArmedAgain);
     assert!(!d.progress.landing);
 }
 

@@ -327,7 +327,7 @@ mod tests {
             header: Header::new(0, 1, 1, 1, Time::from_secs(20.0)),
             state,
             since: Time::from_secs(12.0),
-            entered: ReasonCode::Reached.into(),
+            entered: ReasonCode::Steady.into(),
             waiting: Reason::new(waiting, 0.31, 0.2),
             battery_reserve: 0.34,
             ..MissionState::default()
