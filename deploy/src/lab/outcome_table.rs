@@ -1,6 +1,6 @@
 //! Outcomes of trials for a person and as JSON.
 
-use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::outcome::{Ending, Outcome};
 use alight_sim::studies::statistics::{Summary, wilson};
 use serde_json::{Map, Value, json};
 
@@ -74,10 +74,16 @@ pub fn outcome(o: &Outcome) -> String {
     for (name, value, digits, meaning) in rows.into_iter().filter(|row| row.1.is_some()) {
         table.row(cells![name, Cell::number(value, digits), meaning]);
     }
+    let broken_off = matches!(o.outcome, Ending::GaveUp | Ending::Timeout) && o.unsafe_contacts == 0;
+    let name = if o.success || broken_off {
+        o.outcome.name().to_owned()
+    } else {
+        format!("UNSAFE, {}", o.outcome.name())
+    };
     let plural = |n: u32, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
     format!(
         "{}: {}\nseed {}, sea {}, planner {}, {}, {}\n{}",
-        verdict(o.outcome.name(), o.success),
+        verdict(&name, o.success),
         o.reason,
         o.seed,
         o.sea,
