@@ -142,7 +142,7 @@ fn prediction_covariance_at_1_s() {
             ..Scenario::default()
         };
         // A vessel has one trim and one set of biases: it takes many for a share.
-        let runs: Vec<_> = (100..140_u64)
+        let runs: Vec<_> = (100..124_u64)
             .into_par_iter()
             .map(|seed| vessel(&scenario, &VesselNodeConfig::default(), seed, 60.0).unwrap())
             .collect();

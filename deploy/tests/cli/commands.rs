@@ -130,6 +130,7 @@ fn interrupted_trials() {
         .spawn()
         .expect("starts");
     // Longer than a landing takes, on a busy computer, too.
+    #[allow(clippy::disallowed_methods, reason = "a test may wait")]
     std::thread::sleep(std::time::Duration::from_secs(4));
     let pid = child.id().to_string();
     assert!(

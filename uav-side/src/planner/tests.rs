@@ -531,7 +531,7 @@ fn planner_messages_out_of_order() {
     let mut foreign = Header::new(1, 1, 1, 901, now);
     foreign.version += 1;
     let wrong = [
-        (500.0, Header::new(1, 1, 1, 3, now)),
+        (500.0, Header::new(1, 1, 1, 3, now - Span::from_secs(1.0))),
         (500.0, Header::new(1, 1, 1, 900, now + Span::from_secs(1.0))),
         (500.0, foreign),
         (f64::NAN, Header::new(1, 1, 1, 902, now)),
