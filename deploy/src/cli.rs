@@ -165,7 +165,7 @@ pub enum Command {
     Vessel(ServiceArgs),
     /// All processes of the drone's computer, as its service runs them.
     Drone(ServiceArgs),
-    /// Command the drone to land, to abort or to hold, and show its answer.
+    /// Command the drone to land, abort or hold, and show its answer.
     #[command(name = "command")]
     Operate(command::CommandArgs),
     /// Process of the drone: the radio.

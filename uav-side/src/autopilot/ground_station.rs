@@ -311,7 +311,7 @@ mod tests {
         for k in 0..100 {
             let at = 0.1 * f64::from(k);
             let m = if k < 50 {
-                state(State::Tracking, 0.0, ReasonCode::Permitted)
+                state(State::Tracking, 0.0, ReasonCode::InSight)
             } else {
                 state(State::Hold, 5.0, ReasonCode::Operator)
             };
@@ -323,7 +323,12 @@ mod tests {
         let waits = "Waits: deck not seen yet";
         assert_eq!(
             texts,
-            ["Tracking: reached", waits, "Hold: operator's command", waits]
+            [
+                "Tracking: the deck is in sight",
+                waits,
+                "Hold: operator's command",
+                waits
+            ]
         );
     }
 }

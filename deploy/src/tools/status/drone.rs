@@ -327,7 +327,7 @@ mod tests {
             header: Header::new(0, 1, 1, 1, Time::from_secs(20.0)),
             state,
             since: Time::from_secs(12.0),
-            entered: ReasonCode::Steady.into(),
+            entered: ReasonCode::InSight.into(),
             waiting: Reason::new(waiting, 0.31, 0.2),
             battery_reserve: 0.34,
             ..MissionState::default()
@@ -362,7 +362,7 @@ mod tests {
     #[test]
     fn status_page_of_a_flying_drone() {
         let lines = texts(&flying());
-        assert_eq!(lines[0], "default: Tracking since 8.0 s: reached");
+        assert_eq!(lines[0], "default: Tracking since 8.0 s: the deck is in sight");
         for (label, part) in [
             ("waits for", "deck tilts 17.8 deg (limit 11.5)"),
             ("deck", "no forecast"),
