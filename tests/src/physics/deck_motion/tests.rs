@@ -482,7 +482,7 @@ fn recording_with_whole_second_stamps() {
 /// A satellite compass and motion sensor on a bus, 100 s of a boat in a figure of eight: attitude and rates at 10 Hz, heave at 1,
 /// position at 5, velocity at 4, each on rows of its own. From the repository canboat/canboat, samples/ (Apache-2.0),
 /// the longitude moved by 100 deg.
-const UNDER_WAY: &str = include_str!("../../../tests/data/figure-of-eight.csv");
+const UNDER_WAY: &str = include_str!("../../../tests/flights/data/figure-of-eight.csv");
 
 #[test]
 fn recording_of_quantities_on_rows_of_their_own() {

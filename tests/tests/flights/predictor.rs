@@ -1,8 +1,6 @@
 //! The predictor behind sea, vessel, estimator, radio and bridge, against the truth: a drone that
 //! flies above the deck by truth and looks at it.
 
-#![allow(clippy::unwrap_used)] // Helpers of a test may.
-
 use alight_shared::frames::{Deck, DroneBody, VesselBody, wrap_angle};
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::msg::{DeckForecast, Motors, SetPoint, SetPointKind, State};

@@ -1,7 +1,5 @@
 //! Orders that end by themselves, a battery below the reserve about an order or a stop, and an idle drone whose autopilot reports
 //! the ground: whole flights.
-// Helpers of tests may panic, as tests do.
-#![allow(clippy::unwrap_used, clippy::panic)]
 
 use alight_shared::msg::{AutopilotMode, CommandKind, LandedState, State};
 use alight_sim::autopilots::simulated::mode_number;

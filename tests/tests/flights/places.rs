@@ -1,7 +1,5 @@
 //! Landings at four places on Earth, where no configuration says where a frame begins: the vessel's at her first fix,
 //! the drone's where its autopilot was switched on, up to 2 km away.
-// Helpers of tests may panic, as tests do.
-#![allow(clippy::unwrap_used, clippy::panic)]
 
 use alight_shared::msg::State;
 use alight_sim::harness::outcome::{Ending, Judge, Outcome, TIME_LIMIT_S};

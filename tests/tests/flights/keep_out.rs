@@ -1,7 +1,5 @@
 //! Keep-out volumes: a mast forward of the landing deck and an A-frame abeam, under way in a moderate sea. Drones that
 //! know of them pass both with clearance, come through the approach sector and leave along the escape direction.
-// Helpers of tests may panic, as tests do.
-#![allow(clippy::unwrap_used, clippy::panic)]
 
 use alight_shared::surroundings::SurroundingsConfig;
 use alight_sim::harness::outcome::Outcome;

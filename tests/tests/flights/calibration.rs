@@ -1,7 +1,5 @@
 //! The calibrations on the simulated vehicles, whose truth is known here and nowhere else.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use alight_shared::msg::{CommandKind, State};
 use alight_shared::time::{DroneClock, Time, TrueTime, VesselClock};
 use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};

@@ -1,7 +1,5 @@
 //! Motion without waves: a platform that rocks fast about its deck, 1.3 m above the vessel's
 //! sensors, while the heave is of an unrelated sea.
-// Helpers of tests may panic, as tests do.
-#![allow(clippy::unwrap_used, clippy::panic)]
 
 use std::path::{Path, PathBuf};
 

@@ -1,7 +1,5 @@
 //! Reservation of the deck in the whole world: drones ask the vessel's arbiter over the radio before
 //! they descend.
-// Helpers of tests may panic, as tests do.
-#![allow(clippy::unwrap_used, clippy::panic)]
 
 use alight_shared::msg::{BatteryPlace, CommandKind, ReasonCode, State, WAITING_DISTANCE_M};
 use alight_sim::harness::rig::Rig;

@@ -1,7 +1,5 @@
 //! Interruptions near the deck of a vessel under way, by an operator or by the end of the planner's process: the drone
 //! completes the landing or leaves with the deck, which must not pass beneath a drone that stays at a fixed place.
-// Helpers of tests may panic, as tests do.
-#![allow(clippy::unwrap_used, clippy::panic)]
 
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::physics::sea::SeaConfig;

@@ -1,6 +1,4 @@
 //! `alight_usv::review` over recordings whose truth is known.
-// Helpers of tests may panic, as tests do.
-#![allow(clippy::unwrap_used, clippy::panic)]
 
 use std::path::Path;
 

@@ -1,6 +1,4 @@
 //! The ladder to a first landing: a person lands while Alight looks on, and a drone that follows the deck and climbs.
-// Helpers of tests may panic, as tests do.
-#![allow(clippy::unwrap_used, clippy::panic)]
 
 use alight_shared::msg::{AutopilotState, CommandKind, LandingMode, ReasonCode, State};
 use alight_shared::time::{DroneClock, Time, TrueTime};

@@ -1,7 +1,5 @@
 //! Radio link of the whole system: load, loss, recovery.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use alight_shared::msg::State;
 use alight_sim::harness::outcome::{Ending, Outcome};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};

@@ -1,7 +1,5 @@
 //! The vessel's estimator against the truth of the simulated sea, vessel and sensors (which share no
 //! model with it), in the vessel's own GNSS frame: truth plus the receiver's bias at that instant.
-// Helpers of tests may panic, as tests do.
-#![allow(clippy::unwrap_used, clippy::panic)]
 
 use alight_sim::harness::scenario::Scenario;
 use alight_sim::physics::deck_motion::DeckMotionConfig;
@@ -134,9 +132,7 @@ fn prediction_covariance_at_1_s() {
     // Where the waves keep their phase better than the filter's process noise lets them, where a steep
     // sea has harmonics that nobody identifies, and where there are no waves.
     let mut wrong = Vec::new();
-    for sea in [
-        "0,0", "0.2,5", "0.3,5", "0.4,5", "0.4,4", "0.5,5", "0.6,6", "0.7,7", "0.8,5", "0.8,8",
-    ] {
+    for sea in ["0,0", "0.2,5", "0.4,5", "0.5,5", "0.7,7", "0.8,5", "0.8,8"] {
         let scenario = Scenario {
             sea: sea.parse().unwrap(),
             ..Scenario::default()

@@ -1,6 +1,4 @@
 //! Landings in the simulated world, from the start to rest on the deck.
-// Helpers of tests may panic, as tests do.
-#![allow(clippy::unwrap_used, clippy::panic)]
 
 use alight_shared::msg::{SetPointKind, State};
 use alight_shared::time::{DroneClock, Time, TrueTime};

@@ -1,7 +1,5 @@
 //! Jumps of the autopilot's estimate: the heading that is aligned after the origin was reported, and resets of position and
 //! height on the way down, counted or not.
-// Helpers of tests may panic, as tests do.
-#![allow(clippy::unwrap_used, clippy::panic)]
 
 use alight_shared::msg::{ReasonCode, State};
 use alight_sim::harness::outcome::{Ending, Judge, Outcome, TIME_LIMIT_S};

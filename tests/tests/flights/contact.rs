@@ -1,7 +1,5 @@
 //! The last second before the deck and the first after it, with a fault at each of its tenths: no contact is hard, the
 //! motors stop soon, and nothing takes off again.
-// Helpers of tests may panic, as tests do.
-#![allow(clippy::unwrap_used, clippy::panic)]
 
 use alight_shared::msg::State;
 use alight_sim::harness::outcome::{MAX_CONTACT_MPS, MAX_STOP_S};

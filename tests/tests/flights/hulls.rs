@@ -1,6 +1,4 @@
 //! Landings on vessels that are moved by a response table.
-// Helpers of tests may panic, as tests do.
-#![allow(clippy::unwrap_used, clippy::panic)]
 
 use alight_shared::node::Node;
 use alight_sim::harness::outcome::Outcome;

@@ -1,6 +1,4 @@
 //! Course stated by the helm, in the whole world: from its order on board to the drone's descent.
-// Helpers of tests may panic, as tests do.
-#![allow(clippy::unwrap_used, clippy::panic)]
 
 use alight_shared::msg::{ReasonCode, State};
 use alight_sim::harness::rig::Rig;

@@ -1,6 +1,4 @@
 //! Two witnesses of the deck that contradict each other: no descent begins, and one that is high is broken off, with words.
-// Helpers of tests may panic, as tests do.
-#![allow(clippy::unwrap_used, clippy::panic)]
 
 use alight_shared::msg::{ReasonCode, State};
 use alight_shared::time::Span;

@@ -1,0 +1,24 @@
+//! Stories and rates in the simulated world, one file a subject, one program: it is built and linked once.
+
+// Helpers of tests may panic, as tests do.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod calibration;
+mod contact;
+mod deck_reservation;
+mod estimate_jumps;
+mod estimator;
+mod hulls;
+mod interrupted_landing;
+mod keep_out;
+mod ladder;
+mod landing;
+mod orders;
+mod places;
+mod predictor;
+mod radio_link;
+mod recorded_motion;
+mod restarts;
+mod review;
+mod stated_course;
+mod witnesses;
