@@ -126,16 +126,19 @@ fn link_killed_after_the_stop_px4() {
 }
 
 #[test]
+#[ignore = "in lock-step: restarts; live by hand"]
 fn link_killed_after_the_stop_arducopter() {
     assert_lands_with("disarm-ap", Firmware::ArduCopter, "autopilot:kill:landed");
 }
 
 #[test]
+#[ignore = "in lock-step: restarts; live by hand"]
 fn live_pilot_killed_after_the_stop() {
     assert_lands_with("disarm-pilot", Firmware::Px4, "pilot:kill:landed");
 }
 
 #[test]
+#[ignore = "in lock-step: restarts; live by hand"]
 fn live_predictor_killed_in_flare() {
     assert_lands_with("predictor", Firmware::ArduCopter, "predictor:kill:flare");
 }
