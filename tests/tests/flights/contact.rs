@@ -11,6 +11,8 @@ use alight_sim::sensors::rangefinder::RangefinderFault;
 use alight_uav::autopilot::message::{command, id};
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 
+use crate::BOTH;
+
 /// Time in which everything is over, s.
 const LIMIT_S: f64 = 150.0;
 /// Flown on after the motors stopped, s.
@@ -51,8 +53,6 @@ impl Flown {
         self.hardest_mps <= MAX_CONTACT_MPS && self.rose_m <= TAKES_OFF_M && soon && !self.water
     }
 }
-
-const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
 
 fn scenario(firmware: Firmware) -> Scenario {
     let mut scenario = Scenario {

@@ -8,7 +8,7 @@ use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_uav::autopilot::modes::Firmware;
 use nalgebra::Vector3;
 
-const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
+use crate::BOTH;
 
 fn scenario(firmware: Firmware) -> Scenario {
     let mut scenario = Scenario::default();

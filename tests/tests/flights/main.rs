@@ -22,3 +22,8 @@ mod restarts;
 mod review;
 mod stated_course;
 mod witnesses;
+
+use alight_uav::autopilot::modes::Firmware;
+
+/// Both autopilots.
+const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];

@@ -141,12 +141,19 @@ impl Flight {
     }
 }
 
+/// Amplitude, m, and seed: those of every test, and those of the one that flies them all.
+const SEAS: [(f64, u64); 2] = [(0.5, 41), (0.8, 43)];
+const MORE_SEAS: [(f64, u64); 2] = [(0.5, 42), (0.8, 44)];
+
 /// The drone of the defaults in two seas, with every fault.
 fn over_seas(part: Part, cases: &[When], checkpoints: Checkpoints) -> Vec<Flight> {
+    over(&SEAS, part, cases, checkpoints)
+}
+fn over(seas: &[(f64, u64)], part: Part, cases: &[When], checkpoints: Checkpoints) -> Vec<Flight> {
     let mut flights = Vec::new();
     for &when in cases {
         for away_s in [0.3, 1.0] {
-            for (amplitude_m, seed) in [(0.5, 41), (0.8, 43)] {
+            for &(amplitude_m, seed) in seas {
                 flights.push(Flight {
                     part,
                     when,
@@ -274,6 +281,20 @@ fn supervisor_killed_in_flare() {
 #[test]
 fn supervisor_killed_on_the_deck() {
     all_land(&over_seas(Part::Supervisor, &ON_THE_DECK, Checkpoints::Kept));
+}
+
+#[test]
+#[ignore = "as many flights as the nine above: a minute and a half"]
+fn processes_killed_in_more_seas() {
+    let flown = |part, cases: &[When], checkpoints| over(&MORE_SEAS, part, cases, checkpoints);
+    for part in [Part::Mission, Part::Supervisor] {
+        all_land(&flown(part, &IN_DESCENT, Checkpoints::Kept));
+        all_land(&flown(part, &IN_FLARE, Checkpoints::Kept));
+        all_land(&flown(part, &ON_THE_DECK, Checkpoints::Kept));
+    }
+    all_safe(&flown(Part::Mission, &IN_DESCENT, Checkpoints::Lost));
+    all_safe(&flown(Part::Mission, &IN_FLARE, Checkpoints::Lost));
+    all_land(&flown(Part::Mission, &ON_THE_DECK, Checkpoints::Lost));
 }
 
 #[test]
