@@ -2,12 +2,13 @@
 //! back, the node's output to the topics that predictor, mission, planner and pilot read. Its checkpoint goes
 //! to the supervisor, which republishes it to a link that begins. Its metrics: uncertainty of the autopilot's
 //! clock (s), samples rejected, resets of its clock, hover thrust, set-points sent, times the link was
-//! reopened, datagrams of others than the autopilot.
+//! reopened, datagrams of others than the autopilot, frames by their signatures.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use alight_shared::config;
+use alight_shared::mavlink::{Signatures, Signing};
 use alight_shared::msg::{
     AutopilotState, Command, DeckForecast, DroneState, LinkCheckpoint, MissionState, RangeSample, Seq,
     SetPoint,
@@ -17,7 +18,7 @@ use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessKind;
 use alight_shared::transport::readiness::watched;
 use alight_uav::autopilot::message::{AUTOPILOT_COMPONENT, Address};
-use alight_uav::autopilot::wire::{Decoder, encode};
+use alight_uav::autopilot::wire::{Decoder, Encoder};
 use alight_uav::autopilot::{AutopilotIn, AutopilotLink, MAX_FRAMES};
 use alight_uav::pilot::Output;
 use tokio::io::Interest;
@@ -29,7 +30,7 @@ use crate::config::link_url::LinkUrl;
 use crate::exit::{CliError, Doing, Exit};
 use crate::io::byte_link::ByteLink;
 use crate::io::peer::Speaks;
-use crate::io::runtime;
+use crate::io::{mavlink_key, runtime};
 use crate::process::args::AutopilotArgs;
 use crate::process::keeper::OwnCheckpoint;
 use crate::process::life::Process;
@@ -50,16 +51,49 @@ pub fn node(computer: &DroneComputer, boot: u32) -> AutopilotLink {
     )
 }
 
-/// Datagrams of the autopilot with this system number, 0: of any. Whoever sends them over UDP is flown.
-pub fn speaks_as(vehicle: u8) -> Speaks {
-    Arc::new(move |datagram| {
-        let mut decoder = Decoder::default();
-        decoder.push(datagram);
-        let frames = core::iter::from_fn(|| decoder.next_frame()).take(MAX_FRAMES);
-        let from_autopilot =
-            |from: Address| from.component == AUTOPILOT_COMPONENT && (vehicle == 0 || vehicle == from.system);
-        frames.into_iter().any(|frame| from_autopilot(frame.from))
-    })
+/// Who speaks as the autopilot over UDP, and the signatures of those who do not.
+pub struct Speakers {
+    signing: Option<Signing>,
+    rejected: Arc<Mutex<Signatures>>,
+}
+
+impl Speakers {
+    /// With this key, if there is one.
+    pub fn new(signing: Option<&Signing>) -> Speakers {
+        // At whatever time: an autopilot without GNSS learns the time from our answers.
+        Speakers {
+            signing: signing.map(Signing::at_any_time),
+            rejected: Arc::default(),
+        }
+    }
+    /// Datagrams of the autopilot with this system number, 0: of any. Whoever sends them is flown.
+    pub fn of_vehicle(&self, vehicle: u8) -> Speaks {
+        let (signing, rejected) = (self.signing.clone(), self.rejected.clone());
+        Arc::new(move |datagram| {
+            let mut decoder = Decoder::signed(signing.clone());
+            decoder.push(datagram);
+            let frames: Vec<_> = core::iter::from_fn(|| decoder.next_frame())
+                .take(MAX_FRAMES)
+                .collect();
+            if let Ok(mut all) = rejected.lock() {
+                let signatures = decoder.signatures();
+                *all = all.plus(Signatures {
+                    unchecked: 0,
+                    ..signatures
+                });
+            }
+            let from_autopilot = |from: Address| {
+                from.component == AUTOPILOT_COMPONENT && (vehicle == 0 || vehicle == from.system)
+            };
+            frames.into_iter().any(|frame| from_autopilot(frame.from))
+        })
+    }
+    /// Frames of others by their signatures.
+    pub fn rejected(&self) -> Signatures {
+        self.rejected
+            .lock()
+            .map_or_else(|_| Signatures::default(), |all| *all)
+    }
 }
 
 /// Runs until it is asked to end.
@@ -71,7 +105,9 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
     let computer: DroneComputer = config::load(&args.process.config)?;
     let name = args.connect.as_ref().unwrap_or(&computer.autopilot.connect);
     let url = LinkUrl::of_autopilot(name).map_err(CliError)?;
-    let speaks = speaks_as(computer.autopilot.vehicle);
+    let signing = mavlink_key::read("autopilot.signing_key", &computer.autopilot.signing_key)?;
+    let speakers = Speakers::new(signing.as_ref());
+    let speaks = speakers.of_vehicle(computer.autopilot.vehicle);
     let mut link = ByteLink::with_peer(url.clone(), Some(speaks)).await?;
     let make = |boot| node(&computer, boot);
     let mut process = Process::start(ProcessKind::Autopilot, &args.process, computer.clock, make)?;
@@ -85,7 +121,7 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
     let mut ranges = memory.publisher::<RangeSample>()?;
     let mut commands = memory.publisher::<Command>()?;
     let mut reports = memory.publisher()?;
-    let (mut decoder, mut sequence) = (Decoder::default(), 0_u8);
+    let (mut decoder, mut encoder) = (Decoder::signed(signing.clone()), Encoder::signed(signing));
     let wakes = watched(memory.listener::<SetPoint>()?, Interest::READABLE);
     let wakes = wakes.doing("waiting for set-points")?;
     let mut steps = interval(MAX_STEP_PERIOD);
@@ -128,8 +164,7 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
         let out = process.step(now, &input, |out| {
             // The link first: set-points wait for nothing.
             for message in &out.messages {
-                sequence = sequence.wrapping_add(1);
-                if let Some(bytes) = encode(out.from, sequence, message) {
+                if let Some(bytes) = encoder.frame(out.from, message) {
                     link.write(&bytes);
                 }
             }
@@ -145,7 +180,7 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
             info!("autopilot: {text}");
         }
         let f = process.node().metrics(now);
-        process.life.metrics = Seq::filled([
+        let own = [
             MetricName::ClockUncertainty.seconds(f.clock_uncertainty_s),
             MetricName::SamplesRejected.count(f.rejected),
             MetricName::ClockRestarts.count(f.restarts),
@@ -154,7 +189,9 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
             MetricName::LinkReopened.count(link.opened()),
             // Datagrams of others than the autopilot.
             MetricName::PacketsDropped.count(link.foreign()),
-        ]);
+        ];
+        let signatures = mavlink_key::metrics(decoder.signatures().plus(speakers.rejected()));
+        process.life.metrics = Seq::filled(own.into_iter().chain(signatures));
         let inputs = || {
             vec![
                 set_points.statistics().state(t),
@@ -181,17 +218,31 @@ mod tests {
 
     #[test]
     fn datagram_that_makes_its_sender_the_peer() {
-        let from = |system, component| {
+        let of = |signing: Option<&Signing>, system, component| {
             let address = Address::new(system, component);
-            encode(address, 1, &Message::Origin(Default::default())).unwrap()
+            let mut encoder = Encoder::signed(signing.cloned());
+            encoder
+                .frame(address, &Message::Origin(Default::default()))
+                .unwrap()
         };
+        let from = |system, component| of(None, system, component);
         let autopilot = from(3, AUTOPILOT_COMPONENT);
-        assert!(speaks_as(0)(&autopilot) && speaks_as(3)(&autopilot));
-        assert!(!speaks_as(4)(&autopilot), "another system");
-        assert!(!speaks_as(0)(&from(255, 190)), "a ground station");
-        assert!(!speaks_as(0)(&from(3, COMPANION_COMPONENT)), "another companion");
-        let mut damaged = autopilot;
+        let unsigned = Speakers::new(None);
+        let any = unsigned.of_vehicle(0);
+        assert!(any(&autopilot) && unsigned.of_vehicle(3)(&autopilot));
+        assert!(!unsigned.of_vehicle(4)(&autopilot), "another system");
+        assert!(!any(&from(255, 190)), "a ground station");
+        assert!(!any(&from(3, COMPANION_COMPONENT)), "another companion");
+        let mut damaged = autopilot.clone();
         damaged[12] ^= 1;
-        assert!(!speaks_as(0)(&damaged) && !speaks_as(0)(b"") && !speaks_as(0)(b"GET / HTTP/1.1"));
+        assert!(!any(&damaged) && !any(b"") && !any(b"GET / HTTP/1.1"));
+        assert_eq!(unsigned.rejected(), Signatures::default());
+        let [ours, other] = [[1; 32], [2; 32]].map(Signing::new);
+        let signed = |by| of(Some(by), 3, AUTOPILOT_COMPONENT);
+        let speakers = Speakers::new(Some(&ours));
+        let speaks = speakers.of_vehicle(3);
+        assert!(speaks(&signed(&ours)) && !speaks(&autopilot) && !speaks(&signed(&other)));
+        let rejected = speakers.rejected();
+        assert_eq!((rejected.unsigned, rejected.other_key), (1, 1));
     }
 }

@@ -3,6 +3,7 @@
 pub mod byte_link;
 pub mod byte_links;
 pub mod digital_line;
+pub mod mavlink_key;
 pub mod peer;
 pub mod runtime;
 pub mod sensor_socket;

@@ -18,6 +18,7 @@ use crate::config::link_url::LinkUrl;
 use crate::exit::{CliError, Doing, Exit};
 use crate::io::byte_link::ByteLink;
 use crate::io::byte_links::{Arrival, ByteLinks};
+use crate::io::mavlink_key;
 use crate::io::peer::Speaks;
 use crate::io::runtime;
 use crate::io::sensor_socket::SensorSender;
@@ -40,6 +41,18 @@ pub fn run(args: &SensorsArgs) -> Result<Exit, CliError> {
     runtime::block_on(read(args))
 }
 
+/// The node of this computer's sources, with their keys, for a start with this boot id.
+pub fn node(computer: &VesselComputer, boot: u32) -> Result<SensorNode, CliError> {
+    let mut node = SensorNode::new(&computer.placed_sensors(), computer.vessel_id, boot);
+    for (number, source) in computer.sensor.sources.iter().enumerate() {
+        let name = format!("signing_key of sensor {}", source.name);
+        if let Some(key) = mavlink_key::read(&name, &source.signing_key)? {
+            node.sign(number, key);
+        }
+    }
+    Ok(node)
+}
+
 async fn read(args: &SensorsArgs) -> Result<Exit, CliError> {
     let computer: VesselComputer = config::load(&args.config)?;
     let sources = &computer.sensor.sources;
@@ -59,7 +72,7 @@ async fn read(args: &SensorsArgs) -> Result<Exit, CliError> {
     }
     let mut links = ByteLinks::start(links);
     let to = SensorSender::to(&computer.sensors).doing(format_args!("sending to {}", computer.sensors))?;
-    let mut node = SensorNode::new(&computer.placed_sensors(), computer.vessel_id, draw_boot());
+    let mut node = node(&computer, draw_boot())?;
     let end = end_with_supervisor(args.supervised);
     let report_period_ns = if args.supervised {
         sensor_supervisor::REPORT_PERIOD_NS

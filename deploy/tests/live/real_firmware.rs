@@ -13,7 +13,7 @@ use alight_uav::autopilot::message::{
     ARMED, Address, CUSTOM_MODE, CommandLong, Heartbeat, Message, command, id,
 };
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
-use alight_uav::autopilot::wire::{Decoder, encode};
+use alight_uav::autopilot::wire::{Decoder, Encoder};
 
 use crate::common::{errors, free_port, printed, run};
 
@@ -77,7 +77,7 @@ struct Person {
     firmware: Firmware,
     link: Link,
     decoder: Decoder,
-    sequence: u8,
+    encoder: Encoder,
     /// Heartbeats of the firmware: one a second.
     beats: u32,
     mode: u32,
@@ -93,7 +93,7 @@ impl Person {
             firmware,
             link,
             decoder: Decoder::default(),
-            sequence: 0,
+            encoder: Encoder::default(),
             beats: 0,
             mode: 0,
             armed: false,
@@ -103,8 +103,7 @@ impl Person {
         }
     }
     fn send(&mut self, message: &Message) {
-        self.sequence = self.sequence.wrapping_add(1);
-        self.link.send(&encode(PERSON, self.sequence, message).unwrap());
+        self.link.send(&self.encoder.frame(PERSON, message).unwrap());
     }
     fn command(&mut self, command: u16, parameters: [f64; 7]) {
         let to = Address::new(self.system(), 1);

@@ -66,6 +66,10 @@ names! {
     HoverThrust: "hover thrust",
     SetPointsSent: "set-points sent",
     LinkReopened: "link reopened",
+    UnsignedFrames: "unsigned frames rejected",
+    OtherKeyFrames: "frames signed with another key rejected",
+    OldFrames: "frames with an old signature rejected",
+    UncheckedSignatures: "signatures not checked",
     // Of the cameras.
     Images: "images",
     WrongSize: "images of another size",

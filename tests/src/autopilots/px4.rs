@@ -3,7 +3,7 @@
 //! loop ran: each sample, or every second or third, as its IMU_GYRO_RATEMAX has it.
 
 use alight_uav::autopilot::message::{Address, Message};
-use alight_uav::autopilot::wire::{Decoder, encode};
+use alight_uav::autopilot::wire::{Decoder, Encoder};
 
 use super::{FirmwareConfig, FirmwareSensors, motors};
 use crate::physics::drone::{MAX_ROTORS, PlantState};
@@ -24,7 +24,7 @@ pub struct Px4Plant {
     config: FirmwareConfig,
     sensors: FirmwareSensors,
     decoder: Decoder,
-    sequence: u8,
+    encoder: Encoder,
     outputs: Option<[f64; 16]>,
     answers: u64,
     /// Time of the newest sample, us, and after the one before.
@@ -42,7 +42,7 @@ impl Px4Plant {
             config: config.clone(),
             sensors,
             decoder: Decoder::default(),
-            sequence: 0,
+            encoder: Encoder::default(),
             outputs: None,
             answers: 0,
             sampled_us: 0,
@@ -61,8 +61,7 @@ impl Px4Plant {
         let sample = Message::HilSensor(sample);
         let mut bytes = Vec::new();
         for message in fix.iter().chain([&sample]) {
-            self.sequence = self.sequence.wrapping_add(1);
-            bytes.extend(encode(US, self.sequence, message).unwrap_or_default());
+            bytes.extend(self.encoder.frame(US, message).unwrap_or_default());
         }
         bytes
     }

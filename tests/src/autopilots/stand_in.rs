@@ -5,7 +5,7 @@ use alight_shared::geodesy::Datum;
 use alight_shared::geometry::GRAVITY;
 use alight_shared::time::Time;
 use alight_uav::autopilot::message::{Address, HilGps, HilSensor, Message};
-use alight_uav::autopilot::wire::encode;
+use alight_uav::autopilot::wire::Encoder;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use crate::physics::drone::{MAX_ROTORS, PlantState};
@@ -52,7 +52,9 @@ pub fn motor_answer(time_us: u64, outputs: [f64; MAX_ROTORS], armed: bool) -> Ve
         controls,
         mode: if armed { 129 } else { 1 },
     };
-    encode(Address::new(1, 1), 0, &answer).unwrap_or_default()
+    Encoder::default()
+        .frame(Address::new(1, 1), &answer)
+        .unwrap_or_default()
 }
 
 /// Where a fix is, NED about `origin`, m.

@@ -7,7 +7,7 @@ use alight_shared::msg::{AutopilotState, Command, LinkCheckpoint};
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_uav::autopilot::message::{Address, Frame, Message, command};
-use alight_uav::autopilot::wire::{Decoder, encode};
+use alight_uav::autopilot::wire::{Decoder, Encoder};
 use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotOut, ControlAuthority};
 
 use crate::autopilots::simulated::SimulatedAutopilot;
@@ -34,7 +34,7 @@ pub struct Wire {
     noise: Noise,
     under_way: VecDeque<(Time<TrueTime>, Vec<u8>)>,
     decoder: Decoder,
-    sequence: u8,
+    encoder: Encoder,
 }
 
 impl Wire {
@@ -45,14 +45,13 @@ impl Wire {
             noise: Noise::new(streams, name),
             under_way: VecDeque::new(),
             decoder: Decoder::default(),
-            sequence: 0,
+            encoder: Encoder::default(),
         }
     }
     /// Puts a message onto the wire.
     pub fn send(&mut self, t: Time<TrueTime>, from: Address, message: &Message) {
-        self.sequence = self.sequence.wrapping_add(1);
         // What the dialect does not know is not sent.
-        let Some(bytes) = encode(from, self.sequence, message) else {
+        let Some(bytes) = self.encoder.frame(from, message) else {
             return;
         };
         let arrival = t + self.delay + Span::from_secs(self.jitter.secs() * self.noise.uniform());

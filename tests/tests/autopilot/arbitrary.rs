@@ -7,7 +7,7 @@ use alight_uav::autopilot::message::{
     Address, AttitudeReport, CommandLong, CommandResult, DistanceReport, Frame, Heartbeat, HilGps, ImuReport,
     Message, OdometryReport, ParameterValue, PositionReport, RcChannels, VelocityFrame,
 };
-use alight_uav::autopilot::wire::{Decoder, encode};
+use alight_uav::autopilot::wire::{Decoder, Encoder};
 use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotLinkConfig};
 use alight_uav::odometry::OdometryConfig;
 use proptest::prelude::*;
@@ -157,13 +157,13 @@ proptest! {
         pieces in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..300), 0..40),
     ) {
         let mut decoder = Decoder::default();
-        let (mut sent, mut found) = (0, 0);
+        let (mut encoder, mut sent, mut found) = (Encoder::default(), 0, 0);
         let beat = heartbeat(12, 2, 1, 7);
-        for (k, piece) in pieces.iter().enumerate() {
+        for piece in &pieces {
             decoder.push(piece);
             // Noise may begin as a frame would and swallow what follows: silence of a frame's length ends it.
             decoder.push(&[0; 300]);
-            decoder.push(&encode(Address::new(1, 1), k as u8, &beat).unwrap());
+            decoder.push(&encoder.frame(Address::new(1, 1), &beat).unwrap());
             sent += 1;
             while let Some(f) = decoder.next_frame() {
                 found += u32::from(f.message == beat);
@@ -175,7 +175,7 @@ proptest! {
     #[test]
     fn encoded_message_round_trip(m in message()) {
         // What the dialect does not know is not sent.
-        if let Some(bytes) = encode(Address::new(9, 1), 3, &m) {
+        if let Some(bytes) = Encoder::default().frame(Address::new(9, 1), &m) {
             let mut decoder = Decoder::default();
             decoder.push(&bytes);
             let back = decoder.next_frame().map(|f| (f.from, std::mem::discriminant(&f.message)));
@@ -229,6 +229,6 @@ fn decoder_buffer_bound() {
     while decoder.next_frame().is_some() {}
     let beat = heartbeat(3, 2, 1, 4);
     decoder.push(&[0; 300]);
-    decoder.push(&encode(Address::new(1, 1), 0, &beat).unwrap());
+    decoder.push(&Encoder::default().frame(Address::new(1, 1), &beat).unwrap());
     assert_eq!(decoder.next_frame().unwrap().message, beat);
 }

@@ -4,7 +4,7 @@ use alight_shared::msg::{DroneState, SetPoint, State};
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::autopilot::message::{Address, LandingTarget, Message, TargetFrame};
 use alight_uav::autopilot::modes::Firmware;
-use alight_uav::autopilot::wire::{Decoder, encode};
+use alight_uav::autopilot::wire::{Decoder, Encoder};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::rig::{LinkRig, hover, press};
@@ -142,7 +142,11 @@ fn landing_target_of_the_other_firmware() {
         let sent = Message::LandingTarget(target(frame, distance_m));
         // As it is on the wire.
         let mut decoder = Decoder::default();
-        decoder.push(&encode(Address::new(1, 191), 1, &sent).expect("a frame"));
+        decoder.push(
+            &Encoder::default()
+                .frame(Address::new(1, 191), &sent)
+                .expect("a frame"),
+        );
         let received = decoder.next_frame().expect("a landing target").message;
         let Message::LandingTarget(t) = received else {
             panic!("{received:?}")

@@ -10,7 +10,7 @@ use alight_uav::autopilot::ground_station::{AGE, DISTANCE, MAX_TEXT, WIND};
 use alight_uav::autopilot::message::{
     Address, LandingTarget, Message, RC_RECEIVER, RcChannels, TargetFrame, severity,
 };
-use alight_uav::autopilot::wire::{Decoder, encode};
+use alight_uav::autopilot::wire::{Decoder, Encoder};
 
 use super::rig::{LinkRig, press, stop};
 use super::{BOTH, config};
@@ -45,7 +45,9 @@ fn companion_component() {
         assert!((9..=11).contains(&p.heartbeats.len()), "{}", p.heartbeats.len());
         for (_, from, heartbeat) in &p.heartbeats {
             assert_eq!((from.system, from.component), (vehicle, 191));
-            let bytes = encode(*from, 1, &Message::Heartbeat(*heartbeat)).expect("a frame");
+            let bytes = Encoder::default()
+                .frame(*from, &Message::Heartbeat(*heartbeat))
+                .expect("a frame");
             let mut frames = FrameReader::default();
             frames.push(&bytes);
             let frame = frames.next_frame().and_then(|f| f.message());
@@ -239,7 +241,11 @@ fn message_values_over_the_wire() {
     ]);
     for message in sent {
         let mut decoder = Decoder::default();
-        decoder.push(&encode(Address::new(3, 191), 9, &message).expect("a frame"));
+        decoder.push(
+            &Encoder::default()
+                .frame(Address::new(3, 191), &message)
+                .expect("a frame"),
+        );
         assert_eq!(decoder.next_frame().map(|f| f.message), Some(message));
     }
     // Names of named values have ten characters.

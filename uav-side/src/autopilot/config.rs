@@ -25,6 +25,10 @@ config! {
         /// beyond this computer names the autopilot's address: `udpin://0.0.0.0:14540?from=192.168.7.20`.
         /// Source: PX4's onboard API link.
         pub connect: String = "udpin://127.0.0.1:14540".into();
+        /// File with the key of MAVLink 2 signing: a passphrase, of which the key is the SHA-256 as in Mission Planner,
+        /// MAVProxy and QGroundControl, or 64 hexadecimal digits. With it every frame is signed, and only those are
+        /// taken that the same key signed. Empty: none is signed, and none is checked.
+        pub signing_key: String = String::new();
         /// System number of the autopilot; 0: the first one whose heartbeat is received.
         pub vehicle: u8 = 0;
         /// Our system number; 0: the vehicle's, as a companion computer has it.

@@ -103,6 +103,9 @@ config! {
         /// The vessel's system on a MAVLink link; zero: the first whose heartbeat is a boat's.
         /// Source: MAV_TYPE in its heartbeat; an autopilot set up as another vehicle needs its number here.
         pub system: u8 = 0;
+        /// File with the key of MAVLink 2 signing: a passphrase, of which the key is the SHA-256, or 64 hexadecimal
+        /// digits. Empty: nothing is signed, and no signature is checked.
+        pub signing_key: String = String::new();
         /// Smallest delay from a measurement to its arrival, s: from its data sheet, or half of a round trip.
         pub latency_s: f64 = 0.0, in 0.0..=0.5;
         /// Mounting and accuracy of its sensors.
@@ -114,6 +117,12 @@ config! {
             "connect",
             "empty",
             "a URL, such as udpin://0.0.0.0:10110",
+        )?;
+        at.require(
+            this.signing_key.is_empty() || this.format == Format::Mavlink,
+            "signing_key",
+            &this.signing_key,
+            "empty: only MAVLink is signed",
         )?;
     }
 }

@@ -6,7 +6,7 @@
 mod systems;
 
 use alight_shared::geodesy::Datum;
-use alight_shared::mavlink::{self, Fields, FrameReader, MAX_WAITING, Sender, dialect as m};
+use alight_shared::mavlink::{self, Fields, FrameReader, MAX_WAITING, Sender, Signing, dialect as m};
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, NOT_MEASURED_SD};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
@@ -35,6 +35,7 @@ const COMPANION: u8 = 191;
 pub struct MavlinkDecoder {
     mounting: Mounting,
     frames: FrameReader,
+    signing: Option<Signing>,
     decoded: Decoded,
     systems: Systems,
     sequence: u8,
@@ -286,7 +287,7 @@ impl MavlinkDecoder {
             sequence: self.sequence,
         };
         self.sequence = self.sequence.wrapping_add(1);
-        mavlink::encode(from, message)
+        mavlink::encode(from, message, self.signing.as_ref())
     }
 }
 
@@ -309,11 +310,17 @@ impl Decoder for MavlinkDecoder {
             ..self.decoded
         }
     }
+    fn sign(&mut self, key: Signing) {
+        self.frames = FrameReader::signed(Some(key.clone()));
+        self.signing = Some(key);
+    }
     fn remarks(&self) -> Vec<Remark> {
+        let signatures = self.frames.signatures().finding();
         self.heights
             .remark()
             .into_iter()
             .chain(self.systems.remarks())
+            .chain(signatures.map(|(text, remedy)| Remark::fault(text, remedy)))
             .collect()
     }
     /// Our heartbeat, and with every fifth one the requested messages.

@@ -23,6 +23,7 @@ pub use node::{MAX_STEP_BYTES, SensorNode, SensorsIn, SensorsOut, SourceStatus};
 pub use stuck::{MAX_REPEATED, Repetition};
 pub use ubx::UbxDecoder;
 
+use alight_shared::mavlink::Signing;
 use alight_shared::msg::{AttitudeFix, GnssFix, Header, HeadingFix, ImuSample};
 use alight_shared::time::{Time, VesselClock};
 use serde::{Deserialize, Serialize};
@@ -205,6 +206,8 @@ pub trait Decoder {
     fn remarks(&self) -> Vec<Remark> {
         Vec::new()
     }
+    /// What it takes is signed with this key, and what it asks. A protocol without signatures goes on without.
+    fn sign(&mut self, _key: Signing) {}
     /// Bytes to be sent to the source now, once a second, where it sends only what it is asked for.
     fn request(&mut self) -> Option<Vec<u8>> {
         None

@@ -1,6 +1,7 @@
 //! The node of all sources of a vessel: bytes as they arrive to measurements on the vessel's clock, with statistics
 //! of each source.
 
+use alight_shared::mavlink::Signing;
 use alight_shared::msg::Header;
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
@@ -202,6 +203,12 @@ impl SensorNode {
             vessel,
             boot,
             sequence: 0,
+        }
+    }
+    /// The key of MAVLink signing of source `number`.
+    pub fn sign(&mut self, number: usize, key: Signing) {
+        if let Some(source) = self.sources.get_mut(number) {
+            source.decoder.sign(key);
         }
     }
     /// What a person should know of each source beside its statistics.

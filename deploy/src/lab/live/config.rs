@@ -111,6 +111,8 @@ config! {
         pub autopilot: AutopilotKind = AutopilotKind::default();
         /// Where the drone's link to the simulated autopilot listens, UDP.
         pub mavlink: String = "127.0.0.1:14540".into();
+        /// Key of MAVLink signing that the simulated autopilot shares with the drone's computer (`autopilot.signing_key`).
+        pub signing_key: String = String::new();
         /// Where a ground station listens, UDP: the simulated autopilot's other link, between which it forwards.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub ground_station: Option<String> = None;

@@ -276,6 +276,7 @@ impl LandingSetup {
                 None => FirmwareConfig::default(),
             },
             mavlink,
+            signing_key: String::new(),
             ground_station: args.ground_station.map(|a| a.to_string()),
             devices: None,
             scenario: scene.scenario.drawn(args.seed),

@@ -7,6 +7,7 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::time::Duration;
 
+use alight_shared::mavlink::Signing;
 use alight_shared::msg::{AutopilotMode, RangeSample};
 use alight_shared::time::{Time, TrueTime};
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
@@ -61,6 +62,7 @@ enum Link {
         /// A ground station at its other link.
         station: Option<UdpSocket>,
         autopilot: Option<Box<SimulatedAutopilot>>,
+        signing: Option<Signing>,
         handed_over: bool,
     },
     Px4 {
@@ -100,11 +102,12 @@ pub struct Plant {
 
 impl Plant {
     /// Listens where the firmware looks for a simulator; the simulated autopilot sends its MAVLink to `mavlink`, and to a
-    /// ground station at `station`.
+    /// ground station at `station`, signed where a key is set.
     pub fn open(
         kind: AutopilotKind,
         mavlink: &str,
         station: Option<&str>,
+        signing: Option<Signing>,
         config: &FirmwareConfig,
         sensors: FirmwareSensors,
     ) -> Result<Plant, CliError> {
@@ -122,6 +125,7 @@ impl Plant {
                     socket: dial(mavlink)?,
                     station: station.map(dial).transpose()?,
                     autopilot: None,
+                    signing,
                     handed_over: false,
                 };
                 (link, INNER_PER_OUTER)
@@ -167,10 +171,13 @@ impl Plant {
             return;
         }
         match &mut self.link {
-            Link::Simulated { autopilot, .. } => {
+            Link::Simulated {
+                autopilot, signing, ..
+            } => {
                 if physics.now() >= physics.hover_from() {
                     physics.place_drone(0);
                     *autopilot = physics.autopilot(0).map(|(_, a)| Box::new(a));
+                    autopilot.iter_mut().for_each(|a| a.set_signing(signing.take()));
                 }
             }
             Link::Px4 { .. } | Link::Ardupilot { .. } => physics.place_drone_on_pad(0),
@@ -224,6 +231,7 @@ impl Plant {
                 station,
                 autopilot,
                 handed_over,
+                ..
             } => {
                 let autopilot = autopilot.as_mut()?;
                 if !*handed_over {
@@ -407,7 +415,7 @@ mod tests {
             ..FirmwareConfig::default()
         };
         let sensors = FirmwareSensors::new(&c, &Default::default(), Default::default(), &Streams::new(1));
-        Plant::open(kind, "", None, &c, sensors).unwrap()
+        Plant::open(kind, "", None, None, &c, sensors).unwrap()
     }
     /// Exchanges until the motors are as `wanted`; the slice in which they were.
     fn until(plant: &mut Plant, from: i64, wanted: impl Fn(Option<[f64; MAX_ROTORS]>) -> bool) -> i64 {

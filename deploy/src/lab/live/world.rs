@@ -20,6 +20,7 @@ use alight_sim::sensors::DroneReadings;
 use serde::{Deserialize, Serialize};
 
 use crate::exit::{CliError, Doing, Exit};
+use crate::io::mavlink_key;
 use crate::io::sensor_socket::{Readings, SensorSender};
 use crate::lab::chart;
 use crate::lab::live::args::WorldArgs;
@@ -110,7 +111,8 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         let sensors = FirmwareSensors::new(firmware, navigation, datum, physics.streams());
         let kind = kind.unwrap_or(world.autopilot);
         let station = world.ground_station.as_deref();
-        Plant::open(kind, &world.mavlink, station, firmware, sensors)?
+        let signing = mavlink_key::read("signing_key", &world.signing_key)?;
+        Plant::open(kind, &world.mavlink, station, signing, firmware, sensors)?
     };
     let instance = Instance::new(&world.instance)?;
     // Vehicles with devices of their own are there before the drone's computer is.

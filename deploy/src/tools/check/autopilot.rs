@@ -2,6 +2,7 @@
 //! requests, nothing else.
 
 use alight_shared::admission::Periodic;
+use alight_shared::mavlink::Signatures;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::transport::clock::steady_ns;
 use alight_uav::autopilot::message::{
@@ -10,15 +11,15 @@ use alight_uav::autopilot::message::{
 };
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::parameters::Parameters;
-use alight_uav::autopilot::wire::{Decoder, encode};
+use alight_uav::autopilot::wire::{Decoder, Encoder};
 use alight_uav::pilot::Output;
 use tokio::time::{Instant, timeout_at};
 
 use crate::config::DroneComputer;
 use crate::config::link_url::LinkUrl;
-use crate::drone::autopilot::speaks_as;
+use crate::drone::autopilot::Speakers;
 use crate::io::byte_link::ByteLink;
-use crate::io::runtime;
+use crate::io::{mavlink_key, runtime};
 use crate::tools::check::facts::AutopilotReport;
 
 /// Time between two looks at the link.
@@ -30,16 +31,27 @@ const ROUNDS_WITHOUT: u32 = 300;
 /// Period of our heartbeats.
 const HEARTBEAT: Span = Span::from_millis(1000);
 
-/// What the autopilot reports; None when no heartbeat of one came.
-pub fn report(computer: &DroneComputer, url: &LinkUrl) -> Option<AutopilotReport> {
-    runtime::block_on(async { Ok(received(computer, url).await) }).ok()?
+/// What the autopilot reports; None when no heartbeat of one came. Frames are counted by their signatures.
+pub fn report(
+    computer: &DroneComputer,
+    url: &LinkUrl,
+    signatures: &mut Signatures,
+) -> Option<AutopilotReport> {
+    runtime::block_on(async { Ok(received(computer, url, signatures).await) }).ok()?
 }
 
-async fn received(computer: &DroneComputer, url: &LinkUrl) -> Option<AutopilotReport> {
+async fn received(
+    computer: &DroneComputer,
+    url: &LinkUrl,
+    signatures: &mut Signatures,
+) -> Option<AutopilotReport> {
     let c = &computer.autopilot;
-    let speaks = Some(speaks_as(c.vehicle));
+    // What is wrong with its file is a finding of its own.
+    let signing = mavlink_key::read("autopilot.signing_key", &c.signing_key).ok()?;
+    let speakers = Speakers::new(signing.as_ref());
+    let speaks = Some(speakers.of_vehicle(c.vehicle));
     let mut link = ByteLink::with_peer(url.clone(), speaks).await.ok()?;
-    let (mut decoder, mut sequence) = (Decoder::default(), 0_u8);
+    let (mut decoder, mut encoder) = (Decoder::signed(signing.clone()), Encoder::signed(signing));
     let mut heartbeat = Periodic::<DroneClock>::default();
     let mut origin_due = Periodic::<DroneClock>::default();
     let mut found: Option<(Address, Parameters)> = None;
@@ -101,8 +113,7 @@ async fn received(computer: &DroneComputer, url: &LinkUrl) -> Option<AutopilotRe
             })
         });
         for message in alive.iter().chain(&request).chain(wanted.iter().flatten()) {
-            sequence = sequence.wrapping_add(1);
-            if let Some(bytes) = encode(Address::new(system, c.component), sequence, message) {
+            if let Some(bytes) = encoder.frame(Address::new(system, c.component), message) {
                 link.write(&bytes);
             }
         }
@@ -114,6 +125,7 @@ async fn received(computer: &DroneComputer, url: &LinkUrl) -> Option<AutopilotRe
             break;
         }
     }
+    *signatures = decoder.signatures().plus(speakers.rejected());
     found.map(|(_, p)| AutopilotReport {
         parameters: p.findings().collect(),
         ..report

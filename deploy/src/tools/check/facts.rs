@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use alight_shared::autopilot_parameters::Parameter;
 use alight_shared::geodesy::Datum;
+use alight_shared::mavlink::Signatures;
 use alight_uav::autopilot::parameters::Finding;
 use alight_uav::camera::metering::Setting;
 use alight_usv::sensors::{Remark, SourceStatus};
@@ -131,6 +132,17 @@ pub struct AutopilotReport {
     pub geoid_m: Option<f64>,
 }
 
+/// Signing of the autopilot's link.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SigningCheck {
+    /// The file with its key, as configured; empty: none.
+    pub path: String,
+    /// Permissions of that file, or why it holds no key.
+    pub key: Result<u32, String>,
+    /// Frames received by their signatures.
+    pub received: Signatures,
+}
+
 /// The place for shared memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SharedMemory {
@@ -193,6 +205,8 @@ pub struct Facts {
     pub dialled: Vec<(String, Reach)>,
     /// The autopilot's link as configured, and whether it can be had; None where none is.
     pub autopilot: Option<(String, Result<Reach, String>)>,
+    /// MAVLink's signing; None where no autopilot is configured.
+    pub signing: Option<SigningCheck>,
     /// What the autopilot reported, None when no heartbeat of one came; None when the link is another's or cannot be had.
     pub reported: Option<Option<AutopilotReport>>,
     /// Where the frame of a running drone begins, and how far away the deck is, m; None while nothing runs or is known.

@@ -9,6 +9,7 @@ use std::process::Command;
 use std::time::Duration;
 
 use alight_shared::config;
+use alight_shared::mavlink::Signatures;
 use alight_shared::transport::memory::{Instance, Memory};
 use alight_shared::transport::process::ProcessKind;
 use alight_shared::transport::radio::{RadioConfig, TlsConfig};
@@ -21,6 +22,7 @@ use crate::config::link_url::LinkUrl;
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Doing};
 use crate::io::digital_line::DigitalLine;
+use crate::io::mavlink_key;
 use crate::io::sensor_socket::SensorSocket;
 use crate::process::flight::{ATTITUDE_DEAD_TIME, ATTITUDE_LAG};
 use crate::process::observer::Observer;
@@ -29,7 +31,7 @@ use crate::process::{instance, scheduling};
 use crate::record::flight::store;
 use crate::tools::check::facts::{
     CameraCheck, ClockSync, Computer, DeckInputCheck, Facts, Identity, Port, PortState, Reach,
-    SensorReadings, SharedMemory,
+    SensorReadings, SharedMemory, SigningCheck,
 };
 use crate::tools::check::{autopilot, camera, sources};
 use crate::vessel::deck_inputs;
@@ -56,6 +58,7 @@ pub fn gather(path: &Path) -> Facts {
         ports: Vec::new(),
         dialled: Vec::new(),
         autopilot: None,
+        signing: None,
         reported: None,
         frame: None,
         flown: None,
@@ -109,12 +112,14 @@ pub fn gather(path: &Path) -> Facts {
                 let name = d.autopilot.connect.clone();
                 let url: Result<LinkUrl, String> = name.parse();
                 let reach = url.as_ref().map(reach_autopilot).map_err(Clone::clone);
+                let mut received = Signatures::default();
                 facts.reported = match (&url, &reach) {
                     (Ok(url), Ok(Reach::Answers | Reach::Routed)) if !facts.running => {
-                        Some(autopilot::report(d, url))
+                        Some(autopilot::report(d, url, &mut received))
                     }
                     (_, _) => None,
                 };
+                facts.signing = Some(signing(&d.autopilot.signing_key, received));
                 facts.autopilot = Some((name, reach));
             }
             let snapshot = instance
@@ -272,6 +277,15 @@ impl Facts {
             })
             .collect();
         self.dialled = radio.connect.iter().map(|e| (e.clone(), reach(e))).collect();
+    }
+}
+
+fn signing(path: &str, received: Signatures) -> SigningCheck {
+    let key = mavlink_key::read("autopilot.signing_key", path).map_err(|e| e.to_string());
+    SigningCheck {
+        path: path.to_owned(),
+        key: key.map(|_| fs::metadata(path).map_or(0, |m| m.permissions().mode())),
+        received,
     }
 }
 

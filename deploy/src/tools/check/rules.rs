@@ -11,7 +11,7 @@ use alight_usv::sensors::Remark;
 use crate::certificates::{Certificate, RENEWAL_DAYS, common_name};
 use crate::tools::check::facts::{
     AutopilotReport, CameraCheck, Computer, DeckInputCheck, Facts, Identity, Port, PortState, Reach,
-    SharedMemory, SourceCheck,
+    SharedMemory, SigningCheck, SourceCheck,
 };
 use crate::tools::check::finding::{Finding, Topic};
 use crate::tools::check::{equipment, view};
@@ -61,6 +61,7 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     all.extend(view::judge(looked_at));
     all.extend(facts.memory.as_ref().map(memory).into_iter().flatten());
     all.extend(facts.autopilot.as_ref().map(|a| autopilot(a, facts)));
+    all.extend(facts.signing.as_ref().and_then(signing));
     match (computer, &facts.reported) {
         (Computer::Drone(d), Some(Some(reported))) => {
             all.extend(parameters(reported, d.autopilot.check_parameters));
@@ -311,6 +312,25 @@ fn autopilot((url, reach): &(String, Result<Reach, String>), facts: &Facts) -> F
             "is it powered and plugged in, may the user alight open it (group dialout), does another program hold it?",
         ),
         Err(why) => TOPIC.broken(why, "correct autopilot.connect"),
+    }
+}
+
+/// Signing of its frames; None where nobody signs.
+fn signing(check: &SigningCheck) -> Option<Finding> {
+    const TOPIC: Topic = Topic("signing");
+    match (&check.key, check.received.finding()) {
+        (Err(why), _) => Some(TOPIC.broken(why, "correct autopilot.signing_key or that file")),
+        (Ok(_), Some((signatures, mend))) => Some(TOPIC.broken(signatures, mend)),
+        (Ok(mode), None) if mode & OTHERS & !GROUP_READS != 0 => Some(TOPIC.warning(
+            format!(
+                "others may read or change {} (mode {:o})",
+                check.path,
+                mode & 0o777
+            ),
+            "chmod 600",
+        )),
+        (Ok(_), None) if check.path.is_empty() => None,
+        (Ok(_), None) => Some(TOPIC.fine("frames are signed, and taken only with that signature")),
     }
 }
 

@@ -14,7 +14,7 @@ use crate::io::byte_links::ByteLinks;
 use crate::io::peer::Speaks;
 use crate::io::runtime;
 use crate::tools::check::facts::SourceCheck;
-use crate::vessel::sensors::strangers_remark;
+use crate::vessel::sensors::{self, strangers_remark};
 
 /// All sources are listened to for so long, s: two periods of the slowest receivers and the pause of a link that is opened
 /// late.
@@ -37,7 +37,13 @@ async fn received(computer: &VesselComputer) -> Vec<SourceCheck> {
         }
     }
     let mut links = ByteLinks::start(links);
-    let mut node = SensorNode::new(&computer.placed_sensors(), computer.vessel_id, 0);
+    let mut node = match sensors::node(computer, 0) {
+        Ok(node) => node,
+        Err(e) => {
+            why.fill(Some(e.to_string()));
+            SensorNode::new(&computer.placed_sensors(), computer.vessel_id, 0)
+        }
+    };
     let mut bytes_in = vec![0_usize; sources.len()];
     let mut strangers = vec![None; sources.len()];
     let end = Instant::now() + Duration::from_secs_f64(if sources.is_empty() { 0.0 } else { LISTEN_S });

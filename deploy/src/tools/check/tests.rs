@@ -9,12 +9,13 @@ use std::time::Duration;
 use alight_shared::autopilot_parameters::{Parameter, of_px4};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
+use alight_shared::mavlink::{Signatures, Signing};
 use alight_shared::time::Span;
 use alight_shared::transport::radio::TlsConfig;
 use alight_sim::autopilots::simulated::SimulatedAutopilot;
 use alight_sim::physics::drone::{AutopilotConfig, NavigationConfig, PlantState};
 use alight_sim::physics::streams::Streams;
-use alight_uav::autopilot::message::command;
+use alight_uav::autopilot::message::{CommandLong, command};
 use alight_uav::autopilot::parameters::Finding as ParameterFinding;
 use alight_uav::camera::metering::Setting;
 use alight_usv::sensors::{SourceConfig, SourceStatus};
@@ -22,9 +23,10 @@ use alight_usv::sensors::{SourceConfig, SourceStatus};
 use crate::certificates::{self, Certificate};
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::Exit;
+use crate::io::mavlink_key;
 use crate::tools::check::facts::{
     AutopilotReport, CameraCheck, CameraView, ClockSync, Computer, DeckInputCheck, Facts, Identity, Port,
-    PortState, Reach, SensorReadings, SharedMemory, SourceCheck,
+    PortState, Reach, SensorReadings, SharedMemory, SigningCheck, SourceCheck,
 };
 use crate::tools::check::finding::{Finding, Level};
 use crate::tools::check::rules::judge;
@@ -78,6 +80,7 @@ fn vessel() -> Facts {
         }],
         dialled: Vec::new(),
         autopilot: None,
+        signing: None,
         reported: None,
         frame: None,
         flown: None,
@@ -114,6 +117,18 @@ fn drone() -> Facts {
     facts.sensors = None;
     facts.sources = None;
     facts
+}
+
+/// Signing with a key file of these permissions, and so many frames that were not signed.
+fn signed(key: Result<u32, &str>, unsigned: u64) -> Option<SigningCheck> {
+    Some(SigningCheck {
+        path: "/etc/alight/mavlink.key".into(),
+        key: key.map_err(Into::into),
+        received: Signatures {
+            unsigned,
+            ..Signatures::default()
+        },
+    })
 }
 
 /// PX4 reports this of one parameter, and of all others what suits.
@@ -308,6 +323,7 @@ fn check_of_each_fault() {
                     |f| f.frame = Some((Datum::new(70.1, 19.2, 33.0), Some(7200.0))),
                     "7200 m away",
                 ),
+                (|f| f.signing = signed(Ok(0o644), 0), "others may read or change"),
                 (|f| f.reported = Some(None), "no heartbeat"),
                 (|f| f.reported = begun(None, Some(30.0)), "GPS_GLOBAL_ORIGIN"),
                 (
@@ -333,6 +349,8 @@ fn check_of_each_fault() {
             drone,
             Level::Broken,
             &[
+                (|f| f.signing = signed(Err("no such file"), 0), "no such file"),
+                (|f| f.signing = signed(Ok(0o600), 4), "not signed"),
                 (|f| shared(f).free_bytes = Some(1 << 20), "1 MB free"),
                 (|f| shared(f).writable = Err("read-only".into()), "read-only"),
                 (|f| shared(f).directory = Err("another's".into()), "another's"),
@@ -569,14 +587,13 @@ fn check_of_a_broken_configuration() {
     std::fs::remove_dir_all(&directory).unwrap();
 }
 
-#[test]
-fn autopilot_check_over_the_link() {
-    let free = || UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-    let computer = DroneComputer::default();
-    let silent = format!("udpin://{}", free()).parse().unwrap();
-    assert_eq!(autopilot::report(&computer, &silent), None);
-
-    let at = free();
+/// What is found of a simulated autopilot that signs with `key`, by a computer with this configuration: the report, the
+/// signatures, and what the autopilot was commanded.
+fn found_of_autopilot(
+    computer: &DroneComputer,
+    key: Option<Signing>,
+) -> (Option<AutopilotReport>, Signatures, Vec<CommandLong>) {
+    let at = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let done = Arc::new(AtomicBool::new(false));
     let ended = done.clone();
     let flown = std::thread::spawn(move || {
@@ -587,6 +604,7 @@ fn autopilot_check_over_the_link() {
         let (c, n) = (AutopilotConfig::default(), NavigationConfig::default());
         let geometry = DroneGeometry::default();
         let mut px4 = SimulatedAutopilot::new(&c, &n, &geometry, &Streams::new(1), &truth, 0.4);
+        px4.set_signing(key);
         (px4.origin, px4.geoid_m) = (Datum::new(43.5, 16.3, 12.0), Some(38.0));
         px4.parameters.insert("MPC_ACC_UP_MAX", 4.0);
         let mut bytes = [0; 1024];
@@ -599,14 +617,55 @@ fn autopilot_check_over_the_link() {
                 let _lost = socket.send(&sent);
             }
         }
-        px4.commands
+        px4.commands.into_iter().map(|(_, command)| command).collect()
     });
-    let found = autopilot::report(&computer, &format!("udpin://{at}").parse().unwrap());
+    let mut signatures = Signatures::default();
+    let found = autopilot::report(
+        computer,
+        &format!("udpin://{at}").parse().unwrap(),
+        &mut signatures,
+    );
     done.store(true, Ordering::Relaxed);
-    let commands = flown.join().unwrap();
-    let requests_only = commands
-        .iter()
-        .all(|(_, c)| c.command == command::REQUEST_MESSAGE);
+    (found, signatures, flown.join().unwrap())
+}
+
+#[test]
+fn autopilot_check_over_a_signed_link() {
+    let file = std::env::temp_dir().join(format!("alight-check-key-{}", std::process::id()));
+    std::fs::write(&file, "a passphrase of the boat\n").unwrap();
+    let key = mavlink_key::read("autopilot.signing_key", file.to_str().unwrap()).unwrap();
+    let other = Some(Signing::new([7; 32]));
+    let mut computer = DroneComputer::default();
+    let text = |s: Signatures| s.finding().map(|(text, _)| text).unwrap_or_default();
+    // Nobody asked for signatures: they are not looked at, and it is said that they are there.
+    let (found, signatures, _) = found_of_autopilot(&computer, key.clone());
+    assert!(
+        found.is_some() && text(signatures).contains("neither checked"),
+        "{signatures:?}"
+    );
+    computer.autopilot.signing_key = file.display().to_string();
+    let (found, signatures, _) = found_of_autopilot(&computer, key);
+    assert!(found.is_some_and(|f| f.origin.is_some()) && signatures.finding().is_none());
+    for (other, why) in [(other, "another key"), (None, "not signed")] {
+        let (found, signatures, commands) = found_of_autopilot(&computer, other);
+        assert!(found.is_none() && commands.is_empty());
+        assert!(text(signatures).contains(why), "{signatures:?}");
+    }
+    std::fs::remove_file(file).unwrap();
+}
+
+#[test]
+fn autopilot_check_over_the_link() {
+    let free = || UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let computer = DroneComputer::default();
+    let silent = format!("udpin://{}", free()).parse().unwrap();
+    assert_eq!(
+        autopilot::report(&computer, &silent, &mut Signatures::default()),
+        None
+    );
+
+    let (found, _, commands) = found_of_autopilot(&computer, None);
+    let requests_only = commands.iter().all(|c| c.command == command::REQUEST_MESSAGE);
     assert!(requests_only, "commanded {commands:?}");
     let found = found.unwrap();
     let origin = Datum::new(43.5, 16.3, 12.0);

@@ -9,6 +9,7 @@ use alight_shared::transport::process::ProcessKind;
 use alight_uav::autopilot::config::DisarmConfig;
 
 use super::page::Page;
+use crate::io::mavlink_key;
 use crate::process::snapshot::{Snapshot, time};
 use crate::process::{lateness, metrics};
 use crate::tools::check::finding::Level;
@@ -166,6 +167,11 @@ fn alarms(page: &mut Page, snapshot: &Snapshot, disarm: &DisarmConfig, silent: &
     {
         let about = format!("{:?}", a.rejection.code);
         page.alarm(Level::Warning, about, format!("no landing: {}", a.rejection));
+    }
+    if let Some(p) = snapshot.processes.get(&ProcessKind::Autopilot)
+        && let Some((found, remedy)) = mavlink_key::counts(&p.metrics).finding()
+    {
+        page.alarm(Level::Warning, "signatures", format!("{found}: {remedy}"));
     }
     if let Some(l) = &snapshot.link
         && !(l.age_s <= OLD_LINK_S)

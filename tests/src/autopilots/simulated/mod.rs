@@ -22,11 +22,12 @@ use std::collections::{BTreeMap, VecDeque};
 
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
+use alight_shared::mavlink::Signing;
 use alight_shared::msg::{AutopilotMode, LandedState};
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_uav::autopilot::message::{Address, CommandLong, CommandResult, Message};
 use alight_uav::autopilot::modes::Firmware;
-use alight_uav::autopilot::wire::{Decoder, encode};
+use alight_uav::autopilot::wire::{Decoder, Encoder};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::physics::drone::{AutopilotConfig, Frame, MAX_ROTORS, NavigationConfig, PlantState};
@@ -118,7 +119,7 @@ pub struct SimulatedAutopilot {
     reported_mode: Option<(Time<TrueTime>, u32)>,
     outbox: Vec<Message>,
     decoder: Decoder,
-    sequence: u8,
+    encoder: Encoder,
 }
 
 impl SimulatedAutopilot {
@@ -183,10 +184,15 @@ impl SimulatedAutopilot {
             reported_mode: None,
             outbox: Vec::new(),
             decoder: Decoder::default(),
-            sequence: 0,
+            encoder: Encoder::default(),
         }
     }
 
+    /// With a key it signs its bytes, and takes none that are not signed.
+    pub fn set_signing(&mut self, signing: Option<Signing>) {
+        self.decoder = Decoder::signed(signing.clone());
+        self.encoder = Encoder::signed(signing);
+    }
     /// Its mixer is set up for this frame; as made, for a quadrotor.
     pub fn set_frame(&mut self, drone: &DroneGeometry, frame: Frame) {
         self.flight.set_frame(drone, frame);
@@ -248,10 +254,7 @@ impl SimulatedAutopilot {
         let messages: Vec<_> = frames.map(|f| f.message).collect();
         let motors = self.step(truth, &messages);
         let sent = self.sent();
-        let encoded = sent.iter().filter_map(|message| {
-            self.sequence = self.sequence.wrapping_add(1);
-            encode(self.address, self.sequence, message)
-        });
+        let encoded = sent.iter().filter_map(|m| self.encoder.frame(self.address, m));
         (motors, encoded.collect())
     }
     /// What it has sent since the last call.

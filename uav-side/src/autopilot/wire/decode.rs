@@ -259,7 +259,7 @@ fn odometry(d: &m::ODOMETRY_DATA, payload: Fields<'_>) -> Option<OdometryReport>
 
 #[cfg(test)]
 mod tests {
-    use alight_shared::mavlink::{Sender, encode_payload};
+    use alight_shared::mavlink::{Outgoing, Sender, encode};
 
     use super::*;
     use crate::autopilot::wire::Decoder;
@@ -278,7 +278,7 @@ mod tests {
             sequence: 0,
         };
         let mut decoder = Decoder::default();
-        decoder.push(&encode_payload::<132, 85>(from, payload));
+        decoder.push(&encode(from, Outgoing::new(132, 85, payload), None));
         match decoder.next_frame().map(|f| f.message) {
             Some(Message::Distance(d)) => d.range_m,
             other => panic!("{other:?}"),

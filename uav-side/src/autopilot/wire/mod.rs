@@ -1,4 +1,4 @@
-//! The drone's mapping of MAVLink 2 frames: [`encode`] and [`Decoder`] turn [`Message`]s into frames and back,
+//! The drone's mapping of MAVLink 2 frames: [`Encoder`] and [`Decoder`] turn [`Message`]s into frames and back,
 //! in both directions, so that a test or the simulated world can be the other end. Neither ever panics
 //! on what arrives; a frame that is damaged, unknown or out of this vocabulary is counted and passed over.
 
@@ -6,7 +6,7 @@ mod decode;
 mod encode;
 mod extension;
 
-use alight_shared::mavlink::{self, CharArray, FrameReader, Sender};
+use alight_shared::mavlink::{self, CharArray, FrameReader, Outgoing, Sender, Signatures, Signing};
 
 use super::message::{Address, Frame, Message};
 
@@ -18,6 +18,13 @@ pub struct Decoder {
 }
 
 impl Decoder {
+    /// Of frames that are signed, where a key is set.
+    pub fn signed(signing: Option<Signing>) -> Decoder {
+        Decoder {
+            frames: FrameReader::signed(signing),
+            unknown: 0,
+        }
+    }
     /// Takes bytes in.
     pub fn push(&mut self, bytes: &[u8]) {
         self.frames.push(bytes);
@@ -42,38 +49,55 @@ impl Decoder {
     pub fn ignored(&self) -> u64 {
         self.unknown + self.frames.unreadable()
     }
+    /// Frames by their signatures.
+    pub fn signatures(&self) -> Signatures {
+        self.frames.signatures()
+    }
     /// Bytes lost because nobody read.
     pub fn lost(&self) -> u64 {
         self.frames.lost()
     }
 }
 
-/// A frame's bytes; `sequence` counts frames of this sender. None for a message that only others send
-/// and for a number that the dialect does not know.
-pub fn encode(from: Address, sequence: u8, message: &Message) -> Option<Vec<u8>> {
-    let from = Sender {
-        system: from.system,
-        component: from.component,
-        sequence,
-    };
+/// Frames to the other end: numbered, and signed where a key is set.
+#[derive(Default)]
+pub struct Encoder {
+    sequence: u8,
+    signing: Option<Signing>,
+}
+
+impl Encoder {
+    /// Of frames that are signed, where a key is set.
+    pub fn signed(signing: Option<Signing>) -> Encoder {
+        Encoder { sequence: 0, signing }
+    }
+    /// The next frame's bytes. None for a message that only others send and for a number that the dialect does not know.
+    pub fn frame(&mut self, from: Address, message: &Message) -> Option<Vec<u8>> {
+        let outgoing = outgoing(message)?;
+        self.sequence = self.sequence.wrapping_add(1);
+        let from = Sender {
+            system: from.system,
+            component: from.component,
+            sequence: self.sequence,
+        };
+        Some(mavlink::encode(from, outgoing, self.signing.as_ref()))
+    }
+}
+
+fn outgoing(message: &Message) -> Option<Outgoing> {
     Some(match message {
-        Message::Odometry(o) => mavlink::encode_payload::<331, 91>(from, extension::odometry(o)),
+        Message::Odometry(o) => Outgoing::new(331, 91, extension::odometry(o)),
         Message::GnssHeights { sea_m, ellipsoid_m } => {
-            mavlink::encode_payload::<24, 24>(from, extension::gnss_heights(*sea_m, *ellipsoid_m))
+            Outgoing::new(24, 24, extension::gnss_heights(*sea_m, *ellipsoid_m))
         }
-        Message::LandingTarget(t) => mavlink::encode_payload::<149, 200>(from, extension::landing_target(t)),
-        Message::Deck { time_us, values } => {
-            mavlink::encode_payload::<350, 232>(from, extension::deck(*time_us, values))
-        }
-        Message::EstimatorStatus { flags } => {
-            mavlink::encode_payload::<230, 163>(from, extension::estimator_status(*flags))
-        }
+        Message::LandingTarget(t) => Outgoing::new(149, 200, extension::landing_target(t)),
+        Message::Deck { time_us, values } => Outgoing::new(350, 232, extension::deck(*time_us, values)),
+        Message::EstimatorStatus { flags } => Outgoing::new(230, 163, extension::estimator_status(*flags)),
         Message::EkfStatus { flags } => {
-            const ID: u32 = mavlink::EKF_STATUS_REPORT.0;
-            const CRC: u8 = mavlink::EKF_STATUS_REPORT.1;
-            mavlink::encode_payload::<ID, CRC>(from, extension::ekf_status(*flags))
+            let (id, crc) = mavlink::EKF_STATUS_REPORT;
+            Outgoing::new(id, crc, extension::ekf_status(*flags))
         }
-        other => mavlink::encode(from, &encode::encode(other)?),
+        other => Outgoing::from(&encode::encode(other)?),
     })
 }
 
@@ -109,7 +133,7 @@ mod tests {
             component: 1,
             sequence: 0,
         };
-        mavlink::encode_payload::<132, 85>(from, payload)
+        mavlink::encode(from, Outgoing::new(132, 85, payload), None)
     }
 
     #[test]

@@ -12,7 +12,7 @@ fn frame_of(system: u8, component: u8, sequence: u8, message: &m::MavMessage) ->
         component,
         sequence,
     };
-    mavlink::encode(from, message)
+    mavlink::encode(from, message, None)
 }
 fn heartbeat(mavtype: m::MavType) -> m::MavMessage {
     m::MavMessage::HEARTBEAT(m::HEARTBEAT_DATA {

@@ -386,6 +386,7 @@ fn world(
             .as_deref()
             .map_or_else(|| Ok(Default::default()), config::load)?,
         mavlink,
+        signing_key: drone.autopilot.signing_key.clone(),
         devices: Some(Devices {
             camera,
             camera_delay_s: drone.camera.delay_s,
