@@ -201,7 +201,7 @@ mod tests {
             origin: [0.0; 3],
             stages: Seq::filled([PredictedStage::default(); 16]),
         };
-        assert_eq!(encode(&prediction).unwrap().len(), 62 + 16 * 48);
+        assert_eq!(encode(&prediction).unwrap().len(), 62 + 16 * 54);
     }
 
     #[test]

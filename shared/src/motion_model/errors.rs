@@ -31,59 +31,65 @@ const BY_CHANCE: f64 = 1.94;
 
 /// A prediction that waits for its time.
 #[derive(Clone, Copy, Debug)]
-struct Waiting<C: Clock> {
+struct Waiting<const N: usize, C: Clock> {
     due: Time<C>,
     horizon: usize,
-    value: [f64; SEEN],
+    value: [f64; N],
 }
 
-/// Mean squares of the errors.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Errors<C: Clock> {
-    waiting: VecDeque<Waiting<C>>,
-    squares: [[f64; SEEN]; SPREAD_AT_S.len()],
+/// Mean squares of the errors of predictions of `N` quantities, each kept until its time has come.
+#[derive(Clone, Debug)]
+pub struct MeasuredErrors<const N: usize, C: Clock> {
+    waiting: VecDeque<Waiting<N, C>>,
+    squares: [[f64; N]; SPREAD_AT_S.len()],
     /// The same of the last seconds.
-    recent: [[f64; SEEN]; SPREAD_AT_S.len()],
+    recent: [[f64; N]; SPREAD_AT_S.len()],
     count: [f64; SPREAD_AT_S.len()],
 }
 
-impl<C: Clock> Errors<C> {
-    /// Keeps the motion predicted at `now` for each of [`SPREAD_AT_S`].
-    pub(super) fn push(&mut self, now: Time<C>, predicted: [Motion; SPREAD_AT_S.len()]) {
-        for (horizon, (ahead, motion)) in SPREAD_AT_S.into_iter().zip(predicted).enumerate() {
+impl<const N: usize, C: Clock> Default for MeasuredErrors<N, C> {
+    fn default() -> Self {
+        MeasuredErrors {
+            waiting: VecDeque::new(),
+            squares: [[0.0; N]; SPREAD_AT_S.len()],
+            recent: [[0.0; N]; SPREAD_AT_S.len()],
+            count: Default::default(),
+        }
+    }
+}
+
+impl<const N: usize, C: Clock> MeasuredErrors<N, C> {
+    /// Keeps what is predicted at `now` for each of [`SPREAD_AT_S`], by seconds ahead.
+    pub fn push(&mut self, now: Time<C>, predicted: impl Fn(f64) -> [f64; N]) {
+        for (horizon, ahead) in SPREAD_AT_S.into_iter().enumerate() {
             if self.waiting.len() < MAX_WAITING {
                 self.waiting.push_back(Waiting {
                     due: now + Span::from_secs(ahead),
                     horizon,
-                    value: core::array::from_fn(|d| match motion.get(d) {
-                        Some(m) => m[0],
-                        None => motion[[SURGE, SWAY][d - DOFS]][1],
-                    }),
+                    value: predicted(ahead),
                 });
             }
         }
     }
-    /// Compares what is due.
-    pub(super) fn compare(&mut self, now: &MotionSample<C>) {
+    /// Compares what is due with the values at `now`.
+    pub fn compare(&mut self, now: Time<C>, values: [f64; N]) {
         let near = Span::from_secs(0.51 * SAMPLE_S);
-        let Errors {
+        let MeasuredErrors {
             waiting,
             squares,
             recent,
             count,
         } = self;
         waiting.retain(|w| {
-            if w.due > now.at + near {
+            if w.due > now + near {
                 return true;
             }
-            if now.at - w.due < near {
+            if now - w.due < near {
                 let compared = count[w.horizon] + 1.0;
                 count[w.horizon] = compared;
                 let n = (SHARE * compared).clamp(compared.min(FIRST), MEMORY);
-                let [_, _, _, north, east] = now.rate;
-                let seen = now.value.into_iter().chain([north, east]);
-                for (d, seen) in seen.enumerate() {
-                    let e = seen - w.value[d];
+                for (d, (seen, predicted)) in values.into_iter().zip(w.value).enumerate() {
+                    let e = seen - predicted;
                     let sum = &mut squares[w.horizon][d];
                     *sum += (e * e - *sum) / n;
                     let sum = &mut recent[w.horizon][d];
@@ -95,15 +101,63 @@ impl<C: Clock> Errors<C> {
     }
     /// Mean square errors at one of [`SPREAD_AT_S`], of the last half a minute or the last seconds, whichever is more;
     /// None until measured.
-    fn mean_squares(&self, horizon: usize) -> Option<[f64; DOFS]> {
+    fn mean_squares(&self, horizon: usize) -> Option<[f64; N]> {
         (self.count[horizon] >= FIRST)
             .then(|| core::array::from_fn(|d| self.squares[horizon][d].max(self.recent[horizon][d])))
     }
+    /// Standard deviations `ahead` seconds on: zero now, between [`SPREAD_AT_S`] in proportion, held after the last;
+    /// None until measured.
+    pub fn deviation(&self, ahead: f64) -> Option<[f64; N]> {
+        let mut knots = [[0.0; N]; SPREAD_AT_S.len()];
+        for (horizon, knot) in knots.iter_mut().enumerate() {
+            *knot = self.mean_squares(horizon)?.map(f64::sqrt);
+        }
+        Some(between(&knots, ahead))
+    }
+}
+
+/// Values `ahead` seconds on: zero now, `knots` at [`SPREAD_AT_S`], between them in proportion, held after the last.
+fn between<const N: usize>(knots: &[[f64; N]; SPREAD_AT_S.len()], ahead: f64) -> [f64; N] {
+    let (mut before, mut from) = ([0.0; N], 0.0);
+    for (&knot, to) in knots.iter().zip(SPREAD_AT_S) {
+        if ahead <= to {
+            let f = ((ahead - from) / (to - from)).clamp(0.0, 1.0);
+            return core::array::from_fn(|d| before[d] + f * (knot[d] - before[d]));
+        }
+        (before, from) = (knot, to);
+    }
+    before
+}
+
+/// Errors of the motion: the degrees of freedom, and acceleration north and east.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Errors<C: Clock>(MeasuredErrors<SEEN, C>);
+
+impl<C: Clock> Errors<C> {
+    /// Keeps the motion predicted at `now`, by seconds ahead.
+    pub(super) fn push(&mut self, now: Time<C>, predicted: impl Fn(f64) -> Motion) {
+        self.0.push(now, |ahead| {
+            let motion = predicted(ahead);
+            core::array::from_fn(|d| match motion.get(d) {
+                Some(m) => m[0],
+                None => motion[[SURGE, SWAY][d - DOFS]][1],
+            })
+        });
+    }
+    /// Compares what is due.
+    pub(super) fn compare(&mut self, now: &MotionSample<C>) {
+        let [_, _, _, north, east] = now.rate;
+        let values = core::array::from_fn(|d| match now.value.get(d) {
+            Some(v) => *v,
+            None => [north, east][d - DOFS],
+        });
+        self.0.compare(now.at, values);
+    }
     /// One over the mean square errors a second ahead, 1 until measured. Degrees of freedom that a turn mixes share theirs.
     pub(super) fn weights(&self) -> [f64; DOFS] {
-        let squares = &self.squares[WEIGHED_AT];
+        let squares = &self.0.squares[WEIGHED_AT];
         core::array::from_fn(|d| match d {
-            _ if self.count[WEIGHED_AT] < FIRST => 1.0,
+            _ if self.0.count[WEIGHED_AT] < FIRST => 1.0,
             SURGE | SWAY => 1.0 / (squares[SURGE] + squares[SWAY]).max(1e-12),
             ROLL | PITCH => 1.0 / (squares[ROLL] + squares[PITCH]).max(1e-12),
             _ => 1.0 / squares[d].max(1e-12),
@@ -114,11 +168,11 @@ impl<C: Clock> Errors<C> {
     /// past from which all else is predicted.
     fn surprise(&self) -> [f64; DOFS] {
         let ratio = |h: usize, d: usize| {
-            let usual = self.squares[h][d].max(f64::MIN_POSITIVE);
-            if self.count[h] < FIRST {
+            let usual = self.0.squares[h][d].max(f64::MIN_POSITIVE);
+            if self.0.count[h] < FIRST {
                 1.0
             } else {
-                self.recent[h][d] / usual
+                self.0.recent[h][d] / usual
             }
         };
         let pushed = (DOFS..SEEN).map(|d| ratio(0, d)).fold(0.0, f64::max) / BY_CHANCE;
@@ -134,21 +188,15 @@ impl<C: Clock> Errors<C> {
         ahead: f64,
     ) -> [f64; DOFS] {
         let surprise = self.surprise();
-        let (mut before, mut from) = ([0.0; DOFS], 0.0);
-        for (h, to) in SPREAD_AT_S.into_iter().enumerate() {
-            let sd = self.mean_squares(h).map_or(deviation, |squares| {
+        let knots = core::array::from_fn(|h| {
+            self.0.mean_squares(h).map_or(deviation, |squares| {
                 core::array::from_fn(|d| {
                     let unknown = 2.0 * deviation[d] * deviation[d];
-                    let surprised = (self.squares[h][d] * surprise[d]).min(unknown);
+                    let surprised = (self.0.squares[h][d] * surprise[d]).min(unknown);
                     squares[d].max(surprised).sqrt().max(least[h][d])
                 })
-            });
-            if ahead <= to {
-                let f = ((ahead - from) / (to - from)).clamp(0.0, 1.0);
-                return core::array::from_fn(|d| before[d] + f * (sd[d] - before[d]));
-            }
-            (before, from) = (sd, to);
-        }
-        before
+            })
+        });
+        between(&knots, ahead)
     }
 }

@@ -3,10 +3,10 @@
 use std::collections::VecDeque;
 
 use crate::time::Clock;
-use crate::vessel_model::{DOFS, Modes, PITCH, ROLL};
+use crate::vessel_model::{DOFS, Modes};
 
 use super::MotionSample;
-use super::errors::{Errors, SPREAD_AT_S};
+use super::errors::Errors;
 use super::regression::{self, Covariance, PAST, REACH, Regression};
 use super::subspace::{Fit, Model, Progress};
 
@@ -88,12 +88,9 @@ impl<C: Clock> Identification<C> {
                 modes: model.modes(&past).iter().map(|m| m.turned(-angle)).collect(),
             });
         if let Some(modes) = &self.modes {
-            let mean = self.mean();
-            let tilt = super::turned([mean[ROLL], mean[PITCH]], -angle);
-            self.errors.push(
-                sample.at,
-                SPREAD_AT_S.map(|ahead| super::about(tilt, modes.motion(ahead))),
-            );
+            let tilt = super::left_of_tilt(sample, &modes.motion(0.0));
+            self.errors
+                .push(sample.at, |ahead| super::about(tilt, modes.motion(ahead)));
         }
     }
 
@@ -133,10 +130,6 @@ impl<C: Clock> Identification<C> {
     /// What its predictions are weighed by.
     pub(super) fn weights(&self) -> [f64; DOFS] {
         self.errors.weights()
-    }
-    /// Mean of each degree of freedom of late, in these axes.
-    pub(super) fn mean(&self) -> [f64; DOFS] {
-        self.regression.mean()
     }
     /// Covariance of the quantities of a sample of late.
     pub(super) fn covariance(&self) -> Covariance {

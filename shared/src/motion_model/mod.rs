@@ -14,6 +14,11 @@
 //! and pitch. Both predictions are weighted by the inverse of their mean square errors of late (Bates and Granger
 //! 1969), so that a hull between the two, and one that turns, is predicted by what holds for it.
 //!
+//! A prediction begins at the estimate: what the modes leave of it now goes on. Of heave it fades, for the slow part of it
+//! is an error of the mean water level; of the tilt the slow part is heel and trim, which a turn, speed, wind and load change
+//! within seconds and which turn with her, and it stays. Neither is asked of the modes: in axes parallel to NED they are about
+//! the mean tilt that turns with her.
+//!
 //! The error of the predictions is measured, not assumed: each is kept until it is due ([`errors`]).
 
 mod errors;
@@ -22,11 +27,13 @@ mod identification;
 mod regression;
 mod subspace;
 
+use crate::frames::wrap_angle;
 use crate::msg::MAX_MODES;
 use crate::time::{Clock, Span, Time};
 use crate::vessel_model::{DOFS, HEAVE, Mode, Modes, Motion, PITCH, ROLL};
 use nalgebra::Complex;
 
+pub use errors::MeasuredErrors;
 use errors::{Errors, SPREAD_AT_S};
 use heading::Moments;
 pub use heading::QuietHeading;
@@ -36,7 +43,11 @@ use regression::{OBSERVED, PUSH, SINKS, TILT};
 /// Time between two samples, s: ten a second, eight to the period of the fastest deck (0.95 Hz).
 pub const SAMPLE_S: f64 = 0.1;
 /// What no mode holds fades in this time, s: a quarter of a wave.
-const FADE_S: f64 = 1.0;
+pub const FADE_S: f64 = 1.0;
+/// Memory of the mean tilt, s: eight waves.
+const TRIM_S: f64 = 40.0;
+/// Heel and trim change within this time, s: that of a helm.
+const HEEL_S: f64 = 2.0;
 
 /// The vessel's motion at an instant, in axes parallel to NED.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -69,12 +80,25 @@ impl<C: Clock> MotionSample<C> {
             ..*self
         }
     }
+    /// The same about this mean tilt about north and about east, rad.
+    fn about(&self, [about_north, about_east]: [f64; 2]) -> MotionSample<C> {
+        let mut about = *self;
+        about.value[ROLL] -= about_north;
+        about.value[PITCH] -= about_east;
+        about
+    }
 }
 
 /// Predictor of the vessel's motion.
 #[derive(Clone, Debug)]
 pub struct MotionModel<C: Clock> {
     newest: Option<MotionSample<C>>,
+    /// Samples since the start.
+    samples: f64,
+    /// Mean tilt of late, in the vessel's axes, rad.
+    mean_tilt: [f64; 2],
+    /// Heel and trim: the slow part of the tilt that the modes leave, in the vessel's axes, rad.
+    heel: [f64; 2],
     /// In axes parallel to NED, and in axes that turn with the vessel.
     identified: [Identification<C>; 2],
     /// The modes of both with their weights, by the newest sample.
@@ -89,6 +113,9 @@ impl<C: Clock> Default for MotionModel<C> {
     fn default() -> Self {
         MotionModel {
             newest: None,
+            samples: 0.0,
+            mean_tilt: [0.0; 2],
+            heel: [0.0; 2],
             identified: [Axes::Earth, Axes::Vessel].map(Identification::new),
             modes: None,
             apart: Default::default(),
@@ -111,15 +138,29 @@ impl<C: Clock> MotionModel<C> {
         if !numbers.chain(more).all(|v| v.is_finite()) {
             return;
         }
-        for i in &mut self.identified {
-            i.push(&sample);
-        }
+        self.samples += 1.0;
+        let tilt = turned([sample.value[ROLL], sample.value[PITCH]], sample.mean_heading);
+        follow(&mut self.mean_tilt, tilt, TRIM_S, self.samples);
+        let mean_tilt = turned(self.mean_tilt, -sample.mean_heading);
+        let [earth, vessel] = &mut self.identified;
+        // Heel and trim turn with the vessel, and would be a motion in axes that do not.
+        earth.push(&sample.about(mean_tilt));
+        vessel.push(&sample);
+        let turned_by = self.newest.map_or(0.0, |last| {
+            wrap_angle(sample.mean_heading - last.mean_heading) / SAMPLE_S
+        });
         self.newest = Some(sample);
         self.errors.compare(&sample);
         self.mix(&sample);
-        let trim = self.trim(sample.mean_heading);
-        let predicted = SPREAD_AT_S.map(|ahead| about(trim, self.modal_motion(ahead)));
-        self.errors.push(sample.at, predicted);
+        let left = left_of_tilt(&sample, &self.modal_motion(0.0));
+        let left = turned(left, sample.mean_heading);
+        follow(&mut self.heel, left, HEEL_S, self.samples);
+        let mut errors = core::mem::take(&mut self.errors);
+        errors.push(sample.at, |ahead| {
+            let heading = sample.mean_heading + turned_by * ahead;
+            about(self.heel(heading), self.motion(ahead))
+        });
+        self.errors = errors;
     }
 
     /// The modes of both, weighted, and how far they are apart; before the first identification a motion that fades.
@@ -143,7 +184,7 @@ impl<C: Clock> MotionModel<C> {
             }
             (Some(only), None) | (None, Some(only)) => only.modes.clone(),
             (None, None) => {
-                let [roll, pitch] = self.trim(newest.mean_heading);
+                let [roll, pitch] = turned(self.mean_tilt, -newest.mean_heading);
                 let mean = |d: usize| match d {
                     ROLL => roll,
                     PITCH => pitch,
@@ -172,18 +213,23 @@ impl<C: Clock> MotionModel<C> {
     fn modal_motion(&self, t: f64) -> Motion {
         self.modes.as_ref().map_or_else(Motion::default, |m| m.motion(t))
     }
-    /// Mean tilt about north and about east of a vessel on this mean heading, rad: the trim, which turns with her.
-    pub fn trim(&self, mean_heading: f64) -> [f64; 2] {
-        let [_, vessel] = &self.identified;
-        let mean = vessel.mean();
-        turned([mean[ROLL], mean[PITCH]], -mean_heading)
+    /// Heel and trim now as tilt about north and about east of a vessel on this mean heading, rad: they turn with her.
+    pub fn heel(&self, mean_heading: f64) -> [f64; 2] {
+        turned(self.heel, -mean_heading)
     }
-    /// The modes' motion with what the modes leave of heave now, which fades: its slow part, an error of the mean water level.
+    /// The motion about heel and trim: that of the modes with what they leave of heave and tilt now, which fades.
     pub fn motion(&self, t: f64) -> Motion {
         let mut out = self.modal_motion(t);
-        let heave = self.newest.map_or(0.0, |s| s.value[HEAVE]);
-        let rest = fading(|_| heave - self.modal_motion(0.0)[HEAVE][0]);
-        for (sum, part) in out[HEAVE].iter_mut().zip(rest.motion(t)[HEAVE]) {
+        let Some(newest) = &self.newest else { return out };
+        let now = self.modal_motion(0.0);
+        let (tilt, heel) = (left_of_tilt(newest, &now), self.heel(newest.mean_heading));
+        let rest = fading(|d| match d {
+            HEAVE => newest.value[HEAVE] - now[HEAVE][0],
+            ROLL => tilt[0] - heel[0],
+            PITCH => tilt[1] - heel[1],
+            _ => 0.0,
+        });
+        for (sum, part) in out.iter_mut().flatten().zip(rest.motion(t).into_iter().flatten()) {
             *sum += part;
         }
         out
@@ -240,6 +286,19 @@ impl<C: Clock> MotionModel<C> {
     pub fn deviation(&self) -> [f64; DOFS] {
         self.identified[0].deviation()
     }
+}
+
+/// Low-pass of two angles over `memory_s`, at first the mean of all `samples`.
+fn follow(mean: &mut [f64; 2], angles: [f64; 2], memory_s: f64, samples: f64) {
+    let fraction = (SAMPLE_S / memory_s).max(1.0 / samples);
+    for (mean, angle) in mean.iter_mut().zip(angles) {
+        *mean += (angle - *mean) * fraction;
+    }
+}
+
+/// What this motion leaves of the tilt about north and about east, rad.
+fn left_of_tilt<C: Clock>(sample: &MotionSample<C>, motion: &Motion) -> [f64; 2] {
+    [ROLL, PITCH].map(|d| sample.value[d] - motion[d][0])
 }
 
 /// A motion about this mean tilt, rad.

@@ -81,6 +81,58 @@ fn motion_model_of_both_hulls_in_turns() {
     }
 }
 
+/// A boat that turns and heels by `heel` (rad) from 120 s on, in waves: the error of the tilt predicted a second ahead,
+/// rms over the two minutes that follow, and the greatest distance of a prediction's beginning from the estimate, m, rad.
+fn error_with_heel(heel: f64) -> (f64, f64) {
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    let mut model = MotionModel::<VesselClock>::default();
+    let (mut waiting, mut squares, mut apart) = (std::collections::VecDeque::new(), 0.0, 0.0_f64);
+    for k in 0..2400 {
+        let t = SAMPLE_S * f64::from(k);
+        let (mut value, rate) = waves(t);
+        let (mean_heading, heel) = if t < 120.0 {
+            (0.0, 0.0)
+        } else {
+            (0.05 * (t - 120.0), heel)
+        };
+        let [north, east] = turned([heel, 0.0], -mean_heading);
+        (value[ROLL], value[PITCH]) = (value[ROLL] + north, value[PITCH] + east);
+        let mut noisy =
+            |v: f64| v + 0.003 * <StandardNormal as Distribution<f64>>::sample(&StandardNormal, &mut rng);
+        let estimated = value.map(&mut noisy);
+        model.push(MotionSample {
+            at: Time::from_secs(t),
+            mean_heading,
+            value: estimated,
+            rate: rate.map(&mut noisy),
+            level_variance: 0.0,
+        });
+        model.work();
+        let now = about(model.heel(mean_heading), model.motion(0.0));
+        for d in [HEAVE, ROLL, PITCH] {
+            apart = apart.max((now[d][0] - estimated[d]).abs());
+        }
+        let ahead = about(model.heel(mean_heading + 0.05), model.motion(1.0));
+        waiting.push_back([ahead[ROLL][0], ahead[PITCH][0]]);
+        if waiting.len() > 10
+            && let Some([roll, pitch]) = waiting.pop_front()
+            && t > 121.0
+        {
+            squares += (roll - value[ROLL]).powi(2) + (pitch - value[PITCH]).powi(2);
+        }
+    }
+    ((squares / 1190.0).sqrt(), apart)
+}
+
+/// A turn heels her by 3 deg: about the mean of the last hundred seconds she would be 2 deg off for a minute.
+#[test]
+fn heel_of_a_turn_within_seconds() {
+    let (upright, _) = error_with_heel(0.0);
+    let (heeled, apart) = error_with_heel(0.052);
+    assert!(heeled < upright + 0.006, "{heeled} rad for {upright}");
+    assert!(apart < 1e-9, "a prediction begins {apart} off the estimate");
+}
+
 /// The model after `seconds` of these waves with white noise of this size on every quantity.
 fn after(seconds: f64, noise: f64) -> MotionModel<VesselClock> {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
@@ -115,7 +167,7 @@ fn motion_model_frequencies_and_prediction() {
     }
     for ahead in [0.0, 0.5, 1.0, 2.0] {
         let (truth, _) = waves(modes.at.secs() + ahead);
-        let predicted = about(model.trim(0.0), model.motion(ahead));
+        let predicted = about(model.heel(0.0), model.motion(ahead));
         for (dof, limit) in [(HEAVE, 0.02), (ROLL, 0.006), (PITCH, 0.006)] {
             let off = predicted[dof][0] - truth[dof];
             assert!(off.abs() < limit, "{dof} {ahead} s ahead: {off}");

@@ -27,7 +27,7 @@
 //! | 182..190 | mean velocity north, east, m/s (2 x f32) |
 //! | 190..198 | mean heading rad, its rate rad/s (2 x f32) |
 //!
-//! | bytes | wave model (50 + 32 n + m B, n <= 12 modes, m <= 60 slopes, 5 Hz, bound 1200 B) |
+//! | bytes | wave model (50 + 32 n + m B, n <= 25 modes, m <= 60 slopes, 5 Hz, bound 1200 B) |
 //! |---|---|
 //! | 26..30 | significant height, m (f32) |
 //! | 30..34 | confidence (f32) |
@@ -37,14 +37,15 @@
 //! | then 0..8 | m (u64) |
 //! | + 0..1 | steepest apparent slope, newest first, 0.01 (u8) |
 //!
-//! | bytes | prediction (62 + 48 n B, n <= 16 stages, 1 Hz, bound 1200 B) |
+//! | bytes | prediction (62 + 54 n B, n <= 16 stages, 1 Hz, bound 1200 B) |
 //! |---|---|
 //! | 26..30 | time between stages, s (f32) |
 //! | 30..54 | origin in the vessel's NED, m (3 x f64) |
 //! | 54..62 | n (u64) |
 //! | + 0..24 | `eta`, position relative to the origin (6 x f32) |
 //! | + 24..36 | `eta_dot` (6 x f16) |
-//! | + 36..48 | standard deviation of the prediction's error (6 x f16) |
+//! | + 36..48 | standard deviation that rolling the modes on adds (6 x f16) |
+//! | + 48..54 | that of the whole course: place, heading (3 x f16) |
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -56,9 +57,10 @@ use crate::frames::wrap_angle;
 use crate::geodesy::Datum;
 use crate::surroundings::Surroundings;
 use crate::time::{Clock, Time, VesselClock};
+use crate::vessel_model::{SURGE, SWAY, YAW};
 
 /// Most modes that a wave model carries.
-pub const MAX_MODES: usize = 24;
+pub const MAX_MODES: usize = 25;
 /// Spans of time that [`WaveModel::slopes`] looks back over.
 pub const SLOPE_WINDOWS: usize = 60;
 /// Length of each of these spans, s; together two minutes.
@@ -118,8 +120,8 @@ pub struct WaveModel<C: Clock> {
     /// Share of the motion's variance that the modes predict a second ahead, 0 to 1: in a calm, where only noise is left
     /// of the motion, 0.
     pub confidence: f32,
-    /// Modes, strongest first; the motion about its mean is the sum of their real parts. None before the first
-    /// identification.
+    /// Modes, strongest first, and heel and trim as one that does not fade; heave, tilt and heading about their means are
+    /// the sum of their real parts. None before the first identification.
     pub modes: Seq<WaveMode, MAX_MODES>,
     /// The steepest apparent slope of the deck in each span of [`SLOPE_WINDOW_S`], the present one first, in steps of
     /// [`SLOPE_STEP`]: `|f_xy| / |f_z|`, the specific force in the deck's axes averaged over a second. Above the
@@ -140,6 +142,8 @@ pub struct PredictedStage {
     /// those that have come due: velocity north and east (m/s), heave (m), tilt about north and about east
     /// (rad), heading (rad).
     pub sd: [f16; 6],
+    /// The same of the whole course, mean and waves: place north and east (m), heading (rad).
+    pub course_sd: [f16; 3],
 }
 
 /// The vessel's predicted trajectory.
@@ -258,7 +262,16 @@ impl<C: Clock> VesselPrediction<C> {
             let origin = self.origin.get(dof).copied().unwrap_or(0.0);
             origin + pa + (3.0 * f2 - 2.0 * f3) * step + ((f3 - 2.0 * f2 + f) * va + (f3 - f2) * vb) * h
         });
-        let sd = core::array::from_fn(|d| f64::from(a.sd[d]) + f * (f64::from(b.sd[d]) - f64::from(a.sd[d])));
+        let of = |s: &PredictedStage, d: usize| {
+            let [north, east, heading] = s.course_sd;
+            f64::from(match d {
+                SURGE => north,
+                SWAY => east,
+                YAW => heading,
+                _ => s.sd[d],
+            })
+        };
+        let sd = core::array::from_fn(|d| of(a, d) + f * (of(b, d) - of(a, d)));
         Some((eta, sd))
     }
 }

@@ -51,7 +51,7 @@ proptest! {
                 mean_velocity: [x[15] as f32; 2], mean_heading: [x[16] as f32; 2] }),
             6 => bad.prediction = Some(VesselPrediction { header: h, step_s: x[0] as f32, origin: a3(1),
                 stages: Seq::filled([PredictedStage { eta: six(4).map(|v: f64| v as f32),
-                    eta_dot: six(10).map(f16::from_f64), sd: [f16::from_f64(x[16]); 6] }; 16]) }),
+                    eta_dot: six(10).map(f16::from_f64), sd: [f16::from_f64(x[16]); 6], course_sd: [f16::from_f64(x[16]); 3] }; 16]) }),
             _ => bad.wave = Some(WaveModel { header: h, significant_height_m: 1.0, confidence: x[0] as f32,
                 slopes: Seq::filled([x[8] as u8; 60]),
                 modes: Seq::filled([WaveMode { pole: [x[1] as f32, x[2] as f32],

@@ -19,7 +19,7 @@ mod tilt;
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::geodesy::Datum;
-use alight_shared::motion_model::{MotionModel, QuietHeading};
+use alight_shared::motion_model::{MeasuredErrors, MotionModel, QuietHeading};
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample};
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{
@@ -99,6 +99,8 @@ pub(crate) struct Filter {
     pub(crate) adaptive_noise: adaptive_noise::AdaptiveNoise,
     /// Identified modes of the motion.
     pub(crate) motion: MotionModel<VesselClock>,
+    /// Of place (north, east, m) and heading (rad) as predicted.
+    course_errors: MeasuredErrors<3, VesselClock>,
     /// What the waves are reckoned about.
     pub(crate) slow: SlowMotion,
     step: Step,
@@ -411,6 +413,7 @@ impl Filter {
             gain: speed_gain::SpeedGain::default(),
             adaptive_noise: adaptive_noise::AdaptiveNoise::new(at),
             motion: MotionModel::default(),
+            course_errors: MeasuredErrors::default(),
             slow: SlowMotion::default(),
             step,
             pending: Default::default(),
@@ -494,6 +497,8 @@ impl Filter {
         };
         let ahead = Rotation2::new(self.mean_heading) * Vector2::x();
         self.gain.update((mean - self.mean_velocity).dot(&ahead));
+        // It turns with the heading; what is averaged is the rest.
+        self.mean_velocity = Rotation2::new(self.mean_heading_rate * STEP_S) * self.mean_velocity;
         self.mean_velocity += (mean - self.mean_velocity) * STEP_S;
         let (heading, rate) = (heading - waves.map_or(0.0, |w| w[YAW]), b.get(YAW, NU));
         self.mean_heading_rate += (rate - self.mean_heading_rate) * STEP_S;

@@ -1,18 +1,66 @@
 //! Messages from the filter's state.
 
 use alight_shared::frames::wrap_angle;
-use alight_shared::motion_model::MotionSample;
+use alight_shared::motion_model::{FADE_S, MotionSample};
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    Header, PREDICTION_STAGES, PredictedStage, SLOPE_WINDOWS, VesselEstimate, VesselPrediction, WaveMode,
-    WaveModel, f16,
+    Header, MAX_MODES, PREDICTION_STAGES, PredictedStage, SLOPE_WINDOWS, VesselEstimate, VesselPrediction,
+    WaveMode, WaveModel, f16,
 };
 use alight_shared::time::{Time, VesselClock};
-use alight_shared::vessel_model::{ETA, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, YAW, turn_tilt};
+use alight_shared::vessel_model::{ETA, HEAVE, Mode, Modes, NU, PITCH, ROLL, SURGE, SWAY, YAW, turn_tilt};
 use nalgebra::{Rotation2, Vector2};
 
 use super::{Filter, GNSS_BIAS, Tilt};
 use crate::VesselNodeConfig;
+
+/// Where the vessel goes: its mean velocity, which turns with the mean heading, the waves' and what both leave.
+pub(super) struct Course<'a> {
+    modes: &'a Modes<VesselClock>,
+    /// From the modes' time of validity to now, s.
+    since: f64,
+    /// Now, NED, m, m/s, rad, rad/s.
+    place: Vector2<f64>,
+    mean_velocity: Vector2<f64>,
+    mean_heading: f64,
+    rate: f64,
+    /// What mean and modes leave of velocity and heading now.
+    left: Vector2<f64>,
+    left_yaw: f64,
+}
+
+impl Course<'_> {
+    /// Way and velocity by the mean, `t` seconds from now.
+    fn mean(&self, t: f64) -> (Vector2<f64>, Vector2<f64>) {
+        let half = Rotation2::new(0.5 * self.rate * t) * self.mean_velocity;
+        let chord = if self.rate == 0.0 {
+            t
+        } else {
+            (0.5 * self.rate * t).sin() / (0.5 * self.rate)
+        };
+        (half * chord, Rotation2::new(self.rate * t) * self.mean_velocity)
+    }
+    /// Place and velocity `ahead` seconds after the modes' time of validity, NED, m, m/s.
+    fn at(&self, ahead: f64) -> (Vector2<f64>, Vector2<f64>) {
+        let moved = |t: f64| Vector2::new(self.modes.path(SURGE, t), self.modes.path(SWAY, t));
+        let (t, m) = (ahead - self.since, self.modes.motion(ahead));
+        let (way, mean) = self.mean(t);
+        // What was left before now is not known: it has been what it is.
+        let fades = (-t.max(0.0) / FADE_S).exp();
+        let gone = t.min(0.0) + FADE_S * (1.0 - fades);
+        let place = self.place + way + moved(ahead) - moved(self.since) + self.left * gone;
+        let waves = Vector2::new(m[SURGE][0], m[SWAY][0]);
+        (place, mean + waves + self.left * fades)
+    }
+    /// Mean heading, heading and its rate `ahead` seconds after the modes' time of validity, rad, rad/s.
+    fn heading(&self, ahead: f64) -> (f64, [f64; 2]) {
+        let t = ahead - self.since;
+        let (m, mean) = (self.modes.motion(ahead)[YAW], self.mean_heading + self.rate * t);
+        let left = self.left_yaw * (-t.max(0.0) / FADE_S).exp();
+        let fades = if t > 0.0 { left / FADE_S } else { 0.0 };
+        (mean, [mean + m[0] + left, self.rate + m[1] - fades])
+    }
+}
 
 impl Filter {
     /// NED from the reference-parallel frame.
@@ -104,7 +152,11 @@ impl Filter {
         slopes: Seq<u8, SLOPE_WINDOWS>,
     ) -> Option<WaveModel<VesselClock>> {
         let modes = self.motion.modes()?;
-        let named = modes.modes.iter().filter(|_| self.motion.is_identified());
+        let since = (self.at - modes.at).secs();
+        let heading = self.mean_heading - self.mean_heading_rate * since;
+        let heel = Mode::heel(self.motion.heel(heading), self.mean_heading_rate);
+        let named = modes.modes.iter().take(MAX_MODES - 1).chain([&heel]);
+        let named = named.filter(|_| self.motion.is_identified());
         let deviation = self.motion.deviation();
         Some(WaveModel {
             header: Header {
@@ -149,83 +201,103 @@ impl Filter {
             rate: [b.get(HEAVE, NU), c * dr - s * dp, s * dr + c * dp, a.x, a.y],
             level_variance: b.variance(HEAVE, ETA).max(0.0),
         });
+        self.measure_course();
     }
 
-    /// The prediction from the newest sample of the identification on: the modes about the mean motion.
+    /// The prediction from the newest sample of the identification on: the modes about the mean motion, and what both leave
+    /// of the estimate now, which fades.
     pub(crate) fn prediction(
         &self,
         config: &VesselNodeConfig,
         header: Header<VesselClock>,
     ) -> Option<VesselPrediction<VesselClock>> {
-        let b = &self.belief;
-        let modes = self.motion.modes()?;
-        let since = (self.at - modes.at).secs();
-        let now = self.ned(b.get(SURGE, ETA), b.get(SWAY, ETA));
-        let v = self.mean_velocity;
-        let moved = |t: f64| [SURGE, SWAY].map(|d| modes.path(d, t));
-        // The mean velocity turns with the mean heading: its way and what it becomes.
-        let rate = self.mean_heading_rate;
-        let mean = |t: f64| {
-            let half = Rotation2::new(0.5 * rate * t) * v;
-            let chord = if rate == 0.0 {
-                t
-            } else {
-                (0.5 * rate * t).sin() / (0.5 * rate)
-            };
-            (half * chord, Rotation2::new(rate * t) * v)
-        };
-        let back = moved(since);
+        let course = self.course()?;
         let heave = self.motion.motion(0.0)[HEAVE][0];
-        let origin = [
-            now.x + mean(-since).0.x - back[0],
-            now.y + mean(-since).0.y - back[1],
-            heave + b.get(HEAVE, GNSS_BIAS),
-        ];
+        let (begin, _) = course.at(0.0);
+        let origin = [begin.x, begin.y, heave + self.belief.get(HEAVE, GNSS_BIAS)];
         let stages = Seq::filled((0..PREDICTION_STAGES).map(|k| {
             let ahead = k as f64 * config.broadcast.prediction_step_s;
-            let (m, path) = (self.motion.motion(ahead), moved(ahead));
-            let (from, (way, v)) = (mean(-since).0, mean(ahead - since));
-            let mean_heading = self.mean_heading + self.mean_heading_rate * (ahead - since);
-            let (yaw, trim) = (mean_heading + m[YAW][0], self.motion.trim(mean_heading));
+            let m = self.motion.motion(ahead);
+            let (place, velocity) = course.at(ahead);
+            let (mean_heading, [yaw, yaw_rate]) = course.heading(ahead);
+            let heel = self.motion.heel(mean_heading);
             let tilt = Tilt {
-                angles: [m[ROLL][0] + trim[0], m[PITCH][0] + trim[1]],
+                angles: [m[ROLL][0] + heel[0], m[PITCH][0] + heel[1]],
                 rates: [m[ROLL][1], m[PITCH][1]],
                 heading: wrap_angle(yaw),
-                heading_rate: self.mean_heading_rate + m[YAW][1],
+                heading_rate: yaw_rate,
             };
             let [roll, pitch, _] = tilt.euler();
             let rates = tilt.euler_rates();
             let eta = [
-                way.x - from.x + path[0],
-                way.y - from.y + path[1],
+                place.x - begin.x,
+                place.y - begin.y,
                 m[HEAVE][0] - heave,
                 roll,
                 pitch,
                 wrap_angle(yaw),
             ];
-            let eta_dot = [
-                v.x + m[SURGE][0],
-                v.y + m[SWAY][0],
-                m[HEAVE][1],
-                rates[0],
-                rates[1],
-                rates[2],
-            ];
+            let eta_dot = [velocity.x, velocity.y, m[HEAVE][1], rates[0], rates[1], rates[2]];
             PredictedStage {
                 eta: eta.map(|x| x as f32),
                 eta_dot: eta_dot.map(f16::from_f64),
                 sd: self.motion.spread(ahead).map(f16::from_f64),
+                course_sd: self.course_deviation(ahead).map(f16::from_f64),
             }
         }));
         Some(VesselPrediction {
             header: Header {
-                at: modes.at,
+                at: course.modes.at,
                 ..header
             },
             step_s: config.broadcast.prediction_step_s as f32,
             origin,
             stages,
         })
+    }
+
+    /// The course ahead; None before the first sample.
+    pub(super) fn course(&self) -> Option<Course<'_>> {
+        let b = &self.belief;
+        let modes = self.motion.modes()?;
+        let since = (self.at - modes.at).secs();
+        let now = modes.motion(since);
+        let velocity = self.ned(b.get(SURGE, NU), b.get(SWAY, NU));
+        let yaw = wrap_angle(b.get(YAW, ETA) - self.mean_heading);
+        Some(Course {
+            modes,
+            since,
+            place: self.ned(b.get(SURGE, ETA), b.get(SWAY, ETA)),
+            mean_velocity: self.mean_velocity,
+            mean_heading: self.mean_heading,
+            rate: self.mean_heading_rate,
+            left: velocity - self.mean_velocity - Vector2::new(now[SURGE][0], now[SWAY][0]),
+            left_yaw: wrap_angle(yaw - now[YAW][0]),
+        })
+    }
+
+    /// Keeps where the vessel will be and head, and compares its place and heading with what was predicted.
+    pub(super) fn measure_course(&mut self) {
+        let place = self.ned(self.belief.get(SURGE, ETA), self.belief.get(SWAY, ETA));
+        let mut errors = core::mem::take(&mut self.course_errors);
+        // The filter's heading is continuous.
+        let heading = self.belief.get(YAW, ETA);
+        errors.compare(self.at, [place.x, place.y, heading]);
+        if let Some(course) = self.course() {
+            errors.push(self.at, |ahead| {
+                let (place, _) = course.at(course.since + ahead);
+                let (_, [then, _]) = course.heading(course.since + ahead);
+                [place.x, place.y, heading + wrap_angle(then - heading)]
+            });
+        }
+        self.course_errors = errors;
+    }
+    /// Standard deviation of the error that predicting place (north, east, m) and heading (rad) `ahead` seconds on adds to
+    /// the estimate's own: as measured; before, by the rates' own errors.
+    fn course_deviation(&self, ahead: f64) -> [f64; 3] {
+        let of_rate = |d| ahead * self.belief.variance(d, NU).max(0.0).sqrt();
+        let measured = self.course_errors.deviation(ahead);
+        measured.unwrap_or_else(|| [SURGE, SWAY, YAW].map(of_rate))
     }
 
     /// Standard deviation of what is predicted `ahead` seconds from now, the estimate's own error and what the prediction

@@ -258,6 +258,75 @@ fn modes_half_a_second_after_an_inertial_gap() {
     }
 }
 
+/// Measurements of a vessel on a circle at 2 m/s and 0.05 rad/s that rolls by 3 deg in 2.5 s about a heel of 3 deg.
+fn circling(k: i64) -> VesselIn {
+    let (speed, turn, omega) = (2.0, 0.05, 2.0 * core::f64::consts::PI / 2.5);
+    let t = k as f64 * 1e-2;
+    let ((s, c), yaw) = ((omega * t).sin_cos(), turn * t);
+    let (roll, roll_rate) = (0.052 + 0.052 * s, 0.052 * omega * c);
+    // Level, along and across the heading: the acceleration of the circle less gravity.
+    let force = nalgebra::Rotation3::from_axis_angle(&nalgebra::Vector3::x_axis(), -roll)
+        * nalgebra::Vector3::new(0.0, speed * turn, -9.806_65);
+    let mut input = rest(k);
+    for sample in &mut input.imu {
+        sample.gyro = [roll_rate, turn * roll.sin(), turn * roll.cos()];
+        (sample.accelerometer, sample.lever_arm) = (force.into(), Some([0.0; 3]));
+    }
+    for fix in &mut input.gnss {
+        let (s, c) = yaw.sin_cos();
+        (fix.position, fix.lever_arm) = ([speed / turn * s, speed / turn * (1.0 - c), 0.0], Some([0.0; 3]));
+        fix.velocity = [speed * c, speed * s, 0.0];
+    }
+    for heading in &mut input.heading {
+        heading.heading = alight_shared::frames::wrap_angle(yaw);
+    }
+    input
+}
+
+/// In a turn the trim of the last minutes is not the heel of now, nor the mean velocity the velocity: what is predicted
+/// begins at the estimate all the same, and its interval holds.
+#[test]
+fn prediction_that_begins_at_the_estimate() {
+    let mut n = node();
+    let (mut before, mut compared) = (None::<VesselEstimate<VesselClock>>, 0);
+    let mut waiting: Option<VesselPrediction<VesselClock>> = None;
+    for k in 0..12_000 {
+        let out = n.step(time(k), &circling(k));
+        if let (Some(p), true) = (out.prediction, k > 4000) {
+            waiting = Some(p);
+        }
+        if let (Some(p), Some(now), Some(last)) = (waiting, out.estimate, before) {
+            // The newest sample of the identification is up to a tenth of a second old.
+            let share = (p.header.at - last.header.at).secs() / (now.header.at - last.header.at).secs();
+            let (begins, _) = p.at(0.0).unwrap();
+            for d in (0..6).filter(|_| (0.0..=1.0).contains(&share)) {
+                let step = now.eta[d] - last.eta[d];
+                let step = if d < 3 {
+                    step
+                } else {
+                    alight_shared::frames::wrap_angle(step)
+                };
+                let off = begins[d] - (last.eta[d] + share * step);
+                let off = if d < 3 {
+                    off
+                } else {
+                    alight_shared::frames::wrap_angle(off)
+                };
+                let limit = if d < 3 { 0.02 } else { 4e-3 };
+                assert!(off.abs() < limit, "{k}: degree {d} begins {off} off the estimate");
+                compared += 1;
+            }
+            let (there, sd) = p.at(1.0).unwrap();
+            if ((now.header.at - p.header.at).secs() - 1.0).abs() < 0.02 {
+                let within = |d: usize| (there[d] - now.eta[d]).abs() < 3.0 * sd[d] + 0.05;
+                assert!(within(0) && within(1), "{there:?} {sd:?} {:?}", now.eta);
+            }
+        }
+        before = out.estimate.or(before);
+    }
+    assert!(compared > 0, "no prediction was compared");
+}
+
 /// A receiver that reports once a second, half a second late.
 #[test]
 fn start_with_a_slow_and_late_receiver() {

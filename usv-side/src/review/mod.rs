@@ -282,8 +282,13 @@ fn tilt(m: &WaveMode) -> f64 {
 }
 fn strongest(modes: &[WaveMode], heave: bool) -> Option<&WaveMode> {
     let size = |m: &WaveMode| if heave { amplitude(m, HEAVE) } else { tilt(m) };
-    let waves = modes.iter().filter(|m| m.pole[1] != 0.0);
+    let waves = modes.iter().filter(is_oscillation);
     waves.max_by(|a, b| size(a).total_cmp(&size(b)))
+}
+
+/// Whether a mode oscillates and fades: heel and trim do not.
+fn is_oscillation(m: &&WaveMode) -> bool {
+    m.pole.iter().all(|p| *p != 0.0)
 }
 
 /// Mean and variance of three quantities, by Welford (1962).
@@ -365,7 +370,7 @@ impl Evaluation {
     }
     fn sea(&self) -> SeaReview {
         let identified = self.heights.len() as f64;
-        let modes = self.modes.iter().filter(|m| m.pole[1] != 0.0);
+        let modes = self.modes.iter().filter(is_oscillation);
         SeaReview {
             significant_height_m: median(self.heights.iter().copied()).filter(|_| self.heave),
             peak_period_s: median(self.periods.iter().copied()),
