@@ -14,7 +14,7 @@ use crate::exit::{CliError, Doing, Exit};
 use crate::lab;
 use crate::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, SensorsArgs, ServiceArgs};
 use crate::process::shell;
-use crate::record::replay::ForeignLaw;
+use crate::tools::playback::ForeignLaw;
 use crate::tools::{calibrate, check, command, config, estimate, flights, keys, replay, status, tag, view};
 use crate::{drone, terminal, vessel};
 
@@ -217,11 +217,11 @@ pub enum Command {
 }
 
 /// The law of a recorded planner that the drone does not carry: a baseline, which only the laboratory has.
-const FOREIGN_LAW: ForeignLaw = {
+const FOREIGN_LAW: ForeignLaw<'static> = {
     #[cfg(feature = "lab")]
-    let law: ForeignLaw = crate::lab::record::law;
+    let law: ForeignLaw<'static> = &crate::lab::record::law;
     #[cfg(not(feature = "lab"))]
-    let law: ForeignLaw = |_, _| Ok(None);
+    let law: ForeignLaw<'static> = &|_, _| Ok(None);
     law
 };
 

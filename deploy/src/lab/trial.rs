@@ -65,8 +65,6 @@ fn flown(
         nodes: &scene.nodes,
         seed: args.seed,
         sea: &scene.sea,
-        boots: record::LOCK_STEP_BOOTS,
-        live: false,
     };
     record::fly(args.record.as_deref(), &subject, watch, watcher.as_mut())
 }

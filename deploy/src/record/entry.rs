@@ -1,25 +1,32 @@
-//! Record of a node's step: time, input bit for bit, hash of the output.
+//! Record of a node's step: time, input bit for bit, hash of the output; and whose steps they are.
 //!
-//! Forecasts and plans are nine tenths of all bytes that flow, and each is another node's output of
-//! the same recording. An input therefore names them by their sequence number: the replay feeds the
-//! forecast and the plan that it has computed itself, and the hash of each output says whether
-//! those are the same bits. The drone's state comes to four nodes in the same tick: the first entry
-//! holds it, the others say that it is the one before.
+//! The flight recorder's files hold every input in full: each process is computed again without the others, also after
+//! one that was killed. Forecasts and plans are nine tenths of all bytes that flow, and each is another node's output:
+//! a recording, all nodes in one file, therefore leaves them out of the inputs and names them by their sequence number.
+//! The replay puts in the forecast and the plan that it has computed itself, and the hash of each output says whether
+//! those are the same bits. The drone's state comes to four nodes in the same tick: the first entry holds it, the others
+//! say that it is the one before.
 
-use alight_shared::msg::{
-    AttitudeResponse, AutopilotState, Command, DeckForecast, DeckGrant, DroneState, Header,
-    MissionCheckpoint, MissionState, Plan, RangeSample, SetPoint,
-};
+use std::collections::BTreeMap;
+
+use alight_bridge::BridgeIn;
+use alight_shared::msg::{DeckForecast, DroneState, Header, Plan};
 use alight_shared::time::DroneClock;
+use alight_uav::autopilot::AutopilotIn;
 use alight_uav::mission::MissionIn;
 use alight_uav::pilot::PilotIn;
 use alight_uav::planner::PlannerIn;
+use alight_uav::predictor::PredictorIn;
+use alight_usv::ComputerIn;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-/// Encoding of the channels of this module, as MCAP calls it.
-pub const ENCODING: &str = "alight-record";
-/// Format of the entries, in recordings and in the flight recorder's files; a replay rejects any other.
-pub const FORMAT: u32 = 18;
+use crate::record::observer::NodeStep;
+
+/// Encoding of a channel of steps, as MCAP calls it.
+pub const ENCODING: &str = "alight-step";
+/// Format of the entries; a reader rejects any other.
+pub const FORMAT: u32 = 19;
 
 /// One step of a node.
 #[derive(Serialize, Deserialize)]
@@ -28,115 +35,120 @@ pub struct Entry<I> {
     pub now_ns: i64,
     /// What it consumed.
     pub input: I,
+    /// What is left out of the input.
+    pub references: References,
     /// [`alight_shared::wire::hash_record`] of its output.
     pub output: u64,
 }
 
-/// A forecast or plan by its sequence number.
-type Reference = Option<u32>;
+/// Whose steps a file holds.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PartHeader {
+    /// Name of the process.
+    pub process: String,
+    /// Its boot id.
+    pub boot: u32,
+    /// When it began, on the computer's steady clock, ns: the order of a process's starts.
+    pub began_ns: i64,
+    /// Steps of the start before the first in this file: above zero in the second part and later, and where nothing
+    /// could be written before.
+    pub first_step: u64,
+    /// The text of its configuration.
+    pub config: String,
+}
 
-/// The drone's state, or that it is the newest in the file.
-#[derive(Serialize, Deserialize)]
-struct DroneEntry {
-    before: bool,
-    state: Option<DroneState>,
+impl PartHeader {
+    /// As names and values; the configuration is attached as `config`.
+    pub fn values(&self, config: &str) -> BTreeMap<String, String> {
+        [
+            ("format", FORMAT.to_string()),
+            ("program", env!("CARGO_PKG_VERSION").into()),
+            ("process", self.process.clone()),
+            ("boot", self.boot.to_string()),
+            ("began_ns", self.began_ns.to_string()),
+            ("first_step", self.first_step.to_string()),
+            ("config", config.into()),
+        ]
+        .map(|(name, value)| (name.to_owned(), value))
+        .into()
+    }
+    /// Of such values and the texts attached beside them.
+    pub fn of(values: &BTreeMap<String, String>, texts: &BTreeMap<String, String>) -> Option<PartHeader> {
+        Some(PartHeader {
+            process: values.get("process")?.clone(),
+            boot: values.get("boot")?.parse().ok()?,
+            began_ns: values.get("began_ns")?.parse().ok()?,
+            first_step: values.get("first_step")?.parse().ok()?,
+            config: texts.get(values.get("config")?)?.clone(),
+        })
+    }
+}
+
+/// A place of an input.
+type Slot<'a, T> = Option<&'a mut Option<T>>;
+
+/// The input of a node whose steps are recorded, and what of it others of the same file hold.
+pub trait Input: Clone + Serialize + DeserializeOwned {
+    /// The predictor's output.
+    fn forecast(&mut self) -> Slot<'_, DeckForecast> {
+        None
+    }
+    /// The planner's output.
+    fn plan(&mut self) -> Slot<'_, Plan> {
+        None
+    }
+    /// The drone's state.
+    fn drone(&mut self) -> Slot<'_, DroneState> {
+        None
+    }
+}
+
+macro_rules! inputs {
+    ($($input:ty { $($field:ident: $message:ty),* })*) => {
+        $(impl Input for $input {
+            $(fn $field(&mut self) -> Slot<'_, $message> {
+                Some(&mut self.$field)
+            })*
+        })*
+    };
+}
+inputs! {
+    ComputerIn {}
+    BridgeIn {}
+    PredictorIn { drone: DroneState }
+    MissionIn { forecast: DeckForecast, plan: Plan, drone: DroneState }
+    PlannerIn { forecast: DeckForecast, drone: DroneState }
+    PilotIn { forecast: DeckForecast, plan: Plan, drone: DroneState }
+    AutopilotIn {}
+}
+
+/// What is left out of an input, and where it is: nothing in the flight recorder's files.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+pub struct References {
+    forecast: Option<u32>,
+    plan: Option<u32>,
+    /// It is the newest in the file.
+    drone: bool,
 }
 
 /// Which drone state the file's newest is.
 #[derive(Default)]
 pub struct Newest(Option<Header<DroneClock>>);
 
-impl Newest {
-    /// This one was recorded in full.
-    pub fn recorded(&mut self, drone: Option<&DroneState>) {
-        if let Some(d) = drone {
-            self.0 = Some(d.header);
-        }
-    }
-    fn entry(&mut self, drone: Option<&DroneState>) -> DroneEntry {
-        let before = drone.is_some_and(|d| self.0 == Some(d.header));
-        self.recorded(drone);
-        DroneEntry {
-            before,
-            state: drone.filter(|_| !before).copied(),
-        }
-    }
-}
-
-/// The mission's input.
-#[derive(Serialize, Deserialize)]
-pub struct MissionEntry {
-    forecast: Reference,
-    plan: Reference,
-    drone: DroneEntry,
-    autopilot: Option<AutopilotState>,
-    set_point: Option<SetPoint>,
-    commands: Vec<Command>,
-    deck: Option<DeckGrant<DroneClock>>,
-    ranges: Vec<RangeSample>,
-    checkpoint: Option<MissionCheckpoint>,
-}
-/// The planner's input.
-#[derive(Serialize, Deserialize)]
-pub struct PlannerEntry {
-    forecast: Reference,
-    mission: Option<MissionState>,
-    drone: DroneEntry,
-}
-/// The pilot's input.
-#[derive(Serialize, Deserialize)]
-pub struct PilotEntry<R> {
-    forecast: Reference,
-    plan: Reference,
-    mission: Option<MissionState>,
-    drone: DroneEntry,
-    autopilot: Option<AutopilotState>,
-    ranges: R,
-}
-
-fn forecast_id(forecast: Option<&DeckForecast>) -> Reference {
-    forecast.map(|f| f.header.sequence)
-}
-fn plan_id(plan: Option<&Plan>) -> Reference {
-    plan.map(|p| p.header.sequence)
-}
-
-impl MissionEntry {
-    /// Of this input, which comes next in the file.
-    pub fn of(i: &MissionIn, newest: &mut Newest) -> Self {
-        MissionEntry {
-            forecast: forecast_id(i.forecast.as_ref()),
-            plan: plan_id(i.plan.as_ref()),
-            drone: newest.entry(i.drone.as_ref()),
-            autopilot: i.autopilot,
-            set_point: i.set_point,
-            commands: i.commands.clone(),
-            deck: i.deck,
-            ranges: i.ranges.clone(),
-            checkpoint: i.checkpoint,
-        }
-    }
-}
-impl PlannerEntry {
-    /// Of this input, which comes next in the file.
-    pub fn of(i: &PlannerIn, newest: &mut Newest) -> Self {
-        PlannerEntry {
-            forecast: forecast_id(i.forecast.as_ref()),
-            mission: i.mission,
-            drone: newest.entry(i.drone.as_ref()),
-        }
-    }
-}
-impl<'a> PilotEntry<&'a [RangeSample]> {
-    /// Of this input, which comes next in the file.
-    pub fn of(i: &'a PilotIn, newest: &mut Newest) -> Self {
-        PilotEntry {
-            forecast: forecast_id(i.forecast.as_ref()),
-            plan: plan_id(i.plan.as_ref()),
-            mission: i.mission,
-            drone: newest.entry(i.drone.as_ref()),
-            autopilot: i.autopilot,
-            ranges: &i.ranges,
+impl References {
+    /// Takes out of `input` what the file has already.
+    pub fn take(input: &mut impl Input, newest: &mut Newest) -> References {
+        let forecast = input.forecast().and_then(Option::take);
+        let plan = input.plan().and_then(Option::take);
+        let before = newest.0;
+        newest.0 = input.drone().and_then(|d| d.map(|d| d.header)).or(before);
+        let drone = input
+            .drone()
+            .and_then(|slot| slot.take_if(|d| before == Some(d.header)));
+        References {
+            forecast: forecast.map(|f| f.header.sequence),
+            plan: plan.map(|p| p.header.sequence),
+            drone: drone.is_some(),
         }
     }
 }
@@ -159,30 +171,29 @@ pub struct Computed {
 }
 
 impl Computed {
-    /// Keeps a forecast.
-    pub fn forecast(&mut self, forecast: Option<DeckForecast>) {
-        keep(&mut self.forecasts, forecast);
-    }
-    /// Keeps a plan.
-    pub fn plan(&mut self, plan: Option<Plan>) {
-        keep(&mut self.plans, plan);
-    }
-    /// Keeps a drone state that was recorded in full.
-    pub fn drone(&mut self, drone: Option<DroneState>) {
-        self.drone = drone.or(self.drone);
-    }
-    fn drone_of(&mut self, entry: DroneEntry) -> Result<Option<DroneState>, Missing> {
-        if entry.before {
-            return self.drone.map(Some).ok_or(Missing);
+    /// Keeps what a step has computed for others.
+    pub fn keep(&mut self, step: &NodeStep<'_>) {
+        match step {
+            NodeStep::Predictor(_, _, o) => keep(&mut self.forecasts, o.forecast),
+            NodeStep::Planner(_, _, o) => keep(&mut self.plans, o.plan),
+            NodeStep::Vessel(..) | NodeStep::Bridge(..) | NodeStep::Mission(..) | NodeStep::Pilot(..) => {}
         }
-        self.drone(entry.state);
-        Ok(entry.state)
     }
-    fn forecast_of(&self, id: Reference) -> Result<Option<DeckForecast>, Missing> {
-        find(&self.forecasts, id, |f| f.header.sequence)
-    }
-    fn plan_of(&self, id: Reference) -> Result<Option<Plan>, Missing> {
-        find(&self.plans, id, |p| p.header.sequence)
+    /// Puts what was left out into `input`.
+    pub fn fill(&mut self, input: &mut impl Input, references: References) -> Result<(), Missing> {
+        if let Some(slot) = input.drone() {
+            match references.drone {
+                true => *slot = Some(self.drone.ok_or(Missing)?),
+                false => self.drone = slot.or(self.drone),
+            }
+        }
+        if let (Some(id), Some(slot)) = (references.forecast, input.forecast()) {
+            *slot = Some(find(&self.forecasts, |f| f.header.sequence == id)?);
+        }
+        if let (Some(id), Some(slot)) = (references.plan, input.plan()) {
+            *slot = Some(find(&self.plans, |p| p.header.sequence == id)?);
+        }
+        Ok(())
     }
 }
 
@@ -194,56 +205,6 @@ fn keep<T>(kept: &mut Vec<T>, new: Option<T>) {
     kept.push(new);
 }
 
-fn find<T: Copy>(kept: &[T], id: Reference, sequence: impl Fn(&T) -> u32) -> Result<Option<T>, Missing> {
-    let Some(id) = id else { return Ok(None) };
-    let found = kept.iter().rev().find(|t| sequence(t) == id);
-    found.copied().map(Some).ok_or(Missing)
-}
-
-impl MissionEntry {
-    /// Whether the motors may turn, when the autopilot says so.
-    pub fn armed(&self) -> Option<bool> {
-        self.autopilot.map(|a| a.armed)
-    }
-    /// How the drone's attitude answers, when a set-point came.
-    pub fn response(&self) -> Option<AttitudeResponse> {
-        self.set_point.map(|s| s.response)
-    }
-    /// The input that was recorded.
-    pub fn input(self, computed: &mut Computed) -> Result<MissionIn, Missing> {
-        Ok(MissionIn {
-            forecast: computed.forecast_of(self.forecast)?,
-            drone: computed.drone_of(self.drone)?,
-            autopilot: self.autopilot,
-            plan: computed.plan_of(self.plan)?,
-            set_point: self.set_point,
-            commands: self.commands,
-            deck: self.deck,
-            ranges: self.ranges,
-            checkpoint: self.checkpoint,
-        })
-    }
-}
-impl PlannerEntry {
-    /// The input that was recorded.
-    pub fn input(self, computed: &mut Computed) -> Result<PlannerIn, Missing> {
-        Ok(PlannerIn {
-            forecast: computed.forecast_of(self.forecast)?,
-            mission: self.mission,
-            drone: computed.drone_of(self.drone)?,
-        })
-    }
-}
-impl PilotEntry<Vec<RangeSample>> {
-    /// The input that was recorded.
-    pub fn input(self, computed: &mut Computed) -> Result<PilotIn, Missing> {
-        Ok(PilotIn {
-            plan: computed.plan_of(self.plan)?,
-            mission: self.mission,
-            forecast: computed.forecast_of(self.forecast)?,
-            drone: computed.drone_of(self.drone)?,
-            autopilot: self.autopilot,
-            ranges: self.ranges,
-        })
-    }
+fn find<T: Copy>(kept: &[T], is_it: impl Fn(&T) -> bool) -> Result<T, Missing> {
+    kept.iter().rev().find(|t| is_it(t)).copied().ok_or(Missing)
 }

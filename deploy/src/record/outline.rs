@@ -69,17 +69,16 @@ impl Outline {
     }
 }
 
-/// Every record lies within the file, which has its end, and no chunk claims more than it may hold.
-pub fn check(file: &[u8]) -> Result<(), String> {
-    Outline::of(file)?.cut.map_or(Ok(()), Err)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn file(opcode: u8, length: u64, content: &[u8]) -> Vec<u8> {
         [MAGIC, &[opcode], &length.to_le_bytes(), content, MAGIC].concat()
+    }
+
+    fn check(file: &[u8]) -> Result<(), String> {
+        Outline::of(file)?.cut.map_or(Ok(()), Err)
     }
 
     #[test]

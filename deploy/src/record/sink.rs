@@ -1,23 +1,18 @@
-//! The file: an MCAP that a thread of its own writes, so that the flight does not wait for it. It is
-//! not compressed: LZ4 halves the file and doubles the processor time that recording costs.
+//! Writer of a log's file.
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufWriter, ErrorKind};
+use std::io::{BufWriter, ErrorKind, Write};
 use std::path::Path;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::thread::JoinHandle;
 
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
 
-/// A batch goes to the thread when it holds this many bytes.
-const BATCH_BYTES: usize = 256 << 10;
-/// Batches under way at most; then the flight waits for the disk.
-const BATCHES: usize = 8;
+use crate::record::entry::{ENCODING, PartHeader};
+use crate::record::{PROCESS, topic};
+
 /// A chunk of the file.
 const CHUNK_BYTES: u64 = 1 << 20;
-
 /// Bytes per write to the disk.
 const BUFFER_BYTES: usize = 1 << 20;
 
@@ -40,13 +35,6 @@ pub trait TakeMessages {
         t_ns: u64,
         encode: impl FnOnce(&mut Vec<u8>) -> Result<(), E>,
     ) -> Result<(), E>;
-}
-
-impl Channel {
-    /// Its number in the file.
-    pub fn id(self) -> u16 {
-        self.0
-    }
 }
 
 /// What a person reads of an error: the system's own words, where it has some.
@@ -78,50 +66,56 @@ pub fn unwritable(path: &Path, error: &McapError) -> String {
     )
 }
 
-/// Messages on their way to the file.
-#[derive(Default)]
-struct Batch {
-    bytes: Vec<u8>,
-    /// Channel, time (ns) and end in `bytes` of each message.
-    marks: Vec<(u16, u64, usize)>,
+/// A file that is being written.
+pub struct Sink {
+    writer: Writer<BufWriter<File>>,
+    /// Messages so far in each channel.
+    sequences: BTreeMap<u16, u32>,
+    scratch: Vec<u8>,
+    /// Why messages are lost.
+    failed: Option<McapError>,
 }
 
-/// A file that is being written, before its first message.
-pub struct Opening(Writer<BufWriter<File>>);
-
-impl Opening {
-    /// Creates the file.
-    pub fn create(path: &Path) -> Result<Opening, McapError> {
-        Opening::of(File::create(path)?, None, false)
+impl Sink {
+    /// Creates a recording. It is not compressed: LZ4 halves the file and doubles the processor time that recording
+    /// costs.
+    pub fn create(path: &Path) -> Result<Sink, McapError> {
+        Sink::of(File::create(path)?, None, false)
     }
     /// Begins in `file`; with `whole_chunks` a chunk is written at once and not as it grows.
-    pub fn of(
-        file: File,
-        compression: Option<Compression>,
-        whole_chunks: bool,
-    ) -> Result<Opening, McapError> {
+    pub fn of(file: File, compression: Option<Compression>, whole_chunks: bool) -> Result<Sink, McapError> {
         let options = WriteOptions::new()
             .profile("")
             .library(concat!("alight ", env!("CARGO_PKG_VERSION")))
             .chunk_size(Some(CHUNK_BYTES))
             .disable_seeking(whole_chunks)
             .compression(compression);
-        Ok(Opening(
-            options.create(BufWriter::with_capacity(BUFFER_BYTES, file))?,
-        ))
+        Ok(Sink {
+            writer: options.create(BufWriter::with_capacity(BUFFER_BYTES, file))?,
+            sequences: BTreeMap::new(),
+            scratch: Vec::new(),
+            failed: None,
+        })
     }
-    /// A channel of bytes that only Alight reads.
-    pub fn raw(&mut self, topic: &str, encoding: &str) -> Result<Channel, McapError> {
-        Ok(Channel(self.0.add_channel(
-            0,
-            topic,
-            encoding,
-            &BTreeMap::new(),
-        )?))
+    /// Says whose steps follow, and with which configurations they began; the channel of each.
+    pub fn processes(&mut self, headers: &[PartHeader]) -> Result<Vec<Channel>, McapError> {
+        for (k, header) in headers.iter().enumerate() {
+            // Processes of one computer have the same.
+            let same = headers.iter().position(|h| h.config == header.config);
+            let name = format!("{}.toml", headers[same.unwrap_or(k)].process);
+            if same == Some(k) {
+                self.attach(&name, &header.config)?;
+            }
+            self.metadata(PROCESS, header.values(&name))?;
+        }
+        // A channel begins a chunk, and whoever looks at the beginning stops there.
+        let none = BTreeMap::new();
+        let channel = |h: &PartHeader| self.writer.add_channel(0, &topic(&h.process), ENCODING, &none);
+        headers.iter().map(channel).map(|id| id.map(Channel)).collect()
     }
-    /// A text that belongs to the recording.
+    /// A text that belongs to the file.
     pub fn attach(&mut self, name: &str, text: &str) -> Result<(), McapError> {
-        self.0.attach(&Attachment {
+        self.writer.attach(&Attachment {
             log_time: 0,
             create_time: 0,
             name: name.into(),
@@ -129,76 +123,52 @@ impl Opening {
             data: text.as_bytes().into(),
         })
     }
-    /// Names and values that belong to the recording.
+    /// Names and values that belong to the file.
     pub fn metadata(&mut self, name: &str, values: BTreeMap<String, String>) -> Result<(), McapError> {
-        self.0.write_metadata(&Metadata {
+        self.writer.write_metadata(&Metadata {
             name: name.into(),
             metadata: values,
         })
     }
-    /// For a thread that writes messages itself.
-    pub fn into_writer(self) -> Writer<BufWriter<File>> {
-        self.0
+    /// Writes a message of this number in its channel.
+    pub fn write(
+        &mut self,
+        channel: Channel,
+        sequence: u32,
+        t_ns: u64,
+        bytes: &[u8],
+    ) -> Result<(), McapError> {
+        let header = MessageHeader {
+            channel_id: channel.0,
+            sequence,
+            log_time: t_ns,
+            publish_time: t_ns,
+        };
+        self.writer.write_to_known_channel(&header, bytes)
     }
-    /// From now on messages.
-    pub fn start(self) -> Sink {
-        let (to, batches) = sync_channel(BATCHES);
-        let (give_back, free) = sync_channel(BATCHES);
-        let writer = self.0;
-        Sink {
-            batch: Batch::default(),
-            to,
-            free,
-            thread: std::thread::spawn(move || write(writer, &batches, &give_back)),
+    /// Ends the chunk.
+    pub fn flush(&mut self) -> Result<(), McapError> {
+        self.writer.flush()
+    }
+    /// Writes the end of the file; an error also where a message was lost.
+    pub fn finish(mut self) -> Result<(), McapError> {
+        if let Some(e) = self.failed {
+            return Err(e);
         }
+        self.writer.finish()?;
+        self.writer.into_inner().flush()?;
+        Ok(())
     }
 }
 
-impl OpenChannels for Opening {
+impl OpenChannels for Sink {
     fn protobuf(&mut self, topic: &str, schema: (&str, &[u8])) -> Result<Channel, McapError> {
-        let id = self.0.add_schema(schema.0, "protobuf", schema.1)?;
-        Ok(Channel(self.0.add_channel(
-            id,
-            topic,
-            "protobuf",
-            &BTreeMap::new(),
-        )?))
+        let (id, none) = (
+            self.writer.add_schema(schema.0, "protobuf", schema.1)?,
+            BTreeMap::new(),
+        );
+        Ok(Channel(self.writer.add_channel(id, topic, "protobuf", &none)?))
     }
-}
-
-fn write(
-    mut writer: Writer<BufWriter<File>>,
-    batches: &Receiver<Batch>,
-    give_back: &SyncSender<Batch>,
-) -> Result<Writer<BufWriter<File>>, McapError> {
-    let mut sequences = BTreeMap::<u16, u32>::new();
-    while let Ok(mut batch) = batches.recv() {
-        let mut begin = 0;
-        for (channel_id, t, end) in batch.marks.drain(..) {
-            let sequence = sequences.entry(channel_id).or_default();
-            let header = MessageHeader {
-                channel_id,
-                sequence: *sequence,
-                log_time: t,
-                publish_time: t,
-            };
-            *sequence = sequence.wrapping_add(1);
-            writer.write_to_known_channel(&header, batch.bytes.get(begin..end).unwrap_or_default())?;
-            begin = end;
-        }
-        batch.bytes.clear();
-        // A full line back only means that this buffer is not used again.
-        let _unused = give_back.try_send(batch);
-    }
-    Ok(writer)
-}
-
-/// A file that takes messages.
-pub struct Sink {
-    batch: Batch,
-    to: SyncSender<Batch>,
-    free: Receiver<Batch>,
-    thread: JoinHandle<Result<Writer<BufWriter<File>>, McapError>>,
 }
 
 impl TakeMessages for Sink {
@@ -208,44 +178,17 @@ impl TakeMessages for Sink {
         t_ns: u64,
         encode: impl FnOnce(&mut Vec<u8>) -> Result<(), E>,
     ) -> Result<(), E> {
-        let begin = self.batch.bytes.len();
-        if let Err(e) = encode(&mut self.batch.bytes) {
-            self.batch.bytes.truncate(begin);
-            return Err(e);
+        let mut bytes = core::mem::take(&mut self.scratch);
+        bytes.clear();
+        let encoded = encode(&mut bytes);
+        if encoded.is_ok() && self.failed.is_none() {
+            let next = self.sequences.entry(channel.0).or_default();
+            let sequence = *next;
+            *next = next.wrapping_add(1);
+            self.failed = self.write(channel, sequence, t_ns, &bytes).err();
         }
-        self.batch.marks.push((channel.0, t_ns, self.batch.bytes.len()));
-        if self.batch.bytes.len() >= BATCH_BYTES {
-            self.send();
-        }
-        Ok(())
-    }
-}
-
-impl Sink {
-    fn send(&mut self) {
-        let empty = self.free.try_recv().unwrap_or_default();
-        // A thread that ended has its error ready for `finish`.
-        let _ended = self.to.send(core::mem::replace(&mut self.batch, empty));
-    }
-    /// Writes what is left, and how it ended.
-    pub fn finish(mut self, name: &str, values: &[(&str, String)]) -> Result<(), McapError> {
-        let values = values
-            .iter()
-            .map(|(name, value)| (name.to_string(), value.clone()));
-        self.send();
-        drop(self.to);
-        let Ok(written) = self.thread.join() else {
-            return Err(McapError::Io(std::io::Error::other(
-                "the writing thread panicked",
-            )));
-        };
-        let mut writer = written?;
-        writer.write_metadata(&Metadata {
-            name: name.into(),
-            metadata: values.collect(),
-        })?;
-        writer.finish()?;
-        Ok(())
+        self.scratch = bytes;
+        encoded
     }
 }
 
@@ -258,16 +201,15 @@ mod tests {
         // Every write to it fails as on a full disk, whichever comes first.
         let path = Path::new("/dev/full");
         let record = || -> Result<(), McapError> {
-            let mut opening = Opening::create(path)?;
-            let channel = opening.raw("/node/vessel", "bytes")?;
-            let mut sink = opening.start();
+            let mut sink = Sink::create(path)?;
+            let channel = sink.processes(&[PartHeader::default()])?[0];
             for k in 0..100 {
                 sink.message(channel, k, |to: &mut Vec<u8>| -> Result<(), McapError> {
                     to.extend([7; 100_000]);
                     Ok(())
                 })?;
             }
-            sink.finish("outcome", &[])
+            sink.finish()
         };
         let e = record().unwrap_err();
         let text = unwritable(Path::new("/mnt/stick/l.mcap"), &e);

@@ -23,6 +23,7 @@ use mcap::McapError;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use crate::record::geometry::{frame, pose, quaternion, vector};
+use crate::record::observer::NodeStep;
 use crate::record::sink::{Channel, OpenChannels, TakeMessages};
 use crate::record::{cloud, schema};
 
@@ -179,8 +180,20 @@ impl Views {
         )
     }
 
+    /// A step of any node.
+    pub fn step(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, step: NodeStep<'_>) {
+        match step {
+            NodeStep::Vessel(_, i, o) => self.vessel(sink, t, &i.vessel, &o.vessel),
+            NodeStep::Bridge(_, _, o) => self.bridge(sink, t, o),
+            NodeStep::Predictor(_, i, o) => self.predictor(sink, t, i, o),
+            NodeStep::Mission(_, i, o) => self.mission(sink, t, i, o),
+            NodeStep::Planner(now, _, o) => self.planner(sink, t, now, o),
+            NodeStep::Pilot(now, i, o) => self.pilot(sink, t, now, i, o),
+        }
+    }
+
     /// The vessel's sensors and its broadcast.
-    pub fn vessel(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, i: &VesselIn, o: &VesselOut) {
+    fn vessel(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, i: &VesselIn, o: &VesselOut) {
         if let (true, Some(imu)) = (self.fast(t), i.imu.last()) {
             let view = schema::Imu {
                 gyro_radps: imu.gyro,
@@ -267,7 +280,7 @@ impl Views {
     }
 
     /// The link.
-    pub fn bridge(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, o: &BridgeOut) {
+    fn bridge(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, o: &BridgeOut) {
         let Some(l) = &o.link else { return };
         let view = schema::Link {
             clock_offset_s: l.clock_offset_s,
@@ -283,7 +296,7 @@ impl Views {
     }
 
     /// The drone's sensors and the forecast.
-    pub fn predictor(
+    fn predictor(
         &mut self,
         sink: &mut impl TakeMessages,
         t: Time<TrueTime>,
@@ -360,13 +373,7 @@ impl Views {
     }
 
     /// The mission's state, and a line of log when state or reason change.
-    pub fn mission(
-        &mut self,
-        sink: &mut impl TakeMessages,
-        t: Time<TrueTime>,
-        i: &MissionIn,
-        o: &MissionOut,
-    ) {
+    fn mission(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, i: &MissionIn, o: &MissionOut) {
         for c in &i.commands {
             self.line(sink, t, log::Level::Info, format!("command: {:?}", c.kind));
         }
@@ -434,7 +441,7 @@ impl Views {
     }
 
     /// The plan and how it was found.
-    pub fn planner(
+    fn planner(
         &mut self,
         sink: &mut impl TakeMessages,
         t: Time<TrueTime>,
@@ -457,7 +464,7 @@ impl Views {
     }
 
     /// What the autopilot is asked for.
-    pub fn pilot(
+    fn pilot(
         &mut self,
         sink: &mut impl TakeMessages,
         t: Time<TrueTime>,

@@ -7,7 +7,7 @@ pub mod config;
 pub mod estimate;
 pub mod flights;
 pub mod keys;
-pub mod recording;
+pub mod playback;
 pub mod replay;
 pub mod status;
 pub mod tag;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use alight_bridge::BridgeOut;
+use alight_bridge::{BridgeIn, BridgeOut};
 use alight_shared::msg::{
     AutopilotState, Command, DeckForecast, DeckGrant, DroneState, LinkState, MissionState, Plan, RangeSample,
     SetPoint, TagPose, UvdarFix, VesselEstimate, WaveModel,
@@ -14,11 +14,11 @@ use alight_shared::transport::memory::{Memory, Subscriber};
 use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_uav::mission::{MissionIn, MissionOut};
 use alight_uav::pilot::{PilotIn, PilotOut};
-use alight_uav::planner::PlannerOut;
+use alight_uav::planner::{PlannerIn, PlannerOut};
 use alight_uav::predictor::{PredictorIn, PredictorOut};
 
 use crate::exit::CliError;
-use crate::record::onlooker::Onlooker;
+use crate::record::observer::{NodeStep, StepObserver};
 use crate::view::board::minutes;
 use crate::view::picture::{Alarm, Tone};
 use crate::view::watcher::Watcher;
@@ -80,7 +80,7 @@ impl MemoryFeed {
             link: self.link.newest(ns),
             ..BridgeOut::default()
         };
-        watcher.bridge(t, &bridge);
+        watcher.step(t, NodeStep::Bridge(now, &BridgeIn::default(), &bridge));
         watcher.received(t, &bridge);
         let seen = PredictorIn {
             tags: self.tags.all(ns),
@@ -93,9 +93,10 @@ impl MemoryFeed {
             forecast: self.forecast.newest(ns),
             ..PredictorOut::default()
         };
-        watcher.predictor(t, &seen, &predicted);
+        watcher.step(t, NodeStep::Predictor(now, &seen, &predicted));
         let plan = self.plan.newest(ns);
-        watcher.planner(t, now, &PlannerOut { plan });
+        let planned = PlannerOut { plan };
+        watcher.step(t, NodeStep::Planner(now, &PlannerIn::default(), &planned));
         let piloted = PilotOut {
             set_point: self.set_point.newest(ns),
             ..PilotOut::default()
@@ -104,7 +105,7 @@ impl MemoryFeed {
             plan,
             ..PilotIn::default()
         };
-        watcher.pilot(t, now, &flown, &piloted);
+        watcher.step(t, NodeStep::Pilot(now, &flown, &piloted));
         let asked = MissionIn {
             autopilot: self.autopilot.newest(ns),
             commands: self.commands.all(ns),
@@ -115,7 +116,7 @@ impl MemoryFeed {
             ..MissionOut::default()
         };
         watcher.board.alarms = self.silent();
-        watcher.mission(t, &asked, &decided);
+        watcher.step(t, NodeStep::Mission(now, &asked, &decided));
         decided.state
     }
 

@@ -4,17 +4,12 @@ use std::time::Duration;
 
 use alight_bridge::BridgeOut;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_shared::time::{Time, TrueTime};
 use alight_shared::transport::clock::steady_ns;
-use alight_uav::mission::{MissionIn, MissionOut};
-use alight_uav::pilot::{PilotIn, PilotOut};
-use alight_uav::planner::PlannerOut;
-use alight_uav::predictor::{PredictorIn, PredictorOut};
-use alight_usv::{ComputerIn, ComputerOut};
 
 use crate::exit::{CliError, Doing};
 use crate::process::supervisor::pause;
-use crate::record::onlooker::Onlooker;
+use crate::record::observer::{NodeStep, StepObserver};
 use crate::record::views::Views;
 use crate::view::board::{Board, Known};
 use crate::view::live_sink::LiveSink;
@@ -107,52 +102,46 @@ impl Watcher {
     }
 }
 
-impl Onlooker for Watcher {
-    fn vessel(&mut self, t: Time<TrueTime>, i: &ComputerIn, o: &ComputerOut) {
-        self.board.vessel(t, o);
-        if let Some(live) = &mut self.live {
-            live.views.vessel(&mut live.sink, t, &i.vessel, &o.vessel);
+impl StepObserver for Watcher {
+    fn step(&mut self, t: Time<TrueTime>, step: NodeStep<'_>) {
+        match step {
+            NodeStep::Vessel(_, _, o) => self.board.vessel(t, o),
+            NodeStep::Bridge(_, _, o) => self.board.bridge(t, o),
+            NodeStep::Predictor(_, i, o) => {
+                self.board.predictor(t, i, o);
+                self.pace.begin(t, i.drone.is_some());
+            }
+            NodeStep::Mission(_, i, o) => self.board.mission(t, i, o),
+            NodeStep::Planner(_, _, o) => self.board.planner(t, o),
+            NodeStep::Pilot(..) => {}
         }
-        self.show(t);
-    }
-    fn bridge(&mut self, t: Time<TrueTime>, o: &BridgeOut) {
-        self.board.bridge(t, o);
         if let Some(live) = &mut self.live {
-            live.views.bridge(&mut live.sink, t, o);
+            live.step(t, step);
+        }
+        match step {
+            NodeStep::Vessel(..) => self.show(t),
+            NodeStep::Mission(..) => {
+                self.show(t);
+                self.pace.hold(t);
+            }
+            NodeStep::Bridge(..) | NodeStep::Predictor(..) | NodeStep::Planner(..) | NodeStep::Pilot(..) => {}
         }
     }
-    fn predictor(&mut self, t: Time<TrueTime>, i: &PredictorIn, o: &PredictorOut) {
-        self.board.predictor(t, i, o);
-        self.pace.begin(t, i.drone.is_some());
-        let Some(Live { sink, views, scenery }) = &mut self.live else {
-            return;
+}
+
+impl Live {
+    fn step(&mut self, t: Time<TrueTime>, step: NodeStep<'_>) {
+        let Live { sink, views, scenery } = self;
+        let NodeStep::Predictor(_, i, o) = step else {
+            return views.step(sink, t, step);
         };
         // It is where it says it is: its NED is the scene's, but for the water's level.
         let at = i.drone.map(|d| d.position);
         let at = at.map(|at| scenery.as_ref().map_or(at, |s| s.in_scene(at)));
         views.true_drone = at.or(views.true_drone);
-        views.predictor(sink, t, i, o);
+        views.step(sink, t, step);
         if let Some(scenery) = scenery {
             scenery.show(sink, views, t, o.forecast.as_ref(), i.drone.as_ref());
-        }
-    }
-    fn mission(&mut self, t: Time<TrueTime>, i: &MissionIn, o: &MissionOut) {
-        self.board.mission(t, i, o);
-        if let Some(live) = &mut self.live {
-            live.views.mission(&mut live.sink, t, i, o);
-        }
-        self.show(t);
-        self.pace.hold(t);
-    }
-    fn planner(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, o: &PlannerOut) {
-        self.board.planner(t, o);
-        if let Some(live) = &mut self.live {
-            live.views.planner(&mut live.sink, t, now, o);
-        }
-    }
-    fn pilot(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PilotIn, o: &PilotOut) {
-        if let Some(live) = &mut self.live {
-            live.views.pilot(&mut live.sink, t, now, i, o);
         }
     }
 }

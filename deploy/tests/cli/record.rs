@@ -70,9 +70,8 @@ fn replay_with_a_flipped_input_byte() {
     for (topic, node, offset) in [
         // Time (8), number of inertial samples (8), header (26), then the first gyro rate.
         ("/node/vessel", "vessel", 8 + 8 + 26 + 6),
-        // Time (8), forecast (1 + 4), plan (1 + 4), mission's state, previous (4 each) after its
-        // header (1 + 26).
-        ("/node/pilot", "pilot", 8 + 5 + 5 + 1 + 26),
+        // Time (8), plan (1), mission's state, previous (4 each) after its header (1 + 26).
+        ("/node/pilot", "pilot", 8 + 1 + 1 + 26),
     ] {
         let other = scratch(&format!("changed-{node}.mcap"));
         // The pilot asks for the state in the descent alone, which begins at about step 570.

@@ -200,6 +200,11 @@ fn replay_of_a_live_landing() {
         assert!(text.contains(node), "{node}: {text}");
     }
     replay(&recording);
+    // The flight and the recording of it hold the same.
+    let [of_flight, of_recording] =
+        [&log, &recording].map(|path| printed(&run(format!("calibrate drone {} --json", path.display()))));
+    assert!(of_flight.contains("\"identified\":true"), "{of_flight}");
+    assert_eq!(of_flight, of_recording);
     assert!(std::fs::read_to_string(&plot).expect("a plot").contains("<svg"));
     std::fs::remove_dir_all(&log).expect("removed");
     std::fs::remove_file(&recording).expect("removed");

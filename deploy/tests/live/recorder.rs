@@ -13,6 +13,9 @@ use serde_json::Value;
 
 use crate::common::{Running, alight, errors, free_port, free_udp, open_deck, printed, run, scratch};
 
+/// A step of the vessel as it is recorded: time, input, what is left out of it, hash of the output.
+type Step = (i64, ComputerIn, [u8; 3], u64);
+
 /// A vessel's computer that records, and what its sensors measured in a simulated flight.
 struct Vessel {
     directory: PathBuf,
@@ -124,7 +127,7 @@ fn readings(directory: &Path) -> Vec<Readings> {
     vessel
         .filter(|m| m.channel.topic == "/node/vessel")
         .map(|m| {
-            let (_, input, _): (i64, ComputerIn, u64) = wire::decode_record(&m.data).expect("a step");
+            let (_, input, _, _): Step = wire::decode_record(&m.data).expect("a step");
             Readings {
                 imu: input.vessel.imu,
                 gnss: input.vessel.gnss,

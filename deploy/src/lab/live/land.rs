@@ -148,11 +148,8 @@ fn record(args: &LandArgs, scene: &Scene, plan: &LandingSetup, ending: &Ending) 
         nodes: &scene.nodes,
         seed: args.seed,
         sea: &scene.sea,
-        boots: Default::default(),
-        live: true,
     };
-    let computers = (&plan.vessel, &plan.drone);
-    for line in recording::write(path, flight, computers, subject, &landed.outcome)? {
+    for line in recording::write(path, flight, &subject, &landed.outcome)? {
         note(true, line);
     }
     note(args.json, format!("recording: {}", path.display()));

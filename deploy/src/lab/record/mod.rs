@@ -4,10 +4,11 @@ mod truth;
 
 use std::path::Path;
 
-use alight_bridge::{BridgeIn, BridgeOut};
+use alight_bridge::{BridgeConfig, BridgeIn, BridgeOut};
 use alight_shared::frames::{DroneBody, VesselBody};
 use alight_shared::time::{DroneClock, Time, TrueTime, VesselClock};
 use alight_shared::transport::wake::end_requested;
+use alight_shared::wire::{self, WireError};
 use alight_sim::baselines::Baseline;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::physics::{BOOT, DRONE_ID, VESSEL_ID};
@@ -24,19 +25,14 @@ use alight_uav::settings::DroneSettings;
 use alight_usv::{ComputerIn, ComputerOut};
 use serde::{Deserialize, Serialize};
 
-use crate::config::DroneFile;
+use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Doing};
-use crate::record::onlooker::Onlooker;
-use crate::record::reading::Recording;
-use crate::record::{DECK_FILE, DRONE_FILE, LIVE, NODES, Recorder, VESSEL_FILE};
+use crate::lab::live::truth::Truth;
+use crate::record::entry::{Entry, PartHeader};
+use crate::record::observer::{NodeStep, StepObserver};
+use crate::record::{BASELINE_FILE, LIVE, NODES, Recorder};
 use crate::view::watcher::Watcher;
 use truth::TruthViews;
-
-/// Boot ids of the nodes in lock-step.
-pub const LOCK_STEP_BOOTS: [u32; NODES.len()] = [BOOT; NODES.len()];
-
-/// Name of the attached baseline, if one flew in place of the drone's planner.
-const BASELINE_FILE: &str = "baseline.toml";
 
 /// What is attached as [`BASELINE_FILE`].
 #[derive(Serialize, Deserialize)]
@@ -44,11 +40,9 @@ struct BaselineFile {
     baseline: Option<Baseline>,
 }
 
-/// The law of a recorded baseline.
-pub fn law(recording: &Recording, drone: &DroneSettings) -> Result<Option<Box<dyn Law>>, CliError> {
-    // A recording of a live flight has none.
-    let text = recording.text(BASELINE_FILE).unwrap_or_default();
-    let BaselineFile { baseline } = toml::from_str(&text).doing(format_args!("reading {BASELINE_FILE}"))?;
+/// The law of a recorded baseline; a real flight has none.
+pub fn law(text: &str, drone: &DroneSettings) -> Result<Option<Box<dyn Law>>, CliError> {
+    let BaselineFile { baseline } = toml::from_str(text).doing(format_args!("reading {BASELINE_FILE}"))?;
     Ok(baseline.map(|b| b.law(&drone.planner, &drone.airframe)))
 }
 
@@ -63,10 +57,33 @@ pub struct Subject<'a> {
     pub seed: u64,
     /// The sea as the person named it.
     pub sea: &'a str,
-    /// Boot ids of the nodes, in the order of [`NODES`].
-    pub boots: [u32; NODES.len()],
-    /// The mission was a process, which begins by waiting for a predecessor's checkpoint.
-    pub live: bool,
+}
+
+/// Whose steps a flight in lock-step has: a computer's file holds what its nodes are made of.
+fn lock_step(nodes: &NodeConfigs) -> Result<Vec<PartHeader>, CliError> {
+    let vessel = VesselComputer {
+        vessel_id: VESSEL_ID,
+        deck: nodes.deck.clone(),
+        vessel: nodes.vessel.clone(),
+        ..VesselComputer::default()
+    };
+    let drone = DroneComputer {
+        bridge: BridgeConfig {
+            drone_id: DRONE_ID,
+            ..nodes.bridge.clone()
+        },
+        drone: nodes.settings(),
+        ..DroneComputer::default()
+    };
+    let vessel = toml::to_string(&vessel).doing("writing the vessel's configuration")?;
+    let drone = toml::to_string(&drone).doing("writing the drone's configuration")?;
+    let header = |node: &str| PartHeader {
+        process: node.into(),
+        boot: BOOT,
+        config: if node == "vessel" { &vessel } else { &drone }.clone(),
+        ..PartHeader::default()
+    };
+    Ok(NODES.map(header).into())
 }
 
 /// Records a simulated flight.
@@ -83,8 +100,9 @@ pub fn fly(
     watch: Watch<'_>,
     watcher: Option<&mut Watcher>,
 ) -> Result<(FlownTrial, Result<(), CliError>), CliError> {
+    let headers = lock_step(subject.nodes)?;
     let recorder = path
-        .map(|path| FlightRecorder::create(path, subject))
+        .map(|path| FlightRecorder::create(path, subject, &headers, false))
         .transpose()?;
     let mut shown = Shown {
         recorder: recorder.zip(path),
@@ -95,8 +113,6 @@ pub fn fly(
         nodes,
         seed,
         sea,
-        boots: _,
-        live: _,
     } = *subject;
     let flown = fly_with(scenario, nodes, seed, sea, watch, &mut shown).doing("setting up the trial")?;
     let Shown { recorder, watcher } = shown;
@@ -107,6 +123,62 @@ pub fn fly(
     Ok((flown, recorded))
 }
 
+impl FlightRecorder {
+    /// Creates the file of nodes with these headers and writes what does not change. `live`: they were processes.
+    pub fn create(
+        path: &Path,
+        subject: &Subject<'_>,
+        headers: &[PartHeader],
+        live: bool,
+    ) -> Result<FlightRecorder, CliError> {
+        let doing = format_args!("recording to {}", path.display());
+        let baseline = BaselineFile {
+            baseline: subject.nodes.baseline,
+        };
+        let texts = [
+            (BASELINE_FILE, toml::to_string(&baseline).doing(doing)?),
+            ("scenario.toml", toml::to_string(subject.scenario).doing(doing)?),
+        ];
+        let values = [
+            ("seed", subject.seed.to_string()),
+            ("sea", subject.sea.to_string()),
+            (LIVE, u32::from(live).to_string()),
+        ];
+        let (recorder, truth) = Recorder::create(path, headers, &texts, &values, |sink| {
+            TruthViews::new(sink, &subject.scenario.drawn(subject.seed))
+        })?;
+        Ok(FlightRecorder { recorder, truth })
+    }
+    /// Ends the recording with what came out of the flight.
+    pub fn finish(self, path: &Path, outcome: &Outcome) -> Result<(), CliError> {
+        let ending = [
+            ("outcome", outcome.outcome.name().to_string()),
+            ("reason", outcome.reason.clone()),
+            ("digest", outcome.digest.clone()),
+        ];
+        self.recorder.finish(path, &ending)
+    }
+    fn truth(
+        &mut self,
+        t: Time<TrueTime>,
+        vessel: &RigidState<VesselBody>,
+        drone: Option<&RigidState<DroneBody>>,
+    ) {
+        self.truth.show(&mut self.recorder, t, vessel, drone);
+    }
+}
+
+impl StepObserver for FlightRecorder {
+    fn step(&mut self, t: Time<TrueTime>, step: NodeStep<'_>) {
+        self.recorder.step(t, step);
+    }
+    fn world(&mut self, t: Time<TrueTime>, entry: &[u8]) -> Result<(), WireError> {
+        let truth = wire::decode_record::<Entry<Truth>>(entry)?.input;
+        self.truth(t, &truth.vessel(), truth.drone().as_ref());
+        Ok(())
+    }
+}
+
 /// The file and who looks on.
 struct Shown<'a> {
     recorder: Option<(FlightRecorder, &'a Path)>,
@@ -114,6 +186,14 @@ struct Shown<'a> {
 }
 
 impl Shown<'_> {
+    fn step(&mut self, t: Time<TrueTime>, step: NodeStep<'_>) {
+        if let Some((recorder, _)) = &mut self.recorder {
+            recorder.step(t, step);
+        }
+        if let Some(watcher) = &mut self.watcher {
+            watcher.step(t, step);
+        }
+    }
     /// Ends the process when it was asked to (Ctrl-C), with a recording that can be read up to now.
     fn end_when_asked(&mut self, t: Time<TrueTime>) {
         if self.recorder.is_none() || !end_requested() {
@@ -134,80 +214,6 @@ impl Shown<'_> {
     }
 }
 
-impl FlightRecorder {
-    /// Creates the file and writes what does not change: configurations and initial state (a node
-    /// begins as its configuration makes it).
-    pub fn create(path: &Path, subject: &Subject<'_>) -> Result<FlightRecorder, CliError> {
-        let doing = |e: toml::ser::Error| CliError::because(format!("recording to {}", path.display()), e);
-        let drone = DroneFile {
-            bridge: subject.nodes.bridge.clone(),
-            drone: subject.nodes.settings(),
-        };
-        let baseline = BaselineFile {
-            baseline: subject.nodes.baseline,
-        };
-        let texts = [
-            (
-                VESSEL_FILE,
-                toml::to_string(&subject.nodes.vessel).map_err(doing)?,
-            ),
-            (DECK_FILE, toml::to_string(&subject.nodes.deck).map_err(doing)?),
-            (DRONE_FILE, toml::to_string(&drone).map_err(doing)?),
-            (BASELINE_FILE, toml::to_string(&baseline).map_err(doing)?),
-            ("scenario.toml", toml::to_string(subject.scenario).map_err(doing)?),
-        ];
-        let values = [
-            ("seed", subject.seed.to_string()),
-            ("sea", subject.sea.to_string()),
-            ("vessel_id", VESSEL_ID.to_string()),
-            ("drone_id", DRONE_ID.to_string()),
-            (LIVE, u32::from(subject.live).to_string()),
-        ];
-        let (recorder, truth) = Recorder::create(path, &texts, &values, subject.boots, |opening| {
-            TruthViews::new(opening, &subject.scenario.drawn(subject.seed))
-        })?;
-        Ok(FlightRecorder { recorder, truth })
-    }
-    /// Ends the recording with what came out of the flight.
-    pub fn finish(self, path: &Path, outcome: &Outcome) -> Result<(), CliError> {
-        let ending = [
-            ("outcome", outcome.outcome.name().to_string()),
-            ("reason", outcome.reason.clone()),
-            ("digest", outcome.digest.clone()),
-        ];
-        self.recorder.finish(path, &ending)
-    }
-}
-
-impl Tap for FlightRecorder {
-    fn truth(
-        &mut self,
-        t: Time<TrueTime>,
-        vessel: &RigidState<VesselBody>,
-        drone: Option<&RigidState<DroneBody>>,
-    ) {
-        self.truth.show(&mut self.recorder, t, vessel, drone);
-    }
-    fn vessel(&mut self, t: Time<TrueTime>, now: Time<VesselClock>, i: &ComputerIn, o: &ComputerOut) {
-        self.recorder.vessel(t, now, i, o);
-    }
-    fn bridge(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &BridgeIn, o: &BridgeOut) {
-        self.recorder.bridge(t, now, i, o);
-    }
-    fn predictor(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PredictorIn, o: &PredictorOut) {
-        self.recorder.predictor(t, now, i, o);
-    }
-    fn mission(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &MissionIn, o: &MissionOut) {
-        self.recorder.mission(t, now, i, o);
-    }
-    fn planner(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PlannerIn, o: &PlannerOut) {
-        self.recorder.planner(t, now, i, o);
-    }
-    fn pilot(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PilotIn, o: &PilotOut) {
-        self.recorder.pilot(t, now, i, o);
-    }
-}
-
 impl Tap for Shown<'_> {
     fn truth(
         &mut self,
@@ -221,51 +227,21 @@ impl Tap for Shown<'_> {
         self.end_when_asked(t);
     }
     fn vessel(&mut self, t: Time<TrueTime>, now: Time<VesselClock>, i: &ComputerIn, o: &ComputerOut) {
-        if let Some((recorder, _)) = &mut self.recorder {
-            recorder.vessel(t, now, i, o);
-        }
-        if let Some(watcher) = &mut self.watcher {
-            watcher.vessel(t, i, o);
-        }
+        self.step(t, NodeStep::Vessel(now, i, o));
     }
     fn bridge(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &BridgeIn, o: &BridgeOut) {
-        if let Some((recorder, _)) = &mut self.recorder {
-            recorder.bridge(t, now, i, o);
-        }
-        if let Some(watcher) = &mut self.watcher {
-            watcher.bridge(t, o);
-        }
+        self.step(t, NodeStep::Bridge(now, i, o));
     }
     fn predictor(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PredictorIn, o: &PredictorOut) {
-        if let Some((recorder, _)) = &mut self.recorder {
-            recorder.predictor(t, now, i, o);
-        }
-        if let Some(watcher) = &mut self.watcher {
-            watcher.predictor(t, i, o);
-        }
+        self.step(t, NodeStep::Predictor(now, i, o));
     }
     fn mission(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &MissionIn, o: &MissionOut) {
-        if let Some((recorder, _)) = &mut self.recorder {
-            recorder.mission(t, now, i, o);
-        }
-        if let Some(watcher) = &mut self.watcher {
-            watcher.mission(t, i, o);
-        }
+        self.step(t, NodeStep::Mission(now, i, o));
     }
     fn planner(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PlannerIn, o: &PlannerOut) {
-        if let Some((recorder, _)) = &mut self.recorder {
-            recorder.planner(t, now, i, o);
-        }
-        if let Some(watcher) = &mut self.watcher {
-            watcher.planner(t, now, o);
-        }
+        self.step(t, NodeStep::Planner(now, i, o));
     }
     fn pilot(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PilotIn, o: &PilotOut) {
-        if let Some((recorder, _)) = &mut self.recorder {
-            recorder.pilot(t, now, i, o);
-        }
-        if let Some(watcher) = &mut self.watcher {
-            watcher.pilot(t, now, i, o);
-        }
+        self.step(t, NodeStep::Pilot(now, i, o));
     }
 }

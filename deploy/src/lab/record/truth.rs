@@ -10,7 +10,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use crate::record::geometry::{frame, on_the_water};
 use crate::record::schema::Truth;
-use crate::record::sink::Opening;
+use crate::record::sink::Sink;
 use crate::record::views::{Topic, due, timestamp, transform};
 use crate::record::{Recorder, cloud, shapes};
 
@@ -28,13 +28,13 @@ pub struct TruthViews {
 
 impl TruthViews {
     /// Opens them.
-    pub fn new(opening: &mut Opening, scenario: &Scenario) -> Result<TruthViews, McapError> {
+    pub fn new(sink: &mut Sink, scenario: &Scenario) -> Result<TruthViews, McapError> {
         Ok(TruthViews {
             scenario: scenario.clone(),
-            scene: Topic::open(opening, "/scene")?,
-            deck: Topic::open(opening, "/points/deck")?,
-            drone: Topic::open(opening, "/points/drone")?,
-            truth: Topic::open(opening, "/truth")?,
+            scene: Topic::open(sink, "/scene")?,
+            deck: Topic::open(sink, "/points/deck")?,
+            drone: Topic::open(sink, "/points/drone")?,
+            truth: Topic::open(sink, "/truth")?,
         })
     }
     /// Both bodies at `t`.

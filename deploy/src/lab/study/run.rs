@@ -14,7 +14,7 @@ use super::rows::Row;
 use crate::config::{DroneFile, VesselComputer};
 use crate::exit::CliError;
 use crate::lab::args::{Shard, StudyArgs};
-use crate::lab::record::{self, LOCK_STEP_BOOTS, Subject};
+use crate::lab::record::{self, Subject};
 use crate::lab::trials::{fly_seed, in_parallel, seeds};
 use crate::terminal::note;
 
@@ -294,8 +294,6 @@ fn record_failed(args: &GridRun<'_>, out: &Path, rows: &[Row], done: &[Outcome])
             nodes: &row.nodes,
             seed: o.seed,
             sea: &row.scenario,
-            boots: LOCK_STEP_BOOTS,
-            live: false,
         };
         let watch = Watch {
             on_event: &mut |_| {},

@@ -6,9 +6,10 @@ use std::path::Path;
 
 use mcap::McapError;
 
-use super::parts::{PartHeader, PartWriter};
-use super::reading::{Part, is_whole, parts, read_header};
+use super::parts::PartWriter;
 use crate::exit::{CliError, Doing};
+use crate::record::entry::PartHeader;
+use crate::record::reading::{LogFile, is_whole, parts, read_header};
 use crate::record::sink::why;
 
 /// What mending did.
@@ -43,7 +44,7 @@ pub fn mend(directory: &Path) -> Result<Mended, CliError> {
 /// Writes the part anew beside itself, then in its place; its steps.
 fn rewrite(path: &Path, header: &PartHeader) -> Result<usize, CliError> {
     let doing = format_args!("mending {}", path.display());
-    let part = Part::open(path)?;
+    let part = LogFile::open(path)?;
     let new = path.with_extension("mended");
     let _none = std::fs::remove_file(&new);
     let copied = copy(&part, &new, header).map_err(|e| CliError::because(doing, why(&e)));
@@ -60,10 +61,10 @@ fn rewrite(path: &Path, header: &PartHeader) -> Result<usize, CliError> {
     Ok(part.len())
 }
 
-fn copy(part: &Part, to: &Path, header: &PartHeader) -> Result<(), McapError> {
+fn copy(part: &LogFile, to: &Path, header: &PartHeader) -> Result<(), McapError> {
     let mut writer = PartWriter::create(to, header, 0)?;
     for step in (0..part.len()).filter_map(|k| part.step(k)) {
-        writer.write(step.number, (0, step.utc_ns), step.bytes)?;
+        writer.write(step.number, (0, step.log_ns), step.bytes)?;
     }
     writer.finish()
 }

@@ -10,30 +10,20 @@
 //!
 //! A step is the time, the whole input and a hash of the output of a node ([`super::entry::Entry`]), its MCAP sequence number
 //! counts the steps of the start. The parts of a start are computed again one after the other, and need no other
-//! process's: a recording names forecasts and plans by their numbers, but here that would cost the pilot's steps after
-//! a predictor that was killed.
+//! process's.
 //!
 //! [`recorder`] is what a process holds: it never waits for the disk. [`parts`] writes, on a thread of its own, chunk by
 //! chunk and synchronised every second, so that a power cut costs less than 2 s. [`keeper`] writes the summary and
-//! removes the oldest flights. [`store`] finds flights, [`reading`] reads parts, also those without an end, and
+//! removes the oldest flights. [`store`] finds flights, [`super::reading`] reads parts, also those without an end, and
 //! [`mend`] gives them one.
 
 pub mod keeper;
 pub mod mend;
 mod parts;
-pub mod reading;
 pub mod recorder;
 pub mod store;
 pub mod summary;
 
-/// Encoding of the channel of a part, as MCAP calls it: a whole [`super::entry::Entry`] of the node's own input.
-const ENCODING: &str = "alight-step";
-/// Name of the metadata that says whose steps a part holds.
-const PROCESS: &str = "process";
-/// Name of the attached configuration.
-const CONFIG_FILE: &str = "config.toml";
-/// Extension of a part.
-const EXTENSION: &str = "mcap";
 /// Disk that recording leaves to the rest of the computer, bytes: the deck's state lies on it.
 const MIN_FREE_BYTES: u64 = 256 << 20;
 

@@ -1,21 +1,20 @@
 //! Parts of one start of a process: rotated by size and time, synchronised every second, tried again when the
 //! disk refuses.
 
-use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Once;
 
 use iceoryx2_bb_posix::signal::{FetchableSignal, SignalHandler};
-use mcap::records::MessageHeader;
-use mcap::{Compression, McapError, Writer};
+use mcap::{Compression, McapError};
 use time::OffsetDateTime;
 use tracing::{info, warn};
 
-use super::{CONFIG_FILE, ENCODING, EXTENSION, MIN_FREE_BYTES, PROCESS, free_bytes};
-use crate::record::entry::FORMAT;
-use crate::record::sink::{Channel, Opening, why};
+use super::{MIN_FREE_BYTES, free_bytes};
+use crate::record::EXTENSION;
+use crate::record::entry::PartHeader;
+use crate::record::sink::{Channel, Sink, why};
 
 const S: i64 = 1_000_000_000;
 /// A part that holds so many bytes of steps, or is so old, is finished, and another begun.
@@ -28,22 +27,6 @@ const RETRY_PERIOD_NS: i64 = 10 * S;
 /// Time between two warnings of steps that the disk was too slow for.
 const WARNING_PERIOD_NS: i64 = 10 * S;
 
-/// Whose steps a part holds.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct PartHeader {
-    /// Name of the process.
-    pub process: String,
-    /// Its boot id.
-    pub boot: u32,
-    /// When it began, on the computer's steady clock, ns: the order of a process's starts.
-    pub began_ns: i64,
-    /// Steps of the start before the first in this part: above zero in the second part and later, and where nothing
-    /// could be written before.
-    pub first_step: u64,
-    /// The text of its configuration.
-    pub config: String,
-}
-
 /// Steps on their way to the disk.
 #[derive(Default)]
 pub struct Batch {
@@ -55,7 +38,7 @@ pub struct Batch {
 
 /// A part that is being written.
 pub struct PartWriter {
-    writer: Writer<BufWriter<File>>,
+    sink: Sink,
     /// The same file, to synchronise it.
     file: File,
     channel: Channel,
@@ -91,12 +74,14 @@ impl PartWriter {
     fn on(file: File, path: &Path, header: &PartHeader, steady_ns: i64) -> Result<PartWriter, McapError> {
         // Half of a vessel's bytes, which records day and night, for 2 ms of the thread's time a second. Forecasts, most
         // of a drone's, stay as they are.
-        let mut opening = Opening::of(file.try_clone()?, Some(Compression::Lz4), true)?;
-        opening.metadata(PROCESS, values(header))?;
-        opening.attach(CONFIG_FILE, &header.config)?;
-        let channel = opening.raw(&format!("/node/{}", header.process), ENCODING)?;
+        let mut sink = Sink::of(file.try_clone()?, Some(Compression::Lz4), true)?;
+        let channel = sink
+            .processes(core::slice::from_ref(header))?
+            .first()
+            .copied()
+            .unwrap_or_default();
         Ok(PartWriter {
-            writer: opening.into_writer(),
+            sink,
             file,
             channel,
             path: path.into(),
@@ -108,24 +93,18 @@ impl PartWriter {
     }
     /// Writes a step, which ended at `at_ns` of the steady clock and `utc_ns` of people's time.
     pub fn write(&mut self, step: u64, (at_ns, utc_ns): (i64, u64), bytes: &[u8]) -> Result<(), McapError> {
-        let header = MessageHeader {
-            channel_id: self.channel.id(),
-            // The reader knows the part's first step.
-            sequence: step as u32,
-            log_time: utc_ns,
-            publish_time: utc_ns,
-        };
         if self.unsynced == 0 {
             self.unsynced_ns = at_ns;
         }
         // Counted before: one that fails half way is not on the disk either.
         self.unsynced += 1;
         self.bytes += bytes.len() as u64;
-        self.writer.write_to_known_channel(&header, bytes)
+        // The reader knows the part's first step.
+        self.sink.write(self.channel, step as u32, utc_ns, bytes)
     }
     /// Ends the chunk and waits until it is on the disk.
     fn sync(&mut self) -> Result<(), McapError> {
-        self.writer.flush()?;
+        self.sink.flush()?;
         self.file.sync_data()?;
         self.unsynced = 0;
         Ok(())
@@ -134,38 +113,10 @@ impl PartWriter {
         self.unsynced > 0 && steady_ns >= self.unsynced_ns.saturating_add(SYNC_PERIOD_NS)
     }
     /// Writes its end.
-    pub fn finish(mut self) -> Result<(), McapError> {
-        self.writer.finish()?;
-        self.writer.into_inner().flush()?;
+    pub fn finish(self) -> Result<(), McapError> {
+        self.sink.finish()?;
         self.file.sync_data()?;
         Ok(())
-    }
-}
-
-/// What a part says of itself.
-fn values(header: &PartHeader) -> BTreeMap<String, String> {
-    [
-        ("format", FORMAT.to_string()),
-        ("program", env!("CARGO_PKG_VERSION").into()),
-        ("process", header.process.clone()),
-        ("boot", header.boot.to_string()),
-        ("began_ns", header.began_ns.to_string()),
-        ("first_step", header.first_step.to_string()),
-    ]
-    .map(|(name, value)| (name.to_owned(), value))
-    .into()
-}
-
-impl PartHeader {
-    /// Of what a part says of itself; the configuration is attached to it.
-    pub(super) fn of(values: &BTreeMap<String, String>, config: String) -> Option<PartHeader> {
-        Some(PartHeader {
-            process: values.get("process")?.clone(),
-            boot: values.get("boot")?.parse().ok()?,
-            began_ns: values.get("began_ns")?.parse().ok()?,
-            first_step: values.get("first_step")?.parse().ok()?,
-            config,
-        })
     }
 }
 
@@ -350,8 +301,9 @@ fn survive_size_limit() {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::entry::Entry;
-    use crate::record::flight::reading::{Part, Steps, is_whole, parts, starts};
+    use crate::record::entry::{Entry, References};
+    use crate::record::log::{Log, Order};
+    use crate::record::reading::{LogFile, Step, is_whole, parts, read_header};
     use alight_shared::wire;
     use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, memfd_create};
     use std::sync::OnceLock;
@@ -376,6 +328,7 @@ mod tests {
         let entry = Entry {
             now_ns: ns,
             input: (step, 1_u32),
+            references: References::default(),
             output: 2 * step,
         };
         let bytes = wire::encode_record(&entry).unwrap();
@@ -384,17 +337,16 @@ mod tests {
             bytes,
         }
     }
-    fn numbers(directory: &Path) -> Vec<u64> {
-        let starts = starts(directory).unwrap();
+    fn numbers(path: &Path) -> Vec<u64> {
         let mut found = Vec::new();
-        for start in &starts {
-            let mut steps = Steps::of(start).unwrap();
-            while let Some(step) = steps.next().unwrap() {
-                let (_, (number, _), output): (i64, (u64, u32), u64) = step.entry().unwrap();
-                assert_eq!((number, output), (step.number, 2 * step.number));
-                found.push(step.number);
-            }
-        }
+        let log = Log::open(path).unwrap();
+        let each = |_, _, step: &Step<'_>| {
+            let entry = step.entry::<(u64, u32)>()?;
+            assert_eq!((entry.input.0, entry.output), (step.number, 2 * step.number));
+            found.push(step.number);
+            Ok(())
+        };
+        log.steps(Order::ByStart, each).unwrap();
         found
     }
 
@@ -415,9 +367,11 @@ mod tests {
         assert_eq!(written.missing(), 0);
         let files = parts(&directory).unwrap();
         assert!(files.len() == 3 && files.iter().all(|f| is_whole(f)), "{files:?}");
-        let firsts = files.iter().map(|f| Part::open(f).unwrap().header.first_step);
+        let firsts = files
+            .iter()
+            .map(|f| LogFile::open(f).unwrap().headers[0].first_step);
         assert_eq!(firsts.collect::<Vec<_>>(), [0, 4, 5]);
-        let header = Part::open(&files[2]).unwrap().header;
+        let header = &LogFile::open(&files[2]).unwrap().headers[0];
         assert_eq!(
             (header.process.as_str(), header.boot, header.config.as_str()),
             ("test", 7, "x = 1")
@@ -436,7 +390,7 @@ mod tests {
         }
         // Without an end, as after a kill.
         let file = parts(&directory).unwrap().remove(0);
-        assert!(!is_whole(&file) && Part::open(&file).unwrap().cut.is_some());
+        assert!(!is_whole(&file) && LogFile::open(&file).unwrap().cut.is_some());
         assert_eq!(numbers(&directory), [0, 1, 2]);
         written.write(S + 1, &batch(3, S + 1));
         written.poll(2 * S);
@@ -538,13 +492,16 @@ mod tests {
                 .rev()
                 .find(|(length, _)| *length <= cut)
                 .map_or(0, |l| l.1);
-            let found = starts(&path).unwrap();
-            if found.is_empty() {
+            if read_header(&path).unwrap().is_none() {
                 assert_eq!(before, 0, "{cut} bytes");
                 continue;
             }
-            let part = Part::open(&path).unwrap();
-            assert_eq!((&part.header, part.cut.is_some()), (header, true), "{cut} bytes");
+            let part = LogFile::open(&path).unwrap();
+            assert_eq!(
+                (&part.headers[0], part.cut.is_some()),
+                (header, true),
+                "{cut} bytes"
+            );
             // The chunk that was under way counts once it is whole, whatever of its index is there.
             assert!(part.len() >= before && numbers(&path) == (0..part.len() as u64).collect::<Vec<_>>());
             let after = lengths
@@ -554,7 +511,10 @@ mod tests {
             assert!(part.len() <= after, "{cut} bytes");
         }
         std::fs::write(&path, bytes).unwrap();
-        assert_eq!((Part::open(&path).unwrap().cut, numbers(&path).len()), (None, 10));
+        assert_eq!(
+            (LogFile::open(&path).unwrap().cut, numbers(&path).len()),
+            (None, 10)
+        );
         std::fs::remove_dir_all(&directory).unwrap();
     }
 
@@ -572,7 +532,7 @@ mod tests {
             for tail in [tail, vec![0; zeros]] {
                 std::fs::write(&path, [&bytes[..length], &tail].concat()).unwrap();
                 // A record that claims more than it holds makes the reader of MCAP panic, which the tools contain.
-                let read = crate::record::reading::contained(&path, || Part::open(&path));
+                let read = crate::record::reading::contained(&path, || LogFile::open(&path));
                 proptest::prop_assert_eq!(read.map(|p| p.len()).unwrap_or(usize::MAX), steps);
             }
             std::fs::remove_file(&path).unwrap();

@@ -16,9 +16,9 @@ use tracing::warn;
 use super::parts::{Batch, Parts};
 use super::yield_to_flight;
 use crate::exit::{CliError, Doing};
-use crate::record::entry::Entry;
+use crate::record::entry::{Entry, References};
 
-pub use super::parts::PartHeader;
+pub use crate::record::entry::PartHeader;
 
 /// A batch goes to the thread when it holds this many bytes, or its first step is this old.
 const BATCH_BYTES: usize = 64 << 10;
@@ -82,6 +82,7 @@ impl NodeRecorder {
             let entry = Entry {
                 now_ns,
                 input,
+                references: References::default(),
                 output,
             };
             wire::append_record(&mut self.batch.bytes, &entry)
@@ -153,7 +154,7 @@ pub fn can_write(directory: &Path) -> Result<(), CliError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::flight::reading::{Steps, starts};
+    use crate::record::log::{Log, Order};
 
     #[test]
     fn recorder_of_every_step() {
@@ -170,14 +171,19 @@ mod tests {
         }
         assert_eq!(recorder.missing(), 0);
         drop(recorder);
-        let start = starts(&directory).unwrap().remove(0);
-        let (mut steps, mut read) = (Steps::of(&start).unwrap(), 0);
-        while let Some(step) = steps.next().unwrap() {
-            let (now_ns, input, output): (i64, Vec<u64>, u64) = step.entry().unwrap();
-            assert_eq!((step.number, now_ns, input), (read, read as i64, vec![read; 20]));
-            assert_eq!(output, wire::hash_record(&read).unwrap());
+        let mut read = 0;
+        let log = Log::open(&directory).unwrap();
+        log.steps(Order::ByStart, |_, _, step| {
+            let entry = step.entry::<Vec<u64>>()?;
+            assert_eq!(
+                (step.number, entry.now_ns, entry.input),
+                (read, read as i64, vec![read; 20])
+            );
+            assert_eq!(entry.output, wire::hash_record(&read)?);
             read += 1;
-        }
+            Ok(())
+        })
+        .unwrap();
         assert_eq!(read, 1000);
         std::fs::remove_dir_all(&directory).unwrap();
     }

@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 
 use time::OffsetDateTime;
 
-use super::reading::{is_whole, parts};
 use super::summary::{SUMMARY_FILE, Summary};
-use super::{EXTENSION, MIN_FREE_BYTES, free_bytes};
+use super::{MIN_FREE_BYTES, free_bytes};
+use crate::record::EXTENSION;
+use crate::record::reading::{is_whole, parts};
 
 /// Flights that are looked at, at most; a computer that starts every minute makes so many in a week.
 const MAX_FLIGHTS: usize = 10_000;

@@ -3,24 +3,24 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use alight_shared::config;
 use alight_shared::msg::{AutopilotState, DroneState, TagPose, VesselEstimate};
 use alight_shared::time::DroneClock;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory, Subscriber};
-use alight_shared::{config, wire};
 use alight_uav::calibrate::{
     DeckCalibration, DeckCalibrationResult, DronePlacement, MountCalibration, USABLE_M, ValueWithSd, replaces,
 };
+use alight_uav::mission::MissionIn;
 use alight_uav::predictor::{PredictorConfig, PredictorIn};
 use clap::Args;
 use serde_json::{Value, json};
 
-use crate::config::{DroneComputer, DroneFile};
+use crate::config::DroneComputer;
 use crate::exit::{CliError, Exit};
 use crate::process::instance::is_running;
-use crate::record::entry::{Entry, MissionEntry};
-use crate::record::reading::{Recording, contained};
-use crate::record::{DRONE_FILE, NODES};
+use crate::record::log::{Log, Order};
+use crate::record::reading::contained;
 use crate::terminal::{self, note};
 use crate::tools::calibrate::list;
 
@@ -38,7 +38,7 @@ Exit codes: 0 measured, 1 the deck's place is not known better than by tape, 2 b
 )]
 pub struct DeckArgs {
     /// A recording (MCAP) that ends with the drone on the deck, instead of the running processes
-    #[arg(value_name = "FILE.mcap")]
+    #[arg(value_name = "FILE.mcap|FLIGHT")]
     pub recording: Option<PathBuf>,
     /// Configuration of the drone's computer (TOML) [default: the recording's, else /etc/alight/drone.toml]
     #[arg(long, value_name = "FILE")]
@@ -166,29 +166,24 @@ fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), CliError>
 /// From a recording.
 fn recorded(args: &DeckArgs, path: &Path) -> Result<(PredictorConfig, DeckCalibration), CliError> {
     contained(path, || {
-        let recording = Recording::open(path)?;
+        let log = Log::open(path)?.only(&["mission", "predictor"]);
         let settings = match &args.config {
             Some(file) => config::load::<DroneComputer>(file)?.drone,
-            None => recording.configuration::<DroneFile>(DRONE_FILE)?.drone,
+            None => log.first("predictor")?.config::<DroneComputer>()?.drone,
         };
         let predictor = settings.predictor();
         let mut calibration = DeckCalibration::new(&predictor, stand(args, &predictor)?);
         let mut armed = true;
-        recording.steps(|k, _, bytes| {
-            match NODES[k] {
-                "mission" => {
-                    let entry: Entry<MissionEntry> = wire::decode_record(bytes)?;
-                    armed = entry.input.armed().unwrap_or(armed);
-                }
-                "predictor" => {
-                    let entry: Entry<PredictorIn> = wire::decode_record(bytes)?;
-                    if armed {
-                        calibration.armed();
-                    }
-                    calibration.take(&entry.input, !armed);
-                }
-                _ => {}
+        log.steps(Order::ByTime, |_, _, step| {
+            if step.header.process == "mission" {
+                let autopilot = step.entry::<MissionIn>()?.input.autopilot;
+                armed = autopilot.map_or(armed, |a| a.armed);
+                return Ok(());
             }
+            if armed {
+                calibration.armed();
+            }
+            calibration.take(&step.entry::<PredictorIn>()?.input, !armed);
             Ok(())
         })?;
         Ok((predictor, calibration))

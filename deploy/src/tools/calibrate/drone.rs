@@ -6,7 +6,7 @@ use std::time::Duration;
 use alight_shared::config;
 use alight_shared::msg::AttitudeResponse;
 use alight_shared::transport::memory::{Instance, Memory};
-use alight_shared::wire;
+use alight_uav::mission::MissionIn;
 use clap::Args;
 use serde_json::json;
 
@@ -14,9 +14,8 @@ use crate::config::DroneComputer;
 use crate::exit::{CliError, Exit};
 use crate::process::instance::is_running;
 use crate::process::observer::Observer;
-use crate::record::NODES;
-use crate::record::entry::{Entry, MissionEntry};
-use crate::record::reading::{Recording, contained};
+use crate::record::log::{Log, Order};
+use crate::record::reading::contained;
 use crate::terminal;
 
 /// How long the processes are listened to.
@@ -30,8 +29,8 @@ figure in the file is what a flight begins with.\n\
 Exit codes: 0 identified, 1 not flown long enough, 2 bad input."
 )]
 pub struct DroneArgs {
-    /// A recording (MCAP) of the flight, instead of the running processes
-    #[arg(value_name = "FILE.mcap")]
+    /// A recording of the flight, or the drone's own, instead of the running processes
+    #[arg(value_name = "FILE.mcap|FLIGHT")]
     pub recording: Option<PathBuf>,
     /// Configuration of the drone's computer (TOML)
     #[arg(
@@ -86,12 +85,12 @@ fn text(r: &AttitudeResponse) -> String {
 /// The newest of a recording that was identified.
 fn recorded(path: &Path) -> Result<Option<AttitudeResponse>, CliError> {
     contained(path, || {
+        let log = Log::open(path)?.only(&["mission"]);
+        log.first("mission")?;
         let mut newest = None;
-        Recording::open(path)?.steps(|k, _, bytes| {
-            if NODES[k] == "mission" {
-                let entry: Entry<MissionEntry> = wire::decode_record(bytes)?;
-                newest = entry.input.response().filter(|r| r.identified).or(newest);
-            }
+        log.steps(Order::ByStart, |_, _, step| {
+            let response = step.entry::<MissionIn>()?.input.set_point.map(|s| s.response);
+            newest = response.filter(|r| r.identified).or(newest);
             Ok(())
         })?;
         Ok(newest)

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use alight_shared::config;
 use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
-use alight_shared::{config, wire};
 use alight_usv::calibrate::incline::{inertia, level, stiffness};
 use alight_usv::calibrate::{
     DOF_NAMES, Decay, NotObservable, Record, Signal, Stiffness, ValueWithSd, VesselCalibration, Weight,
@@ -16,10 +16,8 @@ use serde_json::{Value, json};
 
 use crate::config::VesselComputer;
 use crate::exit::{CliError, Doing, Exit};
-use crate::record::entry::Entry;
-use crate::record::flight::reading::{Steps, is_part, starts};
-use crate::record::reading::{Recording, contained};
-use crate::record::{NODES, VESSEL_FILE};
+use crate::record::log::{Log, Order};
+use crate::record::reading::{contained, is_mcap};
 use crate::terminal;
 use crate::tools::calibrate::list;
 
@@ -110,8 +108,8 @@ type Configured = (VesselNodeConfig, VesselCalibration);
 
 fn read(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, CliError> {
     match path.extension().and_then(|e| e.to_str()) {
-        _ if path.is_dir() || is_part(path) => contained(path, || flown(path, named)),
-        Some("mcap") => recorded(path, named),
+        Some("mcap") => contained(path, || recorded(path, named)),
+        _ if path.is_dir() || is_mcap(path) => contained(path, || recorded(path, named)),
         _ if path.is_file() => table(path, named.unwrap_or_default()),
         Some(_) | None => Err(CliError(format!(
             "{}: neither FILE.mcap, a table (FILE.csv) nor a flight of the recorder",
@@ -120,56 +118,21 @@ fn read(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, CliE
     }
 }
 
-/// What the vessel's process recorded in a flight, or in one of its parts.
-fn flown(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, CliError> {
-    let mut own = starts(path)?;
-    own.retain(|s| s.process == "vessel");
+/// What the vessel's process recorded.
+fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, CliError> {
+    let log = Log::open(path)?.only(&["vessel"]);
+    let own = log.first("vessel")?;
+    let config = match named {
+        Some(config) => config,
+        None => own.config::<VesselComputer>()?.vessel,
+    };
     let mut record = Record::default();
-    let mut config = named;
-    for start in &own {
-        let mut steps = Steps::of(start)?;
-        if config.is_none() {
-            let origin = format!("{}, its configuration", steps.path().display());
-            config = Some(config::parse::<VesselComputer>(&steps.header().config, &origin)?.vessel);
-        }
-        while let Some(step) = steps.next()? {
-            let (_, input, _) = step.entry::<ComputerIn>().doing(format_args!(
-                "reading step {} in {}",
-                step.number,
-                path.display()
-            ))?;
-            record.add(&input.vessel);
-        }
-    }
-    let config = config.filter(|_| !own.is_empty());
-    let config = config.ok_or_else(|| {
-        CliError(format!(
-            "{}: holds no step of the vessel's process; its files are vessel-*.mcap",
-            path.display()
-        ))
+    log.steps(Order::ByStart, |_, _, step| {
+        record.add(&step.entry::<ComputerIn>()?.input.vessel);
+        Ok(())
     })?;
     let found = record.identify(&config);
     Ok((config, found))
-}
-
-fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, CliError> {
-    contained(path, || {
-        let recording = Recording::open(path)?;
-        let config = match named {
-            Some(config) => config,
-            None => recording.configuration(VESSEL_FILE)?,
-        };
-        let mut record = Record::default();
-        recording.steps(|k, _, bytes| {
-            if NODES[k] == "vessel" {
-                let entry: Entry<ComputerIn> = wire::decode_record(bytes)?;
-                record.add(&entry.input.vessel);
-            }
-            Ok(())
-        })?;
-        let found = record.identify(&config);
-        Ok((config, found))
-    })
 }
 
 /// A table of poses: each column decays as its degree of freedom does, on rows of its own or with others.

@@ -7,15 +7,16 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use alight_shared::config;
-use alight_usv::VesselNodeConfig;
-use alight_usv::log::{self, Recording};
+use alight_usv::log::{self, LogError, MAX_MEASUREMENTS, Recording};
 use alight_usv::review::review;
-use alight_usv::sensors::Mount;
+use alight_usv::sensors::{Decoded, Measurement, Mount};
+use alight_usv::{ComputerIn, VesselNodeConfig};
 use clap::Args;
 
 use crate::config::VesselComputer;
 use crate::exit::{CliError, Doing, Exit};
-use crate::record::readings;
+use crate::record::log::{Log, Order};
+use crate::record::reading::{contained, is_mcap};
 use crate::terminal::{self, note};
 
 /// Largest recording that is read, bytes.
@@ -25,7 +26,7 @@ const MAX_BYTES: u64 = 512 << 20;
 #[derive(Args, Debug)]
 pub struct EstimateArgs {
     /// The recording: NMEA 0183 text, a table (CSV: t_s and any of roll_deg, pitch_deg, heading_deg,
-    /// heave_m, surge_m, sway_m, gyro_x_radps, ..., see docs/sensors.md), PX4 ULog, or Alight's MCAP
+    /// heave_m, surge_m, sway_m, gyro_x_radps, ..., see docs/sensors.md), PX4 ULog, Alight's MCAP, or a flight of the vessel's recorder
     #[arg(value_name = "LOG")]
     pub log: PathBuf,
     /// The vessel's configuration, as for `alight vessel` [default: that of the recording if it holds
@@ -106,12 +107,43 @@ fn recorded(
     origin: &str,
     mount: &Mount,
 ) -> Result<(Recording, Option<VesselNodeConfig>), CliError> {
-    let bytes = read(path)?;
-    if readings::is_mcap(&bytes) {
-        drop(bytes);
-        return readings::read(path).map(|(r, c)| (r, Some(c)));
+    if path.is_dir() || is_mcap(path) {
+        return contained(path, || flown(path)).map(|(r, c)| (r, Some(c)));
     }
-    log::read(&bytes, origin, mount)
+    log::read(&read(path)?, origin, mount)
         .map(|r| (r, None))
         .map_err(|e| CliError(e.to_string()))
+}
+
+/// What the vessel's process recorded.
+fn flown(path: &Path) -> Result<(Recording, VesselNodeConfig), CliError> {
+    let log = Log::open(path)?.only(&["vessel"]);
+    let config = log.first("vessel")?.config::<VesselComputer>()?.vessel;
+    let mut all = Vec::new();
+    let mut decoded = Decoded::default();
+    log.steps(Order::ByStart, |_, _, step| {
+        if all.len() <= MAX_MEASUREMENTS {
+            let i = step.entry::<ComputerIn>()?.input.vessel;
+            decoded.good += 1;
+            all.extend(i.imu.into_iter().map(Measurement::Imu));
+            all.extend(i.attitude.into_iter().map(Measurement::Attitude));
+            all.extend(i.gnss.into_iter().map(Measurement::Gnss));
+            all.extend(i.heading.into_iter().map(Measurement::Heading));
+        }
+        Ok(())
+    })?;
+    let error = |message: String| CliError(LogError::new(&path.display().to_string(), message).to_string());
+    if all.is_empty() {
+        return Err(error("holds no measurement of a vessel".into()));
+    }
+    if all.len() > MAX_MEASUREMENTS {
+        return Err(error(format!("more than {MAX_MEASUREMENTS} measurements")));
+    }
+    let recording = Recording {
+        format: "MCAP",
+        measurements: all,
+        decoded,
+        notes: Vec::new(),
+    };
+    Ok((recording, config))
 }

@@ -7,7 +7,7 @@ use alight_shared::msg::{Command as MissionCommand, MissionState, State as Phase
 use alight_shared::time::Time;
 use alight_uav::mission::{MissionIn, MissionOut};
 
-use crate::record::onlooker::Onlooker;
+use crate::record::observer::{NodeStep, StepObserver};
 use crate::view::board::Known;
 use crate::view::watcher::Watcher;
 
@@ -278,7 +278,7 @@ fn foxglove_viewer_topics_and_rates() {
             commands: Vec::<MissionCommand>::new(),
             ..MissionIn::default()
         };
-        watcher.mission(Time::from_nanos(t), &input, &out);
+        watcher.step(Time::from_nanos(t), NodeStep::Mission(Time::EPOCH, &input, &out));
     };
     let received = |viewer: &mut Viewer| {
         let message = viewer.read().unwrap();
@@ -318,12 +318,14 @@ fn foxglove_viewer_that_does_not_read() {
     let subscribe = format!(r#"{{"op":"subscribe","subscriptions":[{}]}}"#, all.join(","));
     viewer.send(tungstenite::Message::text(subscribe)).unwrap();
     // An hour of states, of which its queue keeps the newest; and whoever comes next is served.
+    let input = MissionIn::default();
     for k in 0..36_000_i64 {
         let out = MissionOut {
             state: Some(MissionState::default()),
             ..MissionOut::default()
         };
-        watcher.mission(Time::from_nanos(k * 100_000_000), &MissionIn::default(), &out);
+        let step = NodeStep::Mission(Time::EPOCH, &input, &out);
+        watcher.step(Time::from_nanos(k * 100_000_000), step);
     }
     let mut other = foxglove(watcher.server.foxglove().unwrap());
     assert!(topics(&mut other).len() >= 22);

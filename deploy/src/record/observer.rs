@@ -1,0 +1,47 @@
+//! Observer of a flight that goes on or is computed again: shown every step, changes none.
+
+use alight_bridge::{BridgeIn, BridgeOut};
+use alight_shared::time::{DroneClock, Time, TrueTime, VesselClock};
+use alight_shared::wire::WireError;
+use alight_uav::mission::{MissionIn, MissionOut};
+use alight_uav::pilot::{PilotIn, PilotOut};
+use alight_uav::planner::{PlannerIn, PlannerOut};
+use alight_uav::predictor::{PredictorIn, PredictorOut};
+use alight_usv::{ComputerIn, ComputerOut};
+
+/// A step: the node's own time, input and output.
+#[derive(Clone, Copy)]
+pub enum NodeStep<'a> {
+    /// Of the vessel's computer.
+    Vessel(Time<VesselClock>, &'a ComputerIn, &'a ComputerOut),
+    /// Of the bridge.
+    Bridge(Time<DroneClock>, &'a BridgeIn, &'a BridgeOut),
+    /// Of the predictor.
+    Predictor(Time<DroneClock>, &'a PredictorIn, &'a PredictorOut),
+    /// Of the mission.
+    Mission(Time<DroneClock>, &'a MissionIn, &'a MissionOut),
+    /// Of the planner.
+    Planner(Time<DroneClock>, &'a PlannerIn, &'a PlannerOut),
+    /// Of the pilot.
+    Pilot(Time<DroneClock>, &'a PilotIn, &'a PilotOut),
+}
+
+/// Is shown each step.
+pub trait StepObserver {
+    /// A step at `t`, the world's time.
+    fn step(&mut self, t: Time<TrueTime>, step: NodeStep<'_>);
+    /// A step of the simulated world, as its process recorded it.
+    fn world(&mut self, _t: Time<TrueTime>, _entry: &[u8]) -> Result<(), WireError> {
+        Ok(())
+    }
+}
+
+/// All of them; nobody, where there is none.
+impl StepObserver for Vec<&mut dyn StepObserver> {
+    fn step(&mut self, t: Time<TrueTime>, step: NodeStep<'_>) {
+        self.iter_mut().for_each(|o| o.step(t, step));
+    }
+    fn world(&mut self, t: Time<TrueTime>, entry: &[u8]) -> Result<(), WireError> {
+        self.iter_mut().try_for_each(|o| o.world(t, entry))
+    }
+}
