@@ -10,6 +10,6 @@ mod live_sink;
 pub mod memory_feed;
 pub mod motion;
 pub mod picture;
-mod scenery;
+pub mod scenery;
 pub mod server;
 pub mod watcher;

@@ -1,5 +1,5 @@
-//! Deck and drone in Foxglove's scene as the drone itself knows them: in a recording of the simulation the truth stands
-//! in their place.
+//! Vessel, deck and drone in Foxglove's scene: as the drone itself knows them, or, in a recording of the simulation, as
+//! they are.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{DeckForecast, DroneState};
@@ -13,8 +13,9 @@ use crate::record::sink::{OpenChannels, TakeMessages};
 use crate::record::views::{Topic, Views, due, timestamp, transform};
 use crate::record::{cloud, shapes};
 
-/// Period of the shapes, ms: whoever begins to look on sees them within this time.
-const SCENE_MS: i64 = 1_000;
+/// A place and an attitude in [`frame::NED`].
+pub type Placed = ([f64; 3], UnitQuaternion<f64>);
+
 /// The water's level follows the vessel's height by this part at each forecast (50 Hz): within half a minute.
 const LEVEL_GAIN: f64 = 1e-3;
 
@@ -25,17 +26,21 @@ pub struct Scenery {
     scene: Topic<SceneUpdate>,
     deck_points: Topic<PointCloud>,
     drone_points: Topic<PointCloud>,
-    shown: bool,
+    /// Period of the shapes, ms.
+    period_ms: i64,
+    /// Whether the drone was in the shapes shown last.
+    shown: Option<bool>,
     /// The water in the drone's NED, m down, by the vessel's height of late: that NED begins at any height.
     water_m: Option<f64>,
 }
 
 impl Scenery {
-    /// Opens the channels.
+    /// Opens the channels; whoever begins to look on sees the shapes within `period_ms`.
     pub fn new(
         opening: &mut impl OpenChannels,
         deck: &DeckGeometry,
         airframe: &DroneGeometry,
+        period_ms: i64,
     ) -> Result<Scenery, McapError> {
         Ok(Scenery {
             deck: *deck,
@@ -43,7 +48,8 @@ impl Scenery {
             scene: Topic::open(opening, "/scene")?,
             deck_points: Topic::open(opening, "/points/deck")?,
             drone_points: Topic::open(opening, "/points/drone")?,
-            shown: false,
+            period_ms,
+            shown: None,
             water_m: None,
         })
     }
@@ -61,7 +67,7 @@ impl Scenery {
     pub fn in_scene(&self, [north, east, down]: [f64; 3]) -> [f64; 3] {
         [north, east, down - self.water_m.unwrap_or_default()]
     }
-    /// Both at `t`.
+    /// What the drone believes at `t`.
     pub fn show(
         &mut self,
         sink: &mut impl TakeMessages,
@@ -71,33 +77,45 @@ impl Scenery {
         drone: Option<&DroneState>,
     ) {
         let vessel = self.vessel(forecast);
-        if due(t, SCENE_MS) || !self.shown {
-            self.shown = true;
+        let vessel = vessel.map(|(at, q)| (self.in_scene(at.into()), q));
+        let drone = drone.map(|d| (self.in_scene(d.position), d.attitude()));
+        self.draw(sink, views, t, vessel, drone);
+    }
+    /// Vessel and drone at these places of the scene, as far as they are known.
+    pub fn draw(
+        &mut self,
+        sink: &mut impl TakeMessages,
+        views: &Views,
+        t: Time<TrueTime>,
+        vessel: Option<Placed>,
+        drone: Option<Placed>,
+    ) {
+        if due(t, self.period_ms) || self.shown != Some(drone.is_some()) {
+            self.shown = Some(drone.is_some());
             let now = timestamp(t);
             self.scene
                 .put(sink, t, &shapes::scene(now, &self.deck, &self.airframe));
             self.deck_points.put(sink, t, &cloud::deck(now, &self.deck));
-            self.drone_points.put(sink, t, &cloud::drone(now, &self.airframe));
+            if drone.is_some() {
+                self.drone_points.put(sink, t, &cloud::drone(now, &self.airframe));
+            }
         }
         if !views.fast(t) {
             return;
         }
         let north_east_down = UnitQuaternion::new_normalize(Quaternion::new(0.0, 1.0, 1.0, 0.0));
         let still = UnitQuaternion::identity();
-        let mut transforms = vec![
-            transform(t, frame::WORLD, frame::NED, [0.0; 3], &north_east_down),
-            transform(t, frame::VESSEL, frame::DECK, self.deck.centre_m, &still),
-        ];
-        if let Some((vessel, q)) = vessel {
-            let at = self.in_scene(vessel.into());
-            transforms.push(transform(t, frame::NED, frame::VESSEL, at, &q));
+        let mut transforms = vec![transform(t, frame::WORLD, frame::NED, [0.0; 3], &north_east_down)];
+        if let Some((at, q)) = vessel {
             transforms.push(transform(t, frame::WORLD, frame::CHASE, on_the_water(at), &still));
+            transforms.push(transform(t, frame::NED, frame::VESSEL, at, &q));
         }
-        if let Some(d) = drone {
+        let deck = self.deck.centre_m;
+        transforms.push(transform(t, frame::VESSEL, frame::DECK, deck, &still));
+        if let Some((at, q)) = drone {
             // The camera looks down, the top of its image is forward.
             let down = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), core::f64::consts::FRAC_PI_2);
-            let at = self.in_scene(d.position);
-            transforms.push(transform(t, frame::NED, frame::DRONE, at, &d.attitude()));
+            transforms.push(transform(t, frame::NED, frame::DRONE, at, &q));
             let camera = self.airframe.camera_m;
             transforms.push(transform(t, frame::DRONE, frame::CAMERA, camera, &down));
         }

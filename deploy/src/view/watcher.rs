@@ -27,6 +27,9 @@ const LINGER_NS: i64 = 10_000_000_000;
 /// Deck and drone, where they are known.
 pub type Bodies = Option<(DeckGeometry, DroneGeometry)>;
 
+/// Period of Foxglove's shapes, ms.
+const SCENE_MS: i64 = 1_000;
+
 /// What Foxglove is shown.
 struct Live {
     sink: LiveSink,
@@ -55,7 +58,9 @@ impl Watcher {
         if let Some(context) = server.context() {
             let mut sink = LiveSink::new(context);
             let opened = Views::new(&mut sink).doing("opening Foxglove's channels")?;
-            let scenery = bodies.as_ref().map(|(d, a)| Scenery::new(&mut sink, d, a));
+            let scenery = bodies
+                .as_ref()
+                .map(|(d, a)| Scenery::new(&mut sink, d, a, SCENE_MS));
             live = Some(Live {
                 views: opened,
                 scenery: scenery.transpose().doing("opening Foxglove's channels")?,
