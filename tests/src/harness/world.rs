@@ -433,7 +433,7 @@ pub struct DroneComputer {
     pub last_set_point: Option<SetPoint>,
 }
 
-/// A descent that begins anyway does so within this time of being steady, s.
+/// A forced descent begins within this time of being steady, s.
 const BEGINS_WITHIN_S: f64 = 20.0;
 
 /// The mission's configuration in this scenario.
@@ -462,7 +462,7 @@ impl DroneComputer {
         };
         let mission = mission_config(scenario, nodes);
         let moment = || Span::from_secs(BEGINS_WITHIN_S * Noise::new(&streams, "begin_anyway").uniform());
-        let anyway = scenario.begin_anyway.then(moment);
+        let forced = scenario.begin_anyway.then(moment);
         let identity = CameraIdentity {
             vessel: VESSEL_ID,
             drone: id,
@@ -479,7 +479,7 @@ impl DroneComputer {
             handed_over: false,
             predictor: Some(Predictor::new(&drone.predictor(), boot)),
             mission: Some(
-                Mission::new(&mission, &drone.airframe, &drone.deck, id, boot).begins_anyway(anyway),
+                Mission::new(&mission, &drone.airframe, &drone.deck, id, boot).forced_descent(forced),
             ),
             keeper: Keeper::default(),
             is_dead: false,

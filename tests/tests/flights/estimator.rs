@@ -7,6 +7,8 @@ use alight_sim::physics::vessel::{Course, VesselConfig};
 use alight_sim::studies::estimator::{Run, difference, prediction_error, run as fly, state_errors};
 use alight_sim::studies::prediction::{Scores, vessel};
 use alight_usv::VesselNodeConfig;
+use alight_usv::review::review;
+use alight_usv::sensors::Mount;
 use rayon::prelude::*;
 
 fn run(seed: u64, sea: &str, course: Course, span_s: f64) -> Run {
@@ -221,5 +223,28 @@ fn estimator_start_in_violent_motion() {
             "seed {seed}: {} estimates in 10 s",
             run.estimates.len()
         );
+    }
+}
+
+/// Real boats under way, whose heel moves with each turn: roll and pitch are predicted as well as by a ridge regression on the
+/// same estimates, within a third.
+#[test]
+#[ignore = "needs ../shared/data/underway beside the project"]
+fn recorded_boats_under_way() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/underway");
+    for name in ["figure-of-eight.csv", "tight-circles.csv"] {
+        let bytes = std::fs::read(folder.join(name)).unwrap();
+        let recording = alight_usv::log::read(&bytes, name, &Mount::default()).unwrap();
+        let found = review(&VesselNodeConfig::default(), &recording);
+        for p in found
+            .predictions
+            .iter()
+            .filter(|p| matches!(p.what, "roll" | "pitch"))
+        {
+            for (rms, ridge) in p.rms.into_iter().zip(p.ridge_rms) {
+                let ridge = ridge.expect("the regression predicts tilt");
+                assert!(rms < 1.3 * ridge, "{name}: {} {rms} deg for {ridge}", p.what);
+            }
+        }
     }
 }

@@ -146,7 +146,7 @@ pub struct Mission {
     follows: bool,
 
     /// A descent begins so long after the drone is steady, and when that is.
-    anyway: Option<(Span, Option<Time<DroneClock>>)>,
+    forced_descent: Option<(Span, Option<Time<DroneClock>>)>,
     /// Does not know yet whether a mission before it flew.
     beginning: Option<Beginning>,
     /// Began without a checkpoint or lost the drone to the autopilot's hold, and does not know yet that the drone is safe.
@@ -191,9 +191,9 @@ impl Mission {
     /// In a simulation alone: a descent begins so long after the drone is steady above the deck for the first time, however
     /// likely it succeeds.
     #[must_use]
-    pub fn begins_anyway(self, after: Option<Span>) -> Self {
+    pub fn forced_descent(self, after: Option<Span>) -> Self {
         Mission {
-            anyway: after.map(|after| (after, None)),
+            forced_descent: after.map(|after| (after, None)),
             ..self
         }
     }
@@ -351,7 +351,7 @@ impl Mission {
             swing_rad: self.swing.rms(),
             staying: Staying::default(),
             odds: None,
-            anyway: self.anyway.map(|(after, at)| at.unwrap_or(now + after)),
+            forced_descent: self.forced_descent.map(|(after, at)| at.unwrap_or(now + after)),
             worth_waiting: 0.0,
             water_z: heights.water_z.unwrap_or(0.0),
             forecast_age_s: self.forecast.age_s(now),
@@ -622,7 +622,7 @@ impl Node for Mission {
         self.follows = self.follows(&s);
         self.watch_way(now, &s);
         self.judge(now, &mut s);
-        if let Some((after, at)) = &mut self.anyway
+        if let Some((after, at)) = &mut self.forced_descent
             && self.phase == MissionPhase::TrackingStable
         {
             at.get_or_insert(now + *after);

@@ -352,7 +352,7 @@ pub struct Situation {
     /// How likely a landing from here succeeds; None while that is not known.
     pub odds: Option<Odds>,
     /// In a simulation alone: a descent begins at this time, however likely it succeeds.
-    pub anyway: Option<Time<DroneClock>>,
+    pub forced_descent: Option<Time<DroneClock>>,
     /// Above this probability waiting for a better moment is not worth its cost.
     pub worth_waiting: f64,
     /// The water's level in the drone's NED, from the deck's mean level, m; 0 until that is known.

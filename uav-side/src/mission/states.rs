@@ -240,7 +240,7 @@ fn widening(progress: &Progress) -> f64 {
 
 /// Why the landing is not as likely to succeed as is `needed`; an empty battery leaves no other place.
 fn unlikely(progress: &Progress, s: &Situation, needed: f64) -> Option<Reason> {
-    if progress.is_urgent() || s.anyway.is_some() {
+    if progress.is_urgent() || s.forced_descent.is_some() {
         return None;
     }
     // Of what is not known no landing is likely.
@@ -304,7 +304,7 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
             .or_else(|| course_rejection(deck, s, c))
             .or_else(|| unlikely(progress, s, s.worth_waiting.max(c.min_probability)))
     });
-    let early = s.anyway.filter(|at| s.now < *at);
+    let early = s.forced_descent.filter(|at| s.now < *at);
     if let Some(why) = rejection.or(early.map(|_| NotSteady.into())) {
         return stable.stay(why);
     }

@@ -76,7 +76,7 @@ pub(super) fn fair() -> Situation {
         swing_rad: 0.0,
         staying: Staying::default(),
         odds: Some(SURE),
-        anyway: None,
+        forced_descent: None,
         worth_waiting: 0.9,
         water_z: 0.0,
         forecast_age_s: 0.01,
