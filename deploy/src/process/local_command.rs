@@ -1,22 +1,23 @@
 //! An operator's command to the mission of this computer: repeated until the mission shows that it has taken it.
 
+use alight_shared::admission::Retransmission;
 use alight_shared::msg::{Command, CommandKind, Header, MissionState};
-use alight_shared::time::DroneClock;
+use alight_shared::time::{DroneClock, Span, Time};
 
 use crate::config::DroneComputer;
 use crate::process::life::draw_boot;
+use crate::process::supervision::SteadyClock;
 
-/// The mission has this long to show that it took the command, ns: its state comes at 50 Hz.
-const TIMEOUT_NS: i64 = 2_000_000_000;
-/// A command that shows no effect is repeated after this long, ns.
-const REPEAT_NS: i64 = 500_000_000;
+/// The mission has this long to show that it took the command: its state comes at 50 Hz.
+const TIMEOUT: Span = Span::from_millis(2000);
+/// A command that shows no effect is repeated after this long.
+const REPEAT: Span = Span::from_millis(500);
 
 /// A command under way; without a kind nothing is commanded, and the mission is only asked.
 pub struct LocalCommand {
     header: Header<DroneClock>,
     kind: Option<CommandKind>,
-    began_ns: i64,
-    sent_ns: Option<i64>,
+    sending: Retransmission<SteadyClock>,
 }
 
 impl LocalCommand {
@@ -27,22 +28,19 @@ impl LocalCommand {
         LocalCommand {
             header: Header::new(vessel, drone, draw_boot(), 0, now),
             kind,
-            began_ns: steady_ns,
-            sent_ns: None,
+            sending: Retransmission::new(Time::from_nanos(steady_ns), REPEAT, TIMEOUT),
         }
     }
     /// What is to be sent now.
     pub fn due(&mut self, steady_ns: i64) -> Option<Command> {
         let kind = self.kind?;
-        if self.sent_ns.is_some_and(|sent| steady_ns - sent < REPEAT_NS) {
-            return None;
-        }
-        self.sent_ns = Some(steady_ns);
-        // The time at which it was given stays: what the mission receives meanwhile is newer.
-        self.header.sequence += 1;
-        Some(Command {
-            header: self.header,
-            kind,
+        self.sending.is_due(Time::from_nanos(steady_ns)).then(|| {
+            // The time at which it was given stays: what the mission receives meanwhile is newer.
+            self.header.sequence += 1;
+            Command {
+                header: self.header,
+                kind,
+            }
         })
     }
     /// Whether this state shows that the mission has taken it: a state from before the command is no answer.
@@ -52,7 +50,7 @@ impl LocalCommand {
     }
     /// Whether nothing more is waited for.
     pub fn is_over(&self, steady_ns: i64) -> bool {
-        steady_ns - self.began_ns >= TIMEOUT_NS
+        self.sending.is_over(Time::from_nanos(steady_ns))
     }
 }
 
@@ -86,6 +84,6 @@ mod tests {
         assert!(!abort.is_met(&published(9_999_000_000, State::GaveUp)));
         assert!(!abort.is_met(&published(10_020_000_000, State::Descent)));
         assert!(abort.is_met(&published(10_020_000_000, State::GaveUp)));
-        assert!(!abort.is_over(11_999_000_000) && abort.is_over(12_000_000_000));
+        assert!(!abort.is_over(12_000_000_000) && abort.is_over(12_000_000_001));
     }
 }

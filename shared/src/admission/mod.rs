@@ -5,12 +5,14 @@ pub mod command;
 mod latest;
 mod periodic;
 mod rejection;
+mod retransmission;
 mod sender;
 
 pub use command::CommandAdmission;
 pub use latest::{Latest, Rule};
 pub use periodic::Periodic;
 pub use rejection::{RejectionReason, Rejections};
+pub use retransmission::Retransmission;
 pub use sender::{Arrival, Sender};
 
 use crate::msg::{Header, MESSAGE_VERSION, Message};

@@ -4,6 +4,7 @@
 //! control was lost, is none: a switch that was left on high lands nothing. What it commands goes to the mission like any
 //! other command, and is admitted by the same rules.
 
+use alight_shared::admission::Retransmission;
 use alight_shared::msg::{Command, CommandKind, Header, MissionState};
 use alight_shared::time::{DroneClock, Span};
 
@@ -74,8 +75,8 @@ pub(super) struct RcSwitch {
     healthy_at: Option<DroneTime>,
     /// It reports now that its receiver does not.
     lost: bool,
-    /// What is commanded, and when it was published last.
-    given: Option<(Command, DroneTime)>,
+    /// What is commanded, and when it is published.
+    given: Option<(Command, Retransmission<DroneClock>)>,
 }
 
 impl RcSwitch {
@@ -143,14 +144,15 @@ impl RcSwitch {
     }
     /// A command that the switch gave.
     pub(super) fn give(&mut self, header: Header<DroneClock>, kind: CommandKind) {
-        self.given = Some((Command { header, kind }, header.at - REPEAT));
+        let sending = Retransmission::new(header.at, REPEAT, GIVEN_UP);
+        self.given = Some((Command { header, kind }, sending));
     }
     /// What is to be published now, by the mission's newest state; time passes for the channels, too.
     pub(super) fn poll(&mut self, now: DroneTime, mission: Option<&MissionState>) -> Option<Command> {
         if self.received_at.is_some_and(|at| now - at > LOST) {
             self.forget();
         }
-        let (command, published_at) = self.given?;
+        let (command, sending) = self.given.as_mut()?;
         let (h, kind) = (command.header, command.kind);
         let taken = |m: &MissionState| match kind {
             CommandKind::Abort => m.abort == Some([h.boot, h.sequence]),
@@ -158,14 +160,11 @@ impl RcSwitch {
                 m.header.at > h.at && kind.is_met(m.state, m.waiting.code)
             }
         };
-        if mission.is_some_and(taken) || now - h.at > GIVEN_UP {
+        if mission.is_some_and(taken) || sending.is_over(now) {
             self.given = None;
             return None;
         }
-        (now - published_at >= REPEAT).then(|| {
-            self.given = Some((command, now));
-            command
-        })
+        sending.is_due(now).then_some(*command)
     }
 }
 

@@ -4,12 +4,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::time::Duration;
 
+use alight_shared::admission::Retransmission;
 use alight_shared::config::{Check, Keys};
 use alight_shared::msg::{
     Charge, CommandKind, CommandProgress, CommandReceipt, DECK_CLOSED, DeckGrant, DroneStatus, Header,
     MESSAGE_VERSION, OperatorCommand, still_armed,
 };
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::transport::radio::{Publication, Radio, RadioConfig, Urgency};
 use alight_shared::transport::wake::end_requested;
 use alight_shared::{topics, wire};
@@ -20,6 +21,7 @@ use super::{CommandArgs, POLL_PERIOD};
 use crate::exit::{CliError, Exit};
 use crate::process::life::draw_boot;
 use crate::process::radio_keys::vessel_key;
+use crate::process::supervision::SteadyClock;
 use crate::{certificates, terminal};
 
 /// From ashore it takes a session and two radios.
@@ -30,8 +32,17 @@ const MAX_POLLS_CONTACT: u32 = 60;
 /// Once the vessel is received each of its drones has reported within so many looks, 1.5 s: three periods of their
 /// statuses.
 const POLLS_ALL_REPORT: u32 = 30;
-/// A command that shows no effect is repeated after so many looks.
-const REPEAT_POLLS: u32 = 10;
+/// A command that shows no effect is repeated after this long.
+const REPEAT: Span = Span::from_millis(500);
+
+/// The time of a look, from the first on.
+fn look(poll: u32) -> Time<SteadyClock> {
+    Time::EPOCH + Span::from_secs(POLL_PERIOD.as_secs_f64()) * i64::from(poll)
+}
+
+fn sending() -> Retransmission<SteadyClock> {
+    Retransmission::new(look(0), REPEAT, look(MAX_POLLS_ASHORE) - look(0))
+}
 
 /// What the terminal ashore knows of its order.
 struct Ashore {
@@ -50,6 +61,7 @@ struct Ashore {
     reserved: BTreeSet<u32>,
     /// Looks since the first message of the vessel.
     looks: u32,
+    sending: Retransmission<SteadyClock>,
     sent: u32,
 }
 
@@ -119,7 +131,7 @@ impl Ashore {
     /// received may yet receive.
     fn is_due(&mut self, poll: u32) -> bool {
         let open = self.contact || poll >= MAX_POLLS_CONTACT;
-        let due = self.number.is_some() && !self.asks_only && open && poll.is_multiple_of(REPEAT_POLLS);
+        let due = self.number.is_some() && !self.asks_only && open && self.sending.is_due(look(poll));
         self.sent += u32::from(due);
         due
     }
@@ -236,6 +248,7 @@ pub fn run(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliE
         drones: BTreeMap::new(),
         reserved: BTreeSet::new(),
         looks: 0,
+        sending: sending(),
         sent: 0,
     };
     for poll in 0..MAX_POLLS_ASHORE {
@@ -320,6 +333,7 @@ mod tests {
             drones: BTreeMap::new(),
             reserved: BTreeSet::new(),
             looks: 0,
+            sending: sending(),
             sent: 0,
         }
     }
@@ -366,7 +380,7 @@ mod tests {
         let mut terminal = ordered(CommandKind::Land);
         terminal.contact = true;
         let sent = (0..MAX_POLLS_CONTACT).filter(|k| terminal.is_due(*k)).count();
-        assert_eq!(sent as u32, MAX_POLLS_CONTACT / REPEAT_POLLS);
+        assert_eq!(sent, 6, "each half second for three");
     }
 
     /// A terminal that names nobody, after so many looks at a vessel that receives these drones.
