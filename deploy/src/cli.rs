@@ -12,7 +12,7 @@ use crate::drone::{autopilot, bridge, camera, mission, pilot, planner, predictor
 use crate::exit::{CliError, Doing, Exit};
 #[cfg(feature = "lab")]
 use crate::lab;
-use crate::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, SensorsArgs, ServiceArgs};
+use crate::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, ServiceArgs};
 use crate::process::shell;
 use crate::tools::playback::ForeignLaw;
 use crate::tools::{calibrate, check, command, config, estimate, flights, keys, replay, status, tag, view};
@@ -161,7 +161,7 @@ pub enum Command {
     Status(status::StatusArgs),
     /// Show what runs in a browser or in Foxglove: deck, drone, alarms.
     View(view::ViewCommand),
-    /// Process of the vessel: estimator and broadcast.
+    /// All processes of the vessel's computer, as its service runs them.
     Vessel(ServiceArgs),
     /// All processes of the drone's computer, as its service runs them.
     Drone(ServiceArgs),
@@ -183,9 +183,12 @@ pub enum Command {
     /// Process of the drone: the pilot, set-points.
     #[command(hide = true)]
     Pilot(ProcessArgs),
-    /// Process of the vessel: its real sensors (NMEA 0183, UBX, MAVLink), which it starts.
+    /// Process of the vessel: estimator, deck arbiter and broadcast.
     #[command(hide = true)]
-    Sensors(SensorsArgs),
+    Estimator(ProcessArgs),
+    /// Process of the vessel: its real sensors (NMEA 0183, UBX, MAVLink).
+    #[command(hide = true)]
+    Sensors(ProcessArgs),
     /// Process of the drone: the link to a real autopilot (PX4, ArduCopter) by MAVLink.
     #[command(hide = true)]
     Autopilot(AutopilotArgs),
@@ -237,7 +240,7 @@ impl Command {
             Command::Replay(a) => replay::run(a, FOREIGN_LAW),
             Command::Status(a) => status::run(a),
             Command::View(a) => view::run(a),
-            Command::Vessel(a) => vessel::run(&a.process, &a.view),
+            Command::Vessel(a) => vessel::run(a),
             Command::Drone(a) => drone::run(a),
             Command::Operate(a) => command::run(a),
             Command::Bridge(a) => bridge::run(a),
@@ -245,6 +248,7 @@ impl Command {
             Command::Mission(a) => shell::run::<mission::MissionShell>(a),
             Command::Planner(a) => shell::run::<planner::PlannerShell>(a),
             Command::Pilot(a) => shell::run::<pilot::PilotShell>(a),
+            Command::Estimator(a) => vessel::estimator::run(a),
             Command::Sensors(a) => vessel::sensors::run(a),
             Command::Autopilot(a) => autopilot::run(a),
             Command::Camera(a) => camera::run(a, ProcessKind::Camera),

@@ -122,6 +122,14 @@ topics! {
     /// OFFBOARD for its own hold by then, and comes back with the first set-points if nobody chose another mode; who did is seen
     /// by the next report of the mode, half a second later at most, and until then no set-point is followed.
     LINK_CHECKPOINT: "drone/checkpoint", msg::LinkCheckpoint, Memory, 50.0 Hz, size_of::<msg::LinkCheckpoint>(), 1500 ms, 4 deep;
+    /// Measurements of the vessel's sensors.
+    SENSORS: "vessel/sensors", msg::SensorReadings, Memory, 100.0 Hz, size_of::<msg::SensorReadings>(), 500 ms, 64 deep;
+    /// What became of the bytes of each of the vessel's real sensors.
+    SOURCES: "vessel/sources", msg::SourceReport, Memory, 2.0 Hz, size_of::<msg::SourceReport>(), 3000 ms, 8 deep;
+    /// What the vessel's process knows.
+    VESSEL: "vessel/status", msg::VesselStatus, Memory, 2.0 Hz, size_of::<msg::VesselStatus>(), 3000 ms, 2 deep;
+    /// An order of the vessel's crew.
+    CREW: "vessel/crew", msg::CrewOrder, Memory, 0.1 Hz, size_of::<msg::CrewOrder>(), 10000 ms, 16 deep;
 }
 
 #[cfg(test)]

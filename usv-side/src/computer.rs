@@ -4,8 +4,8 @@ use core::fmt;
 
 use alight_shared::admission::{Arrival, RejectionReason, Rejections, Sender};
 use alight_shared::msg::{
-    Charge, CommandKind, CommandReceipt, DeckGrant, DroneStatus, MAX_SOURCES, OperatorCommand, Reason, State,
-    still_armed,
+    Charge, CommandKind, CommandReceipt, DeckGrant, DeckOrder, DroneStatus, FollowsAnother, MAX_SOURCES,
+    OperatorCommand, Reason, Starved, State, still_armed,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{Time, VesselClock};
@@ -13,10 +13,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::VesselNodeConfig;
 use crate::deck::{
-    ArbiterIn, DeckArbiter, DeckCheckpoint, DeckConfig, DeckInputs, DeckOrder, DroneMonitor, GivenCommand,
-    OperatorIn, OperatorRelay, Starved,
+    ArbiterIn, DeckArbiter, DeckCheckpoint, DeckConfig, DeckInputs, DroneMonitor, GivenCommand, OperatorIn,
+    OperatorRelay,
 };
-use crate::followed::{Followed, FollowsAnother};
+use crate::followed::Followed;
 use crate::node::{IMU, VesselIn, VesselNode, VesselOut};
 use crate::sensors::MAX_REPEATED;
 

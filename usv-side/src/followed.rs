@@ -5,9 +5,8 @@
 use std::collections::BTreeMap;
 
 use alight_shared::admission::{Arrival, Sender};
-use alight_shared::msg::TimeRequest;
+use alight_shared::msg::{FollowsAnother, TimeRequest};
 use alight_shared::time::{DroneClock, Span, Time, VesselClock};
-use serde::{Deserialize, Serialize};
 
 use crate::deck::MAX_DRONES;
 
@@ -15,15 +14,6 @@ use crate::deck::MAX_DRONES;
 const SETTLED: Span = Span::from_millis(5000);
 /// It asks twice a second; its last word counts for so long.
 const FRESH: Span = Span::from_millis(3000);
-
-/// A drone that listens to another computer with this vessel's identity.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct FollowsAnother {
-    /// Its number.
-    pub drone: u32,
-    /// The other computer's boot id.
-    pub boot: u32,
-}
 
 #[derive(Clone, Copy, Debug)]
 struct Following {

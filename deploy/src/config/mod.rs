@@ -27,10 +27,9 @@ config! {
     pub struct VesselComputer {
         /// Number of this vessel.
         pub vessel_id: u32 = 1;
-        /// Address that takes the sensors' datagrams.
-        /// Source: Ours.
-        pub sensors: String = "127.0.0.1:7440".into();
-        /// Its real sensors; where there are some, the vessel's process starts `alight sensors`.
+        /// Name of the set of processes that share memory.
+        pub instance: String = "vessel".into();
+        /// Its real sensors.
         pub sensor: SourcesConfig;
         /// Its clock.
         pub clock: ProcessClock;

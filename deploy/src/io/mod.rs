@@ -6,4 +6,3 @@ pub mod digital_line;
 pub mod mavlink_key;
 pub mod peer;
 pub mod runtime;
-pub mod sensor_socket;

@@ -77,6 +77,13 @@ pub struct Scheduling {
 }
 
 impl Scheduling {
+    /// What the system permits of it: a priority, or none.
+    pub fn where_permitted(&self, permitted: bool) -> Scheduling {
+        Scheduling {
+            realtime: self.realtime.filter(|_| permitted),
+            processors: self.processors.clone(),
+        }
+    }
     /// The flags of this scheduling.
     pub fn flags(&self) -> Vec<String> {
         let mut flags = Vec::new();
@@ -112,20 +119,6 @@ pub struct CameraArgs {
     /// Look at what the source has without the drone's other processes, and print each detection (JSON)
     #[arg(long)]
     pub print: bool,
-}
-
-/// The vessel's real sensors.
-#[derive(Args, Debug)]
-pub struct SensorsArgs {
-    /// The vessel's configuration (TOML), with a table [[sensor.sources]] for each sensor
-    #[arg(long, value_name = "FILE")]
-    pub config: PathBuf,
-    /// Say what became of each source's bytes as JSON objects, one a line
-    #[arg(long)]
-    pub json: bool,
-    /// End when standard input closes
-    #[arg(long, hide = true)]
-    pub supervised: bool,
 }
 
 /// The link to a real autopilot.

@@ -159,8 +159,17 @@ impl FlightLog {
         let before = self.summary.figures.get(name).copied().unwrap_or(0.0);
         self.set(name, before + value);
     }
-    /// What the drone's supervisor sees.
+    /// What a computer's supervisor sees: on the vessel the drones' states and the waves.
     pub fn observe(&mut self, now_ns: i64, seen: &Snapshot, restarts: u32) {
+        self.set("restarts", f64::from(restarts));
+        if let Some(vessel) = &seen.vessel {
+            for s in vessel.drones.iter().map(|d| &d.status) {
+                self.state(now_ns, Some(s.header.drone), s.state, s.entered, s.waiting);
+            }
+            if let Some([height_m, _]) = vessel.estimator.waves {
+                self.set("wave_height_m", height_m);
+            }
+        }
         let Some(m) = &seen.mission else { return };
         let was = self.states.get(&None).map(|s| s.0);
         self.state(now_ns, None, m.state, m.entered, m.waiting);
@@ -172,7 +181,6 @@ impl FlightLog {
             }
         }
         self.set("descents", f64::from(m.attempts));
-        self.set("restarts", f64::from(restarts));
         if let Some(battery) = seen.autopilot.as_ref().and_then(|a| a.battery) {
             self.set("battery", battery);
         }

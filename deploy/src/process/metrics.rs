@@ -36,7 +36,7 @@ mod tests {
     fn metric_names_and_units() {
         let vessel = ProcessState {
             metrics: Seq::filled([
-                M::SensorDatagramsRejected.count(0_u32),
+                M::SensorReadingsMissed.count(0_u32),
                 M::BytesSent.count(1200_u32),
                 M::DroneMessageAge.seconds(0.25),
                 M::DroneState.with(MetricValue::State(Some(State::Tracking))),

@@ -16,6 +16,7 @@ pub mod radio_keys;
 pub mod radio_rates;
 pub mod scheduling;
 pub mod sealed;
+pub mod service;
 pub mod shell;
 pub mod snapshot;
 pub mod supervision;

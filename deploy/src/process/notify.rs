@@ -1,13 +1,11 @@
 //! Notification of a service's manager (systemd): ready, alive, status. One datagram each to the socket named in
-//! NOTIFY_SOCKET (sd_notify(3)); nothing without that name. And the manager's end of it, for a supervisor in
-//! systemd's place.
+//! NOTIFY_SOCKET (sd_notify(3)); nothing without that name.
 //!
 //! The crate sd-notify is not used: its send blocks once a manager that stands still has ten datagrams waiting,
 //! and with it the process that flies.
 
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
-use std::path::{Path, PathBuf};
 
 /// Time between two signs of life, ns: several within any watchdog's timeout.
 const ALIVE_PERIOD_NS: i64 = 500_000_000;
@@ -15,8 +13,6 @@ const ALIVE_PERIOD_NS: i64 = 500_000_000;
 const MAX_STATUS: usize = 200;
 /// Names the socket of a service's manager.
 pub const SOCKET_VARIABLE: &str = "NOTIFY_SOCKET";
-/// Datagrams that a manager takes at a time.
-const MAX_DATAGRAMS: usize = 32;
 
 /// The way to the service's manager.
 pub struct Notify {
@@ -76,41 +72,6 @@ impl Notify {
     }
 }
 
-/// The manager's end: when a service reported last.
-pub struct Notified {
-    socket: UnixDatagram,
-    path: PathBuf,
-    newest_ns: Option<i64>,
-}
-
-impl Notified {
-    /// At the socket `path`, in the place of what is there.
-    pub fn bind(path: &Path) -> std::io::Result<Notified> {
-        let _none = std::fs::remove_file(path);
-        let socket = UnixDatagram::bind(path)?;
-        socket.set_nonblocking(true)?;
-        Ok(Notified {
-            socket,
-            path: path.into(),
-            newest_ns: None,
-        })
-    }
-    /// Where it is.
-    pub fn path(&self) -> &Path {
-        &self.path
-    }
-    /// When the newest report came, ns of the steady clock; None before the first.
-    pub fn poll(&mut self, now_ns: i64) -> Option<i64> {
-        for _ in 0..MAX_DATAGRAMS {
-            match self.socket.recv(&mut [0; 512]) {
-                Ok(_) => self.newest_ns = Some(now_ns),
-                Err(_) => break,
-            }
-        }
-        self.newest_ns
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -151,19 +112,6 @@ mod tests {
         let mut nobody = Notify::to("");
         nobody.ready();
         nobody.alive(0, || panic!("nobody listens"));
-    }
-
-    #[test]
-    fn service_manager_last_report() {
-        let path = std::env::temp_dir().join(format!("alight-notified-{}", std::process::id()));
-        let mut notified = Notified::bind(&path).unwrap();
-        assert_eq!(notified.poll(1), None);
-        let mut service = Notify::to(&path.display().to_string());
-        service.ready();
-        service.alive(0, || "Tracking".into());
-        assert_eq!(notified.poll(2), Some(2));
-        assert_eq!(notified.poll(3), Some(2));
-        std::fs::remove_file(&path).unwrap();
     }
 
     #[test]

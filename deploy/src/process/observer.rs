@@ -1,11 +1,15 @@
 //! Observer of the reports of an instance's processes.
 
-use alight_shared::msg::{AutopilotState, DeckForecast, DroneState, LinkState, MissionState, Plan, SetPoint};
+use alight_shared::msg::{
+    AutopilotState, DeckForecast, DroneState, LinkState, MissionState, Plan, SetPoint, SourceReport,
+    VesselStatus,
+};
 use alight_shared::transport::clock::steady_ns;
-use alight_shared::transport::memory::{Memory, Subscriber};
+use alight_shared::transport::memory::{Instance, Memory, Subscriber};
 use alight_shared::transport::process::ProcessState;
 
 use crate::exit::CliError;
+use crate::process::instance::{EDITED_FILE, is_running, owner, said};
 use crate::process::snapshot::Snapshot;
 
 /// Receives the reports of an instance's processes.
@@ -18,6 +22,8 @@ pub struct Observer {
     link: Subscriber<LinkState>,
     plan: Subscriber<Plan>,
     set_point: Subscriber<SetPoint>,
+    vessel: Subscriber<VesselStatus>,
+    sources: Subscriber<SourceReport>,
     /// What was seen.
     pub snapshot: Snapshot,
     /// Ages of the vessel's newest state since they were taken last, s.
@@ -36,6 +42,8 @@ impl Observer {
             link: memory.subscriber()?,
             plan: memory.subscriber()?,
             set_point: memory.subscriber()?,
+            vessel: memory.subscriber()?,
+            sources: memory.subscriber()?,
             snapshot: Snapshot::default(),
             ages_s: Vec::new(),
         })
@@ -46,6 +54,9 @@ impl Observer {
         for state in self.processes.all(now) {
             self.snapshot.processes.insert(state.kind, state);
         }
+        self.snapshot.vessel = self.vessel.newest(now).or(self.snapshot.vessel);
+        let sources = self.sources.all(now).into_iter().map(|s| (s.number, s));
+        self.snapshot.sources.extend(sources);
         let t = drone_ns.unwrap_or(now);
         self.snapshot.mission = self.mission.newest(t).or(self.snapshot.mission);
         self.snapshot.autopilot = self.autopilot.newest(t).or(self.snapshot.autopilot);
@@ -66,5 +77,84 @@ impl Observer {
         if let (Some((plan, age_s)), Some(now_ns)) = (&mut self.snapshot.plan, now_ns) {
             *age_s = (now_ns - plan.header.at.nanos()).max(0) as f64 * 1e-9;
         }
+    }
+}
+
+/// An instance's memory as somebody outside uses it: another one once its service was started anew.
+pub struct Rejoined<T> {
+    instance: Instance,
+    owner: Option<u32>,
+    looked_ns: i64,
+    /// What was joined last.
+    pub ports: Option<T>,
+}
+
+/// Whether a service was started anew is looked for this often, ns.
+const LOOK_NS: i64 = 100_000_000;
+
+impl<T> Rejoined<T> {
+    /// Not joined yet.
+    pub fn of(instance: &str) -> Result<Rejoined<T>, CliError> {
+        Ok(Rejoined {
+            instance: Instance::new(instance)?,
+            owner: None,
+            looked_ns: 0,
+            ports: None,
+        })
+    }
+    /// Joins it.
+    pub fn join(&mut self, join: impl FnOnce(&Instance) -> Result<T, CliError>) -> Result<(), CliError> {
+        self.owner = owner(&self.instance);
+        let new = join(&self.instance)?;
+        // Its names are the new memory's by now: what is dropped would be removed under them.
+        core::mem::forget(self.ports.replace(new));
+        Ok(())
+    }
+    /// Joins it where it is another; true while it runs.
+    pub fn poll(&mut self, join: impl FnOnce(&Instance) -> Result<T, CliError>) -> bool {
+        let now = steady_ns();
+        if now - self.looked_ns >= LOOK_NS {
+            self.looked_ns = now;
+            let owner = owner(&self.instance).filter(|_| is_running(&self.instance));
+            let another = owner.is_some() && (self.ports.is_none() || self.owner != owner);
+            self.owner = owner;
+            if another && self.join(join).is_err() {
+                // One that is just being made is tried again.
+                self.owner = None;
+            }
+        }
+        self.owner.is_some()
+    }
+}
+
+/// Observes an instance whenever it runs.
+pub struct Follower {
+    joined: Rejoined<(Memory, Observer)>,
+    name: &'static str,
+}
+
+impl Follower {
+    /// Of the instance of this name, as the process `name`.
+    pub fn of(instance: &str, name: &'static str) -> Result<Follower, CliError> {
+        let joined = Rejoined::of(instance)?;
+        Ok(Follower { joined, name })
+    }
+    /// Looks on no longer, before the memory is removed.
+    pub fn leave(&mut self) {
+        self.joined.ports = None;
+    }
+    /// What was seen by now, with the memory that it lies in; None while nothing runs.
+    pub fn poll(&mut self) -> Option<(&Memory, &Snapshot)> {
+        let name = self.name;
+        let join = |instance: &Instance| {
+            let memory = Memory::join(instance, name)?;
+            let observer = Observer::join(&memory)?;
+            Ok((memory, observer))
+        };
+        let ports = self.joined.poll(join).then_some(self.joined.ports.as_mut());
+        let (memory, observer) = ports.flatten()?;
+        observer.poll(None);
+        observer.snapshot.edited = said(&self.joined.instance, EDITED_FILE);
+        Some((memory, &observer.snapshot))
     }
 }

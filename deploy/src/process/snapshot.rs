@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{
-    AttitudeResponse, AutopilotState, DeckForecast, DroneState, LinkState, MissionState, Plan,
+    AttitudeResponse, AutopilotState, DeckForecast, DroneState, LinkState, MissionState, Plan, SourceReport,
+    VesselStatus,
 };
 use alight_shared::topics::{self, Topic};
 use alight_shared::transport::process::{InputState, ProcessKind, ProcessState};
@@ -47,6 +48,10 @@ pub struct Snapshot {
     pub plan: Option<(Plan, f64)>,
     /// How the drone's attitude answers set-points, by the pilot.
     pub response: Option<AttitudeResponse>,
+    /// What the vessel's process knows.
+    pub vessel: Option<VesselStatus>,
+    /// The vessel's real sensors by their places in its configuration.
+    pub sources: BTreeMap<u32, SourceReport>,
     /// What is said of a configuration that was edited since the start.
     pub edited: Option<String>,
 }
@@ -66,6 +71,10 @@ impl Snapshot {
     }
     /// One line of at most 100 columns.
     pub fn line(&self) -> String {
+        if let (Some(vessel), None) = (&self.vessel, &self.mission) {
+            let estimate = vessel.estimator.estimate_age_s.map_or("no estimate".into(), time);
+            return format!("estimate {estimate} old, {} drones received", vessel.drones.len());
+        }
         let state = self.mission.map_or("-", |m| m.state.name());
         let waiting = self.mission.map(|m| m.waiting.to_string()).unwrap_or_default();
         let link = self.link.map_or_else(

@@ -130,10 +130,10 @@ impl Child {
         let watched = match self.kind {
             // They report nothing.
             ProcessKind::World | ProcessKind::Link => false,
-            // Its reports reach only a supervisor that is its service's manager.
-            // A viewer's reach only where there is shared memory.
-            ProcessKind::Vessel | ProcessKind::View => seen.reported.is_some(),
-            ProcessKind::Bridge
+            // It waits for shared memory.
+            ProcessKind::View => seen.reported.is_some(),
+            ProcessKind::Vessel
+            | ProcessKind::Bridge
             | ProcessKind::Predictor
             | ProcessKind::Mission
             | ProcessKind::Planner
@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn silent_process_and_vessel_never_received() {
+    fn silent_process_and_viewer_never_received() {
         let limits = Limits {
             silence_timeout_s: Some(3.0),
             max_failures: None,
@@ -284,12 +284,8 @@ mod tests {
             // Never ready: five times as long, and twice that after it was killed in vain.
             (PILOT, None, vec![15_010, 45_020]),
             (PILOT, Some(1000), vec![4010, 10_020, 22_030, 46_040]),
-            (ProcessKind::Vessel, None, vec![]),
-            (
-                ProcessKind::Vessel,
-                Some(1000),
-                vec![4010, 10_020, 22_030, 46_040],
-            ),
+            (ProcessKind::View, None, vec![]),
+            (ProcessKind::View, Some(1000), vec![4010, 10_020, 22_030, 46_040]),
         ];
         for (kind, reported, kills) in cases {
             let mut node = SupervisorNode::new(limits);

@@ -21,7 +21,6 @@ use alight_shared::transport::process::ProcessKind;
 use crate::config::view::ViewConfig;
 use crate::exit::{CliError, Doing};
 use crate::process::life::draw_boot;
-use crate::process::notify::{Notified, SOCKET_VARIABLE};
 use crate::process::supervision::{Action, Limits, Observed, SupervisorNode};
 use crate::record::flight::recorder::{NodeRecorder, PartHeader};
 
@@ -39,8 +38,6 @@ struct ManagedProcess {
     prefix: Vec<String>,
     arguments: Vec<String>,
     child: Option<Child>,
-    /// Of the vessel's process, whose other reports go over the radio.
-    notified: Option<Notified>,
 }
 
 /// The supervisor.
@@ -50,6 +47,8 @@ pub struct Supervisor {
     processes: Vec<ManagedProcess>,
     directory: PathBuf,
     flight: Option<PathBuf>,
+    /// What outlives a process lies there; None: where the service manager says.
+    state: Option<PathBuf>,
     /// Processes write errors where the supervisor does, not into files.
     inherit_stderr: bool,
     lines: (Sender<String>, Receiver<String>),
@@ -115,6 +114,7 @@ impl Supervisor {
             processes: Vec::new(),
             directory,
             flight,
+            state: None,
             inherit_stderr: false,
             lines: channel(),
         })
@@ -122,6 +122,11 @@ impl Supervisor {
     /// Processes write errors where the supervisor does: a service's journal keeps and rotates them.
     pub fn inheriting_stderr(mut self) -> Supervisor {
         self.inherit_stderr = true;
+        self
+    }
+    /// What outlives a process lies in this directory.
+    pub fn keeping_state_in(mut self, directory: PathBuf) -> Supervisor {
+        self.state = Some(directory);
         self
     }
     /// Starts a process with these arguments of the program; `prefix` stands before the program.
@@ -137,19 +142,11 @@ impl Supervisor {
         if let (Some(flight), true) = (&self.flight, records) {
             arguments.extend(["--flight".into(), flight.display().to_string()]);
         }
-        let notified = if kind == ProcessKind::Vessel {
-            let path = self.directory.join("vessel.notify");
-            let doing = format_args!("receiving the vessel's reports at {}", path.display());
-            Some(Notified::bind(&path).doing(doing)?)
-        } else {
-            None
-        };
         self.processes.push(ManagedProcess {
             kind,
             prefix,
             arguments,
             child: None,
-            notified,
         });
         self.events = self.poll(|_| None)?;
         Ok(())
@@ -184,10 +181,7 @@ impl Supervisor {
         };
         let mut words = managed.prefix.iter().map(OsStr::new).chain([program.as_os_str()]);
         let mut command = Command::new(words.next().unwrap_or_default());
-        if let Some(notified) = &managed.notified {
-            command.env(SOCKET_VARIABLE, notified.path());
-            command.env(STATE_VARIABLE, &self.directory);
-        }
+        command.envs(self.state.iter().map(|directory| (STATE_VARIABLE, directory)));
         // A group of its own: the terminal's Ctrl-C reaches the supervisor only, which ends all.
         let mut child = command
             .args(words)
@@ -232,11 +226,7 @@ impl Supervisor {
             observed.push(Observed {
                 kind: managed.kind,
                 running: managed.child.is_some(),
-                reported: match &mut managed.notified {
-                    Some(notified) => notified.poll(now_ns),
-                    None => reported(managed.kind),
-                }
-                .map(Time::from_nanos),
+                reported: reported(managed.kind).map(Time::from_nanos),
             });
         }
         let now = Time::from_nanos(now_ns);
@@ -276,10 +266,6 @@ impl Supervisor {
         let first = self.lines.1.recv_timeout(Duration::from_millis(500));
         first.into_iter().chain(self.lines.1.try_iter()).collect()
     }
-    fn child(&self, kind: ProcessKind) -> Option<&Child> {
-        let managed = self.processes.iter().find(|p| p.kind == kind)?;
-        managed.child.as_ref()
-    }
     fn child_mut(&mut self, kind: ProcessKind) -> Option<&mut Child> {
         let managed = self.processes.iter_mut().find(|p| p.kind == kind)?;
         managed.child.as_mut()
@@ -290,10 +276,6 @@ impl Supervisor {
             // One that is gone is started again, and has missed it.
             let _unsent = writeln!(input, "{line}").and_then(|()| input.flush());
         }
-    }
-    /// The number of a process that lives.
-    pub fn pid(&self, kind: ProcessKind) -> Option<u32> {
-        self.child(kind).map(Child::id)
     }
     fn kill(&mut self, kind: ProcessKind) {
         if let Some(child) = self.child_mut(kind) {
@@ -340,7 +322,7 @@ impl Drop for Supervisor {
 /// Arguments of the program that run `kind` with this configuration.
 pub fn arguments(kind: ProcessKind, config: &Path) -> Vec<String> {
     vec![
-        kind.name().into(),
+        kind.subcommand().into(),
         "--config".into(),
         config.display().to_string(),
     ]
@@ -385,7 +367,7 @@ mod tests {
             events.iter().filter(|e| of_camera(e)).count()
         };
         assert_eq!(not_started(&supervisor.poll(|_| None).unwrap()), 1);
-        assert!(supervisor.pid(ProcessKind::Camera).is_none());
+        assert!(supervisor.child_mut(ProcessKind::Camera).is_none());
         let mut again = 0;
         for _ in 0..50 {
             pause(Duration::from_millis(20));

@@ -8,11 +8,10 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use alight_shared::config;
-use alight_shared::msg::{Command, CommandKind, MissionState};
+use alight_shared::msg::{Command, CommandKind, DeckOrder, MissionState, Unheard, VesselStatus};
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};
-use alight_usv::deck::{Closure, DeckOrder, Unheard};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
@@ -20,14 +19,11 @@ use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Exit};
 use crate::process::instance::is_running;
 use crate::process::local_command::LocalCommand;
-use crate::process::supervisor::pause;
 use crate::terminal;
-use crate::vessel::{deck_file, status_file};
+use crate::vessel::crew::OrderOnItsWay;
 
 /// What shows whether a command was taken is looked at this often.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
-/// The vessel's status comes twice a second.
-const MAX_POLLS_DECK: u32 = 120;
 
 /// An operator's command.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
@@ -150,44 +146,54 @@ fn on_board(args: &CommandArgs, what: &str) -> Result<VesselComputer, CliError> 
     Ok(config::load(&args.config_or("/etc/alight/vessel.toml"))?)
 }
 
-/// What the helm intends, to the vessel's process on this computer.
+/// Gives an order to the vessel's process on this computer; the status that names it, None where it did not take it.
+fn order_aboard(args: &CommandArgs, what: &str, order: DeckOrder) -> Result<Option<VesselStatus>, CliError> {
+    let computer = on_board(args, what)?;
+    let memory = join(&computer.instance, "alight-vessel")?;
+    Ok(OrderOnItsWay::give(&memory, &computer, order)?.wait(&memory))
+}
+
+/// The memory of the set of processes `name`, which `unit` runs.
+fn join(name: &str, unit: &str) -> Result<Memory, CliError> {
+    let instance = Instance::new(name)?;
+    if !is_running(&instance) {
+        return Err(CliError(format!(
+            "nothing runs under the name {name}: systemctl status {unit}"
+        )));
+    }
+    Ok(Memory::join(&instance, "command")?)
+}
+
+/// What to do about an order that was not taken.
+const NOT_TAKEN: &str =
+    "the vessel's process has not taken it: systemctl status alight-vessel, and order it again";
+
+/// What the helm intends.
 fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
     if let Some(drone) = args.drone {
         return Err(CliError(format!(
             "--drone {drone}: the course is stated for every drone"
         )));
     }
-    let computer = on_board(args, "the course is stated")?;
-    let left = deck_file::leave(&computer, order).map_err(CliError)?;
-    let taken = (0..MAX_POLLS_DECK).any(|_| {
-        pause(POLL_PERIOD);
-        !left.exists()
-    });
-    // A promise that is taken up later would be a wrong one.
-    let withdrawn = !taken && std::fs::remove_file(&left).is_ok();
-    let newest = status_file::read(&computer).and_then(Result::ok);
+    let newest = order_aboard(args, "the course is stated", order)?;
+    let stated = match order {
+        _ if newest.is_none() => NOT_TAKEN,
+        DeckOrder::Steady(0) => "nothing is stated of the course",
+        DeckOrder::Steady(_) => "course and speed are kept; a turn at the helm's switch counts more",
+        DeckOrder::Turning | DeckOrder::Closed | DeckOrder::Open | DeckOrder::Clear(_) => {
+            "no drone descends while she turns"
+        }
+    };
     if args.json {
-        terminal::line(json!({ "taken": taken, "withdrawn": withdrawn, "deck": newest.map(|s| s.deck) }));
-    } else if !taken {
-        terminal::line(
-            "the vessel's process has not taken it, and it is withdrawn: systemctl status alight-vessel",
-        );
+        terminal::line(json!({ "taken": newest.is_some(), "deck": newest.map(|s| s.deck) }));
     } else {
-        let stated = match order {
-            DeckOrder::Steady(0) => "nothing is stated of the course",
-            DeckOrder::Steady(_) => "course and speed are kept; a turn at the helm's switch counts more",
-            DeckOrder::Turning | DeckOrder::Closed | DeckOrder::Open | DeckOrder::Clear(_) => {
-                "no drone descends while she turns"
-            }
-        };
         terminal::line(stated);
     }
-    Ok(Exit::of(taken))
+    Ok(Exit::of(newest.is_some()))
 }
 
-/// To the vessel's process on this computer.
+/// Whether drones may descend.
 fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
-    let computer = on_board(args, "the deck is closed and opened")?;
     let order = match (word, args.drone) {
         (CrewOrder::Closed, None) => DeckOrder::Closed,
         (CrewOrder::Open, None) => DeckOrder::Open,
@@ -198,27 +204,11 @@ fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
             )));
         }
     };
-    let left = deck_file::leave(&computer, order).map_err(CliError)?;
-    let mut newest = None;
-    let taken = (0..MAX_POLLS_DECK).any(|_| {
-        pause(POLL_PERIOD);
-        newest = status_file::read(&computer).and_then(Result::ok);
-        let ordered = newest.as_ref().map(|s| match s.deck.closed {
-            Some(
-                Closure::Crew
-                | Closure::CheckpointDamaged
-                | Closure::CheckpointMissing
-                | Closure::CheckpointUnwritable,
-            ) => CrewOrder::Closed,
-            // These close it beside an order.
-            Some(Closure::Switch | Closure::Sensor) | None => CrewOrder::Open,
-        });
-        !left.exists() && ordered == Some(word)
-    });
+    let newest = order_aboard(args, "the deck is closed and opened", order)?;
     let closed = newest.as_ref().is_some_and(|s| s.deck.closed.is_some());
     if args.json {
-        terminal::line(json!({ "taken": taken, "deck": newest.map(|s| s.deck) }));
-    } else if taken {
+        terminal::line(json!({ "taken": newest.is_some(), "deck": newest.map(|s| s.deck) }));
+    } else if newest.is_some() {
         terminal::line(match word {
             CrewOrder::Closed => "the deck is closed",
             CrewOrder::Open if closed => {
@@ -226,16 +216,16 @@ fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
             }
             CrewOrder::Open => "the deck is open",
         });
-        let unheard = newest.iter().flat_map(|s| &s.deck.unheard);
+        let unheard = newest.iter().flat_map(|s| s.deck.unheard.iter());
         for drone in unheard.filter(|_| word == CrewOrder::Open) {
             terminal::line(kept_by(drone));
         }
     } else {
-        terminal::line(
-            "the vessel's process has not taken it, and will when it runs: systemctl status alight-vessel",
-        );
+        terminal::line(NOT_TAKEN);
     }
-    Ok(Exit::of(taken && closed == (word == CrewOrder::Closed)))
+    Ok(Exit::of(
+        newest.is_some() && closed == (word == CrewOrder::Closed),
+    ))
 }
 
 /// A drone that the order to open the deck leaves it to, and what frees it.
@@ -258,13 +248,7 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
         )));
     }
     let name = args.instance.as_ref().unwrap_or(&computer.instance);
-    let instance = Instance::new(name)?;
-    if !is_running(&instance) {
-        return Err(CliError(format!(
-            "no mission runs under the name {name}: systemctl status alight-drone"
-        )));
-    }
-    let memory = Memory::join(&instance, "command")?;
+    let memory = join(name, "alight-drone")?;
     let mut missions: Subscriber<MissionState> = memory.subscriber()?;
     let mut commands: Publisher<Command> = memory.publisher()?;
     let mut command = LocalCommand::new(&computer, args.order.kind(), steady_ns());

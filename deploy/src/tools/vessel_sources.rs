@@ -1,11 +1,11 @@
 //! What the status of a vessel's sensors and of its estimate means: what is refused, what is said of their bytes, and
 //! whether a landing can do with the estimate.
 
-use alight_usv::sensors::Remark;
+use alight_shared::msg::{EstimatorStatus, SourceRemark};
 
 use crate::process::snapshot::time;
 use crate::tools::check::finding::{Finding, Topic};
-use crate::vessel::status_file::{EstimatorStatus, SourceHealth, VesselStatus};
+use crate::vessel::status::SourceHealth;
 
 /// A sensor or an estimate older than this is missing, s.
 pub const MISSING_S: f64 = 2.0;
@@ -18,33 +18,30 @@ const MOST_HEADING_DEG: f64 = 5.0;
 /// Fewer measurements of the last seconds are no rate.
 const LEAST_LATELY: u64 = 5;
 
-/// Datagrams at the sensors' port that were no measurements.
-pub fn strange_datagrams(status: &VesselStatus) -> Option<Finding> {
-    let count = status.process.datagrams_rejected;
-    (count > 0).then(|| {
-        Topic("sensors").warning(
-            format!("{count} datagrams at the sensors' port were not measurements"),
-            "another program sends to `sensors` in vessel.toml, or the driver is of another version",
-        )
-    })
-}
-
 /// One source may be missing where another of its kind stands in: what is missing altogether is broken below.
 pub fn source(s: &SourceHealth) -> Finding {
     const TOPIC: Topic = Topic("source");
+    let (r, d, uses) = (&s.report, &s.report.status.decoded, &s.uses);
+    let undated = d.undated + r.status.implausible_time;
     let counts = format!(
-        "{}: {} good, {} corrupted, {} undated, {} out of order; {} used, {} gated, {} rejected",
-        s.name, s.good, s.corrupted, s.undated, s.out_of_order, s.used, s.gated, s.rejected
+        "{}: {} good, {} corrupted, {undated} undated, {} out of order; {} used, {} gated, {} rejected",
+        s.name,
+        d.good,
+        d.corrupted,
+        r.status.out_of_order + uses.out_of_order,
+        uses.used,
+        uses.gated,
+        uses.rejected
     );
-    let silent = match (s.age_s, &s.why) {
+    let silent = match (s.age_s, &r.why) {
         (Some(age_s), _) if age_s <= MISSING_S => None,
-        (_, Some(why)) => Some(why.clone()),
+        (_, Some(why)) => Some(why.to_string()),
         (Some(age_s), None) => Some(format!("nothing for {age_s:.0} s")),
         (None, None) => Some("no measurement yet".into()),
     };
-    if s.is_stuck {
+    if uses.is_stuck {
         return TOPIC.broken(
-            format!("{counts}; STUCK: it repeats one sample, {} rejected", s.stuck),
+            format!("{counts}; STUCK: it repeats one sample, {} rejected", uses.stuck),
             "its numbers are no measurement: power it off and on, then its cable and its driver",
         );
     }
@@ -53,10 +50,10 @@ pub fn source(s: &SourceHealth) -> Finding {
             format!("{counts}; {why}"),
             "its power, its cable, its rate and format in vessel.toml; alight check with the service stopped",
         ),
-        None if s.mismatched_pulses > 0 => TOPIC.warning(
+        None if d.mismatched_pulses > 0 => TOPIC.warning(
             format!(
                 "{counts}; {} time pulses of another time base than its fixes",
-                s.mismatched_pulses
+                d.mismatched_pulses
             ),
             "set the receiver's time pulse to GNSS time (CFG-TP): a clock kept by the pulse would be seconds wrong",
         ),
@@ -71,18 +68,18 @@ pub fn source(s: &SourceHealth) -> Finding {
 }
 
 /// What is to be said of a source's bytes beside their counts.
-pub fn remark(name: &str, remark: &Remark) -> Finding {
+pub fn remark(name: &str, remark: &SourceRemark) -> Finding {
     const TOPIC: Topic = Topic("input");
     let text = format!("{name}: {}", remark.text);
     match &remark.remedy {
-        Some(remedy) => TOPIC.warning(text, remedy),
+        Some(remedy) => TOPIC.warning(text, remedy.as_str()),
         None => TOPIC.fine(text),
     }
 }
 
 /// A source of whose newest measurements more are refused than used.
 fn refusal(s: &SourceHealth) -> Option<String> {
-    let [used, refused] = s.lately;
+    let [used, refused] = s.uses.lately;
     let all = used + refused;
     (all >= LEAST_LATELY && refused > used)
         .then(|| format!("{refused} of the last {all} measurements of {} refused", s.name))
@@ -116,7 +113,7 @@ pub fn estimator(e: &EstimatorStatus, sources: &[SourceHealth]) -> Vec<Finding> 
             Some(s) => format!("{name}: nothing for {s:.0} s"),
             None => format!("{name}: nothing yet"),
         };
-        all.push(Topic("sensors").broken(found, "see to its driver and to `sensors` in vessel.toml"));
+        all.push(Topic("sensors").broken(found, "see to it and to [[sensor.sources]] in vessel.toml"));
     }
     let [horizontal, height, tilt, heading] = e.sd;
     let refused: Vec<String> = sources.iter().filter_map(refusal).collect();
@@ -164,13 +161,16 @@ pub fn estimator(e: &EstimatorStatus, sources: &[SourceHealth]) -> Vec<Finding> 
 mod tests {
     use super::*;
     use crate::tools::check::finding::Level;
+    use alight_shared::msg::SourceUse;
 
     fn receiver() -> SourceHealth {
         SourceHealth {
             name: "receiver".into(),
             age_s: Some(0.1),
-            good: 900,
-            used: 880,
+            uses: SourceUse {
+                used: 880,
+                ..SourceUse::default()
+            },
             ..SourceHealth::default()
         }
     }
@@ -179,22 +179,19 @@ mod tests {
             sensor_age_s: [Some(0.01), Some(0.1), Some(0.1)],
             estimate_age_s: Some(0.03),
             sd: [0.5, 0.1, 0.005, 0.01],
-            motion: Vec::new(),
-            waves: None,
-            heading: None,
-            gated: [0; 3],
-            restarts: 0,
-            rejected: 0,
+            ..EstimatorStatus::default()
         }
     }
 
     #[test]
     fn vessel_status_of_an_estimate_that_is_too_uncertain() {
         // A receiver whose clock fell back: every fix is refused, and the position drifts.
-        let lost = SourceHealth {
-            lately: [0, 63],
-            ..receiver()
+        let refusing = |lately| {
+            let mut source = receiver();
+            source.uses.lately = lately;
+            source
         };
+        let lost = refusing([0, 63]);
         let drifted = EstimatorStatus {
             sd: [70.0, 0.4, 0.005, 0.17],
             ..sound()
@@ -217,33 +214,33 @@ mod tests {
             assert!(worse.found.contains(part), "{worse:?}");
         }
         // Refusals now and then are none, and without an estimate they are the reason.
-        let now_and_then = SourceHealth {
-            lately: [60, 3],
-            ..receiver()
-        };
+        let now_and_then = refusing([60, 3]);
         assert_eq!(source(&now_and_then).level, Level::Fine);
         assert_eq!(estimator(&sound(), &[now_and_then])[0].level, Level::Fine);
         let none = EstimatorStatus {
             estimate_age_s: None,
             ..sound()
         };
-        let refused = SourceHealth {
-            lately: [0, 40],
-            ..receiver()
-        };
+        let refused = refusing([0, 40]);
         let found = &estimator(&none, &[refused])[0].found;
         assert!(found.starts_with("no estimate yet; 40 of the last 40"), "{found}");
     }
 
     #[test]
     fn what_is_said_of_a_source() {
-        let fault = Remark::fault("height: by EGM96".into(), "let it state its own");
+        let fault = SourceRemark {
+            text: "height: by EGM96".into(),
+            remedy: Some("let it state its own".into()),
+        };
         let found = remark("receiver", &fault);
         assert_eq!(
             (found.level, found.found.as_str()),
             (Level::Warning, "receiver: height: by EGM96")
         );
-        let passed = Remark::fine("left out: 5 AIVDM".into());
+        let passed = SourceRemark {
+            text: "left out: 5 AIVDM".into(),
+            remedy: None,
+        };
         assert_eq!(remark("receiver", &passed).level, Level::Fine);
     }
 }

@@ -3,16 +3,17 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use alight_shared::msg::{Charge, Course, still_armed};
+use alight_shared::msg::{Charge, Closure, Course, DeckStatus, DroneContact, HeadingAdvice, still_armed};
 use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::wake::end_requested;
-use alight_usv::deck::Closure;
 use serde_json::json;
 
 use crate::certificates::RENEWAL_DAYS;
 use crate::config::VesselComputer;
 use crate::exit::{CliError, Exit};
 use crate::process::lateness;
+use crate::process::observer::Follower;
 use crate::process::snapshot::time;
 use crate::process::supervisor::pause;
 use crate::terminal;
@@ -21,30 +22,33 @@ use crate::tools::check::finding::{Finding, Level, Topic};
 use crate::tools::status::page::View;
 use crate::tools::status::vessel::page;
 use crate::tools::status::watch;
-use crate::tools::vessel_sources::{estimator, remark, source, strange_datagrams};
-use crate::vessel::status_file::{self, CertificateStatus, DeckStatus, HeadingAdvice, VesselStatus};
+use crate::tools::vessel_sources::{estimator, remark, source};
+use crate::vessel::status::{CertificateStatus, STALE_S, Situation};
 use crate::vessel::{deck_inputs, helm_lamp};
 
-/// A status older than this is a dead or a frozen process's, s: six of its periods.
-pub const STALE_S: f64 = 3.0;
 /// A drone reports at 2 Hz; without a report for this long it is out of reach, s.
 pub const LOST_CONTACT_S: f64 = 5.0;
 /// A turn that takes less than a tenth of the tilt away is not worth it.
 const WORTH_TURNING: f64 = 0.9;
 /// Shown again this often.
 const WATCH_PERIOD: Duration = Duration::from_secs(1);
+/// Reports are looked for so often, at most ...
+const MAX_LOOKS: u32 = 40;
+/// ... with this pause: in all four times the period of the reports.
+const LOOK_PAUSE: Duration = Duration::from_millis(50);
 
 /// Shows once, or until stopped.
 pub fn run(path: &Path, computer: &VesselComputer, view: View, watched: bool) -> Result<Exit, CliError> {
     let mut worst = Level::Fine;
-    if watched && view == View::Page && status_file::read(computer).is_some() {
+    let mut aboard = Follower::of(&computer.instance, "status")?;
+    if watched && view == View::Page && aboard.poll().is_some() {
         let mut is_first = true;
         watch::run(|span| {
             if !is_first {
                 pause(span);
             }
             is_first = false;
-            let status = read(computer)?.filter(|_| !end_requested());
+            let status = read(computer, &mut aboard)?.filter(|_| !end_requested());
             Ok(status.map(|status| {
                 let findings = judge(&status, steady_ns());
                 worst = Level::worst(&findings);
@@ -54,7 +58,7 @@ pub fn run(path: &Path, computer: &VesselComputer, view: View, watched: bool) ->
         return Ok(worst.exit());
     }
     loop {
-        let Some(status) = read(computer)? else {
+        let Some(status) = read(computer, &mut aboard)? else {
             if view == View::Json {
                 terminal::line(json!({ "config": path, "running": false }));
             } else {
@@ -87,25 +91,41 @@ pub fn run(path: &Path, computer: &VesselComputer, view: View, watched: bool) ->
     }
 }
 
-/// The status of this computer's vessel; None: it runs not.
-fn read(computer: &VesselComputer) -> Result<Option<VesselStatus>, CliError> {
-    let status = status_file::read(computer).transpose();
-    status.map_err(|e| CliError(format!("{e}; restart the vessel's process")))
+/// What is known of this computer's vessel once its processes have reported; None: it runs not.
+fn read(computer: &VesselComputer, aboard: &mut Follower) -> Result<Option<Situation>, CliError> {
+    let certificate = CertificateStatus::of(computer);
+    for look in 0..MAX_LOOKS {
+        let Some((_, seen)) = aboard.poll() else {
+            return Ok(None);
+        };
+        let situation = Situation::of(computer, &certificate, seen, steady_ns());
+        let all = |s: &Situation| s.sources.len() == computer.sensor.sources.len();
+        if situation
+            .as_ref()
+            .is_some_and(|s| all(s) || look + 1 == MAX_LOOKS)
+        {
+            return Ok(situation);
+        }
+        pause(LOOK_PAUSE);
+    }
+    Err(CliError(
+        "the vessel's process does not report; its journal says why: journalctl -u alight-vessel".into(),
+    ))
 }
 
-fn title(status: &VesselStatus) -> String {
+fn title(status: &Situation) -> String {
     format!(
         "vessel {}, process {}, up {}, a step takes {} / {} (p50/p99)",
         status.vessel,
         status.process.pid,
         time((status.process.at_ns - status.process.began_ns) as f64 * 1e-9),
-        time(status.process.step_s[0]),
-        time(status.process.step_s[1]),
+        time(status.process.step_p50_s),
+        time(status.process.step_p99_s),
     )
 }
 
 /// What the status means at `now_ns` of the steady clock.
-pub fn judge(status: &VesselStatus, now_ns: i64) -> Vec<Finding> {
+pub fn judge(status: &Situation, now_ns: i64) -> Vec<Finding> {
     let mut all = vec![process(status, now_ns)];
     all.extend(status.edited.iter().map(|said| {
         Topic("configuration").warning(
@@ -115,22 +135,21 @@ pub fn judge(status: &VesselStatus, now_ns: i64) -> Vec<Finding> {
     }));
     all.extend(recorder(status));
     all.extend(late(status));
-    all.extend(strange_datagrams(status));
     for s in &status.sources {
         all.push(source(s));
-        all.extend(s.remarks.iter().map(|r| remark(&s.name, r)));
+        all.extend(s.report.remarks.iter().map(|r| remark(&s.name, r)));
     }
-    all.extend(estimator(&status.estimator, &status.sources));
+    all.extend(estimator(&status.status.estimator, &status.sources));
     all.push(certificate(&status.certificate));
     all.push(unauthorised_peers(status));
     all.extend(deck(status));
-    all.extend(course(&status.deck));
-    all.extend(status.estimator.heading.as_ref().map(quiet_heading));
+    all.extend(course(&status.status.deck));
+    all.extend(status.status.estimator.heading.as_ref().map(quiet_heading));
     all.extend(drones(status));
     all
 }
 
-fn process(status: &VesselStatus, now_ns: i64) -> Finding {
+fn process(status: &Situation, now_ns: i64) -> Finding {
     let age_s = (now_ns - status.process.at_ns) as f64 * 1e-9;
     if age_s > STALE_S {
         return Topic("process").broken(
@@ -141,14 +160,14 @@ fn process(status: &VesselStatus, now_ns: i64) -> Finding {
     Topic("process").fine(format!(
         "listens on {}, {:.1} MB sent, {} packets dropped",
         status.listen.join(", "),
-        status.process.sent_bytes as f64 * 1e-6,
-        status.process.dropped
+        status.process.count(MetricName::BytesSent) as f64 * 1e-6,
+        status.process.count(MetricName::PacketsDropped)
     ))
 }
 
 /// A recorder that the disk refused.
-fn recorder(status: &VesselStatus) -> Option<Finding> {
-    let steps = status.process.unrecorded;
+fn recorder(status: &Situation) -> Option<Finding> {
+    let steps = status.process.count(MetricName::StepsUnrecorded);
     (steps > 0).then(|| {
         Topic("recorder").warning(
             format!("{steps} steps not recorded"),
@@ -158,8 +177,8 @@ fn recorder(status: &VesselStatus) -> Option<Finding> {
 }
 
 /// A computer that does not keep up.
-fn late(status: &VesselStatus) -> Option<Finding> {
-    let found = status.process.late.clone()?;
+fn late(status: &Situation) -> Option<Finding> {
+    let found = lateness::finding(&status.process)?;
     Some(Topic("computer").warning(found, lateness::REMEDY))
 }
 
@@ -183,7 +202,7 @@ fn certificate(c: &CertificateStatus) -> Finding {
     }
 }
 
-fn unauthorised_peers(status: &VesselStatus) -> Finding {
+fn unauthorised_peers(status: &Situation) -> Finding {
     if status.rejected.is_empty() {
         return Topic("peers").fine(format!("none rejected; admitted: {}", status.peers.join(", ")));
     }
@@ -202,8 +221,9 @@ fn unauthorised_peers(status: &VesselStatus) -> Finding {
     )
 }
 
-fn deck(status: &VesselStatus) -> Vec<Finding> {
+fn deck(status: &Situation) -> Vec<Finding> {
     const TOPIC: Topic = Topic("deck");
+    let status = &status.status;
     let deck_owner = status
         .deck_owner
         .map_or_else(|| "free".to_owned(), |id| format!("reserved for drone {id}"));
@@ -277,7 +297,7 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
     all.extend(
         deck.input_errors
             .iter()
-            .map(|e| TOPIC.warning(e, deck_inputs::REMEDY)),
+            .map(|e| TOPIC.warning(e.as_str(), deck_inputs::REMEDY)),
     );
     all.extend(deck.file_error.iter().map(|e| {
         TOPIC.warning(
@@ -310,7 +330,7 @@ fn course(deck: &DeckStatus) -> Vec<Finding> {
     all.extend(
         deck.lamp_error
             .iter()
-            .map(|e| TOPIC.warning(e, helm_lamp::REMEDY)),
+            .map(|e| TOPIC.warning(e.as_str(), helm_lamp::REMEDY)),
     );
     all
 }
@@ -333,43 +353,41 @@ fn quiet_heading(h: &HeadingAdvice) -> Finding {
     })
 }
 
-fn drones(status: &VesselStatus) -> Vec<Finding> {
+fn drones(status: &Situation) -> Vec<Finding> {
     const TOPIC: Topic = Topic("drones");
-    if status.drones.is_empty() {
+    let drones = &status.status.drones;
+    if drones.is_empty() {
         return vec![TOPIC.warning(
             "none received",
             "is one switched on, in reach, and in radio.tls.peers?",
         )];
     }
-    status
-        .drones
+    drones
         .iter()
-        .map(|d| {
+        .map(|DroneContact { age_s, status: d }| {
+            let (age_s, mission_age_s) = (*age_s, f64::from(d.mission_age_s));
+            let (drone, state) = (d.header.drone, d.state.name());
             let found = format!(
-                "drone {}: {}: {}; {}, battery {}, {} ago",
-                d.drone,
-                d.state,
+                "drone {drone}: {state}: {}; {}, battery {}, {} ago",
                 d.entered,
                 if d.armed { "armed" } else { "disarmed" },
                 Charge(d.battery),
-                time(d.age_s)
+                time(age_s)
             );
             if let Some(for_s) = d.still_armed_s {
                 // Also of a drone that is silent since: whoever goes there has to know.
-                let found = format!("drone {}: {}", d.drone, still_armed(for_s));
+                let found = format!("drone {drone}: {}", still_armed(for_s));
                 TOPIC.broken(
                     found,
-                    format!("keep clear of its rotors; reported {} ago", time(d.age_s)),
+                    format!("keep clear of its rotors; reported {} ago", time(age_s)),
                 )
-            } else if d.age_s > LOST_CONTACT_S {
+            } else if age_s > LOST_CONTACT_S {
                 TOPIC.warning(found, "it is out of reach or switched off")
-            } else if d.mission_age_s > LOST_CONTACT_S {
+            } else if mission_age_s > LOST_CONTACT_S {
                 TOPIC.broken(
                     format!(
-                        "drone {}: its mission is silent for {}; before: {}",
-                        d.drone,
-                        time(d.mission_age_s),
-                        d.state
+                        "drone {drone}: its mission is silent for {}; before: {state}",
+                        time(mission_age_s)
                     ),
                     "its deck stays its own; abort is relayed: alight command abort --drone, or take it over",
                 )
@@ -383,17 +401,29 @@ fn drones(status: &VesselStatus) -> Vec<Finding> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_usv::deck::Starved;
-    use alight_usv::followed::FollowsAnother;
+    use alight_shared::msg::{
+        DroneStatus, EstimatorStatus, FollowsAnother, Header, Seq, SourceUse, Starved, State, VesselStatus,
+    };
+    use alight_shared::transport::metrics::Metric;
+    use alight_shared::transport::process::{ProcessKind, ProcessState};
 
-    use crate::vessel::status_file::{DroneContact, EstimatorStatus, ProcessStatus, SourceHealth};
+    use crate::vessel::status::SourceHealth;
 
-    fn status() -> VesselStatus {
-        VesselStatus {
+    fn status() -> Situation {
+        let drone = DroneStatus {
+            header: Header::new(1, 1, 7, 1, alight_shared::time::Time::EPOCH),
+            state: State::Descent,
+            mission_age_s: 0.02,
+            battery: Some(0.8),
+            armed: true,
+            ..DroneStatus::default()
+        };
+        Situation {
             vessel: 1,
-            process: ProcessStatus {
+            process: ProcessState {
+                kind: ProcessKind::Vessel,
                 at_ns: 100_000_000_000,
-                ..ProcessStatus::default()
+                ..ProcessState::default()
             },
             listen: vec!["tls/0.0.0.0:7447".into()],
             peers: vec!["drone-1".into()],
@@ -403,46 +433,41 @@ mod tests {
             },
             rejected: Vec::new(),
             rejected_last: None,
-            deck_owner: Some(1),
-            occupied: false,
-            deck: DeckStatus::default(),
             edited: None,
-            drones: vec![DroneContact {
-                drone: 1,
-                age_s: 0.3,
-                state: "Descent".into(),
-                entered: "the deck is calm".into(),
-                waiting: String::new(),
-                mission_age_s: 0.02,
-                battery: Some(0.8),
-                armed: true,
-                still_armed_s: None,
-            }],
-            estimator: EstimatorStatus {
-                sensor_age_s: [Some(0.01), Some(0.1), Some(0.1)],
-                estimate_age_s: Some(0.03),
-                sd: [0.5, 0.1, 0.005, 0.01],
-                motion: vec![[0.1, -0.05, 0.3]],
-                waves: Some([0.9, 1.0]),
-                heading: None,
-                gated: [0; 3],
-                restarts: 0,
-                rejected: 0,
-            },
             sensors_pid: Some(7),
             sources: vec![SourceHealth {
                 name: "receiver".into(),
                 age_s: Some(0.1),
-                good: 900,
-                used: 880,
+                uses: SourceUse {
+                    used: 880,
+                    ..SourceUse::default()
+                },
                 ..SourceHealth::default()
             }],
+            status: VesselStatus {
+                deck_owner: Some(1),
+                drones: Seq::filled([DroneContact {
+                    age_s: 0.3,
+                    status: drone,
+                }]),
+                estimator: EstimatorStatus {
+                    sensor_age_s: [Some(0.01), Some(0.1), Some(0.1)],
+                    estimate_age_s: Some(0.03),
+                    sd: [0.5, 0.1, 0.005, 0.01],
+                    waves: Some([0.9, 1.0]),
+                    ..EstimatorStatus::default()
+                },
+                ..VesselStatus::default()
+            },
         }
     }
+    fn measured(w: &mut Situation, metrics: &[Metric]) {
+        w.process.metrics = Seq::filled(metrics.iter().copied());
+    }
 
-    type Change<'a> = &'a dyn Fn(&mut VesselStatus);
+    type Change<'a> = &'a dyn Fn(&mut Situation);
 
-    fn worst(status: &VesselStatus, now_s: i64) -> (Level, Vec<&'static str>) {
+    fn worst(status: &Situation, now_s: i64) -> (Level, Vec<&'static str>) {
         let all = judge(status, now_s * 1_000_000_000);
         let worst = all.iter().map(|f| f.level).max().unwrap();
         let at = all.iter().filter(|f| f.level == worst).map(|f| f.topic);
@@ -463,26 +488,54 @@ mod tests {
             days_left,
         };
         let cases: [(Change<'_>, Level, &str); 26] = [
-            (&|w| w.deck.closed = Some(Closure::Crew), Level::Warning, "deck"),
-            (&|w| w.deck.closed = Some(Closure::Sensor), Level::Warning, "deck"),
             (
-                &|w| w.deck.input_errors = vec!["gone".into()],
+                &|w| w.status.deck.closed = Some(Closure::Crew),
                 Level::Warning,
                 "deck",
             ),
-            (&|w| w.deck.owner_age_s = Some(60.0), Level::Warning, "deck"),
-            (&|w| w.deck.doubles = vec![1], Level::Broken, "deck"),
-            (&|w| w.deck.aborts = vec![1], Level::Warning, "deck"),
             (
-                &|w| w.deck.follows_another = Some(FollowsAnother { drone: 1, boot: 7 }),
+                &|w| w.status.deck.closed = Some(Closure::Sensor),
+                Level::Warning,
+                "deck",
+            ),
+            (
+                &|w| w.status.deck.input_errors = Seq::filled(["gone".into()]),
+                Level::Warning,
+                "deck",
+            ),
+            (
+                &|w| w.status.deck.owner_age_s = Some(60.0),
+                Level::Warning,
+                "deck",
+            ),
+            (
+                &|w| w.status.deck.doubles = Seq::filled([1]),
                 Level::Broken,
                 "deck",
             ),
-            (&|w| w.drones[0].mission_age_s = 60.0, Level::Broken, "drones"),
-            (&|w| w.deck.unplaced = vec![2], Level::Warning, "deck"),
+            (
+                &|w| w.status.deck.aborts = Seq::filled([1]),
+                Level::Warning,
+                "deck",
+            ),
+            (
+                &|w| w.status.deck.follows_another = Some(FollowsAnother { drone: 1, boot: 7 }),
+                Level::Broken,
+                "deck",
+            ),
+            (
+                &|w| w.status.drones[0].status.mission_age_s = 60.0,
+                Level::Broken,
+                "drones",
+            ),
+            (
+                &|w| w.status.deck.unplaced = Seq::filled([2]),
+                Level::Warning,
+                "deck",
+            ),
             (
                 &|w| {
-                    w.deck.starved = Some(Starved {
+                    w.status.deck.starved = Some(Starved {
                         owner: 1,
                         silent_s: 75.0,
                         waiting: 2,
@@ -493,13 +546,25 @@ mod tests {
                 "deck",
             ),
             (
-                &|w| w.deck.file_error = Some("full".into()),
+                &|w| w.status.deck.file_error = Some("full".into()),
                 Level::Warning,
                 "deck",
             ),
-            (&|w| w.process.unrecorded = 9, Level::Warning, "recorder"),
             (
-                &|w| w.process.late = Some("late".into()),
+                &|w| measured(w, &[MetricName::StepsUnrecorded.count(9_u32)]),
+                Level::Warning,
+                "recorder",
+            ),
+            (
+                &|w| {
+                    measured(
+                        w,
+                        &[
+                            MetricName::LateSteps.count(1_u32),
+                            MetricName::LongestStep.seconds(2.0),
+                        ],
+                    )
+                },
                 Level::Warning,
                 "computer",
             ),
@@ -509,19 +574,27 @@ mod tests {
                 "configuration",
             ),
             (
-                &|w| w.estimator.sensor_age_s[1] = Some(9.0),
+                &|w| w.status.estimator.sensor_age_s[1] = Some(9.0),
                 Level::Broken,
                 "sensors",
             ),
             (&|w| w.sources[0].age_s = Some(4.0), Level::Warning, "source"),
             (
-                &|w| (w.sources[0].age_s, w.sources[0].why) = (None, Some("no such device".into())),
+                &|w| (w.sources[0].age_s, w.sources[0].report.why) = (None, Some("no such device".into())),
                 Level::Warning,
                 "source",
             ),
-            (&|w| w.sources[0].is_stuck = true, Level::Broken, "source"),
-            (&|w| w.sources[0].mismatched_pulses = 1, Level::Warning, "source"),
-            (&|w| w.estimator.estimate_age_s = None, Level::Broken, "estimator"),
+            (&|w| w.sources[0].uses.is_stuck = true, Level::Broken, "source"),
+            (
+                &|w| w.sources[0].report.status.decoded.mismatched_pulses = 1,
+                Level::Warning,
+                "source",
+            ),
+            (
+                &|w| w.status.estimator.estimate_age_s = None,
+                Level::Broken,
+                "estimator",
+            ),
             (&|w| w.certificate = held(-2), Level::Broken, "certificate"),
             (&|w| w.certificate = held(10), Level::Warning, "certificate"),
             (
@@ -529,10 +602,10 @@ mod tests {
                 Level::Warning,
                 "peers",
             ),
-            (&|w| w.drones.clear(), Level::Warning, "drones"),
-            (&|w| w.drones[0].age_s = 60.0, Level::Warning, "drones"),
+            (&|w| w.status.drones = Seq::new(), Level::Warning, "drones"),
+            (&|w| w.status.drones[0].age_s = 60.0, Level::Warning, "drones"),
             (
-                &|w| w.drones[0].still_armed_s = Some(14.0),
+                &|w| w.status.drones[0].status.still_armed_s = Some(14.0),
                 Level::Broken,
                 "drones",
             ),
@@ -544,7 +617,7 @@ mod tests {
 
     #[test]
     fn vessel_page_with_each_fault() {
-        let lines = |status: &VesselStatus| -> Vec<String> {
+        let lines = |status: &Situation| -> Vec<String> {
             let findings = judge(status, 100 * 1_000_000_000);
             page(status, &findings)
                 .text()
@@ -562,13 +635,13 @@ mod tests {
             assert!(fine.iter().any(|l| l.starts_with(part)), "{part}: {fine:?}");
         }
         let mut wrong = status();
-        wrong.drones[0].still_armed_s = Some(14.0);
-        wrong.deck.closed = Some(Closure::Crew);
-        wrong.estimator.estimate_age_s = None;
+        wrong.status.drones[0].status.still_armed_s = Some(14.0);
+        wrong.status.deck.closed = Some(Closure::Crew);
+        wrong.status.estimator.estimate_age_s = None;
         wrong.certificate = CertificateStatus::None;
         wrong.rejected = vec![("no TLS".into(), 3)];
-        wrong.sources[0].is_stuck = true;
-        wrong.deck.doubles = vec![1, 2, 3];
+        wrong.sources[0].uses.is_stuck = true;
+        wrong.status.deck.doubles = Seq::filled([1, 2, 3]);
         let lines = lines(&wrong);
         assert!(
             lines.len() <= 20 && lines.iter().all(|l| l.chars().count() <= 80),
@@ -576,11 +649,5 @@ mod tests {
         );
         assert!(lines[0].contains("BROKEN"), "{lines:?}");
         assert!(lines.iter().any(|l| l.contains("still ARMED")), "{lines:?}");
-    }
-
-    #[test]
-    fn vessel_status_file_round_trip() {
-        let text = serde_json::to_string(&status()).unwrap();
-        assert_eq!(serde_json::from_str::<VesselStatus>(&text).unwrap(), status());
     }
 }

@@ -141,12 +141,10 @@ fn vessel(computer: &VesselComputer, view: &ViewConfig, ends: &dyn Fn() -> bool)
     let served = served(view, "vessel")?;
     let server = crate::view::server::Server::start(served)?;
     server.lines().iter().for_each(terminal::line);
-    let mut look = view_vessel::Look::new(computer, view.abort);
+    let mut look = view_vessel::Look::new(computer, view.abort)?;
     while !ends() {
         server.show(look.picture(steady_ns()));
-        if let Some(order) = server.order() {
-            look.close_deck(order);
-        }
+        look.close_deck(server.order());
         pause(PAGE_PERIOD);
     }
     Ok(Exit::Success)

@@ -1,13 +1,11 @@
-//! File of the deck's checkpoint, and the crew's orders.
+//! File of the deck's checkpoint.
 //!
 //! It is written to the disk at each change, whole and under another name first, and carries version and checksum: the
 //! next start finds the old state or the new one. What is not known is closed until a person opens it: where the file
 //! is missing, cannot be read, or cannot be replaced at the start (it may be older than what happened since). One that
 //! cannot be replaced later is removed, so that no start finds it. Only on a disk that became read-only it stays, and
 //! a start after that disk became writable again would believe it. The first file is the installation's, or a
-//! launcher's.
-//!
-//! The crew's orders lie beside it, or where the disk takes none beside the process's status.
+//! launcher's: nothing stands on the deck yet.
 
 use std::fs::{self, File};
 use std::io::{ErrorKind, Read, Write};
@@ -17,20 +15,20 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use alight_shared::msg::Closure;
 use alight_shared::wire;
 use alight_usv::VesselCheckpoint;
-use alight_usv::deck::{Closure, DeckCheckpoint, DeckOrder};
+use alight_usv::deck::DeckCheckpoint;
 use serde::{Deserialize, Serialize};
 use tracing::{info, warn};
 
 use crate::config::VesselComputer;
 use crate::process::supervisor::STATE_VARIABLE;
-use crate::vessel::status_file::{self, file_name};
 
 /// Of this layout.
 const VERSION: u32 = 4;
-/// Directory of the installed service, which outlives the computer's restarts.
-const SERVICE_DIRECTORY: &str = "/var/lib/alight";
+/// The first file: an open deck on which nothing stands.
+const FIRST: &[u8] = b"\"open\"";
 /// Longest file, bytes.
 const MAX_BYTES: u64 = 1 << 16;
 /// States on their way to the disk.
@@ -66,6 +64,9 @@ fn load(path: &Path, vessel: u32) -> Result<Option<VesselCheckpoint>, String> {
     let Some(bytes) = read(path)? else {
         return Ok(None);
     };
+    if bytes == FIRST {
+        return Ok(Some(VesselCheckpoint::default()));
+    }
     let content: Content = serde_json::from_slice(&bytes).map_err(|e| e.to_string())?;
     if content.version != VERSION {
         return Err(format!("version {}, not {VERSION}", content.version));
@@ -98,7 +99,6 @@ fn read(path: &Path) -> Result<Option<Vec<u8>>, String> {
 /// Replaces a file by one that is on the disk.
 fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let directory = path.parent().unwrap_or(Path::new("."));
-    // A name of its own: state, order and status may lie side by side.
     let mut new = path.as_os_str().to_owned();
     new.push(".new");
     let mut file = File::create(&new)?;
@@ -116,57 +116,17 @@ fn own_path(computer: &VesselComputer) -> PathBuf {
         Some(first) if !first.is_empty() => first.into(),
         Some(_) | None => std::env::temp_dir(),
     };
-    directory.join(file_name(computer, "deck"))
+    directory.join(name(computer))
 }
 
-/// Where an order of the crew is looked for: beside the state, and beside the status for a disk that takes no order.
-fn order_paths(computer: &VesselComputer) -> [PathBuf; 2] {
-    [own_path(computer), status_file::own_path(computer)].map(|p| p.with_extension("order"))
+fn name(computer: &VesselComputer) -> String {
+    format!("alight-{}.deck", computer.instance)
 }
 
-/// Directories where the process that runs, ran or will run on this computer looks for an order, the best first.
-fn order_directories(computer: &VesselComputer) -> Vec<PathBuf> {
-    let (service, by_hand) = (PathBuf::from(SERVICE_DIRECTORY), std::env::temp_dir());
-    let mut all = Vec::new();
-    if std::env::var_os(STATE_VARIABLE).is_some() {
-        all.extend(own_path(computer).parent().map(Path::to_owned));
-    }
-    // One that runs before files that another has left.
-    if let Some((status, is_service)) = status_file::existing(computer) {
-        all.extend(is_service.then(|| service.clone()));
-        all.extend(status.parent().map(Path::to_owned));
-    }
-    let ran_in = |d: &&PathBuf| d.join(file_name(computer, "deck")).exists();
-    all.extend([&service, &by_hand].into_iter().filter(ran_in).cloned());
-    all.extend(service.is_dir().then_some(service));
-    all
-}
-
-/// Leaves an order of the crew for the process, which takes it within a second, or at its next start.
-pub fn leave(computer: &VesselComputer, order: DeckOrder) -> Result<PathBuf, String> {
-    leave_in(&order_directories(computer), &file_name(computer, "order"), order)
-}
-fn leave_in(directories: &[PathBuf], name: &str, order: DeckOrder) -> Result<PathBuf, String> {
-    let bytes = serde_json::to_vec(&order).map_err(|e| e.to_string())?;
-    let mut why = Vec::new();
-    for directory in directories {
-        let path = directory.join(name);
-        match replace(&path, &bytes) {
-            Ok(()) => return Ok(path),
-            Err(e) => why.push(format!("writing {}: {e}", path.display())),
-        }
-    }
-    if why.is_empty() {
-        why.push("no vessel's process has run on this computer, or this user may not see it".into());
-    }
-    Err(why.join("; "))
-}
-
-/// The first file, of an open and empty deck, in the directory of a simulated run.
+/// The first file, in the directory of a simulated run.
 pub fn write_first(directory: &Path, computer: &VesselComputer) -> Result<(), String> {
-    let path = directory.join(file_name(computer, "deck"));
-    let bytes = encode(computer.vessel_id, &VesselCheckpoint::default())?;
-    replace(&path, &bytes).map_err(|e| format!("writing {}: {e}", path.display()))
+    let path = directory.join(name(computer));
+    replace(&path, FIRST).map_err(|e| format!("writing {}: {e}", path.display()))
 }
 
 /// What the process begins with: what it found, once the disk has taken it anew. An error says why it has not.
@@ -201,7 +161,6 @@ fn discard(path: &Path) {
 /// Keeps the state on the disk.
 pub struct DeckFile {
     vessel: u32,
-    orders: [PathBuf; 2],
     newest: Option<VesselCheckpoint>,
     states: Option<SyncSender<Vec<u8>>>,
     writer: Option<JoinHandle<()>>,
@@ -211,9 +170,9 @@ pub struct DeckFile {
 impl DeckFile {
     /// Opens the computer's file; with what the former start left.
     pub fn open(computer: &VesselComputer) -> (DeckFile, VesselCheckpoint) {
-        DeckFile::at(own_path(computer), order_paths(computer), computer.vessel_id)
+        DeckFile::at(own_path(computer), computer.vessel_id)
     }
-    fn at(path: PathBuf, orders: [PathBuf; 2], vessel: u32) -> (DeckFile, VesselCheckpoint) {
+    fn at(path: PathBuf, vessel: u32) -> (DeckFile, VesselCheckpoint) {
         let unknown = |closure| VesselCheckpoint {
             deck: DeckCheckpoint::unknown(closure),
             ..VesselCheckpoint::default()
@@ -251,7 +210,6 @@ impl DeckFile {
         };
         let file = DeckFile {
             vessel,
-            orders,
             newest: None,
             states: Some(sender),
             writer: Some(writer),
@@ -275,32 +233,6 @@ impl DeckFile {
     /// Why the newest state is not on the disk, if it is not.
     pub fn error(&self) -> Option<String> {
         self.error.lock().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-    /// The crew's order, if one was left.
-    pub fn order(&self) -> Option<DeckOrder> {
-        self.orders.iter().find_map(|path| take_order(path))
-    }
-}
-
-/// A promise of a steady course that lay there for longer is none.
-const MAX_PROMISE_AGE: Duration = Duration::from_secs(10);
-
-fn take_order(path: &Path) -> Option<DeckOrder> {
-    let order = read(path).transpose()?;
-    let left_at = fs::metadata(path).and_then(|file| file.modified());
-    let is_old = left_at.is_ok_and(|at| at.elapsed().is_ok_and(|age| age > MAX_PROMISE_AGE));
-    // One that stays would be applied again and again, and free the deck of whoever lands later.
-    fs::remove_file(path).ok()?;
-    match order.and_then(|bytes| serde_json::from_slice(&bytes).map_err(|e| e.to_string())) {
-        Ok(DeckOrder::Steady(for_s)) if is_old => {
-            warn!("a promise of {for_s} s of steady course was left too long ago, and does not count");
-            None
-        }
-        Ok(order) => Some(order),
-        Err(e) => {
-            warn!("{}: {e}: no order to the deck", path.display());
-            None
-        }
     }
 }
 
@@ -381,9 +313,7 @@ mod tests {
     }
 
     fn open(path: &Path) -> (DeckFile, VesselCheckpoint) {
-        let beside = path.with_extension("order");
-        let status = path.with_extension("status.order");
-        DeckFile::at(path.to_owned(), [beside, status], 1)
+        DeckFile::at(path.to_owned(), 1)
     }
     fn closed(path: &Path) -> Option<Closure> {
         open(path).1.deck.closed
@@ -396,7 +326,7 @@ mod tests {
         // That is written at once: the next start knows no more.
         assert_eq!(closed(&path), Some(Closure::CheckpointMissing));
         // The first file of an installation or a simulated run.
-        replace(&path, &encode(1, &VesselCheckpoint::default()).unwrap()).unwrap();
+        replace(&path, FIRST).unwrap();
         assert_eq!(closed(&path), None);
         remove(&path);
     }
@@ -441,22 +371,6 @@ mod tests {
         assert!(!path.exists(), "the empty deck that it held is not true any more");
         fs::remove_dir(blocked).unwrap();
         assert_eq!(closed(&path), Some(Closure::CheckpointMissing));
-        remove(&path);
-    }
-
-    #[test]
-    fn deck_order_with_a_full_disk() {
-        let path = scratch("elsewhere");
-        let (file, _) = open(&path);
-        let directory = path.parent().unwrap();
-        let status = directory.join("run");
-        fs::create_dir(&status).unwrap();
-        let directories = [directory.join("full"), status.clone()];
-        let left = leave_in(&directories, "vessel.order", DeckOrder::Open).unwrap();
-        assert_eq!(left, status.join("vessel.order"));
-        fs::rename(left, path.with_extension("status.order")).unwrap();
-        assert_eq!((file.order(), file.order()), (Some(DeckOrder::Open), None));
-        assert!(leave_in(&[], "vessel.order", DeckOrder::Open).is_err());
         remove(&path);
     }
 
@@ -517,20 +431,6 @@ mod tests {
             file.error()
         );
         drop(file);
-        remove(&path);
-    }
-
-    #[test]
-    fn deck_order_of_the_crew_once() {
-        let path = scratch("order");
-        let (file, _) = open(&path);
-        let order = path.with_extension("order");
-        replace(&order, &serde_json::to_vec(&DeckOrder::Closed).unwrap()).unwrap();
-        assert_eq!(file.order(), Some(DeckOrder::Closed));
-        assert_eq!(file.order(), None);
-        fs::write(&order, "shut").unwrap();
-        assert_eq!(file.order(), None);
-        assert!(!order.exists());
         remove(&path);
     }
 }

@@ -1,43 +1,63 @@
 //! The vessel's real sensors as a process: bytes of serial ports, UDP and TCP in, dated measurements to
-//! the vessel's process out, and every ten seconds a report about each source.
+//! the vessel's process out, and twice a second a report about each source.
 
+use std::net::SocketAddr;
+use std::sync::Arc;
 use std::time::Duration;
 
 use alight_shared::config;
+use alight_shared::msg::{Header, Line, SensorReadings, Seq, SourceRemark, SourceReport};
 use alight_shared::node::Node;
 use alight_shared::time::{Time, VesselClock};
+use alight_shared::transport::TransportError;
 use alight_shared::transport::clock::steady_ns;
-use alight_usv::KINDS;
-use alight_usv::sensors::{MAX_STEP_BYTES, Remark, SensorNode, SensorsIn, SourceConfig};
-use serde_json::json;
+use alight_shared::transport::memory::{Instance, Memory, Publisher};
+use alight_shared::transport::process::{ProcessKind, ProcessState};
+use alight_usv::sensors::{MAX_STEP_BYTES, Readings, Remark, SensorNode, SensorsIn, SourceConfig};
 use tokio::time::{MissedTickBehavior, interval};
 use tracing::{info, warn};
 
 use crate::config::VesselComputer;
 use crate::config::link_url::LinkUrl;
-use crate::exit::{CliError, Doing, Exit};
+use crate::exit::{CliError, Exit};
 use crate::io::byte_link::ByteLink;
 use crate::io::byte_links::{Arrival, ByteLinks};
 use crate::io::mavlink_key;
 use crate::io::peer::Speaks;
 use crate::io::runtime;
-use crate::io::sensor_socket::SensorSender;
-use crate::process::args::SensorsArgs;
-use crate::process::life::{draw_boot, end_with_supervisor};
-use crate::terminal;
-use crate::vessel::sensor_supervisor::{self, SourceReport};
-use alight_shared::transport::wake::end_requested;
-use std::net::SocketAddr;
-use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use crate::process::args::ProcessArgs;
+use crate::process::life::{Life, draw_boot};
 
 /// The node is stepped at least this often.
 const MAX_STEP_PERIOD: Duration = Duration::from_millis(20);
-/// Time between two reports about the sources to a person, ns.
-const SUMMARY_PERIOD_NS: i64 = 10_000_000_000;
+
+/// The vessel's sensors, real or simulated, towards its process.
+pub struct SensorPublisher {
+    readings: Publisher<SensorReadings>,
+    header: Header<VesselClock>,
+}
+
+impl SensorPublisher {
+    /// Nothing published yet.
+    pub fn join(memory: &Memory) -> Result<SensorPublisher, TransportError> {
+        Ok(SensorPublisher {
+            readings: memory.publisher()?,
+            header: Header::new(0, 0, draw_boot(), 0, Time::EPOCH),
+        })
+    }
+    /// Publishes what there is. A vessel's process that is not there misses it, as it would at sea.
+    pub fn send(&mut self, now: Time<VesselClock>, readings: &Readings) {
+        self.header.at = now;
+        for message in readings.messages(self.header) {
+            self.header.sequence = self.header.sequence.wrapping_add(1);
+            let header = self.header;
+            self.readings.send(&SensorReadings { header, ..message });
+        }
+    }
+}
 
 /// Runs until it is asked to end.
-pub fn run(args: &SensorsArgs) -> Result<Exit, CliError> {
+pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     runtime::block_on(read(args))
 }
 
@@ -53,7 +73,7 @@ pub fn node(computer: &VesselComputer, boot: u32) -> Result<SensorNode, CliError
     Ok(node)
 }
 
-async fn read(args: &SensorsArgs) -> Result<Exit, CliError> {
+async fn read(args: &ProcessArgs) -> Result<Exit, CliError> {
     let computer: VesselComputer = config::load(&args.config)?;
     let sources = &computer.sensor.sources;
     if sources.is_empty() {
@@ -70,21 +90,19 @@ async fn read(args: &SensorsArgs) -> Result<Exit, CliError> {
         let speaks: Speaks = Arc::new(source.format.speaks());
         links.push((number, ByteLink::with_peer(url, Some(speaks)).await?));
     }
+    let memory = Memory::join(&Instance::new(&computer.instance)?, ProcessKind::Sensors.name())?;
+    let mut publisher = SensorPublisher::join(&memory)?;
+    let mut reports: Publisher<SourceReport> = memory.publisher()?;
+    let mut states: Publisher<ProcessState> = memory.publisher()?;
+    let mut life = Life::begin(ProcessKind::Sensors, draw_boot(), args.supervised);
     let mut links = ByteLinks::start(links);
-    let to = SensorSender::to(&computer.sensors).doing(format_args!("sending to {}", computer.sensors))?;
-    let mut node = node(&computer, draw_boot())?;
-    let end = end_with_supervisor(args.supervised);
-    let report_period_ns = if args.supervised {
-        sensor_supervisor::REPORT_PERIOD_NS
-    } else {
-        SUMMARY_PERIOD_NS
-    };
-    let mut next_report_ns = steady_ns() + report_period_ns;
+    let mut node = node(&computer, life.boot())?;
     let mut faults: Vec<Option<String>> = vec![None; sources.len()];
     let mut strangers: Vec<Strangers> = vec![None; sources.len()];
+    let mut header = Header::new(computer.vessel_id, 0, life.boot(), 0, Time::EPOCH);
     let mut steps = interval(MAX_STEP_PERIOD);
     steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    while !(end.load(Ordering::Relaxed) || end_requested()) {
+    while !life.ended() {
         let mut input = SensorsIn {
             bytes: vec![Vec::new(); sources.len()],
         };
@@ -103,18 +121,22 @@ async fn read(args: &SensorsArgs) -> Result<Exit, CliError> {
         }
         // Read after the bytes: no byte is from the future.
         let now = computer.clock.read(steady_ns());
+        let before = steady_ns();
         let out = node.step(now, &input);
-        to.send(&out.readings);
+        life.stepped(Some((steady_ns() - before) as f64 * 1e-9));
+        publisher.send(now, &out.readings);
         for (k, bytes) in &out.requests {
             links.write(*k, bytes);
         }
-        if steady_ns() >= next_report_ns {
-            next_report_ns = steady_ns() + report_period_ns;
-            print_reports(args, &reports(sources, &node, now, &faults, &strangers));
+        let unsent = publisher.readings.unsent() + reports.unsent() + states.unsent();
+        if let Some(state) = life.state(Vec::new, unsent) {
+            (header.at, header.sequence) = (now, header.sequence.wrapping_add(1));
+            for report in source_reports(header, &node, &faults, &strangers) {
+                reports.send(&report);
+            }
+            states.send(&state);
         }
     }
-    let now = computer.clock.read(steady_ns());
-    print_reports(args, &reports(sources, &node, now, &faults, &strangers));
     Ok(Exit::Success)
 }
 
@@ -151,73 +173,30 @@ pub fn strangers_remark(strangers: Strangers) -> Option<Remark> {
 }
 
 /// The report about each source.
-fn reports(
-    sources: &[SourceConfig],
+fn source_reports(
+    header: Header<VesselClock>,
     node: &SensorNode,
-    now: Time<VesselClock>,
     faults: &[Option<String>],
     strangers: &[Strangers],
 ) -> Vec<SourceReport> {
-    let each = sources.iter().zip(node.status()).zip(faults).enumerate();
-    let said = node.remarks().into_iter().zip(strangers);
-    each.zip(said)
-        .map(
-            |((number, ((source, status), fault)), (remarks, strangers))| SourceReport {
-                remarks: strangers_remark(*strangers).into_iter().chain(remarks).collect(),
-                number,
-                source: source.name.clone(),
-                status,
-                age_s: status.newest_s.map(|s| now.secs() - s),
-                why: fault.clone(),
-            },
-        )
+    let remark = |r: Remark| SourceRemark {
+        text: r.text.as_str().into(),
+        remedy: r.remedy.as_deref().map(Line::from),
+    };
+    let each = node.status().into_iter().zip(node.remarks());
+    each.zip(faults.iter().zip(strangers))
+        .zip(0..)
+        .map(|(((status, remarks), (fault, strangers)), number)| SourceReport {
+            header,
+            number,
+            status,
+            why: fault.as_deref().map(Line::from),
+            remarks: Seq::filled(
+                strangers_remark(*strangers)
+                    .into_iter()
+                    .chain(remarks)
+                    .map(remark),
+            ),
+        })
         .collect()
-}
-
-/// A line for each source: for a person, or as JSON, which the vessel's process reads too.
-fn print_reports(args: &SensorsArgs, all: &[SourceReport]) {
-    for report in all {
-        if args.json || args.supervised {
-            terminal::line(json!(report));
-            continue;
-        }
-        let (name, s) = (&report.source, &report.status);
-        let given: Vec<String> = KINDS
-            .iter()
-            .zip(s.given)
-            .filter(|(_, n)| *n > 0)
-            .map(|(kind, n)| format!("{n} {kind}"))
-            .collect();
-        let given = if given.is_empty() {
-            "nothing".into()
-        } else {
-            given.join(", ")
-        };
-        let d = &s.decoded;
-        let pulses = match (d.pulses, d.mismatched_pulses) {
-            (0, _) => String::new(),
-            (n, 0) => format!("; {n} time pulses announced"),
-            (n, apart) => format!("; {n} time pulses announced, {apart} of another time base than the fixes"),
-        };
-        terminal::line(format_args!(
-            "{name}: {given}; messages {} good, {} corrupted, {} of other kinds; {} without a time, {} \
-             of an implausible time, {} out of order, {} repeated, {} bytes lost{pulses}",
-            d.good,
-            d.corrupted,
-            d.ignored,
-            d.undated,
-            s.implausible_time,
-            s.out_of_order,
-            s.duplicated,
-            s.lost_bytes
-        ));
-        for remark in &report.remarks {
-            let remedy = remark
-                .remedy
-                .as_ref()
-                .map(|r| format!(": {r}"))
-                .unwrap_or_default();
-            terminal::line(format_args!("  {}{remedy}", remark.text));
-        }
-    }
 }

@@ -68,7 +68,7 @@ impl Installed {
                 .expect("TOML")
         };
         let epoch_ns = steady_ns() + RUN_UP_NS;
-        let sensors = format!("127.0.0.1:{}", free_port());
+        let vessel_instance = format!("v{instance}");
         let host = std::env::var("ALIGHT_VESSEL_HOST").unwrap_or_else(|_| "127.0.0.1".into());
         if host != "127.0.0.1" {
             let again = directory.join("vessel-1");
@@ -99,7 +99,7 @@ impl Installed {
         let (mut vessel, mut drone) = (shipped("vessel"), shipped("drone"));
         radio(&mut vessel, "vessel-1", &["drone-1", "operator-1"], "listen");
         radio(&mut drone, "drone-1", &["vessel-1"], "connect");
-        vessel.insert("sensors".into(), sensors.clone().into());
+        vessel.insert("instance".into(), vessel_instance.clone().into());
         drone.insert("instance".into(), instance.clone().into());
         // The simulated autopilot sends its MAVLink there.
         let host = std::env::var("ALIGHT_DRONE_HOST").unwrap_or_else(|_| "127.0.0.1".into());
@@ -115,7 +115,7 @@ impl Installed {
 
         let mut world = Table::new();
         world.insert("instance".into(), instance.clone().into());
-        world.insert("sensors".into(), sensors.into());
+        world.insert("vessel_instance".into(), vessel_instance.into());
         world.insert("mavlink".into(), mavlink.into());
         world.insert("epoch_ns".into(), epoch_ns.into());
         world.insert("seed".into(), i64::try_from(seed).expect("small").into());
@@ -129,8 +129,8 @@ impl Installed {
         for key in ["epoch_s", "offset_s", "drift_ppm"] {
             clocks.insert(key.into(), 0.0.into());
         }
-        let at = vessel.get("sensors").and_then(toml::Value::as_str);
-        common::open_deck(&directory, at.expect("an address"));
+        let name = vessel.get("instance").and_then(toml::Value::as_str);
+        common::open_deck(&directory, name.expect("a name"));
         for (name, computer) in [("vessel", &vessel), ("drone", &drone), ("world", &world)] {
             let text = toml::to_string(computer).expect("TOML");
             std::fs::write(directory.join(format!("{name}.toml")), text).expect("written");
@@ -376,7 +376,7 @@ fn landing_of_the_shipped_configurations() {
     all.status_when("lands", |s| s["mission"]["state"] == "Descent");
     let vessel = all.vessel_status();
     let status = &vessel["status"];
-    assert_eq!(status["drones"][0]["drone"], 1, "{vessel}");
+    assert_eq!(status["drones"][0]["status"]["header"]["drone"], 1, "{vessel}");
     assert_eq!(status["certificate"]["Held"]["name"], "vessel-1", "{vessel}");
     assert!(
         status["estimator"]["estimate_age_s"].as_f64() < Some(2.0),

@@ -1,17 +1,20 @@
 //! The flight recorder of a real process, which is killed. Nothing here asserts a time but the rounds that are run by
 //! hand: `cargo test --release --workspace --test live -- --ignored --nocapture hundred_kills`.
 
-use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use alight_shared::msg::{Header, SensorReadings};
+use alight_shared::transport::memory::{Instance, Memory};
 use alight_shared::wire;
 use alight_usv::ComputerIn;
 use alight_usv::sensors::Readings;
 use serde_json::Value;
 
-use crate::common::{Running, alight, errors, free_port, free_udp, open_deck, printed, run, scratch};
+use crate::common::{
+    Running, alight, errors, free_udp, instance, kill_service, open_deck, printed, run, scratch,
+};
 
 /// A step of the vessel as it is recorded: time, input, what is left out of it, hash of the output.
 type Step = (i64, ComputerIn, [u8; 3], u64);
@@ -19,7 +22,7 @@ type Step = (i64, ComputerIn, [u8; 3], u64);
 /// A vessel's computer that records, and what its sensors measured in a simulated flight.
 struct Vessel {
     directory: PathBuf,
-    sensors: String,
+    instance: String,
     config: PathBuf,
     readings: Vec<Readings>,
 }
@@ -28,6 +31,10 @@ impl Drop for Vessel {
     fn drop(&mut self) {
         if !std::thread::panicking() {
             let _left = std::fs::remove_dir_all(&self.directory);
+            // One that was killed leaves its memory.
+            let instance = Instance::new(&self.instance).expect("a name");
+            let _left = instance.wipe();
+            let _left = std::fs::remove_dir_all(instance.directory());
         }
     }
 }
@@ -37,20 +44,21 @@ impl Vessel {
         let directory = scratch(name);
         let _none = std::fs::remove_dir_all(&directory);
         std::fs::create_dir_all(&directory).expect("made");
-        let sensors = format!("127.0.0.1:{}", free_port());
+        // Its memory has a directory of its own.
+        let instance = instance(&format!("v-{name}"));
         let config = directory.join("vessel.toml");
         let flights = directory.join("flights");
         let text = format!(
-            "sensors = \"{sensors}\"\n[radio]\nlisten = [\"udp/{}\"]\n[recorder]\ndirectory = \"{}\"\n",
+            "instance = \"{instance}\"\n[radio]\nlisten = [\"udp/{}\"]\n[recorder]\ndirectory = \"{}\"\n",
             free_udp(),
             flights.display()
         );
         std::fs::write(&config, text).expect("written");
-        open_deck(&directory, &sensors);
+        open_deck(&directory, &instance);
         let readings = readings(&directory);
         Vessel {
             directory,
-            sensors,
+            instance,
             config,
             readings,
         }
@@ -65,13 +73,24 @@ impl Vessel {
             .spawn()
             .expect("starts")
     }
+    /// Its memory, once the process that made it has all services in it.
+    fn memory(&self) -> Option<Memory> {
+        let instance = Instance::new(&self.instance).expect("a name");
+        let owner = std::fs::read_to_string(instance.directory().join("ready")).ok()?;
+        let lives = Path::new("/proc").join(owner).exists();
+        lives.then(|| Memory::join(&instance, "test").expect("joined"))
+    }
     /// Sends the recorded readings at their own pace, for so long.
     fn feed(&self, ms: u64) {
-        let socket = UdpSocket::bind("127.0.0.1:0").expect("a socket");
+        // Nobody listens before the service has begun.
+        let memory = self.memory();
+        let mut sensors = memory
+            .as_ref()
+            .map(|m| m.publisher::<SensorReadings>().expect("opened"));
         for readings in self.readings.iter().cycle().take((ms / 10) as usize) {
-            let bytes = wire::encode(readings).expect("small");
-            // Nobody listens before the process has begun.
-            let _unheard = socket.send_to(&bytes, &self.sensors);
+            for message in readings.messages(Header::default()) {
+                sensors.iter_mut().for_each(|s| s.send(&message));
+            }
             std::thread::sleep(Duration::from_millis(10));
         }
     }
@@ -82,7 +101,7 @@ impl Vessel {
             self.feed(50);
             let found = below(&self.directory.join("flights"));
             let parts = found.iter().max().map_or_else(Vec::new, |flight| below(flight));
-            let part = parts.iter().find(|p| p.extension().is_some_and(|e| e == "mcap"));
+            let part = parts.iter().find(|p| is_of_the_estimator(p));
             let Some(part) = part.filter(|_| found.len() == flights) else {
                 continue;
             };
@@ -102,6 +121,12 @@ impl Vessel {
         let object: Value = serde_json::from_str(text.lines().last().expect("a line")).expect("JSON");
         object["flights"].as_array().expect("a list").clone()
     }
+}
+
+/// Whether this is a file that the vessel's process records; its supervisor has files of its own.
+fn is_of_the_estimator(file: &Path) -> bool {
+    let name = file.file_name().and_then(|n| n.to_str()).unwrap_or_default();
+    name.starts_with("vessel-") && name.ends_with(".mcap")
 }
 
 /// The files in a directory.
@@ -150,7 +175,7 @@ fn newest_ns(flight: &Path) -> u64 {
         .expect("read")
         .flatten()
         .map(|f| f.path());
-    let parts = files.filter(|f| f.extension().is_some_and(|e| e == "mcap"));
+    let parts = files.filter(|f| is_of_the_estimator(f));
     let newest = |path: PathBuf| {
         let file = std::fs::read(path).expect("read");
         // Mended: with an end.
@@ -169,8 +194,7 @@ fn kill(rounds: u64) -> Vec<f64> {
         vessel.feed_until_synchronised(round as usize + 1);
         vessel.feed(137 * round % 1_900);
         let killed_ns = utc_ns();
-        process.kill().expect("killed");
-        process.wait().expect("waited for");
+        kill_service(&mut process);
         let listed = vessel.flights("");
         let flight = listed.last().expect("a flight");
         assert_eq!(

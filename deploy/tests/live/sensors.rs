@@ -2,47 +2,79 @@
 //! other. Nothing here asserts a time: bounds on waiting are only against tests that never end.
 use std::io::{Read, Write};
 use std::net::{TcpListener, UdpSocket};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
-use alight_shared::wire;
+use alight_shared::msg::{SensorReadings, SourceReport, SourceStatus};
+use alight_shared::transport::memory::{Instance, Memory, Services};
 use alight_usv::sensors::Readings;
 use serde_json::Value;
 
-use crate::common::{Running, alight, errors, free_udp, run, scratch, signal};
+use crate::common::{Running, alight, errors, free_udp, instance, run, scratch, signal};
 
 fn sentence(body: &str) -> String {
     let sum = body.bytes().fold(0_u8, |a, b| a ^ b);
     format!("${body}*{sum:02X}\r\n")
 }
+/// A vessel's memory without its other processes, and `alight sensors` with these sources in it.
+struct Sensors {
+    program: Running,
+    memory: Memory,
+    _services: Services,
+    instance: Instance,
+    config: PathBuf,
+}
+
+impl Sensors {
+    fn start(name: &str, sources: &str) -> Sensors {
+        let name = instance(name);
+        let instance = Instance::new(&name).unwrap();
+        instance.wipe().unwrap();
+        let memory = Memory::join(&instance, "test").unwrap();
+        let services = Services::create(&memory).unwrap();
+        let config = scratch(&format!("{name}.toml"));
+        std::fs::write(&config, format!("instance = \"{name}\"\n{sources}")).unwrap();
+        let child = alight(format!("sensors --supervised --config {}", config.display()))
+            .stdin(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the program runs");
+        Sensors {
+            program: Running(child),
+            memory,
+            _services: services,
+            instance,
+            config,
+        }
+    }
+}
+
+impl Drop for Sensors {
+    fn drop(&mut self) {
+        drop(self.program.0.stdin.take());
+        let _ended = self.program.0.wait();
+        let _left = self.instance.wipe();
+        let _left = std::fs::remove_dir_all(self.instance.directory());
+        let _left = std::fs::remove_file(&self.config);
+    }
+}
+
 #[test]
 fn sensor_process_nmea_over_udp_and_tcp() {
-    let vessel = UdpSocket::bind("127.0.0.1:0").unwrap();
-    vessel.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
     let (udp, tcp) = (free_udp(), TcpListener::bind("127.0.0.1:0").unwrap());
-    let config = scratch("sensors.toml");
-    let text = format!(
-        "sensors = \"{}\"\n[[sensor.sources]]\nname = \"receiver\"\nconnect = \"udpin://{udp}\"\n\
+    let sources = format!(
+        "[[sensor.sources]]\nname = \"receiver\"\nconnect = \"udpin://{udp}\"\n\
          [[sensor.sources]]\nname = \"motion\"\nconnect = \"tcpout://{}\"\n",
-        vessel.local_addr().unwrap(),
         tcp.local_addr().unwrap()
     );
-    std::fs::write(&config, text).unwrap();
-    let child = alight(format!(
-        "sensors --supervised --json --config {}",
-        config.display()
-    ))
-    .stdin(Stdio::piped())
-    .stdout(Stdio::piped())
-    .spawn()
-    .expect("the program runs");
-    let mut program = Running(child);
+    let sensors = Sensors::start("nmea", &sources);
+    let mut readings = sensors.memory.subscriber::<SensorReadings>().unwrap();
+    let mut reports = sensors.memory.subscriber::<SourceReport>().unwrap();
     let (mut motion, _) = tcp.accept().unwrap();
     let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
     let mut all = Readings::default();
-    let mut buffer = [0; 4096];
     for k in 0..2000 {
         let time = format!("12{:02}{:02}.{:02}", k / 6000, (k / 100) % 60, k % 100);
         let gga = sentence(&format!(
@@ -54,9 +86,8 @@ fn sensor_process_nmea_over_udp_and_tcp() {
         if k % 10 == 0 {
             motion.write_all(b"$PASHR,damaged*00\r\n").unwrap();
         }
-        if let Ok(n) = vessel.recv(&mut buffer) {
-            all.append(wire::decode(&buffer[..n]).unwrap());
-        }
+        std::thread::sleep(Duration::from_millis(5));
+        readings.all(0).iter().for_each(|m| all.append(m));
         if all.gnss.len() >= 20 && all.attitude.len() >= 20 && all.heading.len() >= 20 {
             break;
         }
@@ -70,46 +101,29 @@ fn sensor_process_nmea_over_udp_and_tcp() {
     for w in all.attitude.windows(2) {
         assert!(w[1].header.at >= w[0].header.at, "{w:?}");
     }
-    drop(program.0.stdin.take());
-    let mut output = String::new();
-    program
-        .0
-        .stdout
-        .take()
-        .unwrap()
-        .read_to_string(&mut output)
-        .unwrap();
-    let status = |name: &str| -> serde_json::Value {
-        let line = output
-            .lines()
-            .rfind(|l| l.contains(&format!("\"source\":\"{name}\"")));
-        serde_json::from_str(line.unwrap_or_else(|| panic!("{name} in {output}"))).unwrap()
-    };
-    assert!(
-        status("motion")["status"]["decoded"]["corrupted"]
-            .as_u64()
-            .unwrap()
-            >= 2
-    );
-    assert!(status("receiver")["status"]["given"][1].as_u64().unwrap() >= 20);
-    std::fs::remove_file(config).unwrap();
+    let mut newest = [None, None];
+    for _ in 0..200 {
+        for report in reports.all(0) {
+            newest[report.number as usize] = Some(report.status);
+        }
+        let given = |s: SourceStatus| s.given[1] >= 20;
+        let corrupted = |s: SourceStatus| s.decoded.corrupted >= 2;
+        if newest[0].is_some_and(given) && newest[1].is_some_and(corrupted) {
+            return;
+        }
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    panic!("{newest:?}");
 }
 
 #[test]
 fn sensor_process_stopped_as_by_systemd() {
-    let vessel = UdpSocket::bind("127.0.0.1:0").unwrap();
-    let config = scratch("stopped-sensors.toml");
-    let text = format!(
-        "sensors = \"{}\"\n[[sensor.sources]]\nname = \"receiver\"\nconnect = \"udpin://{}\"\n",
-        vessel.local_addr().unwrap(),
+    let source = format!(
+        "[[sensor.sources]]\nname = \"receiver\"\nconnect = \"udpin://{}\"\n",
         free_udp()
     );
-    std::fs::write(&config, text).unwrap();
-    let child = alight(format!("sensors --config {}", config.display()))
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("the program runs");
-    let mut program = Running(child);
+    let mut sensors = Sensors::start("stopped", &source);
+    let program = &mut sensors.program;
     // Its first line comes before it waits.
     let mut first = [0];
     program.0.stderr.as_mut().unwrap().read_exact(&mut first).unwrap();
@@ -128,7 +142,6 @@ fn sensor_process_stopped_as_by_systemd() {
         std::thread::sleep(Duration::from_millis(50));
     }
     assert_eq!(ended.and_then(|e| e.code()), Some(0));
-    std::fs::remove_file(config).unwrap();
 }
 
 /// What `alight status` says on the vessel once it says what `wanted` waits for.
@@ -147,11 +160,12 @@ fn status_when(config: &Path, what: &str, wanted: impl Fn(&Value) -> bool) -> Va
 
 #[test]
 fn vessel_process_with_its_sensors() {
-    let (udp, vessel, radio) = (free_udp(), free_udp(), free_udp());
+    let (udp, radio) = (free_udp(), free_udp());
     let config = scratch("sensors-vessel.toml");
     let text = format!(
-        "sensors = \"{vessel}\"\n[radio]\nlisten = [\"udp/{radio}\"]\n[[sensor.sources]]\nname = \"mast\"\n\
-         connect = \"udpin://{udp}\"\n[[sensor.sources]]\nname = \"spare\"\nconnect = \"serial:///dev/none:9600\"\n"
+        "instance = \"{}\"\n[radio]\nlisten = [\"udp/{radio}\"]\n[[sensor.sources]]\nname = \"mast\"\n\
+         connect = \"udpin://{udp}\"\n[[sensor.sources]]\nname = \"spare\"\nconnect = \"serial:///dev/none:9600\"\n",
+        instance("mast")
     );
     std::fs::write(&config, text).unwrap();
     let child = alight(format!("vessel --supervised --config {}", config.display()))
@@ -182,14 +196,17 @@ fn vessel_process_with_its_sensors() {
     let young = |s: &Value| s["age_s"].as_f64().is_some_and(|age| age < 1.0);
     let status = status_when(&config, "the mast's measurements are used", |status| {
         let s = &status["sources"][0];
-        s["used"].as_u64() > Some(20) && s["corrupted"].as_u64() > Some(1) && young(s)
+        s["used"].as_u64() > Some(20) && s["status"]["decoded"]["corrupted"].as_u64() > Some(1) && young(s)
     });
     let sources = &status["status"]["sources"];
     assert_eq!(
         (&sources[0]["name"], &sources[1]["name"]),
         (&"mast".into(), &"spare".into())
     );
-    assert!(sources[0]["good"].as_u64() > Some(20), "{sources}");
+    assert!(
+        sources[0]["status"]["decoded"]["good"].as_u64() > Some(20),
+        "{sources}"
+    );
     assert!(
         sources[1]["why"]
             .as_str()

@@ -11,9 +11,10 @@ use alight_shared::msg::{DroneStatus, Header, LandedState, State};
 use alight_shared::time::Time;
 use alight_shared::transport::radio::{Radio, RadioConfig, TlsConfig};
 use alight_shared::wire;
+use rustix::process::{Pid, Resource, Rlimit, prlimit};
 use serde_json::Value;
 
-use crate::common::{self, Running, alight, free_port, free_udp, instance, printed, run, scratch, signal};
+use crate::common::{self, Running, alight, free_udp, instance, kill_service, printed, run, scratch, signal};
 use crate::landing::{land, pid, running, status_when};
 
 /// A vessel's computer without sensors, on the loopback interface.
@@ -30,10 +31,11 @@ impl Vessel {
         std::fs::create_dir_all(&directory).expect("made");
         let config = directory.join("vessel.toml");
         let endpoint = format!("udp/{}", free_udp());
-        let sensors = format!("127.0.0.1:{}", free_port());
-        let text = format!("sensors = \"{sensors}\"\n[radio]\nlisten = [\"{endpoint}\"]\n");
+        // Its memory has a directory of its own.
+        let instance = instance(&format!("v-{name}"));
+        let text = format!("vessel_id = 1\ninstance = \"{instance}\"\n[radio]\nlisten = [\"{endpoint}\"]\n");
         std::fs::write(&config, text).expect("written");
-        common::open_deck(&directory, &sensors);
+        common::open_deck(&directory, &instance);
         Vessel {
             directory,
             config,
@@ -185,18 +187,23 @@ fn flight_with_a_camera_that_cannot_be_started() {
 fn vessel_with_a_recorder_size_limit() {
     let vessel = Vessel::prepare("log-limit");
     let log = vessel.directory.join("log");
-    // 64 blocks of 512 or 1024 bytes.
-    let mut command = vessel.command(&["sh", "-c", "ulimit -f 64 && exec \"$@\"", "sh"]);
     let errors = vessel.directory.join("errors");
-    let file = std::fs::File::create(&errors).expect("made");
-    let mut running = Running(
-        command
-            .arg("--flight")
-            .arg(&log)
-            .stderr(file)
-            .spawn()
-            .expect("starts"),
-    );
+    let mut running = vessel.command(&[]);
+    running
+        .arg("--flight")
+        .arg(&log)
+        .stderr(std::fs::File::create(&errors).expect("made"));
+    let mut running = Running(running.spawn().expect("starts"));
+    // Its memory is there by then.
+    let status = vessel.status_when("it reports", |s| s["status"]["process"]["pid"].is_u64());
+    let pid = status["status"]["process"]["pid"]
+        .as_i64()
+        .and_then(|p| Pid::from_raw(p.try_into().ok()?));
+    let limit = Rlimit {
+        current: Some(1 << 16),
+        maximum: Some(1 << 16),
+    };
+    prlimit(pid, Resource::Fsize, limit).expect("limited");
     let status = vessel.status_when("the recorder is full", |s| finding(s, "recorder").is_some());
     assert_eq!(finding(&status, "recorder").expect("there")["level"], "warning");
     assert!(running.0.try_wait().expect("asked").is_none(), "it has ended");
@@ -227,12 +234,13 @@ fn occupied_and_closed_deck_of_a_killed_vessel() {
     });
     drop(drone);
     let again = |process: &mut Running| {
-        let pid = u64::from(process.0.id());
-        process.0.kill().expect("killed");
-        process.0.wait().expect("waited for");
+        let pid = vessel.status()["status"]["process"]["pid"].as_u64();
+        kill_service(&mut process.0);
         *process = vessel.start();
         vessel.status_when("another process reports", |s| {
-            s["status"]["process"]["pid"].as_u64().is_some_and(|p| p != pid)
+            s["status"]["process"]["pid"]
+                .as_u64()
+                .is_some_and(|p| Some(p) != pid)
         })
     };
     let status = again(&mut process);

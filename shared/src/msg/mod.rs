@@ -33,6 +33,7 @@ macro_rules! restamped {
     };
 }
 
+mod aboard;
 mod deck;
 mod drone;
 mod drone_status;
@@ -40,8 +41,14 @@ mod grant;
 mod mission;
 mod sensors;
 mod seq;
+mod text;
 pub mod vessel;
 
+pub use aboard::{
+    Closure, CrewOrder, DeckOrder, DeckStatus, Decoded, DroneContact, EstimatorStatus, FollowsAnother,
+    HeadingAdvice, Line, MAX_DEVICES, MAX_NAMED, MAX_ORDERS, SensorReadings, SourceRemark, SourceReport,
+    SourceStatus, SourceUse, Starved, Unheard, VesselStatus,
+};
 pub use deck::{
     DeckForecast, DeckStage, FORECAST_STAGES, LinkState, PREDICTED_SLOPE_STEP_S, PREDICTED_SLOPES,
     RangeSample, Source, TagPose, UvdarFix,
@@ -61,6 +68,7 @@ pub use mission::{
 };
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use seq::Seq;
+pub use text::Text;
 pub use vessel::{
     MAX_MODES, PREDICTION_STAGES, PredictedStage, SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS, TimeReply,
     TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode, WaveModel,

@@ -21,6 +21,8 @@ macro_rules! names {
             $($metric,)*
             /// Inputs rejected for this reason.
             Rejected(RejectionReason),
+            /// Peers rejected for this reason.
+            PeersRejectedFor(AccessRejection),
         }
         impl MetricName {
             /// The name that a person reads.
@@ -28,6 +30,7 @@ macro_rules! names {
                 match self {
                     $(MetricName::$metric => $name.into(),)*
                     MetricName::Rejected(reason) => format!("rejected {}", reason.name()),
+                    MetricName::PeersRejectedFor(reason) => format!("peers rejected for {}", reason.name()),
                 }
             }
         }
@@ -35,7 +38,7 @@ macro_rules! names {
 }
 names! {
     // Of the vessel.
-    SensorDatagramsRejected: "sensor datagrams rejected",
+    SensorReadingsMissed: "sensor readings missed",
     BytesSent: "bytes sent",
     PacketsDropped: "packets dropped",
     TimeRequestsRejected: "time requests rejected",

@@ -31,8 +31,8 @@ pub(super) trait Visitor {
 
 // SAFETY: every type below is plain data of fixed size without pointers, references or handles,
 // all the way down, and `repr(C)` but for two details whose layout Rust fixes only within one
-// compilation: enumerations (`repr(u8)`) with few valid values, and `Option` in a plan, in surroundings, in the checkpoints and in
-// metrics. Both are sound here because a service's name carries `MESSAGE_VERSION` and the package's version, so
+// compilation: enumerations (`repr(u8)`) with few valid values, and `Option` in a plan, in surroundings, in the checkpoints, in
+// metrics and in what the vessel's processes report. Both are sound here because a service's name carries `MESSAGE_VERSION` and the package's version, so
 // that only processes of one program ever share a service, and because no process writes a message
 // otherwise than by copying a whole valid value. Bounded lists check their length when they are read.
 macro_rules! plain {
@@ -76,6 +76,10 @@ plain! {
     msg::MissionCheckpoint => MISSION_CHECKPOINT;
     msg::PredictorCheckpoint => PREDICTOR_CHECKPOINT;
     msg::LinkCheckpoint => LINK_CHECKPOINT;
+    msg::SensorReadings => SENSORS;
+    msg::SourceReport => SOURCES;
+    msg::VesselStatus => VESSEL;
+    msg::CrewOrder => CREW;
 }
 
 // SAFETY: as above.

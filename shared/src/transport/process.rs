@@ -92,7 +92,15 @@ impl ProcessKind {
         ProcessKind::Planner,
         ProcessKind::Pilot,
     ];
-    /// The name of the subcommand.
+    /// The subcommand that runs it; `vessel` is the service.
+    pub const fn subcommand(self) -> &'static str {
+        if matches!(self, ProcessKind::Vessel) {
+            "estimator"
+        } else {
+            self.name()
+        }
+    }
+    /// Its name.
     pub const fn name(self) -> &'static str {
         match self {
             ProcessKind::World => "world",

@@ -11,8 +11,8 @@ use alight_shared::admission::{Arrival, Sender};
 use alight_shared::checkpoint::Keeper;
 use alight_shared::frames::body_from_camera;
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DroneStatus, Header, MissionState,
-    OperatorCommand, Plan, SetPoint, TimeRequest,
+    AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DeckOrder, DroneStatus, Header,
+    MissionState, OperatorCommand, Plan, SetPoint, TimeRequest,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime};
@@ -25,7 +25,7 @@ use alight_uav::mission::{Mission, MissionConfig, MissionIn, MissionOut};
 use alight_uav::pilot::{Output, Pilot, PilotIn};
 use alight_uav::planner::{Planner, PlannerIn, PlannerOut};
 use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
-use alight_usv::deck::{DeckInputs, DeckOrder};
+use alight_usv::deck::DeckInputs;
 use alight_usv::{ComputerIn, VesselComputer};
 use nalgebra::Vector3;
 use serde::Serialize;

@@ -2,8 +2,7 @@
 //! that stay on the deck and drones that a person takes away, all at random. What must not happen: two drones below the
 //! waiting height, a descent to an occupied or closed deck, a collision.
 
-use alight_shared::msg::{CommandKind, State};
-use alight_usv::deck::DeckOrder;
+use alight_shared::msg::{CommandKind, DeckOrder, State};
 
 use super::aborts::drive;
 use crate::harness::physics::TICK;

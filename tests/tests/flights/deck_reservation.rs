@@ -1,11 +1,11 @@
 //! Reservation of the deck in the whole world: drones ask the vessel's arbiter over the radio before
 //! they descend.
 
-use alight_shared::msg::{BatteryPlace, CommandKind, ReasonCode, State, WAITING_DISTANCE_M};
+use alight_shared::msg::{BatteryPlace, CommandKind, DeckOrder, ReasonCode, State, WAITING_DISTANCE_M};
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
 use alight_sim::studies::fleet;
-use alight_usv::deck::{DeckInputs, DeckOrder};
+use alight_usv::deck::DeckInputs;
 
 const FOR_GOOD: StateOutage = StateOutage {
     state: State::Descent,

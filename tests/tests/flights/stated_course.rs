@@ -1,9 +1,8 @@
 //! Course stated by the helm, in the whole world: from its order on board to the drone's descent.
 
-use alight_shared::msg::{ReasonCode, State};
+use alight_shared::msg::{DeckOrder, ReasonCode, State};
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_usv::deck::DeckOrder;
 
 /// A drone in a slight sea that tracks the deck of a vessel whose helm has stated this.
 fn tracking(stated: Option<DeckOrder>) -> Rig {

@@ -27,7 +27,8 @@ use core::mem::discriminant;
 
 use alight_shared::admission::check_message;
 use alight_shared::msg::{
-    Course, DECK_CLOSED, DeckGrant, DroneStatus, Header, LandedState, PLACES, ReasonCode, State,
+    Closure, Course, DECK_CLOSED, DeckGrant, DeckOrder, DroneStatus, Header, LandedState, PLACES, ReasonCode,
+    Starved, State, Unheard,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time, VesselClock};
@@ -35,15 +36,13 @@ use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
 mod claim;
-mod silence;
 
 use super::MAX_DRONES;
-use super::checkpoint::{Claim, Closure, DeckCheckpoint, DeckOrder, DroneClaim};
+use super::checkpoint::{Claim, DeckCheckpoint, DroneClaim};
 use super::config::DeckConfig;
 use super::inputs::{DeckInputs, Reading};
 use super::stated_course::StatedCourse;
 use claim::Evidence;
-pub use silence::{Starved, Unheard};
 
 /// Time between two grants without a change.
 const PERIOD: Span = Span::from_millis(500);

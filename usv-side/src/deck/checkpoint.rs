@@ -1,44 +1,9 @@
 //! The deck's checkpoint, for a restart of the vessel's process or computer: its owner, whether it is closed, and the
 //! operators' commands.
 
-use alight_shared::msg::OperatorCommand;
+use alight_shared::msg::{Closure, OperatorCommand};
 use alight_shared::time::VesselClock;
 use serde::{Deserialize, Serialize};
-
-/// The crew's order about the deck, or about the vessel's course under a drone.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum DeckOrder {
-    /// Nobody descends.
-    Closed,
-    /// Nothing lies on it: it is free but for drones that report from it now, or may be on their way down unheard.
-    Open,
-    /// The same, and this drone is neither there nor above it.
-    Clear(u32),
-    /// Course and speed are kept for so many seconds; 0: nothing is stated any more.
-    Steady(u32),
-    /// The vessel turns or may turn, until another order about her course.
-    Turning,
-}
-
-/// Why the deck is closed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Closure {
-    /// The crew closed it.
-    Crew,
-    /// Its checkpoint is damaged: who stands on it is not known.
-    #[serde(alias = "memory_damaged")]
-    CheckpointDamaged,
-    /// The crew's switch is closed, or cannot be read.
-    Switch,
-    /// By its sensor something lies on it that is no drone, or the sensor cannot be read.
-    Sensor,
-    /// There is no checkpoint: who stands on it is not known.
-    CheckpointMissing,
-    /// Its checkpoint cannot be written, so that what was found may be older than what happened.
-    CheckpointUnwritable,
-}
 
 /// What a drone has to do with the deck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]

@@ -9,8 +9,8 @@ pub mod monitor;
 pub mod operator;
 mod stated_course;
 
-pub use arbiter::{ArbiterIn, ArbiterOut, DeckArbiter, Starved, Unheard};
-pub use checkpoint::{Claim, Closure, DeckCheckpoint, DeckOrder, DroneClaim, GivenCommand};
+pub use arbiter::{ArbiterIn, ArbiterOut, DeckArbiter};
+pub use checkpoint::{Claim, DeckCheckpoint, DroneClaim, GivenCommand};
 pub use config::DeckConfig;
 pub use inputs::DeckInputs;
 pub use monitor::DroneMonitor;

@@ -21,7 +21,7 @@
 use alight_shared::estimation::median;
 use alight_shared::frames::wrap_angle;
 use alight_shared::geodesy::Datum;
-use alight_shared::msg::{AttitudeFix, GnssFix, NOT_MEASURED_SD};
+use alight_shared::msg::{AttitudeFix, Decoded, GnssFix, NOT_MEASURED_SD};
 
 use super::table::Quantity::{
     Altitude, Down, East, ForceX, ForceY, ForceZ, GyroX, GyroY, GyroZ, Heading, Heave, Latitude, Longitude,
@@ -29,7 +29,7 @@ use super::table::Quantity::{
 };
 use super::table::{Quantity, Row, Table, TableError};
 use super::{Gather, LogError, MAX_MEASUREMENTS, Recording};
-use crate::sensors::{Decoded, Measurement, Mount, Mounting, SourceMeasurement};
+use crate::sensors::{Measurement, Mount, Mounting, SourceMeasurement};
 
 /// Columns of which a file has all or none.
 const TOGETHER: [&[Quantity]; 6] = [

@@ -6,11 +6,11 @@ mod sentences;
 pub mod table;
 mod ulog;
 
-use alight_shared::msg::{Header, ImuSample, NOT_MEASURED_SD};
+use alight_shared::msg::{Decoded, Header, ImuSample, NOT_MEASURED_SD};
 use alight_shared::time::{Time, VesselClock};
 use thiserror::Error;
 
-use crate::sensors::{Average, Decoded, Measurement, Mount, SourceMeasurement};
+use crate::sensors::{Average, Measurement, Mount, SourceMeasurement};
 
 /// The formats that are read, for errors.
 const FORMATS: &str =

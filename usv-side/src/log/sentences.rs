@@ -1,9 +1,10 @@
 //! NMEA 0183 text, with or without a logger's prefix before each sentence; what became of each kind of sentence.
 
+use alight_shared::msg::Decoded;
 use std::collections::BTreeMap;
 
 use super::{Gather, LogError, Recording};
-use crate::sensors::{Decoded, Decoder, Mount, Mounting, NmeaDecoder};
+use crate::sensors::{Decoder, Mount, Mounting, NmeaDecoder};
 
 /// Most kinds of sentences that are distinguished, and that are named.
 const MAX_KINDS: usize = 200;

@@ -6,10 +6,10 @@
 use std::collections::BTreeMap;
 
 use alight_shared::geodesy::Datum;
-use alight_shared::msg::{GnssFix, HeadingFix, NOT_MEASURED_SD};
+use alight_shared::msg::{Decoded, GnssFix, HeadingFix, NOT_MEASURED_SD};
 
 use super::{Gather, LogError, Recording};
-use crate::sensors::{Decoded, Measurement, Mount, Mounting, SourceMeasurement, euler};
+use crate::sensors::{Measurement, Mount, Mounting, SourceMeasurement, euler};
 
 /// The first bytes.
 pub(super) const MAGIC: &[u8] = b"ULog\x01\x12\x35";

@@ -7,7 +7,7 @@ mod predictions;
 pub mod ridge;
 
 use alight_shared::estimation::median;
-use alight_shared::msg::{GnssFix, HeadingFix, MAX_SOURCES, NOT_MEASURED_SD, WaveMode};
+use alight_shared::msg::{Decoded, GnssFix, HeadingFix, MAX_SOURCES, NOT_MEASURED_SD, WaveMode};
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{HEAVE, PITCH, ROLL};
@@ -17,7 +17,7 @@ use crate::VesselNodeConfig;
 use crate::estimator::{Channel, Consistency, Fit};
 use crate::log::Recording;
 use crate::node::{KINDS, SourceCounts, VesselIn, VesselNode};
-use crate::sensors::{Decoded, Measurement};
+use crate::sensors::Measurement;
 use predictions::Predictions;
 pub use predictions::{HORIZONS_S, PredictionReview};
 

@@ -19,12 +19,12 @@ pub(crate) use config::euler;
 pub use config::{Format, HeaveSign, Mount, Mounting, SourceConfig, SourcesConfig};
 pub use mav::MavlinkDecoder;
 pub use nmea::NmeaDecoder;
-pub use node::{MAX_STEP_BYTES, SensorNode, SensorsIn, SensorsOut, SourceStatus};
+pub use node::{MAX_STEP_BYTES, SensorNode, SensorsIn, SensorsOut};
 pub use stuck::{MAX_REPEATED, Repetition};
 pub use ubx::UbxDecoder;
 
 use alight_shared::mavlink::Signing;
-use alight_shared::msg::{AttitudeFix, GnssFix, Header, HeadingFix, ImuSample};
+use alight_shared::msg::{AttitudeFix, Decoded, GnssFix, Header, HeadingFix, ImuSample, SensorReadings, Seq};
 use alight_shared::time::{Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
@@ -63,41 +63,34 @@ impl Readings {
             Measurement::Attitude(m) => self.attitude.push(m),
         }
     }
-    /// Adds all of another.
-    pub fn append(&mut self, other: Readings) {
-        self.imu.extend(other.imu);
-        self.gnss.extend(other.gnss);
-        self.heading.extend(other.heading);
-        self.attitude.extend(other.attitude);
+    /// Adds all of a message.
+    pub fn append(&mut self, message: &SensorReadings) {
+        self.imu.extend_from_slice(&message.imu);
+        self.gnss.extend_from_slice(&message.gnss);
+        self.heading.extend_from_slice(&message.heading);
+        self.attitude.extend_from_slice(&message.attitude);
     }
-    /// How many there are of each kind, in the order of [`crate::KINDS`].
-    pub fn counts(&self) -> [usize; crate::KINDS.len()] {
-        [
-            self.imu.len(),
-            self.gnss.len(),
-            self.heading.len(),
-            self.attitude.len(),
-        ]
-    }
-    /// The same in parts of at most `most` measurements of each kind.
-    pub fn parts(&self, most: usize) -> Vec<Readings> {
-        let most = most.max(1);
-        let parts = self.counts().map(|n| n.div_ceil(most)).into_iter().max();
-        fn part<T: Copy>(all: &[T], k: usize, most: usize) -> Vec<T> {
-            all.iter().skip(k * most).take(most).copied().collect()
+    /// The same as messages, each with this header: as many as the kind of which there are most needs.
+    pub fn messages(&self, header: Header<VesselClock>) -> Vec<SensorReadings> {
+        fn part<T: Copy + Default, const N: usize>(all: &[T], k: usize) -> Seq<T, N> {
+            Seq::filled(all.iter().skip(k * N).take(N).copied())
         }
-        (0..parts.unwrap_or(0))
-            .map(|k| Readings {
-                imu: part(&self.imu, k, most),
-                gnss: part(&self.gnss, k, most),
-                heading: part(&self.heading, k, most),
-                attitude: part(&self.attitude, k, most),
-            })
-            .collect()
+        let message = |k| SensorReadings {
+            header,
+            imu: part(&self.imu, k),
+            gnss: part(&self.gnss, k),
+            heading: part(&self.heading, k),
+            attitude: part(&self.attitude, k),
+        };
+        let holds_some = |m: &SensorReadings| {
+            let [a, b, c, d] = [m.imu.len(), m.gnss.len(), m.heading.len(), m.attitude.len()];
+            a + b + c + d > 0
+        };
+        (0..).map(message).take_while(holds_some).collect()
     }
     /// Nothing arrived.
     pub fn is_empty(&self) -> bool {
-        self.counts() == [0; crate::KINDS.len()]
+        self.imu.is_empty() && self.gnss.is_empty() && self.heading.is_empty() && self.attitude.is_empty()
     }
 }
 
@@ -237,25 +230,25 @@ impl Remark {
     }
 }
 
-/// Statistics of a decoder.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Decoded {
-    /// Whole messages of a kind that is used.
-    pub good: u64,
-    /// Damaged: a checksum, a length, a number that is NaN.
-    pub corrupted: u64,
-    /// Whole messages of other kinds.
-    pub ignored: u64,
-    /// Whole messages of a kind that is used, without a measurement: no fix, simulated, empty, of another system.
-    pub left_out: u64,
-    /// Measurements without a time of their source.
-    pub undated: u64,
-    /// Measurements whose time is their arrival, because their source gives them none.
-    pub by_arrival: u64,
-    /// Measurements of a recording that are spread evenly between two times of their source.
-    pub spread: u64,
-    /// Time pulses announced (UBX TIM-TP).
-    pub pulses: u64,
-    /// Of those, at a time that cannot be the next pulse's after the last fix: another time base.
-    pub mismatched_pulses: u64,
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn readings_as_messages_and_back() {
+        let imu = |sequence| ImuSample {
+            header: Header::new(1, 0, 7, sequence, Time::EPOCH),
+            ..ImuSample::default()
+        };
+        let readings = Readings {
+            imu: (0..9).map(imu).collect(),
+            gnss: vec![GnssFix::default()],
+            ..Readings::default()
+        };
+        let messages = readings.messages(Header::default());
+        let mut back = Readings::default();
+        messages.iter().for_each(|m| back.append(m));
+        assert_eq!((messages.len(), back), (3, readings));
+        assert!(Readings::default().messages(Header::default()).is_empty());
+    }
 }

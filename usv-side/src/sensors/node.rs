@@ -2,13 +2,13 @@
 //! of each source.
 
 use alight_shared::mavlink::Signing;
-use alight_shared::msg::Header;
+use alight_shared::msg::{Header, SourceStatus};
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Average, Decoded, Decoder, Format, MavlinkDecoder, Measurement, Mounting, NmeaDecoder, Readings, Remark,
+    Average, Decoder, Format, MavlinkDecoder, Measurement, Mounting, NmeaDecoder, Readings, Remark,
     SourceClock, SourceConfig, SourceMeasurement, SourcesConfig, UbxDecoder,
 };
 use crate::node::KINDS;
@@ -36,29 +36,6 @@ pub struct SensorsOut {
     pub readings: Readings,
     /// Number of a source and bytes for it.
     pub requests: Vec<(usize, Vec<u8>)>,
-}
-
-/// Statistics of a source.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct SourceStatus {
-    /// Messages, as its decoder counts them.
-    pub decoded: Decoded,
-    /// Measurements passed on, in the order of [`KINDS`].
-    pub given: [u64; KINDS.len()],
-    /// Of the same time as the last of their kind.
-    pub duplicated: u64,
-    /// Older than the last of their kind.
-    pub out_of_order: u64,
-    /// Of an implausible time.
-    pub implausible_time: u64,
-    /// Restarts and steps of its clock, and by how much it changed at the newest, s, forward positive.
-    pub restarts: u64,
-    /// See `restarts`.
-    pub step_s: f64,
-    /// Bytes lost because too many came at once.
-    pub lost_bytes: u64,
-    /// Newest measurement, s of the vessel's clock.
-    pub newest_s: Option<f64>,
 }
 
 struct Source {

@@ -20,9 +20,9 @@ use crate::config::DroneComputer;
 use crate::drone::bridge;
 use crate::drone::planner::{Inputs, PlannerShell};
 use crate::exit::{CliError, Exit};
-use crate::process::args::{ProcessArgs, ViewArgs};
+use crate::process::args::ProcessArgs;
 use crate::process::shell::{self, Shell};
-use crate::vessel;
+use crate::vessel::estimator;
 
 /// Processes with attachments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -59,7 +59,7 @@ pub fn run(attach: &AttachArgs) -> Result<Exit, CliError> {
             if let Some(impaired) = impaired(Direction::ToVessel) {
                 receive_through(Box::new(Inbound::new(impaired)));
             }
-            vessel::run(args, &ViewArgs::default())
+            estimator::run(args)
         }
         AttachedProcess::Bridge => {
             if let Some(mut impaired) = impaired(Direction::ToDrone) {

@@ -9,6 +9,7 @@ use alight_sim::autopilots::FirmwareConfig;
 use alight_sim::baselines::Baseline;
 use alight_sim::harness::scenario::{Scenario, StateOutage};
 use alight_sim::radio::RadioConfig;
+use alight_usv::sensors::SourceConfig;
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
@@ -91,8 +92,12 @@ config! {
     pub struct SimulatedWorld {
         /// Name of the set of processes that share the drone's memory: `alight drone`'s or a landing's.
         pub instance: String = DroneComputer::default().instance;
-        /// Where the vessel's process takes its sensors' datagrams.
-        pub sensors: String = VesselComputer::default().sensors;
+        /// Name of the set of processes that share the vessel's memory: `alight vessel`'s or a landing's.
+        pub vessel_instance: String = VesselComputer::default().instance;
+        /// The vessel's sensors as its configuration names them, each with the bytes that it sends there; empty: their
+        /// measurements go into that memory.
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        pub sensors: Vec<SourceConfig> = Vec::new();
         /// The steady clock's reading at the true time zero, ns: `clock.epoch_ns` of vessel and drone, whose clocks it
         /// then shares; 0: when the process starts.
         pub epoch_ns: i64 = 0;

@@ -224,7 +224,6 @@ impl LandingSetup {
         };
         let air = RadioPath::of(scene, args, owned, epoch_ns)?;
         let [vessel_tls, drone_tls] = air.tls.clone();
-        let sensors = format!("127.0.0.1:{}", free_port()?);
         let mavlink = format!("127.0.0.1:{}", free_port()?);
         let attachments = Attachments {
             impairment: air.impairment.clone(),
@@ -232,7 +231,7 @@ impl LandingSetup {
         };
         let vessel = VesselComputer {
             vessel_id: scene.nodes.bridge.vessel_id,
-            sensors: sensors.clone(),
+            instance: args.instance.clone(),
             clock: clock(&clocks.vessel),
             radio: RadioConfig::listening(&air.listen, vessel_tls),
             deck: DeckConfig::default(),
@@ -260,7 +259,8 @@ impl LandingSetup {
         };
         let world = SimulatedWorld {
             instance: args.instance.clone(),
-            sensors,
+            vessel_instance: args.instance.clone(),
+            sensors: Vec::new(),
             epoch_ns,
             seed: args.seed,
             sea: scene.sea.clone(),
@@ -361,7 +361,9 @@ impl<'a> Landing<'a> {
             silence_timeout_s: Some(SILENCE_TIMEOUT_S),
             max_failures: Some(MAX_FAILURES),
         };
-        let mut supervisor = Supervisor::new(owned.instance().directory(), plan.flight.clone(), limits)?;
+        let directory = owned.instance().directory();
+        let mut supervisor = Supervisor::new(directory.clone(), plan.flight.clone(), limits)?;
+        supervisor = supervisor.keeping_state_in(directory);
         // A simulated deck is empty before anything lands there.
         deck_file::write_first(&owned.instance().directory(), &plan.vessel).map_err(CliError)?;
         plan.air.start(&mut supervisor)?;

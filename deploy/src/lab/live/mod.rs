@@ -19,5 +19,6 @@ pub mod recording;
 pub mod rehearse;
 pub mod render_thread;
 pub mod report;
+pub mod serial_lines;
 pub mod truth;
 pub mod world;

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use alight_shared::config;
 use alight_shared::msg::{DeckForecast, MissionState, Seq, State};
-use alight_shared::time::TrueTime;
+use alight_shared::time::{Time, TrueTime, VesselClock};
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};
 use alight_shared::transport::metrics::MetricName;
@@ -17,23 +17,27 @@ use alight_sim::harness::outcome::{FALSE_STOP_M, Judge, Outcome};
 use alight_sim::harness::physics::{Physics, TICK};
 use alight_sim::harness::trace::Trace;
 use alight_sim::sensors::DroneReadings;
+use alight_usv::sensors::Readings;
 use serde::{Deserialize, Serialize};
 
 use crate::exit::{CliError, Doing, Exit};
 use crate::io::mavlink_key;
-use crate::io::sensor_socket::{Readings, SensorSender};
 use crate::lab::chart;
 use crate::lab::live::args::WorldArgs;
 use crate::lab::live::config::SimulatedWorld;
 use crate::lab::live::detections::Detections;
 use crate::lab::live::plant::{self, Plant};
 use crate::lab::live::render_thread::RenderThread;
+use crate::lab::live::serial_lines::SensorLines;
 use crate::lab::live::truth::Truth;
-use crate::process::instance::owner;
 use crate::process::life::{Life, draw_boot, node_recorder};
+use crate::process::observer::Rejoined;
 use crate::process::scheduling;
 use crate::terminal;
+use crate::vessel::sensors::SensorPublisher;
 
+/// The line that reports the first measurement on the vessel's serial lines.
+pub const SENSING: &str = "world: sensors send";
 /// The line that reports the first contact.
 pub const CONTACT: &str = "world: first contact";
 
@@ -114,18 +118,16 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         let signing = mavlink_key::read("signing_key", &world.signing_key)?;
         Plant::open(kind, &world.mavlink, station, signing, firmware, sensors)?
     };
-    let instance = Instance::new(&world.instance)?;
     // Vehicles with devices of their own are there before the drone's computer is.
-    let mut computer = match &world.devices {
-        Some(_) => None,
-        None => Some(DroneSide::join(&instance, &world)?),
-    };
+    let mut drone = Rejoined::of(&world.instance)?;
+    if world.devices.is_none() {
+        drone.join(|instance| DroneSide::join(instance, &world))?;
+    }
     let mut camera = match &world.devices {
         Some(devices) => Some(RenderThread::into_pipe(devices, &world.scenario, world.seed)?),
         None => None,
     };
-    let sensors =
-        SensorSender::to(&world.sensors).doing(format_args!("sending sensors to {}", world.sensors))?;
+    let mut sensors = VesselSide::of(&world)?;
     let (mut forecast, mut ages): (Option<DeckForecast>, Option<[f64; 2]>) = (None, None);
     let mut life = Life::begin(ProcessKind::World, draw_boot(), args.supervised);
     let clock = ProcessClock {
@@ -139,7 +141,6 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     let (mut latest_s, mut late_ticks) = (0.0_f64, 0_u32);
     let mut history = History::new(world.plot.is_some());
     let mut stays_until_s: Option<f64> = None;
-    let mut looked_ns = steady_ns();
     let (mut touched, mut motors_on_deck_s) = (false, 0.0);
 
     let mut truth = match &args.flight {
@@ -154,8 +155,8 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
 
     scheduling::set_real_time_world();
     while !life.ended() {
-        DroneSide::rejoin(&mut computer, &instance, &world, &mut looked_ns);
-        let memory = computer.as_ref().map(|c| &c.memory);
+        drone.poll(|instance| DroneSide::join(instance, &world));
+        let memory = drone.ports.as_ref().map(|c| &c.memory);
         // The truth at `t` is made and measured when the computer's clock reads `t`.
         let early = physics.now() - clock.now::<TrueTime>();
         if early.nanos() > 0 {
@@ -180,13 +181,8 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         if let Some(recorder) = &mut truth {
             recorder.step(before, physics.now().nanos(), &Truth::of(&physics), &());
         }
-        let readings = physics.vessel_readings();
-        sensors.send(&Readings {
-            imu: readings.imu,
-            gnss: readings.gnss,
-            heading: readings.heading,
-            ..Readings::default()
-        });
+        let measured_at = physics.vessel_now();
+        sensors.send(measured_at, &physics.vessel_readings());
         if let Some(readings) = physics.drone_readings(0) {
             let readings = match &world.devices {
                 None => readings,
@@ -201,25 +197,25 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
                     ..DroneReadings::default()
                 },
             };
-            if let Some(computer) = &mut computer {
+            if let Some(computer) = &mut drone.ports {
                 computer.detections.publish(&readings);
             }
-            let own = computer.as_mut().and_then(|c| c.render_thread.as_mut());
+            let own = drone.ports.as_mut().and_then(|c| c.render_thread.as_mut());
             if let Some(render_thread) = camera.as_mut().or(own) {
                 render_thread.take(&readings.shots);
             }
         }
         let drone_ns = physics.drone_now(0).nanos();
         life.stepped(Some((steady_ns() - before) as f64 * 1e-9));
-        plant.advance(&mut physics, computer.as_ref().map(|c| &c.memory), &clock);
+        plant.advance(&mut physics, drone.ports.as_ref().map(|c| &c.memory), &clock);
 
-        if let Some(computer) = &mut computer {
+        if let Some(computer) = &mut drone.ports {
             phase = computer.mission.newest(drone_ns).unwrap_or(phase);
             forecast = computer.forecasts.newest(drone_ns).or(forecast);
         }
         let unanswered = plant.late();
         let t_s = physics.time_since_start().secs();
-        let own = computer.as_ref().and_then(|c| c.render_thread.as_ref());
+        let own = drone.ports.as_ref().and_then(|c| c.render_thread.as_ref());
         let lost = camera.as_ref().or(own).map_or(0, RenderThread::lost);
         life.metrics = Seq::filled([
             MetricName::LatestTick.seconds(latest_s),
@@ -249,7 +245,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         if stays_until_s.is_some_and(|until| t_s >= until) {
             break;
         }
-        if let Some(computer) = &mut computer {
+        if let Some(computer) = &mut drone.ports {
             let inputs = || vec![computer.mission.statistics().state(drone_ns)];
             if let Some(said) = life.state(inputs, computer.detections.unsent()) {
                 computer.state.send(&said);
@@ -277,9 +273,47 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
+/// The vessel's computer as its simulated sensors reach it.
+enum VesselSide {
+    /// By the bytes that each sends; the first were reported.
+    Lines(SensorLines, bool),
+    /// Through its memory, once it runs.
+    Memory(Box<Rejoined<(Memory, SensorPublisher)>>),
+}
+
+impl VesselSide {
+    fn of(world: &SimulatedWorld) -> Result<VesselSide, CliError> {
+        Ok(if world.sensors.is_empty() {
+            VesselSide::Memory(Box::new(Rejoined::of(&world.vessel_instance)?))
+        } else {
+            VesselSide::Lines(SensorLines::of(&world.sensors, &world.scenario)?, false)
+        })
+    }
+    fn send(&mut self, now: Time<VesselClock>, readings: &Readings) {
+        match self {
+            VesselSide::Lines(lines, reported) => {
+                lines.send(readings);
+                if !*reported && !readings.is_empty() {
+                    *reported = true;
+                    terminal::line(SENSING);
+                }
+            }
+            VesselSide::Memory(side) => {
+                side.poll(|instance| {
+                    let memory = Memory::join(instance, "world")?;
+                    let publisher = SensorPublisher::join(&memory)?;
+                    Ok((memory, publisher))
+                });
+                if let Some((_, publisher)) = &mut side.ports {
+                    publisher.send(now, readings);
+                }
+            }
+        }
+    }
+}
+
 /// The drone's memory as the simulated vehicle uses it.
 struct DroneSide {
-    owner: Option<u32>,
     memory: Memory,
     detections: Detections,
     mission: Subscriber<MissionState>,
@@ -290,14 +324,9 @@ struct DroneSide {
 }
 
 impl DroneSide {
-    /// Whether the computer was started anew is looked for this often, ns.
-    const LOOK_NS: i64 = 200_000_000;
-
     fn join(instance: &Instance, world: &SimulatedWorld) -> Result<DroneSide, CliError> {
-        let owner = owner(instance);
         let memory = Memory::join(instance, "world")?;
         Ok(DroneSide {
-            owner,
             detections: Detections::join(&memory)?,
             mission: memory.subscriber()?,
             forecasts: memory.subscriber()?,
@@ -308,29 +337,6 @@ impl DroneSide {
             },
             memory,
         })
-    }
-    /// A drone flies on while its computer is started anew, as its autopilot lets it; then there is
-    /// another memory to join. One with devices of its own flies before its computer is there at all.
-    fn rejoin(
-        computer: &mut Option<DroneSide>,
-        instance: &Instance,
-        world: &SimulatedWorld,
-        looked_ns: &mut i64,
-    ) {
-        let now = steady_ns();
-        if now - *looked_ns < Self::LOOK_NS {
-            return;
-        }
-        *looked_ns = now;
-        let owner = owner(instance);
-        if owner.is_none() || computer.as_ref().is_some_and(|c| c.owner == owner) {
-            return;
-        }
-        // One that is just being made is tried again.
-        if let Ok(new) = DroneSide::join(instance, world) {
-            // Its names are the new memory's by now: what is dropped would be removed under them.
-            core::mem::forget(computer.replace(new));
-        }
     }
 }
 

@@ -5,9 +5,10 @@ use std::path::PathBuf;
 use alight_shared::autopilot_parameters::Parameter;
 use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::Signatures;
+use alight_shared::msg::SourceStatus;
 use alight_uav::autopilot::parameters::Finding;
 use alight_uav::camera::metering::Setting;
-use alight_usv::sensors::{Remark, SourceStatus};
+use alight_usv::sensors::Remark;
 
 use crate::certificates::Certificate;
 use crate::config::{DroneComputer, VesselComputer};
@@ -82,19 +83,6 @@ pub enum Reach {
     Unreachable(String),
     /// Datagrams: no answer before the session; there is a route.
     Routed,
-}
-
-/// What came from the vessel's sensors while the check listened.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct SensorReadings {
-    /// Inertial samples.
-    pub imu: usize,
-    /// GNSS fixes.
-    pub gnss: usize,
-    /// Headings.
-    pub heading: usize,
-    /// Datagrams that were none of these.
-    pub invalid: u64,
 }
 
 /// A real sensor, listened to.
@@ -215,8 +203,6 @@ pub struct Facts {
     pub flown: Option<[f64; 2]>,
     /// Each camera that is configured.
     pub cameras: Vec<CameraCheck>,
-    /// What the sensors sent; None when it was not listened to.
-    pub sensors: Option<SensorReadings>,
     /// The vessel's real sensors; None when they are the running process's.
     pub sources: Option<Vec<SourceCheck>>,
     /// The deck's digital inputs that are configured.

@@ -23,25 +23,22 @@ use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Doing};
 use crate::io::digital_line::DigitalLine;
 use crate::io::mavlink_key;
-use crate::io::sensor_socket::SensorSocket;
 use crate::process::flight::{ATTITUDE_DEAD_TIME, ATTITUDE_LAG};
 use crate::process::observer::Observer;
 use crate::process::snapshot::Snapshot;
 use crate::process::{instance, scheduling};
 use crate::record::flight::store;
 use crate::tools::check::facts::{
-    CameraCheck, ClockSync, Computer, DeckInputCheck, Facts, Identity, Port, PortState, Reach,
-    SensorReadings, SharedMemory, SigningCheck,
+    CameraCheck, ClockSync, Computer, DeckInputCheck, Facts, Identity, Port, PortState, Reach, SharedMemory,
+    SigningCheck,
 };
 use crate::tools::check::{autopilot, camera, sources};
 use crate::vessel::deck_inputs;
 
 /// Longest look into a file of the system.
 const TIMEOUT: Duration = Duration::from_secs(2);
-/// The sensors are listened to so many times ...
-const LISTEN_ROUNDS: u32 = 15;
-/// ... for this long each.
-const LISTEN_TIME: Duration = Duration::from_millis(100);
+/// The drone's processes are observed for so long.
+const OBSERVATION_TIME: Duration = Duration::from_millis(1500);
 /// Processors that are looked at.
 const MAX_PROCESSORS: usize = 1024;
 
@@ -63,7 +60,6 @@ pub fn gather(path: &Path) -> Facts {
         frame: None,
         flown: None,
         cameras: Vec::new(),
-        sensors: None,
         sources: None,
         deck_inputs: Vec::new(),
         governors: governors(),
@@ -73,21 +69,9 @@ pub fn gather(path: &Path) -> Facts {
     };
     match &computer {
         Ok(Computer::Vessel(v)) => {
-            facts.running = runs_as("vessel");
+            let instance = Instance::new(&v.instance);
+            facts.running = instance.as_ref().is_ok_and(instance::is_running);
             facts.radio(&v.radio);
-            let mut port = Port {
-                key: "sensors",
-                address: v.sensors.clone(),
-                state: PortState::Untried,
-            };
-            match SensorSocket::listen(&v.sensors) {
-                Ok(mut sensors) => {
-                    port.state = PortState::Free;
-                    facts.sensors = Some(listen(&mut sensors));
-                }
-                Err(e) => port.state = port_state(&e),
-            }
-            facts.ports.push(port);
             let inputs = deck_inputs::configured(&v.deck).into_iter();
             facts.deck_inputs = inputs
                 .filter(|(_, path)| !path.is_empty())
@@ -101,8 +85,7 @@ pub fn gather(path: &Path) -> Facts {
                 })
                 .collect();
             facts.sources = (!facts.running).then(|| sources::listen(v));
-            // The service starts what would send to that port.
-            facts.sensors = facts.sensors.filter(|_| v.sensor.sources.is_empty());
+            facts.memory = Some(memory(instance.map_err(|e| e.to_string())));
         }
         Ok(Computer::Drone(d)) => {
             let instance = Instance::new(&d.instance);
@@ -153,7 +136,7 @@ fn flown(directory: &str) -> Option<[f64; 2]> {
 fn snapshot(instance: &Instance) -> Option<Snapshot> {
     let memory = Memory::join(instance, "check").ok()?;
     let mut observer = Observer::join(&memory).ok()?;
-    memory.wait(LISTEN_TIME * LISTEN_ROUNDS);
+    memory.wait(OBSERVATION_TIME);
     observer.poll(None);
     Some(observer.snapshot)
 }
@@ -247,8 +230,8 @@ pub fn computer(path: &Path) -> Result<Computer, CliError> {
     let has = |keys: &[&str]| keys.iter().any(|k| table.contains_key(*k));
     let origin = path.display().to_string();
     match (
-        has(&["vessel_id", "vessel", "sensors"]),
-        has(&["instance", "bridge", "drone"]),
+        has(&["vessel_id", "vessel", "sensor", "deck"]),
+        has(&["bridge", "drone", "autopilot", "camera", "uvdar", "supervision"]),
     ) {
         (true, false) => config::parse::<VesselComputer>(&text, &origin)
             .map(|v| Computer::Vessel(Box::new(v)))
@@ -257,7 +240,7 @@ pub fn computer(path: &Path) -> Result<Computer, CliError> {
             .map(|d| Computer::Drone(Box::new(d)))
             .map_err(|e| CliError(e.to_string())),
         (true, true) | (false, false) => Err(CliError(format!(
-            "{origin} is neither a vessel's configuration (vessel_id) nor a drone's (instance)"
+            "{origin} is neither a vessel's configuration (vessel_id) nor a drone's (bridge)"
         ))),
     }
 }
@@ -411,18 +394,6 @@ fn reach_autopilot(url: &LinkUrl) -> Reach {
     }
 }
 
-fn listen(sensors: &mut SensorSocket) -> SensorReadings {
-    let mut received = SensorReadings::default();
-    for _ in 0..LISTEN_ROUNDS {
-        let readings = sensors.read(LISTEN_TIME);
-        received.imu += readings.imu.len();
-        received.gnss += readings.gnss.len();
-        received.heading += readings.heading.len();
-    }
-    received.invalid = sensors.rejected();
-    received
-}
-
 fn memory(instance: Result<Instance, String>) -> SharedMemory {
     let probe = PathBuf::from(format!("/dev/shm/alight-check-{}", std::process::id()));
     let writable = fs::write(&probe, [0_u8; 4096]).map_err(|e| e.to_string());
@@ -498,23 +469,6 @@ fn governors() -> Vec<String> {
         })
         .map(|text| text.trim().to_owned())
         .collect()
-}
-
-/// Whether a process of this program runs as `verb`.
-fn runs_as(verb: &str) -> bool {
-    let own = std::process::id().to_string();
-    fs::read_dir("/proc")
-        .into_iter()
-        .flatten()
-        .flatten()
-        .any(|entry| {
-            let command = fs::read(entry.path().join("cmdline")).unwrap_or_default();
-            let mut words = command.split(|b| *b == 0);
-            let program = words.next().unwrap_or_default();
-            entry.file_name().to_string_lossy() != own
-                && program.ends_with(b"alight")
-                && words.next() == Some(verb.as_bytes())
-        })
 }
 
 /// Whether a file can be opened for reading.

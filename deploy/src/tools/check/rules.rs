@@ -85,8 +85,8 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     }
     all.extend(facts.cameras.iter().map(|c| camera(c, facts.running)));
     all.extend(facts.cameras.iter().filter_map(camera_view));
-    if matches!(computer, Computer::Vessel(_)) {
-        all.extend(sensors(facts));
+    if let Computer::Vessel(v) = computer {
+        all.extend(v.sensor.sources.is_empty().then(no_sensor));
         for found in facts.sources.iter().flatten() {
             all.push(source(found));
             all.extend(found.remarks.iter().map(|r| said(&found.name, r)));
@@ -514,34 +514,11 @@ fn memory(memory: &SharedMemory) -> Vec<Finding> {
     all
 }
 
-fn sensors(facts: &Facts) -> Option<Finding> {
-    const TOPIC: Topic = Topic("sensors");
-    let received = facts.sensors?;
-    let missing: Vec<&str> = [
-        ("inertial samples", received.imu),
-        ("GNSS fixes", received.gnss),
-        ("headings", received.heading),
-    ]
-    .into_iter()
-    .filter(|(_, n)| *n == 0)
-    .map(|(name, _)| name)
-    .collect();
-    Some(if received.invalid > 0 {
-        TOPIC.warning(
-            format!("{} datagrams were not measurements", received.invalid),
-            "another program sends to this port, or the driver is of another version",
-        )
-    } else if missing.is_empty() {
-        TOPIC.fine(format!(
-            "{} inertial samples, {} fixes, {} headings while listening",
-            received.imu, received.gnss, received.heading
-        ))
-    } else {
-        TOPIC.warning(
-            format!("no {} came while listening", missing.join(", no ")),
-            "start the sensors' driver, and look where it sends to",
-        )
-    })
+fn no_sensor() -> Finding {
+    Topic("sensors").warning(
+        "no sensor is configured: there is no estimate",
+        "a table [[sensor.sources]] in vessel.toml for each (docs/sensors.md)",
+    )
 }
 
 fn source(found: &SourceCheck) -> Finding {

@@ -3,9 +3,10 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use alight_shared::msg::SourceStatus;
 use alight_shared::node::Node;
 use alight_shared::transport::clock::steady_ns;
-use alight_usv::sensors::{SensorNode, SensorsIn, SourceConfig, SourceStatus};
+use alight_usv::sensors::{SensorNode, SensorsIn, SourceConfig};
 use tokio::time::{Instant, timeout_at};
 
 use crate::config::VesselComputer;

@@ -10,6 +10,7 @@ use alight_shared::autopilot_parameters::{Parameter, of_px4};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::mavlink::{Signatures, Signing};
+use alight_shared::msg::SourceStatus;
 use alight_shared::time::Span;
 use alight_shared::transport::radio::TlsConfig;
 use alight_sim::autopilots::simulated::SimulatedAutopilot;
@@ -18,7 +19,7 @@ use alight_sim::physics::streams::Streams;
 use alight_uav::autopilot::message::{CommandLong, command};
 use alight_uav::autopilot::parameters::Finding as ParameterFinding;
 use alight_uav::camera::metering::Setting;
-use alight_usv::sensors::{SourceConfig, SourceStatus};
+use alight_usv::sensors::SourceConfig;
 
 use crate::certificates::{self, Certificate};
 use crate::config::{DroneComputer, VesselComputer};
@@ -26,7 +27,7 @@ use crate::exit::Exit;
 use crate::io::mavlink_key;
 use crate::tools::check::facts::{
     AutopilotReport, CameraCheck, CameraView, ClockSync, Computer, DeckInputCheck, Facts, Identity, Port,
-    PortState, Reach, SensorReadings, SharedMemory, SigningCheck, SourceCheck,
+    PortState, Reach, SharedMemory, SigningCheck, SourceCheck,
 };
 use crate::tools::check::finding::{Finding, Level};
 use crate::tools::check::rules::judge;
@@ -54,6 +55,7 @@ fn vessel() -> Facts {
     let mut computer = VesselComputer::default();
     computer.radio.listen = vec!["quic/0.0.0.0:7447".into()];
     computer.radio.tls = tls(&["drone-1"]);
+    computer.sensor.sources = vec![SourceConfig::default()];
     Facts {
         config: PathBuf::from("/etc/alight/vessel.toml"),
         computer: Ok(Computer::Vessel(Box::new(computer))),
@@ -85,12 +87,6 @@ fn vessel() -> Facts {
         frame: None,
         flown: None,
         cameras: Vec::new(),
-        sensors: Some(SensorReadings {
-            imu: 300,
-            gnss: 10,
-            heading: 20,
-            invalid: 0,
-        }),
         sources: Some(Vec::new()),
         deck_inputs: Vec::new(),
         governors: vec!["performance".into(); 4],
@@ -114,7 +110,6 @@ fn drone() -> Facts {
     facts.ports.clear();
     facts.dialled = vec![("quic/192.168.7.1:7447".into(), Reach::Answers)];
     facts.autopilot = Some(("serial:///dev/ttyACM0:921600".into(), Ok(Reach::Answers)));
-    facts.sensors = None;
     facts.sources = None;
     facts
 }
@@ -212,6 +207,12 @@ fn check_of_each_fault() {
     fn shared(f: &mut Facts) -> &mut SharedMemory {
         f.memory.as_mut().unwrap()
     }
+    fn unmeasured(f: &mut Facts) {
+        let Ok(Computer::Vessel(v)) = &mut f.computer else {
+            panic!("the vessel's");
+        };
+        v.sensor.sources.clear();
+    }
     fn source(f: &mut Facts, received: Result<(usize, SourceStatus), String>) {
         f.sources = Some(vec![SourceCheck {
             name: "compass".into(),
@@ -269,8 +270,7 @@ fn check_of_each_fault() {
                     "expires in 29 days",
                 ),
                 (|f| own(f).key_mode = Some(0o100_644), "mode 644"),
-                (|f| f.sensors = Some(SensorReadings::default()), "no GNSS fixes"),
-                (|f| f.sensors.as_mut().unwrap().invalid = 4, "4 datagrams"),
+                (|f| unmeasured(f), "no sensor is configured"),
                 (|f| source(f, Err("no such device".into())), "no such device"),
                 (|f| source(f, Ok((0, SourceStatus::default()))), "nothing came"),
                 (|f| source(f, Ok((900, SourceStatus::default()))), "900 bytes"),
@@ -440,6 +440,7 @@ fn check_of_an_unprotected_radio() {
     let mut facts = vessel();
     facts.identity = None;
     let mut computer = VesselComputer::default();
+    computer.sensor.sources = vec![SourceConfig::default()];
     facts.computer = Ok(Computer::Vessel(Box::new(computer.clone())));
     assert_eq!(worst(&judge(&facts)), Level::Warning);
     computer.radio.listen = vec!["udp/127.0.0.1:7447".into()];
@@ -491,7 +492,6 @@ fn check_of_a_swapped_key_and_a_foreign_authority() {
         let mut computer = VesselComputer::default();
         computer.radio.listen = vec!["quic/127.0.0.1:0".into()];
         computer.radio.tls = radio.clone();
-        computer.sensors = "127.0.0.1:0".into();
         let path = directory.join("vessel.toml");
         std::fs::write(&path, toml::to_string(&computer).unwrap()).unwrap();
         gather::gather(&path).identity.unwrap()
@@ -574,7 +574,7 @@ fn check_of_a_broken_configuration() {
     let path = directory.join("any.toml");
     for text in [
         "",
-        "vessel_id = 1\ninstance = \"x\"",
+        "vessel_id = 1\n[bridge]\ndrone_id = 1",
         "vessel_id = \"one\"",
         "instance = \"x\"\nunknown = 3",
         "not toml",

@@ -7,9 +7,10 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use alight_shared::config;
+use alight_shared::msg::Decoded;
 use alight_usv::log::{self, LogError, MAX_MEASUREMENTS, Recording};
 use alight_usv::review::review;
-use alight_usv::sensors::{Decoded, Measurement, Mount};
+use alight_usv::sensors::{Measurement, Mount};
 use alight_usv::{ComputerIn, VesselNodeConfig};
 use clap::Args;
 

@@ -3,23 +3,25 @@
 use super::page::Page;
 use crate::process::snapshot::time;
 use crate::tools::check::finding::{Finding, Level};
-use crate::vessel::status_file::VesselStatus;
+use crate::vessel::status::Situation;
 
 /// What the crew has to know: deck and drones, what is fine in one line each, and each finding that is not as an alarm.
-pub fn page(status: &VesselStatus, findings: &[Finding]) -> Page {
+pub fn page(seen: &Situation, findings: &[Finding]) -> Page {
     let state = match Level::worst(findings) {
         Level::Fine => "works",
         Level::Warning => "works, with warnings",
         Level::Broken => "BROKEN",
     };
-    let up_s = (status.process.at_ns - status.process.began_ns) as f64 * 1e-9;
+    let status = &seen.status;
+    let up_s = (seen.process.at_ns - seen.process.began_ns) as f64 * 1e-9;
     let drones: Vec<(u32, &str, bool)> = status
         .drones
         .iter()
-        .map(|d| (d.drone, d.state.as_str(), d.armed))
+        .map(|d| &d.status)
+        .map(|d| (d.header.drone, d.state.name(), d.armed))
         .collect();
     let deck = (status.deck_owner, status.occupied, status.deck.closed);
-    let title = format!("vessel {}: {state}, up {}", status.vessel, time(up_s));
+    let title = format!("vessel {}: {state}, up {}", seen.vessel, time(up_s));
     let mut page = Page::new(title, format!("{deck:?} {drones:?}"));
     let owner = status.deck_owner;
     let owner = owner.map_or_else(|| "free".to_owned(), |id| format!("reserved for drone {id}"));
@@ -45,8 +47,8 @@ pub fn page(status: &VesselStatus, findings: &[Finding]) -> Page {
     if sources().count() > 0 {
         page.entry("sources", format!("{working} of {} work", sources().count()));
     }
-    let mut processes = format!("vessel {}", status.process.pid);
-    if let Some(pid) = status.sensors_pid {
+    let mut processes = format!("vessel {}", seen.process.pid);
+    if let Some(pid) = seen.sensors_pid {
         processes.push_str(&format!(", sensors {pid}"));
     }
     page.entry("processes", processes);

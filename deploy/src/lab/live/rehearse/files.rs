@@ -7,14 +7,12 @@ use std::path::{Path, PathBuf};
 use alight_shared::config;
 use alight_shared::transport::clock::steady_ns;
 use alight_sim::harness::scenario::Scenario;
-use alight_sim::sensors::bytes::{BoatSensor, Carries, StatedErrors};
 use alight_uav::autopilot::modes::Firmware;
 use alight_usv::sensors::{Format, Mount, SourceConfig};
 use rustix::fs::{FileType, Mode, mknodat};
 use toml::{Table, Value};
 
 use super::args::RehearseArgs;
-use super::lines::SerialLine;
 use crate::certificates::{self, common_name};
 use crate::config::link_url::LinkUrl;
 use crate::config::{DroneComputer, VesselComputer};
@@ -22,6 +20,7 @@ use crate::exit::{CliError, Doing};
 use crate::lab::args::Autopilot;
 use crate::lab::live::config::{AutopilotKind, Devices, SimulatedWorld, free_port};
 use crate::lab::live::land::AT_SEA;
+use crate::lab::live::serial_lines::assigned;
 
 /// The files as they are shipped.
 const SHIPPED_VESSEL: &str = include_str!("../../../../vessel/vessel.toml");
@@ -83,8 +82,6 @@ pub struct Plan {
     pub drone: DroneComputer,
     /// The vehicles.
     pub world: SimulatedWorld,
-    /// Each sensor's name and the end that it sends from.
-    pub sensors: Vec<(String, BoatSensor)>,
     /// Names of the certificates; none where the files ask for none.
     pub certificates: Vec<String>,
     /// What the two files say differently of the same thing.
@@ -113,8 +110,6 @@ impl Plan {
         let directory = Directory::make(args.keep.as_deref())?;
         let names = radio(&directory, (&vessel, &mut vessel_file), (&drone, &mut drone_file))?;
 
-        let sensors_at = format!("{HOST}:{}", free_port()?);
-        set(&mut vessel_file, &[], "sensors", sensors_at);
         for (key, input) in [
             ("crew_switch", &vessel.deck.crew_switch),
             ("occupancy_sensor", &vessel.deck.occupancy_sensor),
@@ -140,8 +135,9 @@ impl Plan {
         set(&mut vessel_file, &["sensor"], "sources", list);
 
         let camera = directory.file("camera");
-        let instance = format!("rehearse-{}", std::process::id());
-        set(&mut drone_file, &[], "instance", instance);
+        for (name, file) in [("rehears", &mut vessel_file), ("rehearse", &mut drone_file)] {
+            set(file, &[], "instance", format!("{name}-{}", std::process::id()));
+        }
         set(&mut drone_file, &["autopilot"], "connect", connect);
         set(
             &mut drone_file,
@@ -169,7 +165,6 @@ impl Plan {
         let text = toml::to_string(&world).doing("writing the world")?;
         std::fs::write(directory.file("world.toml"), text).doing("writing world.toml")?;
         Ok(Plan {
-            sensors: boat_sensors(&sources, &world.scenario)?,
             vessel,
             drone,
             world,
@@ -177,15 +172,6 @@ impl Plan {
             contradictions,
             directory,
         })
-    }
-    /// The serial lines of the sensors, with what sends on each.
-    pub fn lines(&self) -> Result<Vec<(SerialLine, BoatSensor)>, CliError> {
-        let line = |(name, sensor): &(String, BoatSensor)| {
-            let at = self.directory.file(&tty(name));
-            let line = SerialLine::at(&at).doing(format_args!("making the serial line {}", at.display()))?;
-            Ok((line, sensor.clone()))
-        };
-        self.sensors.iter().map(line).collect()
     }
 }
 
@@ -318,32 +304,6 @@ fn sources(vessel: &VesselComputer, directory: &Directory) -> Vec<SourceConfig> 
     sources
 }
 
-fn assigned(sources: &[SourceConfig]) -> Result<Vec<Carries>, CliError> {
-    let formats: Vec<Format> = sources.iter().map(|s| s.format).collect();
-    Carries::assign(&formats).ok_or_else(|| {
-        CliError(
-            "no sensor of the vessel's file has format = \"mavlink\", in which alone a rehearsal sends inertial \
-             samples; add one for the rehearsal"
-                .into(),
-        )
-    })
-}
-
-fn boat_sensors(
-    sources: &[SourceConfig],
-    scenario: &Scenario,
-) -> Result<Vec<(String, BoatSensor)>, CliError> {
-    let stated = StatedErrors::of(&scenario.sensors.vessel_gnss.error);
-    let carries = assigned(sources)?;
-    let all = sources.iter().zip(carries).enumerate();
-    Ok(all
-        .map(|(k, (s, carries))| {
-            let sensor = BoatSensor::new(s.format, &s.mount, carries, stated);
-            (format!("{k}-{}", s.name), sensor)
-        })
-        .collect())
-}
-
 /// What vessel and drone must know alike.
 fn contradictions(vessel: &VesselComputer, drone: &DroneComputer) -> Vec<String> {
     let mut all = Vec::new();
@@ -375,7 +335,6 @@ fn world(
     };
     let world = SimulatedWorld {
         instance: drone.instance.clone(),
-        sensors: format!("{HOST}:{}", free_port()?),
         epoch_ns,
         seed: args.seed,
         sea: args.sea.text.clone(),
@@ -387,6 +346,7 @@ fn world(
             .map_or_else(|| Ok(Default::default()), config::load)?,
         mavlink,
         signing_key: drone.autopilot.signing_key.clone(),
+        sensors: sources.to_vec(),
         devices: Some(Devices {
             camera,
             camera_delay_s: drone.camera.delay_s,
@@ -502,7 +462,7 @@ mod tests {
         };
         assert_eq!(
             sorted(vessel),
-            expected(&["radio.listen", "recorder.directory", "sensor.sources", "sensors"])
+            expected(&["instance", "radio.listen", "recorder.directory", "sensor.sources"])
         );
         let drone = of(SHIPPED_DRONE, "drone.toml");
         assert_eq!(

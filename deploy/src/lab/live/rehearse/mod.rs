@@ -8,7 +8,6 @@ pub mod args;
 mod checked;
 mod files;
 mod flights;
-mod lines;
 mod list;
 mod services;
 
@@ -29,19 +28,18 @@ use serde::Serialize;
 
 use self::args::{RehearseArgs, Restart};
 use self::files::Plan;
-use self::lines::SensorFeed;
 use self::list::{CheckList, Row};
 use self::services::{Service, command};
 use crate::exit::{CliError, Doing, Exit};
-use crate::lab::live::world::{Landed, TooSlow, WorldReport};
+use crate::lab::live::world::{Landed, SENSING, TooSlow, WorldReport};
 use crate::process::instance::is_running;
 use crate::process::life::end_with_supervisor;
-use crate::process::observer::Observer;
+use crate::process::observer::{Follower, Observer};
 use crate::process::scheduling;
 use crate::process::supervisor::pause;
 use crate::terminal;
 use crate::vessel::deck_file;
-use crate::vessel::status_file::{self, CertificateStatus, SourceHealth, VesselStatus};
+use crate::vessel::status::{CertificateStatus, Situation, SourceHealth};
 
 /// Time between two looks.
 const POLL: Duration = Duration::from_millis(20);
@@ -138,7 +136,10 @@ struct Rehearsal<'a> {
     drone: Option<Service>,
     vessel: Option<Service>,
     world: Service,
-    feed: SensorFeed,
+    /// The vessel's processes, from their first start on.
+    aboard: Follower,
+    /// The simulated sensors send.
+    sensing: bool,
     stop: Arc<AtomicBool>,
     state: State,
     /// Time since the command, state and why it was entered.
@@ -155,7 +156,6 @@ struct Rehearsal<'a> {
 
 impl<'a> Rehearsal<'a> {
     fn begin(args: &'a RehearseArgs, plan: Plan) -> Result<Rehearsal<'a>, CliError> {
-        let feed = SensorFeed::start(&plan.world.sensors, plan.lines()?)?;
         let own = || std::env::current_exe().doing("looking for this program");
         let directory = plan.directory.path();
         Ok(Rehearsal {
@@ -165,7 +165,8 @@ impl<'a> Rehearsal<'a> {
             drone: None,
             vessel: None,
             world: Service::start("world", &own()?, directory)?,
-            feed,
+            aboard: Follower::of(&plan.vessel.instance, "rehearse")?,
+            sensing: false,
             stop: end_with_supervisor(args.supervised),
             state: State::Idle,
             states: Vec::new(),
@@ -200,6 +201,7 @@ impl<'a> Rehearsal<'a> {
     /// Takes the world's report.
     fn receive_report(&mut self) {
         for line in self.world.output() {
+            self.sensing |= line == SENSING;
             match serde_json::from_str(&line) {
                 Ok(WorldReport::Landed(landed)) => self.landed = Some(*landed),
                 Ok(WorldReport::TooSlow(too_slow)) => self.too_slow = Some(too_slow),
@@ -233,6 +235,8 @@ impl<'a> Rehearsal<'a> {
         {
             self.back_s = Some((steady_ns() - killed_ns) as f64 * 1e-9);
         }
+        // Its newest reports are asked for later.
+        let _none = self.aboard.poll();
         if let Some((_, observer)) = &mut self.observer {
             // The drone's clock is the steady clock: the file that is shipped leaves it alone.
             observer.poll(Some(
@@ -290,7 +294,7 @@ impl<'a> Rehearsal<'a> {
 
     /// `alight check` on both computers, before any service is started.
     fn check(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
-        let waited = self.until(list, WORLD_S, |r| r.feed.readings() > 0)?;
+        let waited = self.until(list, WORLD_S, |r| r.sensing)?;
         if waited != Waited::Met {
             list.add(list::CHECK, "simulated vehicles", false, self.world.complaints());
             return Ok(waited);
@@ -372,7 +376,8 @@ impl<'a> Rehearsal<'a> {
         if matches!(waited, Waited::Stopped | Waited::TooSlow) {
             return Ok(waited);
         }
-        self.show_sources(list, first, self.vessel_status());
+        let now = self.vessel_status();
+        self.show_sources(list, first, now);
         let link = self.observer.as_ref().and_then(|(_, o)| o.snapshot.link);
         let ms = |s: f64| {
             if s.is_finite() {
@@ -416,17 +421,19 @@ impl<'a> Rehearsal<'a> {
         let link = self.observer.as_ref().and_then(|(_, o)| o.snapshot.link);
         link.is_some_and(|l| l.age_s < LINK_AGE_S && l.clock_offset_sd_s < CLOCK_SD_S)
     }
-    fn vessel_status(&self) -> Option<VesselStatus> {
-        status_file::read(&self.plan.vessel).and_then(Result::ok)
+    fn vessel_status(&mut self) -> Option<Situation> {
+        let certificate = CertificateStatus::of(&self.plan.vessel);
+        let (_, seen) = self.aboard.poll()?;
+        Situation::of(&self.plan.vessel, &certificate, seen, steady_ns())
     }
     /// Each sensor with the rate at which the estimator used it since `before`.
-    fn show_sources(&self, list: &mut CheckList, before: Option<VesselStatus>, now: Option<VesselStatus>) {
+    fn show_sources(&self, list: &mut CheckList, before: Option<Situation>, now: Option<Situation>) {
         let Some(now) = now else {
             list.add(
                 list::VESSEL,
                 "sensors",
                 false,
-                "the vessel's process writes no status",
+                "the vessel's process does not report",
             );
             return;
         };
@@ -438,26 +445,26 @@ impl<'a> Rehearsal<'a> {
         {
             let earlier = before
                 .as_ref()
-                .and_then(|b| Some((b.process.at_ns, b.sources.get(k)?.used)));
+                .and_then(|b| Some((b.process.at_ns, b.sources.get(k)?.uses.used)));
             let (since_ns, used) = earlier.unwrap_or((now.process.began_ns, 0));
             let span_s = ((now.process.at_ns - since_ns) as f64 * 1e-9).max(1e-3);
-            let rate_hz = (source.used - used.min(source.used)) as f64 / span_s;
+            let rate_hz = (source.uses.used - used.min(source.uses.used)) as f64 / span_s;
             let mut figure = format!("{rate_hz:.1} Hz used");
             for (count, name) in [
-                (source.corrupted, "damaged"),
-                (source.undated, "undated"),
-                (source.gated, "gated"),
-                (source.rejected, "rejected"),
+                (source.report.status.decoded.corrupted, "damaged"),
+                (source.report.status.decoded.undated, "undated"),
+                (source.uses.gated, "gated"),
+                (source.uses.rejected, "rejected"),
             ] {
                 if count > 0 {
                     figure += &format!(", {count} {name}");
                 }
             }
-            if let Some(why) = &source.why {
+            if let Some(why) = &source.report.why {
                 figure += &format!("; {why}");
             }
             let format = format!("{:?}", config.format).to_lowercase();
-            let ok = rate_hz > 0.0 && source.why.is_none();
+            let ok = rate_hz > 0.0 && source.report.why.is_none();
             list.add(
                 list::VESSEL,
                 format!("sensor {} ({format})", source.name),
@@ -465,7 +472,7 @@ impl<'a> Rehearsal<'a> {
                 figure,
             );
         }
-        let e = &now.estimator;
+        let e = &now.status.estimator;
         let age_s = e.estimate_age_s.unwrap_or(f64::INFINITY);
         let waves = e.waves.map_or("waves unknown".into(), |[height_m, _]| {
             format!("waves of {height_m:.1} m")
@@ -523,7 +530,7 @@ impl<'a> Rehearsal<'a> {
             self.killed_ns = Some(steady_ns());
         }
     }
-    fn show_restart(&self, list: &mut CheckList) {
+    fn show_restart(&mut self, list: &mut CheckList) {
         if self.args.restart.is_none() {
             return;
         }
@@ -539,17 +546,21 @@ impl<'a> Rehearsal<'a> {
         list.add(list::VESSEL, "alight-vessel, killed", ok, figure);
     }
     /// What the vessel knows of the drone, and who it is itself.
-    fn show_contact(&self, list: &mut CheckList) {
+    fn show_contact(&mut self, list: &mut CheckList) {
         let number = self.plan.drone.bridge.drone_id;
         let status = self.vessel_status();
-        let drones = status.as_ref().map(|s| s.drones.as_slice()).unwrap_or_default();
-        let received = drones.iter().find(|d| d.drone == number);
+        let drones = status.as_ref().map(|s| &s.status.drones[..]).unwrap_or_default();
+        let received = drones.iter().find(|d| d.status.header.drone == number);
         let figure = match (received, status.as_ref().map(|s| &s.certificate)) {
             (None, _) => format!("it does not receive drone {number}"),
             (Some(d), Some(CertificateStatus::Held { name, .. })) => {
-                format!("{name} received it {:.1} s ago: {}", d.age_s, d.state)
+                format!(
+                    "{name} received it {:.1} s ago: {}",
+                    d.age_s,
+                    d.status.state.name()
+                )
             }
-            (Some(d), Some(_) | None) => format!("received {:.1} s ago: {}", d.age_s, d.state),
+            (Some(d), Some(_) | None) => format!("received {:.1} s ago: {}", d.age_s, d.status.state.name()),
         };
         list.add(
             list::DRONE,
@@ -637,6 +648,7 @@ impl Drop for Rehearsal<'_> {
     fn drop(&mut self) {
         // Nobody looks any more when the drone's memory is removed; and all are asked before one is waited for.
         self.observer = None;
+        self.aboard.leave();
         for service in [&mut self.drone, &mut self.vessel].into_iter().flatten() {
             service.ask_to_end();
         }

@@ -11,6 +11,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
 use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::process::{Signal, signal};
 
 use crate::exit::{CliError, Doing};
 use crate::process::notify::SOCKET_VARIABLE;
@@ -153,11 +154,15 @@ impl Service {
         }
         Ok(())
     }
-    /// Kills it.
+    /// Kills it, and as its manager does what it started.
     pub fn kill(&mut self) {
         if let Some(child) = &mut self.child {
+            let started = children(child.id());
             // One that is gone meanwhile needs no killing.
             let _gone = child.kill();
+            for pid in started {
+                let _gone = signal(pid, Signal::Kill);
+            }
         }
     }
     /// Asks it to end.
@@ -166,6 +171,19 @@ impl Service {
             drop(child.stdin.take());
         }
     }
+}
+
+/// The processes that the process `pid` started.
+fn children(pid: u32) -> Vec<u32> {
+    let parent = |of: u32| {
+        let stat = std::fs::read_to_string(format!("/proc/{of}/stat")).ok()?;
+        // Fields are counted after the command's name, which is in parentheses and may hold blanks.
+        let fields = stat.rsplit(')').next()?;
+        fields.split_whitespace().nth(1)?.parse::<u32>().ok()
+    };
+    let all = std::fs::read_dir("/proc").into_iter().flatten().flatten();
+    let all = all.filter_map(|e| e.file_name().to_str()?.parse().ok());
+    all.filter(|of| parent(*of) == Some(pid)).collect()
 }
 
 impl Drop for Service {

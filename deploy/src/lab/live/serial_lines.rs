@@ -1,4 +1,4 @@
-//! The wires between the simulated sensors and the vessel's computer: pseudo-terminals in the place of serial ports.
+//! The wires between the simulated sensors and the vessel's computer: pseudo-terminals in the place of serial ports, or UDP.
 //!
 //! Only the end of the sensor is held open. The computer's end stands under a path of its own, like the name that a
 //! system gives a USB adapter; once the computer has closed it, it is another pseudo-terminal, because one keeps the
@@ -6,24 +6,19 @@
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, ErrorKind, Read, Write};
+use std::net::UdpSocket;
 use std::os::unix::fs::{OpenOptionsExt, symlink};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::thread::JoinHandle;
-use std::time::Duration;
 
-use alight_sim::sensors::bytes::BoatSensor;
+use alight_sim::harness::scenario::Scenario;
+use alight_sim::sensors::bytes::{BoatSensor, Carries, StatedErrors};
+use alight_usv::sensors::{Format, Readings, SourceConfig};
 use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 use rustix::io::Errno;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
+use crate::config::link_url::LinkUrl;
 use crate::exit::{CliError, Doing};
-use crate::io::sensor_socket::SensorSocket;
-use crate::process::scheduling;
-
-/// Longest wait for readings.
-const MAX_WAIT: Duration = Duration::from_millis(5);
 
 /// One serial line.
 pub struct SerialLine {
@@ -96,51 +91,76 @@ fn connect(path: &Path) -> io::Result<File> {
     Ok(line.into())
 }
 
-/// The thread that turns the simulated world's readings into bytes on the lines.
-pub struct SensorFeed {
-    thread: Option<JoinHandle<()>>,
-    end: Arc<AtomicBool>,
-    readings: Arc<AtomicU64>,
+/// What each of these sensors of a vessel carries.
+pub fn assigned(sources: &[SourceConfig]) -> Result<Vec<Carries>, CliError> {
+    let formats: Vec<Format> = sources.iter().map(|s| s.format).collect();
+    Carries::assign(&formats).ok_or_else(|| {
+        CliError(
+            "no sensor of the vessel's file has format = \"mavlink\", in which alone a rehearsal sends inertial \
+             samples; add one for the rehearsal"
+                .into(),
+        )
+    })
 }
 
-impl SensorFeed {
-    /// Takes readings at `address`.
-    pub fn start(address: &str, lines: Vec<(SerialLine, BoatSensor)>) -> Result<SensorFeed, CliError> {
-        let mut socket =
-            SensorSocket::listen(address).doing(format_args!("taking the simulated sensors at {address}"))?;
-        let (end, readings) = (Arc::<AtomicBool>::default(), Arc::<AtomicU64>::default());
-        let (told, counted) = (Arc::clone(&end), Arc::clone(&readings));
-        let mut lines = lines;
-        let feed = move || {
-            scheduling::set_real_time_world();
-            while !told.load(Ordering::Relaxed) {
-                let all = socket.read(MAX_WAIT);
-                let count: usize = all.counts().iter().sum();
-                counted.fetch_add(count as u64, Ordering::Relaxed);
-                for (line, sensor) in &mut lines {
-                    // A line that broke stays silent, which the vessel's computer reports.
-                    let _written = line.exchange(&sensor.bytes(&all));
-                }
+/// What a simulated sensor sends on.
+enum Wire {
+    Serial(SerialLine),
+    Udp(UdpSocket),
+}
+
+impl Wire {
+    /// To the computer that reads at `url`.
+    fn to(url: &LinkUrl) -> Result<Wire, CliError> {
+        match url {
+            LinkUrl::Serial(path, _) => {
+                let line = SerialLine::at(path);
+                let line = line.doing(format_args!("making the serial line {}", path.display()))?;
+                Ok(Wire::Serial(line))
             }
-        };
-        let thread = std::thread::Builder::new().spawn(feed);
-        Ok(SensorFeed {
-            thread: Some(thread.doing("starting the simulated sensors")?),
-            end,
-            readings,
-        })
+            LinkUrl::UdpIn(at, _) => {
+                let socket = UdpSocket::bind("0.0.0.0:0");
+                let socket = socket.and_then(|s| s.connect(at.as_str()).map(|()| s));
+                Ok(Wire::Udp(
+                    socket.doing(format_args!("sending a sensor's bytes to {at}"))?,
+                ))
+            }
+            LinkUrl::UdpOut(_) | LinkUrl::TcpIn(..) | LinkUrl::TcpOut(_) => Err(CliError(format!(
+                "{url}: a simulated sensor sends to serial:// or udpin:// alone"
+            ))),
+        }
     }
-    /// Readings that came from the world so far.
-    pub fn readings(&self) -> u64 {
-        self.readings.load(Ordering::Relaxed)
+    fn send(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Wire::Serial(line) => line.exchange(bytes),
+            Wire::Udp(_) if bytes.is_empty() => Ok(0),
+            Wire::Udp(socket) => socket.send(bytes),
+        }
     }
 }
 
-impl Drop for SensorFeed {
-    fn drop(&mut self) {
-        self.end.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ended = thread.join();
+/// The simulated sensors, each on its line.
+pub struct SensorLines(Vec<(Wire, BoatSensor)>);
+
+impl SensorLines {
+    /// Of the sensors of this configuration, whose lines are where it names them.
+    pub fn of(sources: &[SourceConfig], scenario: &Scenario) -> Result<SensorLines, CliError> {
+        let stated = StatedErrors::of(&scenario.sensors.vessel_gnss.error);
+        let mut all = Vec::new();
+        for (source, carries) in sources.iter().zip(assigned(sources)?) {
+            let wire = Wire::to(&source.connect.parse().map_err(CliError)?)?;
+            all.push((
+                wire,
+                BoatSensor::new(source.format, &source.mount, carries, stated),
+            ));
+        }
+        Ok(SensorLines(all))
+    }
+    /// Sends what was measured.
+    pub fn send(&mut self, readings: &Readings) {
+        for (wire, sensor) in &mut self.0 {
+            // A line that broke stays silent, which the vessel's computer reports.
+            let _written = wire.send(&sensor.bytes(readings));
         }
     }
 }
@@ -148,7 +168,6 @@ impl Drop for SensorFeed {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::link_url::LinkUrl;
     use crate::io::byte_link::ByteLink;
 
     #[tokio::test]

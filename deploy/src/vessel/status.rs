@@ -1,0 +1,320 @@
+//! The status of the vessel: what its process publishes of itself, and what is read of it on its computer.
+
+use core::f64::consts::PI;
+use std::collections::VecDeque;
+use std::path::Path;
+
+use alight_shared::msg::{
+    DeckStatus, DroneContact, EstimatorStatus, Header, HeadingAdvice, Line, MAX_DEVICES, MAX_ORDERS, Seq,
+    SourceReport, SourceUse, VesselStatus,
+};
+use alight_shared::time::{Time, VesselClock};
+use alight_shared::transport::metrics::{MetricName, MetricValue};
+use alight_shared::transport::process::{ProcessKind, ProcessState};
+use alight_shared::transport::rejections::AccessRejection;
+use alight_usv::{ComputerIn, ComputerOut, Estimator, KINDS, VesselNode};
+use serde::Serialize;
+
+use crate::certificates;
+use crate::config::VesselComputer;
+use crate::process::snapshot::Snapshot;
+
+/// Time between two samples of the motion, ns.
+const MOTION_PERIOD_NS: i64 = 90_000_000;
+/// Statuses that `lately` reaches back: 10 s.
+const LATELY: usize = 20;
+/// A status older than this is a dead or a frozen process's, s: six of its periods.
+pub const STALE_S: f64 = 3.0;
+
+/// Why what the crew relies on does not work.
+pub struct Errors {
+    /// The deck's state would not outlive the process.
+    pub file: Option<String>,
+    /// Digital inputs cannot be read.
+    pub inputs: Vec<String>,
+    /// The lamp at the helm cannot be driven.
+    pub lamp: Option<String>,
+}
+
+/// Collects what the process knows.
+#[derive(Default)]
+pub struct StatusReport {
+    sensors_ns: [Option<i64>; 3],
+    estimated_ns: Option<i64>,
+    estimator: EstimatorStatus,
+    motion_ns: i64,
+    occupied: bool,
+    sequence: u32,
+    /// Used and refused of each source at the statuses before, oldest first.
+    counts: VecDeque<[[u64; 2]; MAX_DEVICES]>,
+}
+
+impl StatusReport {
+    /// A step of the node at `now_ns` of the steady clock.
+    pub fn observe(&mut self, now_ns: i64, input: &ComputerIn, out: &ComputerOut) {
+        self.occupied = out.grant.map_or(self.occupied, |g| g.occupied);
+        let (input, out) = (&input.vessel, &out.vessel);
+        let arrived = [
+            // An attitude sensor stands in where there is no inertial one.
+            !(input.imu.is_empty() && input.attitude.is_empty()),
+            !input.gnss.is_empty(),
+            !input.heading.is_empty(),
+        ];
+        for (slot, arrived) in self.sensors_ns.iter_mut().zip(arrived) {
+            *slot = if arrived { Some(now_ns) } else { *slot };
+        }
+        let estimator = &mut self.estimator;
+        if let Some(e) = &out.estimate {
+            self.estimated_ns = Some(now_ns);
+            if now_ns.saturating_sub(self.motion_ns) >= MOTION_PERIOD_NS {
+                self.motion_ns = now_ns;
+                // What does not fit comes too late for a picture of the motion.
+                let _full = estimator.motion.push([e.eta[3], e.eta[4], -e.eta[2]]);
+            }
+            let variance = |i: usize| e.covariance(i)[0];
+            estimator.sd = [
+                variance(0) + variance(1),
+                variance(2),
+                variance(3) + variance(4),
+                variance(5),
+            ]
+            .map(f64::sqrt);
+        }
+        if let Some(w) = &out.wave {
+            estimator.waves = Some([w.significant_height_m, w.confidence].map(f64::from));
+        }
+    }
+    /// The status at the time of `header`, which the steady clock calls `now_ns`, after these orders of the crew.
+    pub fn message(
+        &mut self,
+        computer: &alight_usv::VesselComputer,
+        (header, now_ns): (Header<VesselClock>, i64),
+        orders: Seq<u32, MAX_ORDERS>,
+        errors: &Errors,
+    ) -> VesselStatus {
+        let (now, node) = (header.at, computer.node());
+        let (gated, since) = (node.gated(), |t: Option<i64>| {
+            t.map(|t| (now_ns - t).max(0) as f64 * 1e-9)
+        });
+        let estimator = EstimatorStatus {
+            sensor_age_s: self.sensors_ns.map(since),
+            estimate_age_s: since(self.estimated_ns),
+            heading: heading_advice(node.estimator()),
+            gated: [gated.imu, gated.gnss, gated.heading],
+            restarts: gated.restarts,
+            rejected: node.rejected().total().into(),
+            ..self.estimator
+        };
+        self.estimator.motion = Seq::new();
+        self.sequence = self.sequence.wrapping_add(1);
+        let contact = |s: &alight_shared::admission::Arrival<VesselClock, _>| DroneContact {
+            age_s: (now - s.at).secs().max(0.0),
+            status: s.message,
+        };
+        VesselStatus {
+            header: Header {
+                sequence: self.sequence,
+                ..header
+            },
+            deck_owner: computer.arbiter().owner(),
+            occupied: self.occupied,
+            deck: deck(now, computer, errors),
+            orders,
+            drones: Seq::filled(computer.drones().statuses().map(contact)),
+            estimator,
+            uses: self.uses(node),
+        }
+    }
+    /// What became of each source's measurements, in all and since some statuses ago.
+    fn uses(&mut self, node: &VesselNode) -> [SourceUse; MAX_DEVICES] {
+        let mut uses = core::array::from_fn(|number| source_use(node, number));
+        let now = uses.map(|u: SourceUse| [u.used - u.gated.min(u.used), u.rejected + u.gated]);
+        let before = self.counts.front().copied().unwrap_or(now);
+        for ((source, now), before) in uses.iter_mut().zip(now).zip(before) {
+            source.lately = [now[0].saturating_sub(before[0]), now[1].saturating_sub(before[1])];
+        }
+        if self.counts.len() >= LATELY {
+            self.counts.pop_front();
+        }
+        self.counts.push_back(now);
+        uses
+    }
+}
+
+/// A source of bytes is two sources of measurements.
+fn source_use(node: &VesselNode, number: usize) -> SourceUse {
+    let mut all = SourceUse::default();
+    for kind in 0..KINDS.len() {
+        for source in [2 * number, 2 * number + 1] {
+            let c = node.source(kind, source);
+            all.out_of_order += c.out_of_order;
+            all.used += c.taken;
+            all.gated += c.gated;
+            all.rejected += c.rejected;
+            all.stuck += c.stuck;
+            all.is_stuck |= c.is_stuck;
+        }
+    }
+    all
+}
+
+fn heading_advice(estimator: &Estimator) -> Option<HeadingAdvice> {
+    let (quiet, now) = estimator.quietest_heading()?;
+    let compass = |rad: f64| rad.to_degrees().rem_euclid(360.0);
+    Some(HeadingAdvice {
+        now_deg: compass(now),
+        quietest_deg: compass(quiet.heading),
+        tilt_deg: [quiet.tilt_now, quiet.tilt].map(f64::to_degrees),
+        waves_from_deg: compass(quiet.waves_to + PI),
+    })
+}
+
+/// The deck as arbiter and relay know it at `now`.
+fn deck(now: Time<VesselClock>, node: &alight_usv::VesselComputer, errors: &Errors) -> DeckStatus {
+    let arbiter = node.arbiter();
+    let line = |e: &String| Line::from(e.as_str());
+    DeckStatus {
+        closed: arbiter.closed(now),
+        owner_age_s: arbiter.owner_age_s(now),
+        doubles: Seq::filled(arbiter.doubles().map(|(id, _)| id)),
+        unplaced: Seq::filled(arbiter.unplaced()),
+        starved: arbiter.starved(now),
+        unheard: Seq::filled(arbiter.unheard(now)),
+        follows_another: node.follows_another(now),
+        aborts: Seq::filled(node.relay().unacknowledged()),
+        file_error: errors.file.as_ref().map(line),
+        input_errors: Seq::filled(errors.inputs.iter().map(line)),
+        lamp_error: errors.lamp.as_ref().map(line),
+        course: arbiter.course(now),
+        wants_steady: arbiter.wants_steady(now),
+    }
+}
+
+/// The certificate.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub enum CertificateStatus {
+    /// The radio has none.
+    None,
+    /// Its name and the days until it expires, negative when it has.
+    Held {
+        /// Whose it is.
+        name: String,
+        /// Days left.
+        days_left: i64,
+    },
+    /// It cannot be read; the system's error.
+    Unreadable(String),
+}
+
+impl CertificateStatus {
+    /// Of the file that the configuration names.
+    pub fn of(computer: &VesselComputer) -> CertificateStatus {
+        let file = &computer.radio.tls.certificate;
+        if file.is_empty() {
+            return CertificateStatus::None;
+        }
+        match certificates::read_certificate(Path::new(file)) {
+            Ok(look) => CertificateStatus::Held {
+                name: look.certificate.name,
+                days_left: look.certificate.days_left,
+            },
+            Err(e) => CertificateStatus::Unreadable(e.to_string()),
+        }
+    }
+}
+
+/// A real sensor: its bytes, and what the estimator made of its measurements.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct SourceHealth {
+    /// Its name.
+    pub name: String,
+    /// Age of its newest measurement, s; None before the first.
+    pub age_s: Option<f64>,
+    /// What became of its bytes.
+    #[serde(flatten)]
+    pub report: SourceReport,
+    /// What the estimator made of it.
+    #[serde(flatten)]
+    pub uses: SourceUse,
+}
+
+/// What is known on the vessel's computer.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Situation {
+    /// Number of the vessel.
+    pub vessel: u32,
+    /// Its process.
+    pub process: ProcessState,
+    /// Endpoints that it listens on.
+    pub listen: Vec<String>,
+    /// Names that are admitted.
+    pub peers: Vec<String>,
+    /// The certificate.
+    pub certificate: CertificateStatus,
+    /// Peers rejected since the start, by reason.
+    pub rejected: Vec<(String, u64)>,
+    /// The newest reason.
+    pub rejected_last: Option<String>,
+    /// What is to be said of a configuration that was edited since the start.
+    pub edited: Option<String>,
+    /// The process that reads the real sensors, while it reports.
+    pub sensors_pid: Option<u32>,
+    /// The real sensors.
+    pub sources: Vec<SourceHealth>,
+    /// What its process says.
+    #[serde(flatten)]
+    pub status: VesselStatus,
+}
+
+impl Situation {
+    /// Of what was seen of this computer's processes by `now_ns` of the steady clock; None before their first reports.
+    pub fn of(
+        computer: &VesselComputer,
+        certificate: &CertificateStatus,
+        seen: &Snapshot,
+        now_ns: i64,
+    ) -> Option<Situation> {
+        let (process, status) = (*seen.processes.get(&ProcessKind::Vessel)?, seen.vessel?);
+        let sources = &computer.sensor.sources;
+        let number = |r: &SourceReport| usize::try_from(r.number).unwrap_or(usize::MAX);
+        let source = |r: &SourceReport| {
+            let (source, uses) = (sources.get(number(r))?, status.uses.get(number(r))?);
+            let now: Time<VesselClock> = computer.clock.read(now_ns);
+            Some(SourceHealth {
+                name: source.name.clone(),
+                age_s: r.status.newest_s.map(|at| now.secs() - at),
+                report: *r,
+                uses: *uses,
+            })
+        };
+        let count = |name| match process.count(name) {
+            0 => None,
+            n => Some(n),
+        };
+        let other_keys = MetricName::Rejected(alight_shared::admission::RejectionReason::Sender);
+        let reasons = AccessRejection::ALL.map(|r| (r.name(), MetricName::PeersRejectedFor(r)));
+        let reasons = reasons
+            .into_iter()
+            .chain([("a name that is not its key's", other_keys)]);
+        let is_young = |p: &&ProcessState| (now_ns - p.at_ns) as f64 * 1e-9 <= STALE_S;
+        let sensors = seen.processes.get(&ProcessKind::Sensors).filter(is_young);
+        Some(Situation {
+            vessel: computer.vessel_id,
+            process,
+            listen: computer.radio.listen.clone(),
+            peers: computer.radio.tls.peers.clone(),
+            certificate: certificate.clone(),
+            rejected: reasons
+                .filter_map(|(why, name)| Some((why.to_owned(), count(name)?)))
+                .collect(),
+            rejected_last: match process.metric(MetricName::LastPeerRejection) {
+                Some(MetricValue::AccessRejection(Some(last))) => Some(last.name().into()),
+                Some(_) | None => None,
+            },
+            edited: seen.edited.clone(),
+            sensors_pid: sensors.map(|p| p.pid),
+            sources: seen.sources.values().filter_map(source).collect(),
+            status,
+        })
+    }
+}
