@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use crate::time::Clock;
-use crate::vessel_model::{DOFS, Modes};
+use crate::vessel_model::{DOFS, Modes, PITCH, ROLL};
 
 use super::MotionSample;
 use super::errors::Errors;
@@ -88,7 +88,8 @@ impl<C: Clock> Identification<C> {
                 modes: model.modes(&past).iter().map(|m| m.turned(-angle)).collect(),
             });
         if let Some(modes) = &self.modes {
-            let tilt = super::left_of_tilt(sample, &modes.motion(0.0));
+            let mean = self.mean();
+            let tilt = super::turned([mean[ROLL], mean[PITCH]], -angle);
             self.errors
                 .push(sample.at, |ahead| super::about(tilt, modes.motion(ahead)));
         }
@@ -130,6 +131,10 @@ impl<C: Clock> Identification<C> {
     /// What its predictions are weighed by.
     pub(super) fn weights(&self) -> [f64; DOFS] {
         self.errors.weights()
+    }
+    /// Mean of each degree of freedom of late, in these axes.
+    pub(super) fn mean(&self) -> [f64; DOFS] {
+        self.regression.mean()
     }
     /// Covariance of the quantities of a sample of late.
     pub(super) fn covariance(&self) -> Covariance {

@@ -16,8 +16,7 @@
 //!
 //! A prediction begins at the estimate: what the modes leave of it now goes on. Of heave it fades, for the slow part of it
 //! is an error of the mean water level; of the tilt the slow part is heel and trim, which a turn, speed, wind and load change
-//! within seconds and which turn with her, and it stays. Neither is asked of the modes: in axes parallel to NED they are about
-//! the mean tilt that turns with her.
+//! within seconds and which turn with her, and it stays.
 //!
 //! The error of the predictions is measured, not assumed: each is kept until it is due ([`errors`]).
 
@@ -27,7 +26,6 @@ mod identification;
 mod regression;
 mod subspace;
 
-use crate::frames::wrap_angle;
 use crate::msg::MAX_MODES;
 use crate::time::{Clock, Span, Time};
 use crate::vessel_model::{DOFS, HEAVE, Mode, Modes, Motion, PITCH, ROLL};
@@ -44,8 +42,6 @@ use regression::{OBSERVED, PUSH, SINKS, TILT};
 pub const SAMPLE_S: f64 = 0.1;
 /// What no mode holds fades in this time, s: a quarter of a wave.
 pub const FADE_S: f64 = 1.0;
-/// Memory of the mean tilt, s: eight waves.
-const TRIM_S: f64 = 40.0;
 /// Heel and trim change within this time, s: that of a helm.
 const HEEL_S: f64 = 2.0;
 
@@ -80,13 +76,6 @@ impl<C: Clock> MotionSample<C> {
             ..*self
         }
     }
-    /// The same about this mean tilt about north and about east, rad.
-    fn about(&self, [about_north, about_east]: [f64; 2]) -> MotionSample<C> {
-        let mut about = *self;
-        about.value[ROLL] -= about_north;
-        about.value[PITCH] -= about_east;
-        about
-    }
 }
 
 /// Predictor of the vessel's motion.
@@ -95,8 +84,6 @@ pub struct MotionModel<C: Clock> {
     newest: Option<MotionSample<C>>,
     /// Samples since the start.
     samples: f64,
-    /// Mean tilt of late, in the vessel's axes, rad.
-    mean_tilt: [f64; 2],
     /// Heel and trim: the slow part of the tilt that the modes leave, in the vessel's axes, rad.
     heel: [f64; 2],
     /// In axes parallel to NED, and in axes that turn with the vessel.
@@ -114,7 +101,6 @@ impl<C: Clock> Default for MotionModel<C> {
         MotionModel {
             newest: None,
             samples: 0.0,
-            mean_tilt: [0.0; 2],
             heel: [0.0; 2],
             identified: [Axes::Earth, Axes::Vessel].map(Identification::new),
             modes: None,
@@ -138,29 +124,28 @@ impl<C: Clock> MotionModel<C> {
         if !numbers.chain(more).all(|v| v.is_finite()) {
             return;
         }
-        self.samples += 1.0;
-        let tilt = turned([sample.value[ROLL], sample.value[PITCH]], sample.mean_heading);
-        follow(&mut self.mean_tilt, tilt, TRIM_S, self.samples);
-        let mean_tilt = turned(self.mean_tilt, -sample.mean_heading);
-        let [earth, vessel] = &mut self.identified;
-        // Heel and trim turn with the vessel, and would be a motion in axes that do not.
-        earth.push(&sample.about(mean_tilt));
-        vessel.push(&sample);
-        let turned_by = self.newest.map_or(0.0, |last| {
-            wrap_angle(sample.mean_heading - last.mean_heading) / SAMPLE_S
-        });
+        for i in &mut self.identified {
+            i.push(&sample);
+        }
         self.newest = Some(sample);
         self.errors.compare(&sample);
         self.mix(&sample);
-        let left = left_of_tilt(&sample, &self.modal_motion(0.0));
-        let left = turned(left, sample.mean_heading);
-        follow(&mut self.heel, left, HEEL_S, self.samples);
+        self.follow_heel(&sample);
+        // As the drone rolls the modes on, about the mean.
+        let mean_tilt = self.mean_tilt(sample.mean_heading);
         let mut errors = core::mem::take(&mut self.errors);
-        errors.push(sample.at, |ahead| {
-            let heading = sample.mean_heading + turned_by * ahead;
-            about(self.heel(heading), self.motion(ahead))
-        });
+        errors.push(sample.at, |ahead| about(mean_tilt, self.modal_motion(ahead)));
         self.errors = errors;
+    }
+
+    /// The slow part of the tilt that the modes leave: at first a mean of all so far.
+    fn follow_heel(&mut self, sample: &MotionSample<C>) {
+        self.samples += 1.0;
+        let left = left_of_tilt(sample, &self.modal_motion(0.0));
+        let fraction = (SAMPLE_S / HEEL_S).max(1.0 / self.samples);
+        for (heel, left) in self.heel.iter_mut().zip(turned(left, sample.mean_heading)) {
+            *heel += (left - *heel) * fraction;
+        }
     }
 
     /// The modes of both, weighted, and how far they are apart; before the first identification a motion that fades.
@@ -184,7 +169,7 @@ impl<C: Clock> MotionModel<C> {
             }
             (Some(only), None) | (None, Some(only)) => only.modes.clone(),
             (None, None) => {
-                let [roll, pitch] = turned(self.mean_tilt, -newest.mean_heading);
+                let [roll, pitch] = self.mean_tilt(newest.mean_heading);
                 let mean = |d: usize| match d {
                     ROLL => roll,
                     PITCH => pitch,
@@ -212,6 +197,12 @@ impl<C: Clock> MotionModel<C> {
     /// The modes `t` seconds after the newest sample; zero before the first.
     fn modal_motion(&self, t: f64) -> Motion {
         self.modes.as_ref().map_or_else(Motion::default, |m| m.motion(t))
+    }
+    /// Mean tilt about north and about east of late of a vessel on this mean heading, rad: it turns with her.
+    fn mean_tilt(&self, mean_heading: f64) -> [f64; 2] {
+        let [_, vessel] = &self.identified;
+        let mean = vessel.mean();
+        turned([mean[ROLL], mean[PITCH]], -mean_heading)
     }
     /// Heel and trim now as tilt about north and about east of a vessel on this mean heading, rad: they turn with her.
     pub fn heel(&self, mean_heading: f64) -> [f64; 2] {
@@ -285,14 +276,6 @@ impl<C: Clock> MotionModel<C> {
     /// Standard deviation of each degree of freedom of late.
     pub fn deviation(&self) -> [f64; DOFS] {
         self.identified[0].deviation()
-    }
-}
-
-/// Low-pass of two angles over `memory_s`, at first the mean of all `samples`.
-fn follow(mean: &mut [f64; 2], angles: [f64; 2], memory_s: f64, samples: f64) {
-    let fraction = (SAMPLE_S / memory_s).max(1.0 / samples);
-    for (mean, angle) in mean.iter_mut().zip(angles) {
-        *mean += (angle - *mean) * fraction;
     }
 }
 

@@ -27,7 +27,7 @@
 //! | 182..190 | mean velocity north, east, m/s (2 x f32) |
 //! | 190..198 | mean heading rad, its rate rad/s (2 x f32) |
 //!
-//! | bytes | wave model (50 + 32 n + m B, n <= 25 modes, m <= 60 slopes, 5 Hz, bound 1200 B) |
+//! | bytes | wave model (50 + 32 n + m B, n <= 24 modes, m <= 60 slopes, 5 Hz, bound 1200 B) |
 //! |---|---|
 //! | 26..30 | significant height, m (f32) |
 //! | 30..34 | confidence (f32) |
@@ -60,7 +60,7 @@ use crate::time::{Clock, Time, VesselClock};
 use crate::vessel_model::{SURGE, SWAY, YAW};
 
 /// Most modes that a wave model carries.
-pub const MAX_MODES: usize = 25;
+pub const MAX_MODES: usize = 24;
 /// Spans of time that [`WaveModel::slopes`] looks back over.
 pub const SLOPE_WINDOWS: usize = 60;
 /// Length of each of these spans, s; together two minutes.
@@ -120,8 +120,8 @@ pub struct WaveModel<C: Clock> {
     /// Share of the motion's variance that the modes predict a second ahead, 0 to 1: in a calm, where only noise is left
     /// of the motion, 0.
     pub confidence: f32,
-    /// Modes, strongest first, and heel and trim as one that does not fade; heave, tilt and heading about their means are
-    /// the sum of their real parts. None before the first identification.
+    /// Modes, strongest first; the motion about its mean is the sum of their real parts. None before the first
+    /// identification.
     pub modes: Seq<WaveMode, MAX_MODES>,
     /// The steepest apparent slope of the deck in each span of [`SLOPE_WINDOW_S`], the present one first, in steps of
     /// [`SLOPE_STEP`]: `|f_xy| / |f_z|`, the specific force in the deck's axes averaged over a second. Above the

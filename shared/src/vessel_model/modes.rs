@@ -32,21 +32,6 @@ impl Mode {
     pub fn is_wave(&self) -> bool {
         self.pole.im.abs() > SLOW_RADPS
     }
-    /// Heel and trim as a mode that does not fade: tilt about north and about east now (rad) of a vessel whose mean heading
-    /// turns at `rate` (rad/s), `Re h exp(i rate t)` and `Im h exp(i rate t)` with `h = north + i east`.
-    pub fn heel([about_north, about_east]: [f64; 2], rate: f64) -> Mode {
-        let h = Complex::new(about_north, about_east);
-        let mut shape = [Complex::default(); DOFS];
-        (shape[ROLL], shape[PITCH]) = (h, Complex::new(h.im, -h.re));
-        Mode {
-            pole: Complex::new(0.0, rate),
-            shape,
-        }
-    }
-    /// Whether it does not fade.
-    pub fn is_lasting(&self) -> bool {
-        self.pole.re == 0.0
-    }
     /// `Re c_kd exp(p_k t)` and its derivatives, `t` seconds after the time of validity.
     pub fn motion(&self, t: f64) -> Motion {
         let grown = (self.pole * t).exp();

@@ -231,7 +231,6 @@ impl Axis {
     pub fn hold(&mut self, oscillators: &[Oscillator], axis: usize, held: &HandOver) {
         let left = [self.x[HEAD], self.x[HEAD + 1]];
         self.n = HEAD;
-        self.x[MEAN] += held.lasting[axis];
         let sum: f64 = oscillators.iter().map(|o| o.sd[axis].powi(2)).sum();
         for (o, motion) in oscillators.iter().zip(&held.motions) {
             let i = self.n;

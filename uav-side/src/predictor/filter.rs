@@ -208,12 +208,11 @@ impl Filter {
     /// The vessel has identified its motion: what the bank of oscillators held becomes modes and what they leave.
     pub fn adopt_modes(&mut self, waves: &Waves) {
         let Some(e) = self.begin_anew() else { return };
-        let (modes, lasting) = (waves.motion(e.at), waves.lasting(e.at));
+        let modes = waves.motion(e.at);
         for (i, a) in e.after.iter_mut().enumerate() {
             a.fold_oscillators();
-            a.x[MEAN] -= lasting[i];
             // Where the path of a velocity begins is no motion of the waves.
-            a.x[if i < 2 { MEAN } else { HEAD }] -= modes.value[i] - lasting[i];
+            a.x[if i < 2 { MEAN } else { HEAD }] -= modes.value[i];
             a.x[HEAD + 1] -= modes.rate[i];
         }
     }

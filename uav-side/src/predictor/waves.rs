@@ -115,8 +115,6 @@ impl DeckMotion {
 pub struct HandOver {
     /// Of each oscillator, the residual one first.
     pub motions: Vec<DeckMotion>,
-    /// Heel and trim, rad.
-    pub lasting: [f64; AXES],
     /// Per degree of freedom: share of the motion's variance that they no longer explain.
     pub unknown: [f64; AXES],
 }
@@ -272,7 +270,6 @@ impl Waves {
                 newest
                     .modes
                     .iter()
-                    .filter(|m| !m.is_lasting())
                     .map(|m| m.shape[d].norm_sqr())
                     .sum::<f64>()
                     .sqrt()
@@ -301,9 +298,7 @@ impl Waves {
         let largest: [f64; AXES] =
             core::array::from_fn(|i| (self.largest[i] * self.unit(i)).max(f64::MIN_POSITIVE));
         let unknown = core::array::from_fn(|i| (left[i] / largest[i]).powi(2).min(1.0));
-        let lasting = self.lasting(at);
         let mut modes = DeckModes::new(newest, 0.0, &self.level_arm, 0.0).modes;
-        modes.retain(|(pole, _)| pole.re != 0.0);
         // The largest ones in heave and tilt are kept apart.
         let weight =
             |c: &[Complex<f64>; AXES]| -> f64 { (2..5).map(|i| (c[i].norm() / largest[i]).powi(2)).sum() };
@@ -330,23 +325,7 @@ impl Waves {
             }
         }
         self.messages.clear();
-        Some(HandOver {
-            motions,
-            lasting,
-            unknown,
-        })
-    }
-    /// Heel and trim at time `t` by the newest modes, rad.
-    pub fn lasting(&self, t: Time<DroneClock>) -> [f64; AXES] {
-        let Some(newest) = self.messages.back() else {
-            return [0.0; AXES];
-        };
-        let lasting = Modes {
-            at: newest.at,
-            modes: newest.modes.iter().filter(|m| m.is_lasting()).copied().collect(),
-        };
-        let age = (t - newest.at).secs();
-        DeckModes::new(&lasting, age, &self.level_arm, 0.0).motion().value
+        Some(HandOver { motions, unknown })
     }
 
     /// The modes at time `t`, by the message that was the newest then; `step_s` is their step.

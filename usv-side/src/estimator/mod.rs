@@ -497,8 +497,6 @@ impl Filter {
         };
         let ahead = Rotation2::new(self.mean_heading) * Vector2::x();
         self.gain.update((mean - self.mean_velocity).dot(&ahead));
-        // It turns with the heading; what is averaged is the rest.
-        self.mean_velocity = Rotation2::new(self.mean_heading_rate * STEP_S) * self.mean_velocity;
         self.mean_velocity += (mean - self.mean_velocity) * STEP_S;
         let (heading, rate) = (heading - waves.map_or(0.0, |w| w[YAW]), b.get(YAW, NU));
         self.mean_heading_rate += (rate - self.mean_heading_rate) * STEP_S;

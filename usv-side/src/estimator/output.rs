@@ -4,11 +4,11 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::motion_model::{FADE_S, MotionSample};
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    Header, MAX_MODES, PREDICTION_STAGES, PredictedStage, SLOPE_WINDOWS, VesselEstimate, VesselPrediction,
-    WaveMode, WaveModel, f16,
+    Header, PREDICTION_STAGES, PredictedStage, SLOPE_WINDOWS, VesselEstimate, VesselPrediction, WaveMode,
+    WaveModel, f16,
 };
 use alight_shared::time::{Time, VesselClock};
-use alight_shared::vessel_model::{ETA, HEAVE, Mode, Modes, NU, PITCH, ROLL, SURGE, SWAY, YAW, turn_tilt};
+use alight_shared::vessel_model::{ETA, HEAVE, Modes, NU, PITCH, ROLL, SURGE, SWAY, YAW, turn_tilt};
 use nalgebra::{Rotation2, Vector2};
 
 use super::{Filter, GNSS_BIAS, Tilt};
@@ -152,11 +152,7 @@ impl Filter {
         slopes: Seq<u8, SLOPE_WINDOWS>,
     ) -> Option<WaveModel<VesselClock>> {
         let modes = self.motion.modes()?;
-        let since = (self.at - modes.at).secs();
-        let heading = self.mean_heading - self.mean_heading_rate * since;
-        let heel = Mode::heel(self.motion.heel(heading), self.mean_heading_rate);
-        let named = modes.modes.iter().take(MAX_MODES - 1).chain([&heel]);
-        let named = named.filter(|_| self.motion.is_identified());
+        let named = modes.modes.iter().filter(|_| self.motion.is_identified());
         let deviation = self.motion.deviation();
         Some(WaveModel {
             header: Header {
