@@ -121,10 +121,6 @@ pub struct Signatures {
 }
 
 impl Signatures {
-    /// Frames left out.
-    pub fn rejected(&self) -> u64 {
-        self.unsigned + self.other_key + self.old
-    }
     /// The sum of both.
     #[must_use]
     pub fn plus(self, other: Signatures) -> Signatures {

@@ -15,6 +15,7 @@ use alight_shared::transport::process::ProcessKind;
 use crate::config::DroneComputer;
 use crate::config::supervision::Supervision;
 use crate::exit::{CliError, Exit};
+use crate::io::mavlink_key;
 use crate::process::args::{Scheduling, ServiceArgs};
 use crate::process::sealed::SealedConfig;
 use crate::process::service::{self, Service};
@@ -47,6 +48,10 @@ impl Supervision {
 pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
     let (computer, sealed) = SealedConfig::begin::<DroneComputer>(&args.process.config)?;
     let supervision = &computer.supervision;
+    if supervision.autopilot {
+        // Rejected here, not in a process that is started again and again.
+        mavlink_key::read("autopilot.signing_key", &computer.autopilot.signing_key)?;
+    }
     let more = [
         (ProcessKind::Autopilot, supervision.autopilot),
         (ProcessKind::Camera, computer.camera.is_there()),

@@ -52,7 +52,7 @@ pub struct Service<'a> {
 
 /// Runs it until it is asked to end.
 pub fn run(args: &ProcessArgs, service: Service<'_>, mut sealed: SealedConfig) -> Result<Exit, CliError> {
-    // Everything is checked before anything starts. The first question installs the signal handler.
+    // Everything is checked before anything starts. The first call installs the signal handler.
     let told_to_end = end_with_supervisor(args.supervised);
     if end_requested() {
         return Ok(Exit::Success);

@@ -132,7 +132,7 @@ impl Log {
         for start in self.starts.iter().filter(|s| s.rank().is_some()) {
             if let Some(step) = Steps::of(&start.files)?.peek() {
                 let utc: Time<TrueTime> = Time::from_nanos(i64::try_from(step.log_ns).unwrap_or(0));
-                return Ok(utc - true_time(&start.clock(), step.now_ns()));
+                return Ok(utc - start.clock().steady::<TrueTime>(step.now_ns()));
             }
         }
         Ok(Span::from_nanos(0))
@@ -209,13 +209,6 @@ fn starts(parts: Vec<PathBuf>) -> Result<Vec<Start>, CliError> {
     Ok(starts)
 }
 
-/// The true time at which a process's clock read `now_ns`.
-fn true_time(clock: &ProcessClock, now_ns: i64) -> Time<TrueTime> {
-    let ahead = Time::<TrueTime>::from_nanos(now_ns) - Span::from_secs(clock.offset_s);
-    let drift = ahead.nanos() as f64 * clock.drift_ppm * 1e-6 / (1.0 + clock.drift_ppm * 1e-6);
-    ahead - Span::from_nanos(drift.round() as i64)
-}
-
 /// Steps of some files, one file after the other; one at a time is in memory.
 struct Steps {
     waiting: VecDeque<PathBuf>,
@@ -282,27 +275,9 @@ impl Source {
     }
     fn look(&mut self) {
         let time = |step: Step<'_>| match &self.clock {
-            Some(clock) => true_time(clock, step.now_ns()),
+            Some(clock) => clock.steady(step.now_ns()),
             None => Time::from_nanos(i64::try_from(step.log_ns).unwrap_or(i64::MAX)),
         };
         self.due = self.steps.peek().map(|step| (time(step), self.rank));
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use alight_shared::time::DroneClock;
-
-    #[test]
-    fn true_time_of_a_clock() {
-        let clock = ProcessClock {
-            epoch_ns: 7_000_000_000,
-            offset_s: 100.25,
-            drift_ppm: 20.0,
-        };
-        let now: Time<DroneClock> = clock.read(7_000_000_000 + 90_000_000_000);
-        let back = true_time(&clock, now.nanos());
-        assert!((back.nanos() - 90_000_000_000).abs() <= 2, "{back:?}");
     }
 }

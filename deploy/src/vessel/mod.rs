@@ -24,11 +24,12 @@ const SILENCE_TIMEOUT_S: f64 = 3.0;
 /// Runs the vessel's processes until it is asked to end.
 pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
     let (computer, sealed) = SealedConfig::begin::<VesselComputer>(&args.process.config)?;
-    // A malformed address is rejected here.
+    // A malformed address and a key that cannot be read are rejected here, not in a process that is started again and again.
     for source in &computer.sensor.sources {
         let of = |e| CliError(format!("sensor {}: {e}", source.name));
         source.connect.parse::<LinkUrl>().map_err(of)?;
     }
+    sensors::node(&computer, 0)?;
     let sensors = !computer.sensor.sources.is_empty();
     let nodes = [(ProcessKind::Vessel, true), (ProcessKind::Sensors, sensors)];
     let nodes = nodes.into_iter().filter(|(_, runs)| *runs);

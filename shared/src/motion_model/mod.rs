@@ -132,10 +132,10 @@ impl<C: Clock> MotionModel<C> {
         self.mix(&sample);
         self.follow_heel(&sample);
         // As the drone rolls the modes on, about the mean.
-        let mean_tilt = self.mean_tilt(sample.mean_heading);
-        let mut errors = core::mem::take(&mut self.errors);
-        errors.push(sample.at, |ahead| about(mean_tilt, self.modal_motion(ahead)));
-        self.errors = errors;
+        let (mean_tilt, modes) = (self.mean_tilt(sample.mean_heading), self.modes.as_ref());
+        let modal = |ahead| modes.map_or_else(Motion::default, |m| m.motion(ahead));
+        self.errors
+            .push(sample.at, |ahead| about(mean_tilt, modal(ahead)));
     }
 
     /// The slow part of the tilt that the modes leave: at first a mean of all so far.

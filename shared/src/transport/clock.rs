@@ -40,6 +40,12 @@ impl ProcessClock {
         let ahead = (s as f64 * self.drift_ppm * 1e-6).round() as i64;
         Time::from_nanos(s) + Span::from_secs(self.offset_s) + Span::from_nanos(ahead)
     }
+    /// The time since `epoch_ns` on the steady clock at which the clock read `now_ns`.
+    pub fn steady<C: Clock>(&self, now_ns: i64) -> Time<C> {
+        let ahead = Time::from_nanos(now_ns) - Span::from_secs(self.offset_s);
+        let drift = ahead.nanos() as f64 * self.drift_ppm * 1e-6 / (1.0 + self.drift_ppm * 1e-6);
+        ahead - Span::from_nanos(drift.round() as i64)
+    }
 }
 
 #[cfg(test)]
@@ -56,6 +62,8 @@ mod tests {
         };
         let t: Time<DroneClock> = clock.read(5_000_000_000 + 1_000_000_000_000);
         assert!((t.secs() - 1100.25 - 0.02).abs() < 1e-9, "{t:?}");
+        let back: Time<DroneClock> = clock.steady(t.nanos());
+        assert!((back.nanos() - 1_000_000_000_000).abs() <= 2, "{back:?}");
     }
 
     #[test]

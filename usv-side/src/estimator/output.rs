@@ -15,10 +15,11 @@ use super::{Filter, GNSS_BIAS, Tilt};
 use crate::VesselNodeConfig;
 
 /// Where the vessel goes: its mean velocity, which turns with the mean heading, the waves' and what both leave.
-pub(super) struct Course<'a> {
+struct Course<'a> {
     modes: &'a Modes<VesselClock>,
-    /// From the modes' time of validity to now, s.
+    /// From the modes' time of validity to now, s, and what the waves have moved it by since, north and east, m.
     since: f64,
+    moved: Vector2<f64>,
     /// Now, NED, m, m/s, rad, rad/s.
     place: Vector2<f64>,
     mean_velocity: Vector2<f64>,
@@ -27,6 +28,22 @@ pub(super) struct Course<'a> {
     /// What mean and modes leave of velocity and heading now.
     left: Vector2<f64>,
     left_yaw: f64,
+}
+
+/// A point of the course, NED.
+struct CoursePoint {
+    /// m, m/s.
+    place: Vector2<f64>,
+    velocity: Vector2<f64>,
+    /// rad, rad/s.
+    mean_heading: f64,
+    heading: f64,
+    heading_rate: f64,
+}
+
+/// What the waves move a vessel by within `t` seconds, north and east, m.
+fn path(modes: &Modes<VesselClock>, t: f64) -> Vector2<f64> {
+    Vector2::new(modes.path(SURGE, t), modes.path(SWAY, t))
 }
 
 impl Course<'_> {
@@ -40,25 +57,21 @@ impl Course<'_> {
         };
         (half * chord, Rotation2::new(self.rate * t) * self.mean_velocity)
     }
-    /// Place and velocity `ahead` seconds after the modes' time of validity, NED, m, m/s.
-    fn at(&self, ahead: f64) -> (Vector2<f64>, Vector2<f64>) {
-        let moved = |t: f64| Vector2::new(self.modes.path(SURGE, t), self.modes.path(SWAY, t));
-        let (t, m) = (ahead - self.since, self.modes.motion(ahead));
+    /// The point `ahead` seconds after the modes' time of validity.
+    fn at(&self, ahead: f64) -> CoursePoint {
+        let (t, waves) = (ahead - self.since, self.modes.motion(ahead));
         let (way, mean) = self.mean(t);
         // What was left before now is not known: it has been what it is.
         let fades = (-t.max(0.0) / FADE_S).exp();
         let gone = t.min(0.0) + FADE_S * (1.0 - fades);
-        let place = self.place + way + moved(ahead) - moved(self.since) + self.left * gone;
-        let waves = Vector2::new(m[SURGE][0], m[SWAY][0]);
-        (place, mean + waves + self.left * fades)
-    }
-    /// Mean heading, heading and its rate `ahead` seconds after the modes' time of validity, rad, rad/s.
-    fn heading(&self, ahead: f64) -> (f64, [f64; 2]) {
-        let t = ahead - self.since;
-        let (m, mean) = (self.modes.motion(ahead)[YAW], self.mean_heading + self.rate * t);
-        let left = self.left_yaw * (-t.max(0.0) / FADE_S).exp();
-        let fades = if t > 0.0 { left / FADE_S } else { 0.0 };
-        (mean, [mean + m[0] + left, self.rate + m[1] - fades])
+        let (yaw, mean_heading) = (self.left_yaw * fades, self.mean_heading + self.rate * t);
+        CoursePoint {
+            place: self.place + way + path(self.modes, ahead) - self.moved + self.left * gone,
+            velocity: mean + Vector2::new(waves[SURGE][0], waves[SWAY][0]) + self.left * fades,
+            mean_heading,
+            heading: mean_heading + waves[YAW][0] + yaw,
+            heading_rate: self.rate + waves[YAW][1] - if t > 0.0 { yaw / FADE_S } else { 0.0 },
+        }
     }
 }
 
@@ -209,30 +222,23 @@ impl Filter {
     ) -> Option<VesselPrediction<VesselClock>> {
         let course = self.course()?;
         let heave = self.motion.motion(0.0)[HEAVE][0];
-        let (begin, _) = course.at(0.0);
+        let begin = course.at(0.0).place;
         let origin = [begin.x, begin.y, heave + self.belief.get(HEAVE, GNSS_BIAS)];
         let stages = Seq::filled((0..PREDICTION_STAGES).map(|k| {
             let ahead = k as f64 * config.broadcast.prediction_step_s;
             let m = self.motion.motion(ahead);
-            let (place, velocity) = course.at(ahead);
-            let (mean_heading, [yaw, yaw_rate]) = course.heading(ahead);
-            let heel = self.motion.heel(mean_heading);
+            let point = course.at(ahead);
+            let heel = self.motion.heel(point.mean_heading);
             let tilt = Tilt {
                 angles: [m[ROLL][0] + heel[0], m[PITCH][0] + heel[1]],
                 rates: [m[ROLL][1], m[PITCH][1]],
-                heading: wrap_angle(yaw),
-                heading_rate: yaw_rate,
+                heading: wrap_angle(point.heading),
+                heading_rate: point.heading_rate,
             };
-            let [roll, pitch, _] = tilt.euler();
+            let [roll, pitch, yaw] = tilt.euler();
             let rates = tilt.euler_rates();
-            let eta = [
-                place.x - begin.x,
-                place.y - begin.y,
-                m[HEAVE][0] - heave,
-                roll,
-                pitch,
-                wrap_angle(yaw),
-            ];
+            let ([x, y], velocity) = ((point.place - begin).into(), point.velocity);
+            let eta = [x, y, m[HEAVE][0] - heave, roll, pitch, yaw];
             let eta_dot = [velocity.x, velocity.y, m[HEAVE][1], rates[0], rates[1], rates[2]];
             PredictedStage {
                 eta: eta.map(|x| x as f32),
@@ -253,7 +259,7 @@ impl Filter {
     }
 
     /// The course ahead; None before the first sample.
-    pub(super) fn course(&self) -> Option<Course<'_>> {
+    fn course(&self) -> Option<Course<'_>> {
         let b = &self.belief;
         let modes = self.motion.modes()?;
         let since = (self.at - modes.at).secs();
@@ -263,6 +269,7 @@ impl Filter {
         Some(Course {
             modes,
             since,
+            moved: path(modes, since),
             place: self.ned(b.get(SURGE, ETA), b.get(SWAY, ETA)),
             mean_velocity: self.mean_velocity,
             mean_heading: self.mean_heading,
@@ -273,7 +280,7 @@ impl Filter {
     }
 
     /// Keeps where the vessel will be and head, and compares its place and heading with what was predicted.
-    pub(super) fn measure_course(&mut self) {
+    fn measure_course(&mut self) {
         let place = self.ned(self.belief.get(SURGE, ETA), self.belief.get(SWAY, ETA));
         let mut errors = core::mem::take(&mut self.course_errors);
         // The filter's heading is continuous.
@@ -281,9 +288,12 @@ impl Filter {
         errors.compare(self.at, [place.x, place.y, heading]);
         if let Some(course) = self.course() {
             errors.push(self.at, |ahead| {
-                let (place, _) = course.at(course.since + ahead);
-                let (_, [then, _]) = course.heading(course.since + ahead);
-                [place.x, place.y, heading + wrap_angle(then - heading)]
+                let then = course.at(course.since + ahead);
+                [
+                    then.place.x,
+                    then.place.y,
+                    heading + wrap_angle(then.heading - heading),
+                ]
             });
         }
         self.course_errors = errors;

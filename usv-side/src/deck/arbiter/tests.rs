@@ -526,6 +526,22 @@ fn deck_closed_until_the_crew_opens_it() {
     assert_eq!(rig.order(DeckOrder::Open).owner, 2);
 }
 
+/// An order needs no disk: it opens also a deck whose checkpoint cannot be written.
+#[test]
+fn deck_order_with_a_full_disk() {
+    let mut rig = Rig::after(&[(State::TrackingStable, 2.0)]);
+    let kept = DeckCheckpoint {
+        closed: Some(Closure::CheckpointUnwritable),
+        ..DeckCheckpoint::default()
+    };
+    rig.restart(Some(kept));
+    let waiting = [(2, State::Approach)];
+    rig.run(&waiting, 60.0);
+    assert_eq!(rig.arbiter.published, DECK_CLOSED);
+    rig.order(DeckOrder::Open);
+    assert_eq!(rig.run(&waiting, 0.5), 2);
+}
+
 #[test]
 fn arbiter_restart_with_drones_on_and_near_the_deck() {
     for last in [State::Landed, State::Descent, State::TrackingStable] {
