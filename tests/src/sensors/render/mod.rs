@@ -15,6 +15,7 @@ use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_uav::camera::{GreyImage, Lens};
 use nalgebra::{Rotation3, Vector3};
+use rayon::prelude::*;
 
 use super::camera::{CameraMount, View};
 use super::clocks::ClockModel;
@@ -22,7 +23,7 @@ use super::noise::{Noise, Schedule};
 use super::occlusion::{Occlusion, Shadow};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
-use paint::{DeckPaint, Paint, Patch, Sea};
+use paint::{DeckPaint, Paint, Patch, Sea, SeaScene};
 use rays::{Pattern, Ray, Rays, Sample};
 
 config! {
@@ -225,12 +226,6 @@ struct Block {
 }
 
 impl Block {
-    /// Each of its pixels by its place in an image that is so wide.
-    fn pixels(&self, width: usize, mut each: impl FnMut(usize)) {
-        for row in self.top..=self.bottom {
-            (row * width + self.left..=row * width + self.right).for_each(&mut each);
-        }
-    }
     /// Its quarters; of a line of pixels its halves.
     fn parts(&self) -> impl Iterator<Item = Block> {
         let halves = |from: usize, to: usize| {
@@ -248,6 +243,35 @@ impl Block {
             })
         })
     }
+}
+
+/// The light of some rows of an image.
+struct Band<'a> {
+    light: &'a mut [f32],
+    /// Its first row.
+    top: usize,
+    /// Width of the image, px.
+    width: usize,
+}
+
+impl Band<'_> {
+    /// Each pixel of a block within it, with its place in the image.
+    fn pixels(&mut self, block: &Block, mut each: impl FnMut(usize, &mut f32)) {
+        for row in block.top..=block.bottom {
+            let from = (row - self.top) * self.width;
+            let line = self.light.get_mut(from + block.left..=from + block.right);
+            let place = row * self.width + block.left;
+            let pixels = line.into_iter().flatten();
+            pixels.zip(place..).for_each(|(out, k)| each(k, out));
+        }
+    }
+}
+
+/// What one image shows.
+struct Scene<'a> {
+    sea: SeaScene<'a>,
+    /// The deck, and the pixels that may show it: left, top, right, bottom.
+    deck: Option<(DeckScene<'a>, [usize; 4])>,
 }
 
 /// The deck as one image shows it.
@@ -341,6 +365,30 @@ impl Renderer {
 
     /// The image. None for a size that the configuration's check rejects.
     pub fn image(&mut self, shot: &Shot) -> Option<GreyImage> {
+        let lens = &self.config.lens;
+        let (width, height) = (lens.width_px as usize, lens.height_px as usize);
+        // Another walk through the draws for each image: an odd stride visits all of them.
+        let start = (self.noise.uniform() * DRAWS as f64) as usize;
+        let stride = 2 * (self.noise.uniform() * (DRAWS / 2) as f64) as usize + 1;
+        let scene = self.scene(shot);
+        let mut pixels = vec![0; width * height];
+        let bands = pixels.par_chunks_mut(width * BLOCK_PX).enumerate();
+        bands.for_each(|(k, pixels)| {
+            let (top, mut light) = (k * BLOCK_PX, vec![0.0; pixels.len()]);
+            self.draw(
+                &mut Band {
+                    light: &mut light,
+                    top,
+                    width,
+                },
+                &scene,
+            );
+            self.expose(&light, start + stride * top * width, stride, pixels);
+        });
+        GreyImage::new(width, height, pixels).ok()
+    }
+
+    fn scene(&self, shot: &Shot) -> Scene<'_> {
         let Shot {
             t,
             exposure_s,
@@ -348,51 +396,51 @@ impl Renderer {
             ref deck,
             ..
         } = *shot;
-        let lens = &self.config.lens;
-        let (width, height) = (lens.width_px as usize, lens.height_px as usize);
-        let mut light = vec![0.0_f32; width * height];
-        self.sea
-            .draw(&mut light, &self.rays, view, self.sun, t.secs() as f32, width);
-        self.draw_deck(&mut light, view, deck, exposure_s, width);
-        if let Some((_, covered)) = &self.drone {
-            light
-                .iter_mut()
-                .zip(covered)
-                .filter(|(_, c)| **c)
-                .for_each(|(l, _)| *l = LEG);
+        let deck = self.deck_scene(view, deck, exposure_s);
+        Scene {
+            sea: self.sea.scene(view, self.sun, t.secs() as f32),
+            deck: deck.and_then(|deck| {
+                let bounds = self.bounds(&deck.deck, exposure_s, deck.blur_px)?;
+                Some((deck, bounds))
+            }),
         }
-        let pixels = self.expose(&light);
-        GreyImage::new(width, height, pixels).ok()
     }
-
-    fn draw_deck(
-        &self,
-        light: &mut [f32],
-        view: &View,
-        deck: &RigidState<Deck>,
-        exposure_s: f64,
-        width: usize,
-    ) {
-        let Some(scene) = self.scene(view, deck, exposure_s) else {
-            return;
-        };
-        let Some([left, top, right, bottom]) = self.bounds(&scene.deck, exposure_s, scene.blur_px) else {
-            return;
-        };
-        for top in (top..=bottom).step_by(BLOCK_PX) {
-            for left in (left..=right).step_by(BLOCK_PX) {
-                let block = Block {
-                    left,
-                    top,
-                    right: (left + BLOCK_PX - 1).min(right),
-                    bottom: (top + BLOCK_PX - 1).min(bottom),
-                };
-                self.draw_block(light, &scene, &block, width);
+    /// Draws a band: the sea, the deck before it, the legs before both.
+    fn draw(&self, band: &mut Band, scene: &Scene) {
+        let (width, rows) = (band.width, band.light.len() / band.width.max(1));
+        for left in (0..width).step_by(BLOCK_PX) {
+            let block = Block {
+                left,
+                top: band.top,
+                right: (left + BLOCK_PX).min(width) - 1,
+                bottom: band.top + rows - 1,
+            };
+            let shows = |[left, top, right, bottom]: &[usize; 4]| {
+                (*left..=*right).contains(&block.left.max(*left).min(block.right))
+                    && (*top..=*bottom).contains(&block.top.max(*top).min(block.bottom))
+            };
+            let deck = scene.deck.as_ref().filter(|(_, bounds)| shows(bounds));
+            let covers = |(deck, _): &&(DeckScene, _)| {
+                self.patch(deck, &block, width)
+                    .is_some_and(|p| self.paint.covers(&p))
+            };
+            if !deck.is_some_and(|d| covers(&d)) {
+                band.pixels(&block, |k, out| {
+                    *out = self.rays.all.get(k).map_or(0.0, |ray| scene.sea.light(ray));
+                });
             }
+            if let Some((deck, _)) = deck {
+                self.draw_block(band, deck, &block);
+            }
+        }
+        if let Some((_, covered)) = &self.drone {
+            let covered = covered.iter().skip(band.top * width);
+            let legs = band.light.iter_mut().zip(covered).filter(|(_, c)| **c);
+            legs.for_each(|(light, _)| *light = LEG);
         }
     }
     /// None when the camera is not above the deck.
-    fn scene(&self, view: &View, deck: &RigidState<Deck>, exposure_s: f64) -> Option<DeckScene<'_>> {
+    fn deck_scene(&self, view: &View, deck: &RigidState<Deck>, exposure_s: f64) -> Option<DeckScene<'_>> {
         let deck = DeckInCamera::new(view, deck);
         let focal = self.config.lens.focal_px[0];
         let distance = deck.at.norm().max(0.1);
@@ -429,29 +477,27 @@ impl Renderer {
     }
 
     /// Draws a block of pixels: at once where all their rays meet the same light, else in four parts.
-    fn draw_block(&self, light: &mut [f32], scene: &DeckScene, block: &Block, width: usize) {
+    fn draw_block(&self, band: &mut Band, scene: &DeckScene, block: &Block) {
         let paint = self
-            .patch(scene, block, width)
+            .patch(scene, block, band.width)
             .map_or(Paint::Edges, |p| self.paint.within(&p));
         match paint {
             Paint::Beside => {}
-            Paint::Even(even) => {
-                block.pixels(width, |k| {
-                    if let (Some(ray), Some(out)) = (self.rays.all.get(k), light.get_mut(k)) {
-                        *out = scene.lit(ray, even, 1.0);
-                    }
-                });
-            }
+            Paint::Even(even) => band.pixels(block, |k, out| {
+                if let Some(ray) = self.rays.all.get(k) {
+                    *out = scene.lit(ray, even, 1.0);
+                }
+            }),
             Paint::Edges if block.right - block.left <= 1 && block.bottom - block.top <= 1 => {
-                block.pixels(width, |k| {
-                    if let (Some(ray), Some(out)) = (self.rays.all.get(k), light.get_mut(k)) {
+                band.pixels(block, |k, out| {
+                    if let Some(ray) = self.rays.all.get(k) {
                         self.draw_pixel(out, scene, ray);
                     }
                 });
             }
             Paint::Edges => {
                 for part in block.parts() {
-                    self.draw_block(light, scene, &part, width);
+                    self.draw_block(band, scene, &part);
                 }
             }
         }
@@ -541,23 +587,18 @@ impl Renderer {
         })
     }
 
-    /// Grey levels from light as a share of white.
-    fn expose(&mut self, light: &[f32]) -> Vec<u8> {
+    /// Grey levels from light as a share of white; the noise is the draws from `start` on, `stride` by `stride`.
+    fn expose(&self, light: &[f32], start: usize, stride: usize, pixels: &mut [u8]) {
         let white = self.config.white as f32;
         let dark = (self.config.dark_sd * self.config.dark_sd) as f32;
         let shot = self.config.shot as f32;
-        // Another walk through the draws for each image: an odd stride visits all of them.
-        let mut place = (self.noise.uniform() * DRAWS as f64) as usize;
-        let stride = 2 * (self.noise.uniform() * (DRAWS / 2) as f64) as usize + 1;
-        light
-            .iter()
-            .map(|l| {
-                place = (place + stride) & (DRAWS - 1);
-                let grey = (l * white).max(0.0);
-                let noise = self.normals.get(place).copied().unwrap_or(0.0);
-                (grey + noise * (dark + shot * grey).sqrt() + 0.5).clamp(0.0, 255.0) as u8
-            })
-            .collect()
+        let mut place = start;
+        for (pixel, light) in pixels.iter_mut().zip(light) {
+            place = (place + stride) & (DRAWS - 1);
+            let grey = (light * white).max(0.0);
+            let noise = self.normals.get(place).copied().unwrap_or(0.0);
+            *pixel = (grey + noise * (dark + shot * grey).sqrt() + 0.5).clamp(0.0, 255.0) as u8;
+        }
     }
 }
 

@@ -5,10 +5,10 @@ use alight_shared::frames::{TrueNed, Vector};
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::tags::{DeckTag, MARGIN};
 use alight_uav::camera::layout::{CELLS, cells};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 use super::super::camera::View;
-use super::rays::Rays;
+use super::rays::Ray;
 use crate::sensors::noise::Noise;
 
 /// Least size of a cell in the image with which a tag may be decoded, px.
@@ -163,16 +163,20 @@ impl DeckPaint {
         let plank = (y / PLANK_M).floor() as i32;
         if plank % 2 == 0 { 0.42 } else { 0.50 }
     }
+    /// Whether all of a patch is on the deck.
+    pub(super) fn covers(&self, patch: &Patch) -> bool {
+        let sides = [(patch.x, self.half[0]), (patch.y, self.half[1])];
+        sides
+            .iter()
+            .all(|([from, to], half)| -half <= *from && to <= half)
+    }
     /// What is within a patch; edges where that would take long to tell.
     pub(super) fn within(&self, patch: &Patch) -> Paint {
         let sides = [(patch.x, self.half[0]), (patch.y, self.half[1])];
         if sides.iter().any(|([from, to], half)| *to < -half || from > half) {
             return Paint::Beside;
         }
-        if sides
-            .iter()
-            .any(|([from, to], half)| !(-half <= *from && to <= half))
-        {
+        if !self.covers(patch) {
             return Paint::Edges;
         }
         // The first tag that has something of it decides, as at a point.
@@ -226,51 +230,68 @@ impl Sea {
         Sea { tile: tile.collect() }
     }
     fn noise(&self, x: f32, y: f32) -> f32 {
-        let (column, row) = (x.floor() as i64, y.floor() as i64);
+        let (column, row) = (floor(x), floor(y));
         let k = (row.rem_euclid(TILE as i64) as usize) * TILE + column.rem_euclid(TILE as i64) as usize;
         self.tile.get(k).copied().unwrap_or(0.0)
     }
-    /// Paints all pixels: sea below the horizon, sky above.
-    pub(super) fn draw(
-        &self,
-        light: &mut [f32],
-        rays: &Rays,
-        view: &View,
-        sun: Vector<TrueNed>,
-        t_s: f32,
-        width: usize,
-    ) {
+    /// The sea at a time, as the camera sees it.
+    pub(super) fn scene(&self, view: &View, sun: Vector<TrueNed>, t_s: f32) -> SeaScene<'_> {
         let world = view.camera_from_world.inverse().0.to_rotation_matrix();
-        let m = world.matrix().map(|v| v as f32);
         let centre = view.centre.0.map(|v| v as f32);
-        let height = (-centre.z).max(0.3);
-        let mirrored = [sun.0.x as f32, sun.0.y as f32, -sun.0.z as f32];
-        let rows = light.chunks_mut(width).zip(rays.all.chunks(width));
-        for (pixels, rays) in rows {
-            for (out, ray) in pixels.iter_mut().zip(rays) {
-                let [u, v] = ray.at;
-                let d = [0, 1, 2].map(|i| m[(i, 0)] * u + m[(i, 1)] * v + m[(i, 2)]);
-                let down = d[2];
-                if down <= 0.02 {
-                    *out = 0.85;
-                    continue;
-                }
-                let reach = height / down;
-                let (north, east) = (centre.x + d[0] * reach, centre.y + d[1] * reach);
-                // Swell of some metres, ripples of a few decimetres that haze swallows.
-                let swell = self.noise(0.45 * north + 0.9 * t_s, 0.45 * east);
-                let ripple = self.noise(5.0 * north + 4.0 * t_s, 5.0 * east - 3.0 * t_s);
-                let near = 1.0 / (1.0 + 0.05 * reach);
-                let cos = (d[0] * mirrored[0] + d[1] * mirrored[1] + down * mirrored[2])
-                    / (d[0] * d[0] + d[1] * d[1] + down * down).sqrt();
-                // Facets that happen to mirror the sun: more of them towards its image.
-                let glitter = if ripple > 1.6 - 1.3 * cos.max(0.0).powi(8) {
-                    1.2
-                } else {
-                    0.0
-                };
-                *out = (0.24 + near * (0.04 * swell + 0.05 * ripple + glitter)).max(0.05);
-            }
+        SeaScene {
+            sea: self,
+            world: world.matrix().map(|v| v as f32),
+            centre,
+            height: (-centre.z).max(0.3),
+            mirrored: [sun.0.x as f32, sun.0.y as f32, -sun.0.z as f32],
+            t_s,
         }
+    }
+}
+
+/// The greatest integer that is not above `x`; without SSE 4.1 `floor` is a call.
+fn floor(x: f32) -> i64 {
+    let whole = x as i64;
+    whole - i64::from(whole as f32 > x)
+}
+
+/// The sea in one image.
+pub(super) struct SeaScene<'a> {
+    sea: &'a Sea,
+    /// Rotation from the camera's axes to the world's.
+    world: Matrix3<f32>,
+    /// The camera, m; its height above the sea, m.
+    centre: Vector3<f32>,
+    height: f32,
+    /// Direction to the sun's mirror image.
+    mirrored: [f32; 3],
+    t_s: f32,
+}
+
+impl SeaScene<'_> {
+    /// Light along a ray: sea below the horizon, sky above.
+    pub(super) fn light(&self, ray: &Ray) -> f32 {
+        let (m, [u, v]) = (&self.world, ray.at);
+        let d = [0, 1, 2].map(|i| m[(i, 0)] * u + m[(i, 1)] * v + m[(i, 2)]);
+        let down = d[2];
+        if down <= 0.02 {
+            return 0.85;
+        }
+        let reach = self.height / down;
+        let (north, east) = (self.centre.x + d[0] * reach, self.centre.y + d[1] * reach);
+        // Swell of some metres, ripples of a few decimetres that haze swallows.
+        let (sea, t_s) = (self.sea, self.t_s);
+        let swell = sea.noise(0.45 * north + 0.9 * t_s, 0.45 * east);
+        let ripple = sea.noise(5.0 * north + 4.0 * t_s, 5.0 * east - 3.0 * t_s);
+        let near = 1.0 / (1.0 + 0.05 * reach);
+        let cos = (d[0] * self.mirrored[0] + d[1] * self.mirrored[1] + down * self.mirrored[2])
+            / (d[0] * d[0] + d[1] * d[1] + down * down).sqrt();
+        // Facets that happen to mirror the sun: more of them towards its image.
+        let glitter = if ripple > 1.6 - 1.3 * cos.max(0.0).powi(8) {
+            1.2
+        } else {
+            0.0
+        };
+        (0.24 + near * (0.04 * swell + 0.05 * ripple + glitter)).max(0.05)
     }
 }
