@@ -137,9 +137,9 @@ config! {
         pub hold_s: f64 = 0.02, in 0.0..=1.0;
         /// Without the evidence for this long the drone climbs a little and holds, s.
         pub evidence_timeout_s: f64 = 0.3, in 0.05..=2.0;
-        /// Greatest number of commands.
+        /// Commands in quick succession; then one each 2 s, as long as the drone stands there armed.
         pub tries: u32 = 10, in 1.0..=100.0;
-        /// Time between two commands, s.
+        /// Time between two of those, s.
         pub pause_s: f64 = 0.2, in 0.05..=5.0;
     }
 }

@@ -4,7 +4,7 @@
 //! pilot's confirmed touchdown is followed by `MAV_CMD_COMPONENT_ARM_DISARM` with 21196, which an
 //! autopilot obeys in the air too. So the pilot's touchdown detection is not enough: in addition the drone
 //! has to be near the deck, slow relative to it, and carried by something other than its rotors. Each
-//! command needs all of this evidence again; their number is bounded.
+//! command needs all of this evidence again; after some in quick succession they are rare.
 
 use core::fmt;
 
@@ -17,6 +17,9 @@ use super::config::DisarmConfig;
 
 /// Without the pilot's set-points the evidence must hold for so long, s: several time constants of its figures.
 pub(crate) const HOLD_ALONE_S: f64 = 0.2;
+
+/// Once the quick commands are used up, time between two, s: an autopilot that denied for a moment is disarmed after all.
+const RARE_S: f64 = 2.0;
 
 /// What is known of the contact, apart from the pilot's touchdown detection.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -130,7 +133,7 @@ pub(crate) enum DisarmDecision {
     Press,
     /// Send the command; thrust off.
     Command,
-    /// Thrust off; the next command is not due, or all are used up.
+    /// Thrust off; the next command is not due.
     Idle,
     /// The evidence has been missing for too long: the drone is in the air.
     InAir(DisarmInhibit),
@@ -179,24 +182,25 @@ impl DisarmSequence {
             return DisarmDecision::Press;
         }
         let due = self.next.is_none_or(|t| now >= t);
-        if !c.on_deck || !due || self.sent >= c.tries {
+        if !c.on_deck || !due {
             return DisarmDecision::Idle;
         }
-        self.sent += 1;
-        self.next = Some(now + Span::from_secs(c.pause_s));
+        self.sent = self.sent.saturating_add(1);
+        let pause_s = if self.sent < c.tries { c.pause_s } else { RARE_S };
+        self.next = Some(now + Span::from_secs(pause_s));
         DisarmDecision::Command
     }
 }
 
 impl DisarmConfig {
-    /// The longest time from the pilot's touchdown to the answer to the last command, s:
+    /// The longest time from the pilot's touchdown to the answer to the last of the quick commands, s:
     /// `evidence_timeout_s + hold_s + tries pause_s`.
     pub fn longest_s(&self) -> f64 {
         self.evidence_timeout_s + self.hold_s.max(HOLD_ALONE_S) + f64::from(self.tries) * self.pause_s
     }
 }
 
-/// Since the landing, s, of a drone that is landed and armed for longer than the disarm takes: all commands were
+/// Since the landing, s, of a drone that is landed and armed for longer than the disarm takes: the commands were
 /// denied, or `disarm.on_deck` is off. A mission leaves `Landed` when the drone, disarmed in between, is armed again.
 pub fn still_armed_s(now: DroneTime, mission: &MissionState, armed: bool, c: &DisarmConfig) -> Option<f64> {
     let landed_s = (now - mission.since).secs();
@@ -260,7 +264,9 @@ mod tests {
         let c = DisarmConfig::default();
         let mut d = DisarmSequence::default();
         assert_eq!(commands(&mut d, 0, 40, &ON_DECK, &c), 1);
-        assert_eq!(commands(&mut d, 40, 60_000, &ON_DECK, &c), c.tries - 1);
+        // Ten within 2 s, then one each 2 s for as long as it stands there armed.
+        assert_eq!(commands(&mut d, 40, 2_000, &ON_DECK, &c), c.tries - 1);
+        assert_eq!(commands(&mut d, 2_040, 58_000, &ON_DECK, &c), 29);
         let off = DisarmConfig { on_deck: false, ..c };
         assert_eq!(
             commands(&mut DisarmSequence::default(), 0, 10_000, &ON_DECK, &off),

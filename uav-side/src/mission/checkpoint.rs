@@ -4,7 +4,7 @@
 //! sees. Until it knows which, it publishes nothing: the pilot goes on with the last state for its validity.
 
 use alight_shared::admission::command::keep;
-use alight_shared::msg::{AutopilotMode, Command, MissionCheckpoint, Phase, Reason, ReasonCode, State};
+use alight_shared::msg::{Command, MissionCheckpoint, Phase, Reason, ReasonCode, State};
 use alight_shared::time::Span;
 use alight_shared::topics;
 
@@ -178,11 +178,9 @@ pub(super) fn safe_start(
     c: &MissionConfig,
 ) -> Result<Option<(MissionPhase, Reason)>, ()> {
     match s.flight {
-        // Out of a hold the drone may be ours again at any time, and low over the deck.
-        ControlState::Unknown | ControlState::Lapsed | ControlState::OtherControl(AutopilotMode::Hold) => {
-            return Err(());
-        }
-        ControlState::Disarmed | ControlState::OtherControl(_) => return Ok(None),
+        // The drone may be ours again at any time, and low over the deck.
+        ControlState::Unknown | ControlState::Lapsed | ControlState::OtherControl(_) => return Err(()),
+        ControlState::Disarmed => return Ok(None),
         ControlState::OnGround | ControlState::Ours => {}
     }
     if s.motors_stopped {

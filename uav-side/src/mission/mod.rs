@@ -43,9 +43,8 @@ use alight_shared::admission::{CommandAdmission, Latest};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header,
-    MissionCheckpoint, MissionState, Motors, Phase, Plan, RangeSample, Reason, ReasonCode, SetPoint, Solve,
-    State,
+    AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header, MissionCheckpoint,
+    MissionState, Motors, Phase, Plan, RangeSample, Reason, ReasonCode, SetPoint, Solve, State,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -489,12 +488,9 @@ impl Mission {
         let was = self.phase.state();
         self.phase = decision.phase;
         let changed = decision.entered.is_some();
-        // Given back after a hold it may be near the deck, with nothing to do there.
-        let holds = matches!(
-            s.flight,
-            ControlState::Lapsed | ControlState::OtherControl(AutopilotMode::Hold)
-        );
-        self.unjudged |= changed && holds && self.phase == MissionPhase::Idle;
+        // Given back, by whomever, it may be near the deck, with nothing to do there.
+        let away = matches!(s.flight, ControlState::Lapsed | ControlState::OtherControl(_));
+        self.unjudged |= changed && away && self.phase == MissionPhase::Idle;
         if (changed || taken) && self.phase == MissionPhase::Idle && !self.progress.landing {
             // Whoever took the drone over has it landed by a new order, not by one that is repeated.
             self.commands.supersede(now);
