@@ -45,7 +45,7 @@ const GROUPS: [(&str, &[&str]); 3] = [
     (
         "Simulate",
         &[
-            "land", "trial", "trials", "study", "envelope", "rao", "rehearse", "link",
+            "land", "trial", "trials", "storm", "study", "envelope", "rao", "rehearse", "link",
         ],
     ),
     (

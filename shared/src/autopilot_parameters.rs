@@ -255,6 +255,19 @@ pub(crate) fn numbered(number: f64) -> Option<&'static Parameter> {
     all.find(|(k, _)| *k as f64 == number).map(|(_, p)| p)
 }
 
+impl Wanted {
+    /// A value that suits; a mask's bits alone.
+    pub fn value(&self) -> f64 {
+        match self {
+            Wanted::Within(low, high) if low.is_infinite() => *high,
+            Wanted::Within(low, _) => *low,
+            Wanted::Is(value, _) => *value,
+            Wanted::OneOf(values) => values.first().map_or(0.0, |(value, _)| *value),
+            Wanted::Bits(bits) => f64::from(*bits),
+        }
+    }
+}
+
 impl Parameter {
     /// Whether `value` is as wanted. Autopilots keep 32 bits of it.
     pub fn suits(&self, value: f64) -> bool {

@@ -8,6 +8,7 @@ pub mod outcome_table;
 pub mod record;
 pub mod report;
 pub mod scene;
+pub mod storm;
 pub mod study;
 pub mod trial;
 pub mod trials;
@@ -20,6 +21,7 @@ use live::args::{LandArgs, LandsArgs, WorldArgs};
 use live::attach::AttachArgs;
 use live::emulator::LinkArgs;
 use live::rehearse::args::RehearseArgs;
+use storm::StormArgs;
 
 /// Commands of the laboratory.
 #[derive(Subcommand, Debug)]
@@ -28,6 +30,8 @@ pub enum LabCommand {
     Trial(TrialArgs),
     /// Fly many landings and print the success rate with its interval.
     Trials(TrialsArgs),
+    /// Fly landings with several faults each; print what broke a rule.
+    Storm(StormArgs),
     /// Measure one thing over many seeds.
     Study(StudyArgs),
     /// Draw in which relative wind and sea a drone lands on a boat.
@@ -58,6 +62,7 @@ impl LabCommand {
         match self {
             LabCommand::Trial(a) => trial::run(a),
             LabCommand::Trials(a) => trials::run(a),
+            LabCommand::Storm(a) => storm::run(a),
             LabCommand::Study(a) => study::run(a),
             LabCommand::Envelope(a) => study::envelope::run(a),
             LabCommand::Rao(a) => study::rao(a),

@@ -2,12 +2,14 @@
 
 pub mod age;
 pub mod cameras;
+pub mod faults;
 mod foresight;
 pub mod link;
 pub mod outcome;
 pub mod physics;
 pub mod rig;
 pub mod scenario;
+pub mod storm;
 pub mod tap;
 pub mod trace;
 pub mod trial;

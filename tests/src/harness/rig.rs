@@ -6,6 +6,7 @@ use super::physics::TICK;
 use super::scenario::{NodeConfigs, Scenario, SetupError};
 use super::tap::{NoTap, Tap};
 use super::world::{Checkpoints, World};
+use crate::autopilots::simulated::SimulatedAutopilot;
 
 /// What may fail of a drone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -150,6 +151,23 @@ impl Rig {
     /// The states that it went through.
     pub fn visited(&self, k: usize) -> Vec<State> {
         self.visited[k].iter().map(|(state, _)| *state).collect()
+    }
+    /// When it first entered a state, after the start, s.
+    pub fn first_entered_s(&self, k: usize, state: State) -> Option<f64> {
+        let entered = self.visited[k].iter().find(|(s, _)| *s == state);
+        entered.map(|(_, t_s)| *t_s)
+    }
+    /// Collective thrust that its autopilot commands, 0 to 1.
+    pub fn thrust(&self, k: usize) -> f64 {
+        self.world.drones()[k]
+            .autopilot()
+            .map_or(0.0, SimulatedAutopilot::thrust)
+    }
+    /// The thrust that hovers, as its autopilot estimates it, 0 to 1.
+    pub fn hover_thrust(&self, k: usize) -> f64 {
+        self.world.drones()[k]
+            .autopilot()
+            .map_or(1.0, SimulatedAutopilot::hover_thrust)
     }
     /// When it entered its state, after the start, s.
     pub fn entered_s(&self, k: usize) -> f64 {

@@ -19,18 +19,19 @@ use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime};
 use alight_shared::topics::TIME_REQUEST;
 use alight_shared::wire;
 use alight_uav::autopilot::config::DisarmConfig;
-use alight_uav::autopilot::{AutopilotIn, AutopilotLink, still_armed_s};
+use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotOut, still_armed_s};
 use alight_uav::camera::node::CameraIdentity;
 use alight_uav::mission::{Mission, MissionConfig, MissionIn, MissionOut};
 use alight_uav::pilot::{Output, Pilot, PilotIn};
 use alight_uav::planner::{Planner, PlannerIn, PlannerOut};
 use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
 use alight_usv::deck::DeckInputs;
-use alight_usv::{ComputerIn, VesselComputer};
+use alight_usv::{ComputerIn, ComputerOut, VesselComputer};
 use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::cameras::SimulatedCameras;
+use super::faults::Failing;
 use super::foresight::{Foresight, drift};
 pub use super::link::Checkpoints;
 use super::link::{LinkedAutopilot, MakeLink};
@@ -38,7 +39,7 @@ use super::outcome::Observation;
 use super::physics::{BOOT, DRONE_ID, Physics, VESSEL_ID};
 use super::scenario::{NodeConfigs, Scenario, SetupError, StateOutage};
 use super::tap::{NoTap, Tap};
-use crate::autopilots::simulated::{INNER_PER_OUTER, mode_number};
+use crate::autopilots::simulated::{INNER_PER_OUTER, SimulatedAutopilot, mode_number};
 use crate::radio::{ChannelCounts, Session};
 use crate::sensors::DroneReadings;
 use crate::sensors::delay::DelayLine;
@@ -72,6 +73,8 @@ pub struct World {
     shares_deck: bool,
     // The drones' radios and computers.
     drones: Vec<DroneComputer>,
+    /// What fails of the first drone and the vessel.
+    failing: Failing,
 }
 
 impl World {
@@ -91,7 +94,25 @@ impl World {
                 .map(|k| DroneComputer::new(k, scenario, nodes, &physics, BOOT))
                 .collect(),
             physics,
+            failing: Failing::default(),
         })
+    }
+    /// So much fails from now on, of the first drone and the vessel.
+    pub fn fail(&mut self, failing: Failing) {
+        if let Some(drone) = self.drones.first_mut() {
+            drone.radio.fail(failing.radio);
+        }
+        if let Some(linked) = self.drones.first_mut().and_then(|d| d.linked.as_mut()) {
+            let faults = &failing.autopilot;
+            let autopilot = &mut linked.autopilot;
+            linked.cut = faults.cut;
+            (autopilot.silent, autopilot.answer) = (faults.silent, faults.answer);
+            autopilot.muted.clone_from(&faults.muted);
+            autopilot.battery_reported = !faults.no_battery;
+            autopilot.remote_control_lost = faults.remote_control_lost;
+            autopilot.data_link_lost = faults.data_link_lost;
+        }
+        self.failing = failing;
     }
     /// Runs the vessel's side until the start; the drones appear in the air a little before.
     pub fn warm_up(&mut self, tap: &mut impl Tap) {
@@ -228,9 +249,15 @@ impl World {
             .iter_mut()
             .for_each(|l| l.start(checkpoints));
     }
-    /// A drone's planner process dies for good.
+    /// A drone's planner process dies.
     pub fn kill_planner(&mut self, k: usize) {
         self.drones[k].planner = None;
+    }
+    /// It starts anew.
+    pub fn start_planner(&mut self, k: usize, nodes: &NodeConfigs) {
+        let drone = &mut self.drones[k];
+        let boot = drone.next_boot(Checkpoints::Kept);
+        drone.planner = Some(nodes.planner(boot));
     }
 
     /// A test flies a drone from now on: this set-point stands in place of the pilot's.
@@ -291,7 +318,8 @@ impl World {
         tap.truth(t, &self.physics.vessel(), self.physics.drone(0).as_ref());
 
         // The vessel: sensors, drones' statuses, orders -> estimator, deck arbiter, operator relay -> broadcast.
-        let (now, readings) = (self.physics.vessel_now(), self.physics.vessel_readings());
+        let (now, mut readings) = (self.physics.vessel_now(), self.physics.vessel_readings());
+        self.failing.vessel.spoil(&mut readings);
         let given = ComputerIn {
             deck_inputs: self.given.deck_inputs,
             ..ComputerIn::default()
@@ -301,8 +329,50 @@ impl World {
             ..core::mem::replace(&mut self.given, given)
         };
         self.receive_at_vessel(t, &mut input);
-        let output = self.vessel.step(now, &input);
-        tap.vessel(t, now, &input, &output);
+        if self.failing.frozen.vessel {
+            // Orders wait, what was measured is lost.
+            (self.given.commands, self.given.deck_orders) = (input.commands, input.deck_orders);
+        } else {
+            let output = self.vessel.step(now, &input);
+            tap.vessel(t, now, &input, &output);
+            self.broadcast_all(t, &output);
+        }
+
+        // Each drone's computer: bridge -> predictor -> mission -> planner -> pilot -> link to the autopilot.
+        self.foresight.iter_mut().for_each(|f| f.look(t));
+        let foresight = self.foresight.as_ref();
+        let mut sound = Failing::default();
+        for (k, drone) in self.drones.iter_mut().enumerate() {
+            match k {
+                0 => drone.tick(
+                    &mut self.physics,
+                    self.shares_deck,
+                    foresight,
+                    &mut self.failing,
+                    tap,
+                ),
+                _ => drone.tick(
+                    &mut self.physics,
+                    self.shares_deck,
+                    foresight,
+                    &mut sound,
+                    &mut NoTap,
+                ),
+            }
+        }
+
+        // Sea, vessel, autopilots, drones, contact.
+        self.physics.advance_with(INNER_PER_OUTER, |k, truth| {
+            let motors = self.drones[k].linked.as_mut().and_then(|l| l.turn(truth))?;
+            Some(if k == 0 {
+                self.failing.weaken(motors)
+            } else {
+                motors
+            })
+        });
+    }
+    /// What the vessel's computer has for the drones.
+    fn broadcast_all(&mut self, t: Time<TrueTime>, output: &ComputerOut) {
         self.broadcast(t, PacketKind::Estimate, &output.vessel.estimate);
         self.broadcast(t, PacketKind::Wave, &output.vessel.wave);
         self.broadcast(t, PacketKind::Prediction, &output.vessel.prediction);
@@ -312,21 +382,6 @@ impl World {
             self.broadcast(t, PacketKind::Deck, &output.grant);
             self.broadcast(t, PacketKind::Command, &output.commands);
         }
-
-        // Each drone's computer: bridge -> predictor -> mission -> planner -> pilot -> link to the autopilot.
-        self.foresight.iter_mut().for_each(|f| f.look(t));
-        let foresight = self.foresight.as_ref();
-        for (k, drone) in self.drones.iter_mut().enumerate() {
-            match k {
-                0 => drone.tick(&mut self.physics, self.shares_deck, foresight, tap),
-                _ => drone.tick(&mut self.physics, self.shares_deck, foresight, &mut NoTap),
-            }
-        }
-
-        // Sea, vessel, autopilots, drones, contact.
-        self.physics.advance_with(INNER_PER_OUTER, |k, truth| {
-            self.drones[k].linked.as_mut().and_then(|l| l.turn(truth))
-        });
     }
 
     /// What has come over the radios of the drones.
@@ -407,6 +462,8 @@ pub struct DroneComputer {
     keeper: Keeper,
     /// All of its processes are dead.
     is_dead: bool,
+    /// The computer stood still until then.
+    stood_still_until: Time<TrueTime>,
     /// None: its process is dead.
     planner: Option<Planner>,
     /// None: its process is dead.
@@ -414,6 +471,8 @@ pub struct DroneComputer {
     plans: DelayLine<Plan>,
     solve_delay: Span,
     commands: Vec<Command>,
+    /// The newest order to land, for a mutant.
+    ordered: Option<Command>,
     /// A test's set-point in place of the pilot's.
     external: Option<SetPoint>,
     /// Fault: images are stamped so late.
@@ -483,11 +542,13 @@ impl DroneComputer {
             ),
             keeper: Keeper::default(),
             is_dead: false,
+            stood_still_until: Time::EPOCH,
             planner: Some(nodes.planner(boot)),
             pilot: Some(Pilot::new(&drone.pilot, &drone.airframe, id, boot)),
             plans: DelayLine::new(MAX_PLANS),
             solve_delay: Span::from_secs(scenario.solve_delay_s),
             commands: Vec::new(),
+            ordered: None,
             external: None,
             images_late: Span::ZERO,
             sees_beside: Vector3::zeros(),
@@ -517,6 +578,10 @@ impl DroneComputer {
             .map(|(config, autopilot)| LinkedAutopilot::new(config, &streams, autopilot, make, self.boot));
     }
 
+    /// Its autopilot; None before it has appeared.
+    pub fn autopilot(&self) -> Option<&SimulatedAutopilot> {
+        self.linked.as_ref().map(|l| &l.autopilot)
+    }
     /// Its autopilot has aligned its heading.
     pub fn autopilot_is_aligned(&self) -> bool {
         self.linked.as_ref().is_some_and(|l| l.autopilot.is_aligned())
@@ -532,13 +597,21 @@ impl DroneComputer {
         physics: &mut Physics,
         reports_status: bool,
         foresight: Option<&Foresight>,
+        failing: &mut Failing,
         tap: &mut impl Tap,
     ) {
         let (k, t, clock) = (self.k, physics.now(), physics.drone_clock(self.k));
-        let now = clock.read(t);
+        let (now, frozen) = (clock.read(t), failing.frozen);
+        if frozen.computer {
+            // What comes by radio and wire waits, and bears the time of its reading.
+            self.stood_still_until = t;
+            let _lost = physics.drone_readings(k);
+            return;
+        }
 
         // The radio, then the bridge.
-        let stamped = |(arrival, packet)| Stamped::new(clock.read(arrival), packet);
+        let read_from = self.stood_still_until;
+        let stamped = |(arrival, packet)| Stamped::new(clock.read(read_from.max(arrival)), packet);
         let packets = self.radio.at_drone(t).into_iter().map(stamped).collect();
         if self.is_dead {
             // What arrives is lost.
@@ -565,8 +638,16 @@ impl DroneComputer {
             self.handed_over = autopilot.choose(offboard);
         }
         linked.autopilot.steel_m = physics.deck_distance_m(k);
-        let flown = linked.receive(t, now);
-        let (odometry, autopilot) = (flown.odometry.last().copied(), flown.state);
+        let flown = if frozen.link {
+            AutopilotOut::default()
+        } else {
+            linked.receive(t, now)
+        };
+        let (mut odometry, mut autopilot) = (flown.odometry.last().copied(), flown.state);
+        if let Some(mutant) = failing.mutant {
+            odometry = odometry.map(|state| mutant.odometry(state));
+            autopilot = autopilot.map(|state| mutant.autopilot(state));
+        }
         self.commands.extend(flown.command);
         readings.ranges.extend(flown.ranges);
         self.autopilot_state = autopilot.unwrap_or(self.autopilot_state);
@@ -574,6 +655,7 @@ impl DroneComputer {
             cameras.step(t, now, &mut readings);
         }
         self.mislead(physics, &mut readings);
+        failing.drone.spoil(&mut readings);
         let input = PredictorIn {
             estimate: received.estimate,
             wave: received.wave,
@@ -587,7 +669,7 @@ impl DroneComputer {
             checkpoint: self.predictor.as_ref().and_then(|p| self.keeper.answer(p.boot())),
         };
         let mut predicted = PredictorOut::default();
-        if let Some(predictor) = &mut self.predictor {
+        if let Some(predictor) = self.predictor.as_mut().filter(|_| !frozen.predictor) {
             predicted = predictor.step(now, &input);
             let believed = odometry
                 .zip(physics.drone(k))
@@ -598,10 +680,17 @@ impl DroneComputer {
             tap.predictor(t, now, &input, &predicted);
         }
         self.keeper.take(now, predicted.checkpoint.as_ref());
-        let forecast = predicted.forecast;
+        let mut forecast = predicted.forecast;
+        if let Some(mutant) = failing.mutant {
+            forecast = mutant.forecast(now, forecast, self.forecast);
+        }
         self.forecast = forecast.or(self.forecast);
 
         // Mission -> planner.
+        self.commands.extend(received.commands);
+        if let Some(mutant) = failing.mutant {
+            mutant.commands(&mut self.commands, self.mission_state.state, &mut self.ordered);
+        }
         let plan = self.plans.arrived(t).pop();
         let input = MissionIn {
             forecast,
@@ -609,18 +698,23 @@ impl DroneComputer {
             autopilot,
             plan,
             set_point: self.last_set_point,
-            commands: self.commands.drain(..).chain(received.commands).collect(),
+            commands: self.commands.drain(..).collect(),
             deck: received.deck,
             ranges: readings.ranges.clone(),
             checkpoint: self.mission.as_ref().and_then(|m| self.keeper.answer(m.boot())),
         };
         let mut decided = MissionOut::default();
-        if let Some(mission) = &mut self.mission {
+        if frozen.mission {
+            self.commands = input.commands;
+        } else if let Some(mission) = &mut self.mission {
             decided = mission.step(now, &input);
             tap.mission(t, now, &input, &decided);
         }
         self.keeper.take(now, decided.checkpoint.as_ref());
-        let mission = decided.state;
+        let mut mission = decided.state;
+        if let Some(mutant) = failing.mutant {
+            mission = mutant.mission(now, mission, &self.mission_state);
+        }
         self.mission_state = mission.unwrap_or(self.mission_state);
         if reports_status && t >= self.status_due {
             self.status_due = t + STATUS_PERIOD;
@@ -637,7 +731,7 @@ impl DroneComputer {
             drone: odometry,
         };
         let mut solved = PlannerOut::default();
-        if let Some(planner) = &mut self.planner {
+        if let Some(planner) = self.planner.as_mut().filter(|_| !frozen.planner) {
             solved = planner.step(now, &input);
             tap.planner(t, now, &input, &solved);
         }
@@ -649,7 +743,8 @@ impl DroneComputer {
         // Pilot -> link to the autopilot.
         let stands_still = self
             .pilot_outage_window
-            .is_some_and(|[from, until]| from <= t && t < until);
+            .is_some_and(|[from, until]| from <= t && t < until)
+            || frozen.pilot;
         let mut set_point = None;
         if let Some(pilot) = self.pilot.as_mut().filter(|_| !stands_still) {
             let input = PilotIn {
@@ -663,6 +758,9 @@ impl DroneComputer {
             let flown = pilot.step(now, &input);
             tap.pilot(t, now, &input, &flown);
             set_point = self.external.or(flown.set_point);
+            if let Some(mutant) = failing.mutant {
+                set_point = set_point.map(|s| mutant.set_point(s, &input.ranges, self.mission_state.state));
+            }
             self.last_set_point = set_point.or(self.last_set_point);
         }
         let input = AutopilotIn {
@@ -671,7 +769,7 @@ impl DroneComputer {
             forecast,
             ..AutopilotIn::default()
         };
-        if let Some(linked) = &mut self.linked {
+        if let Some(linked) = self.linked.as_mut().filter(|_| !frozen.link) {
             linked.send(t, now, input);
         }
     }

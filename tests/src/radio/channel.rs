@@ -50,6 +50,15 @@ pub struct ChannelCounts {
     pub doubled: u64,
 }
 
+/// What a channel does beside its usual losses, as long as it does.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ChannelFault {
+    /// Share of packets that is lost, 0 to 1.
+    pub loss: f64,
+    /// Added delay, s.
+    pub delay_s: f64,
+}
+
 /// One direction.
 #[derive(Clone, Debug)]
 pub struct Channel {
@@ -60,6 +69,7 @@ pub struct Channel {
     in_burst: bool,
     last_sent: Option<Time<TrueTime>>,
     outage: Option<[Time<TrueTime>; 2]>,
+    fault: ChannelFault,
     /// When the sender has put everything on the air that it was given.
     idle_at: Time<TrueTime>,
     last_arrival: Time<TrueTime>,
@@ -101,6 +111,7 @@ impl Channel {
             in_burst: false,
             last_sent: None,
             outage: None,
+            fault: ChannelFault::default(),
             idle_at: Time::from_nanos(i64::MIN / 2),
             last_arrival: Time::from_nanos(i64::MIN / 2),
             counts: ChannelCounts::default(),
@@ -123,15 +134,22 @@ impl Channel {
             return [None, None];
         };
         let outage = self.outage.is_some_and(|[from, until]| from <= t && t < until);
-        if lost || in_burst || outage || self.config.outages_s.cover(t) {
+        // Whole losses need no draw.
+        let fails = self.fault.loss >= 1.0 || (self.fault.loss > 0.0 && self.bursts.chance(self.fault.loss));
+        if lost || in_burst || outage || fails || self.config.outages_s.cover(t) {
             self.counts.lost += 1;
             return [None, None];
         }
         self.counts.doubled += u64::from(twice);
+        let on_air = on_air + Span::from_secs(self.fault.delay_s);
         let arrival = self.in_order(on_air + first);
         [Some(arrival), twice.then(|| self.in_order(on_air + second))]
     }
 
+    /// It fails so from now on.
+    pub const fn fail(&mut self, fault: ChannelFault) {
+        self.fault = fault;
+    }
     /// Everything sent in the window `[from, until)` is lost; what is on its way still arrives.
     /// The first such window stays.
     pub fn set_outage(&mut self, window: [Time<TrueTime>; 2]) {

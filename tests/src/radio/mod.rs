@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::physics::streams::Streams;
 use crate::sensors::delay::DelayLine;
 use crate::sensors::noise::Windows;
-pub use channel::{Channel, ChannelCounts, Direction};
+pub use channel::{Channel, ChannelCounts, ChannelFault, Direction};
 pub use session::Session;
 
 /// Packets under way in one direction at most; what comes on top is lost.
@@ -185,6 +185,10 @@ impl<T: Clone> Radio<T> {
     /// When the next packet that is under way arrives.
     pub fn next(&self) -> Option<Time<TrueTime>> {
         self.line.next()
+    }
+    /// It fails so from now on.
+    pub const fn fail(&mut self, fault: ChannelFault) {
+        self.channel.fail(fault);
     }
     /// Everything sent in the window `[from, until)` is lost; what is on its way still arrives.
     /// The first such window stays.

@@ -4,7 +4,7 @@
 use alight_shared::time::{Span, Time, TrueTime};
 
 use super::stream::Stream;
-use super::{Channel, ChannelCounts, Direction, Radio, RadioConfig, Transport};
+use super::{Channel, ChannelCounts, ChannelFault, Direction, Radio, RadioConfig, Transport};
 use crate::physics::streams::Streams;
 
 /// Tries of one exchange of a handshake over a stream: the first and its retransmissions, this long
@@ -62,6 +62,12 @@ impl<T: Clone> OneWayLink<T> {
         match self {
             OneWayLink::Datagrams(radio) => radio.set_outage(window),
             OneWayLink::Stream(stream) => stream.channels().into_iter().for_each(|c| c.set_outage(window)),
+        }
+    }
+    fn fail(&mut self, fault: ChannelFault) {
+        match self {
+            OneWayLink::Datagrams(radio) => radio.fail(fault),
+            OneWayLink::Stream(stream) => stream.channels().into_iter().for_each(|c| c.fail(fault)),
         }
     }
     /// A new connection: a stream's bytes under way are lost with the old one.
@@ -135,6 +141,14 @@ impl<A: Clone, B: Clone> Session<A, B> {
         self.to_drone.set_outage(window);
         self.to_vessel.set_outage(window);
         self.probes.iter_mut().for_each(|c| c.set_outage(window));
+    }
+    /// Both ways fail so from now on: to the drone, to the vessel.
+    pub fn fail(&mut self, [to_drone, to_vessel]: [ChannelFault; 2]) {
+        self.to_drone.fail(to_drone);
+        self.to_vessel.fail(to_vessel);
+        let [there, back] = &mut self.probes;
+        there.fail(to_drone);
+        back.fail(to_vessel);
     }
     /// Packets of both ways: to the drone, to the vessel.
     pub fn counts(&self) -> [ChannelCounts; 2] {

@@ -21,6 +21,7 @@ mod recorded_motion;
 mod restarts;
 mod review;
 mod stated_course;
+mod storm;
 mod witnesses;
 
 use alight_uav::autopilot::modes::Firmware;

@@ -1,0 +1,251 @@
+//! `alight storm`: landings with several drawn faults each, what must hold in every tick, and the shortest list of what
+//! broke it.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use alight_shared::transport::wake::end_requested;
+use alight_sim::harness::storm::watch::{Rule, Violation};
+use alight_sim::harness::storm::{Ending, Flown, Kind, MAX_FAULTS, Storm, fly, shrink};
+use clap::Args;
+use serde::Serialize;
+
+use super::scene::stopwatch;
+use super::trials::{in_parallel, seeds};
+use crate::exit::{CliError, Doing, Exit};
+use crate::terminal::{self, note};
+
+/// Largest list that is read, bytes.
+const MAX_LIST_BYTES: u64 = 1 << 20;
+/// Seeds between two looks at the clock, per worker.
+const BATCH: u32 = 8;
+
+/// Arguments of `alight storm`.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "A violation prints the shortest list that still breaks the rule, as a file for --list.\n\
+  alight storm --trials 100 --faults 4\n  alight storm --for 480 --save violations\n  \
+  alight storm --list violations/17.toml\n\n\
+Exit codes: 0 every rule held, 1 one was broken, 2 bad input."
+)]
+pub struct StormArgs {
+    /// Storms to fly.
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    trials: u32,
+    /// Fly as many as fit into so many seconds instead.
+    #[arg(long = "for", value_name = "S", conflicts_with = "trials", value_parser = clap::value_parser!(u32).range(1..=604_800))]
+    seconds: Option<u32>,
+    /// First seed.
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    seed0: u64,
+    /// Faults in each.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u8).range(1..=MAX_FAULTS as i64))]
+    faults: u8,
+    /// Threads [default: all cores]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    jobs: Option<u16>,
+    /// Fly this list instead, and show what happens.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["trials", "seconds", "seed0", "faults", "jobs", "save"])]
+    list: Option<PathBuf>,
+    /// Write the shortest list of each violation there, SEED.toml.
+    #[arg(long, value_name = "DIRECTORY")]
+    save: Option<PathBuf>,
+    /// Print a JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+/// A rule that a storm broke.
+#[derive(Serialize)]
+struct Broken {
+    seed: u64,
+    violation: Violation,
+    /// The list as drawn, and the shortest that still breaks the rule.
+    storm: Storm,
+    shrunk: Storm,
+}
+
+/// One storm's end.
+struct One {
+    flown: Flown,
+    broken: Option<Box<Broken>>,
+}
+
+/// What many storms came to.
+#[derive(Default, Serialize)]
+struct Summary {
+    storms: usize,
+    landed: usize,
+    waits: usize,
+    violations: BTreeMap<Rule, usize>,
+    /// Faults that began, and how many pairs of a kind and a state of those that there are.
+    faults_begun: usize,
+    kinds_begun: usize,
+    kinds: usize,
+    pairs_begun: usize,
+    storms_per_s: f64,
+    broken: Vec<Broken>,
+}
+
+/// Flies, shrinks, reports.
+pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
+    // The first question puts the handler in place: a signal from here on ends with what was flown.
+    if end_requested() {
+        return Ok(Exit::Failed);
+    }
+    if let Some(path) = &args.list {
+        return fly_list(path, args.json);
+    }
+    if let Some(directory) = &args.save {
+        std::fs::create_dir_all(directory)
+            .doing(format_args!("making the directory {}", directory.display()))?;
+    }
+    let elapsed = stopwatch();
+    let mut all: Vec<One> = Vec::new();
+    let mut next = args.seed0;
+    loop {
+        let wanted = match args.seconds {
+            None => args.trials,
+            Some(_) => BATCH * u32::try_from(rayon::current_num_threads()).unwrap_or(1),
+        };
+        let batch = seeds(next, wanted)?;
+        next = next.saturating_add(u64::from(wanted));
+        let flown = in_parallel(args.jobs, "storms", &batch, |seed| fly_seed(args, *seed))?;
+        all.extend(flown.into_iter().flatten());
+        let over = args.seconds.is_none_or(|s| elapsed() >= f64::from(s));
+        if over || end_requested() {
+            break;
+        }
+    }
+    let summary = Summary::of(all, elapsed());
+    if args.json {
+        terminal::json(&summary)?;
+    } else {
+        terminal::line(summary.text());
+    }
+    Ok(Exit::of(summary.broken.is_empty() && summary.storms > 0))
+}
+
+/// One storm, shrunk where it broke a rule; None once the end is asked for.
+fn fly_seed(args: &StormArgs, seed: u64) -> Result<Option<One>, CliError> {
+    if end_requested() {
+        return Ok(None);
+    }
+    let storm = Storm::drawn(seed, usize::from(args.faults));
+    let silent = &mut |_: f64, _: &str| {};
+    let doing = format!("setting up the storm of seed {seed}");
+    let flown = fly(&storm, silent).doing(&doing)?;
+    let broken = flown.violation.map(|violation| {
+        let breaks = |s: &Storm| {
+            let again = fly(s, &mut |_, _| {}).ok()?;
+            again.violation.map(|v| v.rule)
+        };
+        let shrunk = shrink(&storm, violation.rule, breaks);
+        Box::new(Broken {
+            seed,
+            violation,
+            storm,
+            shrunk,
+        })
+    });
+    if let Some(broken) = &broken {
+        show(args, broken)?;
+    }
+    Ok(Some(One { flown, broken }))
+}
+
+/// Flies a list and shows what happens.
+fn fly_list(path: &Path, json: bool) -> Result<Exit, CliError> {
+    let doing = format_args!("reading the list {}", path.display());
+    let length = std::fs::metadata(path).doing(doing)?.len();
+    if length > MAX_LIST_BYTES {
+        return Err(CliError(format!(
+            "{doing}: it has {length} bytes, and a list has at most {MAX_LIST_BYTES}"
+        )));
+    }
+    let text = std::fs::read_to_string(path).doing(doing)?;
+    let storm = Storm::read(&text).doing(doing)?;
+    let mut show = |t_s: f64, line: &str| note(json, format_args!("{t_s:>7.2} s  {line}"));
+    let flown = fly(&storm, &mut show).doing(format_args!("flying the list {}", path.display()))?;
+    if json {
+        terminal::json(&flown)?;
+    } else {
+        let end = match flown.ending {
+            Ending::Landed => "landed: every rule held",
+            Ending::Waits => "waits for a stated reason: every rule held",
+            Ending::Violated => "a rule was broken",
+        };
+        terminal::line(format_args!("{:>7.2} s  {end}", flown.lasted_s));
+    }
+    Ok(Exit::of(flown.ending != Ending::Violated))
+}
+
+/// A violation for a person, and its list for the next command.
+fn show(args: &StormArgs, broken: &Broken) -> Result<(), CliError> {
+    let (seed, text) = (broken.seed, broken.shrunk.text());
+    note(args.json, format_args!("seed {seed}: {}", broken.violation));
+    match &args.save {
+        Some(directory) => {
+            let path = directory.join(format!("{seed}.toml"));
+            std::fs::write(&path, text).doing(format_args!("writing {}", path.display()))?;
+            note(
+                args.json,
+                format_args!("  replay: alight storm --list {}", path.display()),
+            );
+        }
+        None => text
+            .lines()
+            .for_each(|line| note(args.json, format_args!("  {line}"))),
+    }
+    Ok(())
+}
+
+impl Summary {
+    fn of(all: Vec<One>, elapsed_s: f64) -> Summary {
+        let mut summary = Summary {
+            storms: all.len(),
+            kinds: Kind::ALL.len(),
+            storms_per_s: all.len() as f64 / elapsed_s.max(1e-3),
+            ..Summary::default()
+        };
+        let mut pairs: BTreeMap<(Kind, &str), usize> = BTreeMap::new();
+        for One { flown, broken } in all {
+            match flown.ending {
+                Ending::Landed => summary.landed += 1,
+                Ending::Waits => summary.waits += 1,
+                Ending::Violated => {}
+            }
+            if let Some(v) = flown.violation {
+                *summary.violations.entry(v.rule).or_default() += 1;
+            }
+            summary.faults_begun += flown.began.len();
+            for (kind, state, _) in &flown.began {
+                *pairs.entry((*kind, state.name())).or_default() += 1;
+            }
+            summary.broken.extend(broken.map(|b| *b));
+        }
+        summary.pairs_begun = pairs.len();
+        let kinds: std::collections::BTreeSet<Kind> = pairs.keys().map(|(kind, _)| *kind).collect();
+        summary.kinds_begun = kinds.len();
+        summary
+    }
+    fn text(&self) -> String {
+        let Summary {
+            storms,
+            landed,
+            waits,
+            faults_begun,
+            kinds_begun,
+            kinds,
+            pairs_begun,
+            storms_per_s,
+            ..
+        } = self;
+        format!(
+            "{storms} storms: {landed} landed, {waits} wait for a stated reason, {} broke a rule\n\
+             {faults_begun} faults of {kinds_begun} of {kinds} kinds, {pairs_begun} pairs of kind and state; \
+             {storms_per_s:.1} storms/s",
+            self.broken.len()
+        )
+    }
+}

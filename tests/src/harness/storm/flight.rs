@@ -1,0 +1,230 @@
+//! Flies a storm: faults begin and end at their times, and every tick is watched.
+
+use alight_shared::autopilot_parameters::{ARDU_COPTER, PX4};
+use alight_shared::msg::State;
+use alight_uav::autopilot::modes::Firmware;
+use serde::Serialize;
+
+use super::kinds::{Effect, Takes};
+use super::watch::{Scene, Violation, Watch};
+use super::{Fault, Kind, Mutant, Storm};
+use crate::harness::faults::Failing;
+use crate::harness::rig::Rig;
+use crate::harness::scenario::SetupError;
+use crate::harness::tap::NoTap;
+
+/// Everything is over within this time of the order, s.
+const LIMIT_S: f64 = 300.0;
+/// Within this time after the last fault it has landed, or waits for a stated reason, s.
+const LIVELY_S: f64 = 120.0;
+/// At rest for so long it has landed, s.
+const REST_S: f64 = 3.0;
+/// Given up for so long, after the last fault, it waits for a person, s: longer than it climbs.
+const GIVEN_UP_S: f64 = 20.0;
+
+/// How a storm's flight ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Ending {
+    /// On the deck with motors off.
+    Landed,
+    /// Away from the deck, for a reason that it states.
+    Waits,
+    /// A rule was broken.
+    Violated,
+}
+
+/// A flown storm.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Flown {
+    /// How it ended.
+    pub ending: Ending,
+    /// The first rule that was broken.
+    pub violation: Option<Violation>,
+    /// The faults that began: kind, the mission's state at that time, and when, s after the order.
+    pub began: Vec<(Kind, State, f64)>,
+    /// Time from the order to the end, s.
+    pub lasted_s: f64,
+}
+
+/// A fault of the list at its place in time.
+struct Scheduled {
+    fault: Fault,
+    began_s: Option<f64>,
+    over: bool,
+}
+
+impl Scheduled {
+    fn is_active(&self, t_s: f64) -> bool {
+        self.began_s.is_some_and(|at| t_s < at + self.fault.lasts_s)
+    }
+}
+
+/// Flies it; `say` is shown each fault and each state as it begins.
+pub fn fly(storm: &Storm, say: &mut dyn FnMut(f64, &str)) -> Result<Flown, SetupError> {
+    fly_mutant(storm, None, say)
+}
+
+/// The same with a defect in the drone's nodes.
+pub fn fly_mutant(
+    storm: &Storm,
+    mutant: Option<Mutant>,
+    say: &mut dyn FnMut(f64, &str),
+) -> Result<Flown, SetupError> {
+    let (scenario, nodes) = storm.scene();
+    let mut rig = Rig::landing(&scenario, &nodes, storm.seed)?;
+    set_up(&mut rig);
+    let pending = |fault: &Fault| Scheduled {
+        fault: *fault,
+        began_s: None,
+        over: false,
+    };
+    let mut faults: Vec<Scheduled> = storm.faults.iter().map(pending).collect();
+    let mut watch = Watch::default();
+    let mut flown = Flown {
+        ending: Ending::Waits,
+        violation: None,
+        began: Vec::new(),
+        lasted_s: 0.0,
+    };
+    let (mut last_s, mut rested_s, mut state) = (0.0_f64, 0.0_f64, State::Idle);
+    while rig.t_s() < LIMIT_S {
+        let t_s = rig.t_s();
+        if rig.state(0) != state {
+            state = rig.state(0);
+            say(t_s, &format!("{}: {}", state.name(), rig.mission(0).entered));
+        }
+        for k in 0..faults.len() {
+            step(&mut rig, &mut faults, k, &mut flown, say);
+        }
+        let failing = failing(&faults, t_s);
+        rig.world.fail(Failing { mutant, ..failing });
+        rig.tick(&mut NoTap);
+        let t_s = rig.t_s();
+        if let Some(violation) = watch.look(&rig, &scene_of(&faults, t_s)) {
+            say(t_s, &violation.to_string());
+            flown.ending = Ending::Violated;
+            flown.violation = Some(violation);
+            break;
+        }
+        let active = faults.iter().any(|f| f.began_s.is_some() && !f.over);
+        if active {
+            last_s = t_s;
+        }
+        let o = rig.world.observation();
+        let rests = !o.motors_on && o.feet_height_m() < super::watch::ON_DECK_M && !active;
+        rested_s = if rests { rested_s } else { t_s };
+        if t_s - rested_s > REST_S {
+            flown.ending = Ending::Landed;
+            break;
+        }
+        let given_up = rig.state(0) == State::GaveUp && t_s > rig.entered_s(0).max(last_s) + GIVEN_UP_S;
+        if given_up || t_s > last_s + LIVELY_S {
+            flown.violation = watch.is_stuck(&rig);
+            if flown.violation.is_some() {
+                flown.ending = Ending::Violated;
+            }
+            break;
+        }
+    }
+    flown.lasted_s = rig.t_s();
+    Ok(flown)
+}
+
+/// Sets the autopilot's parameters as `alight check` asks for them.
+fn set_up(rig: &mut Rig) {
+    let Some(linked) = rig.world.linked(0) else { return };
+    let autopilot = &mut linked.autopilot;
+    let asked = match autopilot.firmware() {
+        Firmware::Px4 => PX4,
+        Firmware::ArduCopter => ARDU_COPTER,
+    };
+    for p in asked {
+        if let Some(value) = autopilot.parameters.get_mut(p.name).filter(|v| !p.suits(**v)) {
+            *value = p.wanted.value();
+        }
+    }
+}
+
+/// Begins or ends the `k`-th fault where that is due.
+fn step(
+    rig: &mut Rig,
+    faults: &mut [Scheduled],
+    k: usize,
+    flown: &mut Flown,
+    say: &mut dyn FnMut(f64, &str),
+) {
+    let t_s = rig.t_s();
+    let Some(scheduled) = faults.get_mut(k) else {
+        return;
+    };
+    let fault = scheduled.fault;
+    match scheduled.began_s {
+        None if rig
+            .first_entered_s(0, fault.state)
+            .is_some_and(|at| t_s >= at + fault.after_s) =>
+        {
+            scheduled.began_s = Some(t_s);
+            flown.began.push((fault.kind, rig.state(0), t_s));
+            let (size, lasts) = (fault.size, fault.lasts_s);
+            say(
+                t_s,
+                &format!("fault: {}, size {size}, for {lasts} s", fault.kind.name()),
+            );
+            if let Effect::Events(begin, _) = fault.kind.spec().effect {
+                begin(rig, fault.size);
+            }
+        }
+        Some(_) if !scheduled.over && !scheduled.is_active(t_s) => {
+            scheduled.over = true;
+            if let Effect::Events(_, end) = fault.kind.spec().effect {
+                end(rig, fault.size);
+            }
+        }
+        None | Some(_) => {}
+    }
+}
+
+/// What fails now, of all that are active.
+fn failing(faults: &[Scheduled], t_s: f64) -> Failing {
+    let mut failing = Failing::default();
+    for f in faults.iter().filter(|f| f.is_active(t_s)) {
+        if let Effect::Lasting(fail) = f.fault.kind.spec().effect {
+            fail(&mut failing, f.fault.size);
+        }
+    }
+    failing
+}
+
+/// What the watch is told of the faults.
+fn scene_of(faults: &[Scheduled], t_s: f64) -> Scene {
+    let began = || faults.iter().filter_map(|f| Some((f, f.began_s?)));
+    let newest_s = began().map(|(f, at)| if f.over { at + f.fault.lasts_s } else { at });
+    // What happens at once, as a battery that is empty, is not over.
+    let until_s = |f: &Fault, at: f64| {
+        let once = matches!(f.kind.spec().effect, Effect::Events(..)) && f.lasts_s == 0.0;
+        if once { f64::INFINITY } else { at + f.lasts_s }
+    };
+    let takes = |what: Takes, after_s: f64| {
+        began().any(|(f, at)| f.fault.kind.spec().takes == what && t_s < until_s(&f.fault, at) + after_s)
+    };
+    let aborted = began().find(|(f, _)| f.fault.kind == Kind::Abort);
+    let aborted_s = aborted.map(|(_, at)| at);
+    let is_mission = |f: &Scheduled| {
+        matches!(
+            f.fault.kind,
+            Kind::MissionKilled | Kind::MissionFrozen | Kind::ComputerKilled | Kind::ComputerFrozen
+        )
+    };
+    Scene {
+        faults: began().count(),
+        newest_s: newest_s.fold(f64::NEG_INFINITY, f64::max),
+        uncommanded: takes(Takes::Command, super::watch::RESUME_S),
+        robbed: takes(Takes::Power, 1.0),
+        aborted_s,
+        heard: !began()
+            .any(|(f, at)| is_mission(f) && aborted_s.is_some_and(|a| at + f.fault.lasts_s + 1.0 > a)),
+        ordered_again: began()
+            .any(|(f, at)| f.fault.kind == Kind::OrderedAgain && aborted_s.is_some_and(|a| at >= a)),
+    }
+}

@@ -1,0 +1,270 @@
+//! The kinds of faults: of what each has a size, how large and how long they are drawn, and what they excuse.
+
+use alight_shared::msg::{AutopilotMode, CommandKind, DeckOrder};
+use alight_shared::time::Span;
+use alight_uav::autopilot::message::CommandResult;
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use crate::autopilots::simulated::mode_number;
+use crate::harness::faults::Failing;
+use crate::harness::rig::{Part, Rig};
+use crate::harness::world::Checkpoints;
+use crate::radio::ChannelFault;
+
+/// What a fault takes from the drone, so that not every rule can hold meanwhile.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Takes {
+    /// Nothing: all rules hold.
+    Nothing,
+    /// Whoever commands: the autopilot holds a fixed place, and the deck may rise into the drone.
+    Command,
+    /// Thrust or battery.
+    Power,
+}
+
+/// How a kind is drawn, and what it excuses.
+#[derive(Clone, Copy, Debug)]
+pub struct Spec {
+    /// Of what the size is.
+    pub of: &'static str,
+    /// Sizes are drawn between these.
+    pub size: [f64; 2],
+    /// Durations are drawn between these, s.
+    pub lasts_s: [f64; 2],
+    /// What it takes.
+    pub takes: Takes,
+    /// What it does.
+    pub effect: Effect,
+}
+
+/// What a fault does to the world, by its size.
+#[derive(Clone, Copy, Debug)]
+pub enum Effect {
+    /// Something fails as long as it lasts.
+    Lasting(fn(&mut Failing, f64)),
+    /// Something happens when it begins, and when it is over.
+    Events(fn(&mut Rig, f64), fn(&mut Rig, f64)),
+}
+use Effect::{Events, Lasting};
+
+/// Lists the kinds with their specification: name, of what the size is, size, duration, what it takes, effect.
+macro_rules! kinds {
+    ($($(#[$doc:meta])* $kind:ident, $name:literal, $of:literal, $size:expr, $lasts:expr, $takes:ident, $effect:expr;)*) => {
+        /// Kinds of faults.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+        pub enum Kind {
+            $($(#[$doc])* #[serde(rename = $name)] $kind,)*
+        }
+        impl Kind {
+            /// All of them.
+            pub const ALL: &'static [Kind] = &[$(Kind::$kind),*];
+            /// The name in lists.
+            pub const fn name(self) -> &'static str {
+                match self { $(Kind::$kind => $name,)* }
+            }
+            /// How it is drawn, and what it excuses.
+            pub const fn spec(self) -> Spec {
+                match self {
+                    $(Kind::$kind => Spec {
+                        of: $of, size: $size, lasts_s: $lasts, takes: Takes::$takes, effect: $effect,
+                    },)*
+                }
+            }
+        }
+    };
+}
+
+/// Of a fault that has no size, or no duration.
+const NONE: [f64; 2] = [0.0, 0.0];
+/// A process is started again after so long, s.
+const RESTART: [f64; 2] = [0.1, 1.0];
+/// A process stands still so long, s.
+const FREEZE: [f64; 2] = [0.1, 3.0];
+/// A measurement does not come for so long, s.
+const GAP: [f64; 2] = [0.2, 8.0];
+/// 0: the successor has its predecessor's checkpoint; 1: it has none.
+pub(super) const CHECKPOINT: [f64; 2] = [0.0, 1.0];
+
+/// All packets are lost.
+const LOST: ChannelFault = ChannelFault {
+    loss: 1.0,
+    delay_s: 0.0,
+};
+
+/// Nothing happens.
+const fn nothing(_: &mut Rig, _: f64) {}
+/// A successor's checkpoints by this size.
+fn kept(size: f64) -> Checkpoints {
+    if size >= 0.5 {
+        Checkpoints::Lost
+    } else {
+        Checkpoints::Kept
+    }
+}
+/// A person moves the switch of the mode.
+fn choose(rig: &mut Rig, mode: AutopilotMode) {
+    if let Some(linked) = rig.world.linked(0) {
+        let autopilot = &mut linked.autopilot;
+        autopilot.choose(mode_number(autopilot.firmware(), mode));
+    }
+}
+
+kinds! {
+    /// The predictor's process dies.
+    PredictorKilled, "predictor-killed", "1: without its checkpoint", CHECKPOINT, RESTART, Nothing,
+        Events(|r, _| r.fail(Part::Predictor), |r, size| r.restore(Part::Predictor, kept(size)));
+    /// The mission's.
+    MissionKilled, "mission-killed", "1: without its checkpoint", CHECKPOINT, RESTART, Nothing,
+        Events(|r, _| r.fail(Part::Mission), |r, size| r.restore(Part::Mission, kept(size)));
+    /// The planner's.
+    PlannerKilled, "planner-killed", "", NONE, RESTART, Nothing,
+        Events(|r, _| r.world.kill_planner(0), |r, _| r.world.start_planner(0, &r.nodes));
+    /// The pilot's.
+    PilotKilled, "pilot-killed", "", NONE, RESTART, Command,
+        Events(|r, _| r.fail(Part::Pilot), |r, size| r.restore(Part::Pilot, kept(size)));
+    /// The autopilot link's.
+    LinkKilled, "link-killed", "1: without its checkpoint", CHECKPOINT, RESTART, Command,
+        Events(|r, _| r.fail(Part::Link), |r, size| r.restore(Part::Link, kept(size)));
+    /// The supervisor, and with it all of the drone's computer.
+    ComputerKilled, "computer-killed", "1: without its checkpoints", CHECKPOINT, [0.3, 2.0], Command,
+        Events(|r, _| r.fail(Part::Supervisor), |r, size| r.restore(Part::Supervisor, kept(size)));
+    /// The predictor stands still.
+    PredictorFrozen, "predictor-frozen", "", NONE, FREEZE, Nothing,
+        Lasting(|f, _| f.frozen.predictor = true);
+    /// The mission does.
+    MissionFrozen, "mission-frozen", "", NONE, FREEZE, Nothing,
+        Lasting(|f, _| f.frozen.mission = true);
+    /// The planner does.
+    PlannerFrozen, "planner-frozen", "", NONE, FREEZE, Nothing,
+        Lasting(|f, _| f.frozen.planner = true);
+    /// The pilot does.
+    PilotFrozen, "pilot-frozen", "", NONE, FREEZE, Command,
+        Lasting(|f, _| f.frozen.pilot = true);
+    /// The link to the autopilot does.
+    LinkFrozen, "link-frozen", "", NONE, FREEZE, Command,
+        Lasting(|f, _| f.frozen.link = true);
+    /// The whole computer of the drone does.
+    ComputerFrozen, "computer-frozen", "", NONE, FREEZE, Command,
+        Lasting(|f, _| f.frozen.computer = true);
+    /// The vessel's computer stands still.
+    VesselFrozen, "vessel-frozen", "", NONE, [0.2, 10.0], Nothing,
+        Lasting(|f, _| f.frozen.vessel = true);
+    /// The vessel's computer starts anew.
+    VesselRestarted, "vessel-restarted", "", NONE, NONE, Nothing,
+        Events(|r, _| r.restart_vessel(), nothing);
+    /// The radio loses everything, both ways.
+    RadioLost, "radio-lost", "", NONE, [0.5, 30.0], Nothing,
+        Lasting(|f, _| f.radio = [LOST; 2]);
+    /// The drone hears nothing, and is heard.
+    RadioDeaf, "radio-deaf", "", NONE, [0.5, 20.0], Nothing,
+        Lasting(|f, _| f.radio[0] = LOST);
+    /// The drone is not heard, and hears.
+    RadioMute, "radio-mute", "", NONE, [0.5, 20.0], Nothing,
+        Lasting(|f, _| f.radio[1] = LOST);
+    /// The radio loses a share of its packets.
+    RadioLossy, "radio-lossy", "share lost", [0.2, 0.9], [1.0, 30.0], Nothing,
+        Lasting(|f, size| f.radio.iter_mut().for_each(|r| r.loss = r.loss.max(size)));
+    /// Packets are late.
+    RadioLate, "radio-late", "delay, s", [0.1, 1.5], [1.0, 30.0], Nothing,
+        Lasting(|f, size| f.radio.iter_mut().for_each(|r| r.delay_s = size.max(0.0)));
+    /// The vessel's inertial samples do not come.
+    VesselImuLost, "vessel-imu-lost", "", NONE, GAP, Nothing,
+        Lasting(|f, _| f.vessel.imu_lost = true);
+    /// Her fixes do not come.
+    VesselGnssLost, "vessel-gnss-lost", "", NONE, [0.5, 20.0], Nothing,
+        Lasting(|f, _| f.vessel.gnss_lost = true);
+    /// Her heading does not come.
+    VesselHeadingLost, "vessel-heading-lost", "", NONE, [0.5, 20.0], Nothing,
+        Lasting(|f, _| f.vessel.heading_lost = true);
+    /// Her heading is off, as beside steel.
+    VesselHeadingOff, "vessel-heading-off", "deg", [-15.0, 15.0], [2.0, 30.0], Nothing,
+        Lasting(|f, size| f.vessel.heading_off_rad = size.to_radians());
+    /// Her fixes are off to the north.
+    VesselGnssOff, "vessel-gnss-off", "m to the north", [-3.0, 3.0], [2.0, 30.0], Nothing,
+        Lasting(|f, size| f.vessel.gnss_off_m[0] = size);
+    /// Her fixes are too high.
+    VesselHeightOff, "vessel-height-off", "m up", [-3.0, 3.0], [2.0, 30.0], Nothing,
+        Lasting(|f, size| f.vessel.gnss_off_m[1] = size);
+    /// The drone's camera sees nothing.
+    Blind, "blind", "", NONE, GAP, Nothing,
+        Lasting(|f, _| f.drone.blind = true);
+    /// Images are stamped late.
+    ImagesLate, "images-late", "delay, s", [0.02, 0.3], [1.0, 20.0], Nothing,
+        Events(|r, size| r.world.stamp_images_late(0, Span::from_secs(size)), |r, _| r.world.stamp_images_late(0, Span::ZERO));
+    /// A deck beside the vessel's is seen in its place.
+    NeighbourSeen, "neighbour-seen", "m to the east", [3.0, 30.0], [0.5, 10.0], Nothing,
+        Events(|r, size| r.world.show_neighbour(0, Vector3::y() * size), |r, _| r.world.show_neighbour(0, Vector3::zeros()));
+    /// The rangefinder gives nothing.
+    RangeLost, "range-lost", "", NONE, GAP, Nothing,
+        Lasting(|f, _| f.drone.range_lost = true);
+    /// It repeats its last range.
+    RangeStuck, "range-stuck", "", NONE, GAP, Nothing,
+        Lasting(|f, _| f.drone.range_stuck = true);
+    /// It measures too long.
+    RangeOff, "range-off", "m too long", [-2.0, 2.0], GAP, Nothing,
+        Lasting(|f, size| f.drone.range_off_m = size);
+    /// The autopilot's position jumps to the north, and it counts that.
+    PositionReset, "position-reset", "m to the north", [-2.0, 2.0], NONE, Nothing,
+        Events(|r, size| r.world.reset_position(0, &(Vector3::x() * size), true), nothing);
+    /// The same, not counted.
+    PositionJump, "position-jump", "m to the north", [-2.0, 2.0], NONE, Nothing,
+        Events(|r, size| r.world.reset_position(0, &(Vector3::x() * size), false), nothing);
+    /// The autopilot's height jumps, and it counts that.
+    HeightReset, "height-reset", "m up", [-2.0, 2.0], NONE, Nothing,
+        Events(|r, size| r.world.reset_position(0, &(Vector3::z() * -size), true), nothing);
+    /// The same, not counted.
+    HeightJump, "height-jump", "m up", [-2.0, 2.0], NONE, Nothing,
+        Events(|r, size| r.world.reset_position(0, &(Vector3::z() * -size), false), nothing);
+    /// The autopilot's heading jumps, and it counts that.
+    HeadingReset, "heading-reset", "deg", [-25.0, 25.0], NONE, Nothing,
+        Events(|r, size| r.world.reset_heading(0, size.to_radians()), nothing);
+    /// The autopilot's clock begins anew.
+    AutopilotClock, "autopilot-clock", "", NONE, NONE, Nothing,
+        Events(|r, _| r.world.linked(0).into_iter().for_each(|l| l.autopilot.restart()), nothing);
+    /// A message of the autopilot's is not sent any more.
+    StreamStops, "stream-stops", "number of the message", [0.0, 500.0], [0.5, 15.0], Nothing,
+        Lasting(|f, size| f.autopilot.muted.push(size as u32));
+    /// The autopilot is not heard.
+    AutopilotSilent, "autopilot-silent", "", NONE, [0.2, 5.0], Command,
+        Lasting(|f, _| f.autopilot.silent = true);
+    /// The cable to it is out, both ways.
+    CableOut, "cable-out", "", NONE, [0.2, 5.0], Command,
+        Lasting(|f, _| f.autopilot.cut = true);
+    /// It denies every command.
+    CommandsDenied, "commands-denied", "", NONE, [0.5, 10.0], Command,
+        Lasting(|f, _| f.autopilot.answer = Some(CommandResult::TemporarilyRejected));
+    /// Its battery is as empty as that.
+    BatteryAt, "battery-at", "charge, 0 to 1", [0.05, 0.4], NONE, Power,
+        Events(|r, size| r.world.linked(0).into_iter().for_each(|l| l.autopilot.battery = size.max(0.0)), nothing);
+    /// It reports no battery.
+    BatteryUnknown, "battery-unknown", "", NONE, [1.0, 30.0], Nothing,
+        Lasting(|f, _| f.autopilot.no_battery = true);
+    /// The remote control's signal is lost.
+    RemoteLost, "remote-lost", "", NONE, [1.0, 20.0], Command,
+        Lasting(|f, _| f.autopilot.remote_control_lost = true);
+    /// A rotor gives less.
+    MotorWeak, "motor-weak", "share lost", [0.05, 0.3], [1.0, 60.0], Power,
+        Lasting(|f, size| f.weak[0] = f.weak[0].max(size));
+    /// All rotors do.
+    ThrustWeak, "thrust-weak", "share lost", [0.05, 0.2], [1.0, 60.0], Power,
+        Lasting(|f, size| f.weak[1] = f.weak[1].max(size));
+    /// A person takes over for so long, then gives the mode back.
+    TakenOver, "taken-over", "", NONE, [0.5, 10.0], Command,
+        Events(|r, _| choose(r, AutopilotMode::Other), |r, _| choose(r, AutopilotMode::Offboard));
+    /// Somebody aboard the drone's radio aborts.
+    Abort, "abort", "", NONE, NONE, Nothing,
+        Events(|r, _| r.world.command(CommandKind::Abort), nothing);
+    /// An operator ashore aborts.
+    AbortAshore, "abort-ashore", "", NONE, NONE, Nothing,
+        Events(|r, _| r.world.operator_command(0, CommandKind::Abort), nothing);
+    /// Somebody says hold.
+    Hold, "hold", "", NONE, NONE, Nothing,
+        Events(|r, _| r.world.command(CommandKind::Hold), nothing);
+    /// Somebody orders a landing again.
+    OrderedAgain, "ordered-again", "", NONE, NONE, Nothing,
+        Events(|r, _| r.world.command(CommandKind::Land), nothing);
+    /// The crew closes the deck for so long.
+    DeckClosed, "deck-closed", "", NONE, [1.0, 20.0], Nothing,
+        Events(|r, _| r.world.deck_order(DeckOrder::Closed), |r, _| r.world.deck_order(DeckOrder::Open));
+}

@@ -1,0 +1,88 @@
+//! The shortest list that still breaks the same rule: faults are left out, then sizes and durations halved.
+
+use super::watch::Rule;
+use super::{Kind, Storm};
+
+/// Lists that are tried, at most.
+const MAX_TRIES: usize = 80;
+/// Sizes and durations are halved so often, at most.
+const HALVINGS: usize = 4;
+
+/// Shrinks a storm; `breaks` flies one and says whether the rule is still broken.
+pub fn shrink(storm: &Storm, rule: Rule, mut breaks: impl FnMut(&Storm) -> Option<Rule>) -> Storm {
+    let (mut best, mut tries) = (storm.clone(), 0);
+    let mut still = |candidate: &Storm| {
+        tries += 1;
+        tries <= MAX_TRIES && breaks(candidate) == Some(rule)
+    };
+    let mut k = 0;
+    while k < best.faults.len() {
+        let mut candidate = best.clone();
+        candidate.faults.remove(k);
+        if still(&candidate) {
+            best = candidate;
+        } else {
+            k += 1;
+        }
+    }
+    let calm = Storm {
+        wind_mps: 0.0,
+        ..best.clone()
+    };
+    if best.wind_mps > 0.0 && still(&calm) {
+        best = calm;
+    }
+    for _ in 0..HALVINGS {
+        let before = best.clone();
+        for k in 0..best.faults.len() {
+            for halve in [
+                |f: &mut super::Fault| f.size = half(f.size),
+                |f: &mut super::Fault| f.lasts_s = half(f.lasts_s),
+            ] {
+                let mut candidate = best.clone();
+                candidate.faults.get_mut(k).into_iter().for_each(halve);
+                // What is a name is not halved.
+                let named = candidate
+                    .faults
+                    .get(k)
+                    .is_some_and(|f| f.kind == Kind::StreamStops);
+                let same = candidate == best || (named && candidate.faults[k].size != best.faults[k].size);
+                if !same && still(&candidate) {
+                    best = candidate;
+                }
+            }
+        }
+        if best == before {
+            break;
+        }
+    }
+    best
+}
+
+/// To a thousandth.
+fn half(v: f64) -> f64 {
+    (v * 500.0).round() / 1e3
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shrunk_list_of_the_fault_that_matters() {
+        let storm = Storm::drawn(7, 6);
+        let mut storm = storm;
+        storm.faults[3].kind = Kind::Blind;
+        storm.faults[3].lasts_s = 8.0;
+        // Broken by a blindness of a second or more.
+        let breaks = |s: &Storm| {
+            let long = |f: &super::super::Fault| f.kind == Kind::Blind && f.lasts_s >= 1.0;
+            s.faults.iter().any(long).then_some(Rule::Water)
+        };
+        let small = shrink(&storm, Rule::Water, breaks);
+        assert_eq!(small.faults.len(), 1);
+        assert!((1.0..2.0).contains(&small.faults[0].lasts_s) && small.wind_mps == 0.0);
+        // Another rule is another fault.
+        assert_eq!(shrink(&storm, Rule::Stuck, breaks), storm);
+    }
+}

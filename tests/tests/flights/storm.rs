@@ -1,0 +1,72 @@
+//! Storms: several faults in one landing. Those in `tests/storm` broke a rule once; those drawn here are new to nobody, so
+//! that a change which breaks a rule often is seen at once (`alight storm` flies thousands).
+
+use alight_sim::harness::storm::{Ending, Flown, Mutant, Storm, fly, fly_mutant};
+use rayon::prelude::*;
+
+/// Flies it, silently.
+fn flown(storm: &Storm, mutant: Option<Mutant>) -> Flown {
+    fly_mutant(storm, mutant, &mut |_, _| {}).unwrap()
+}
+
+/// Those that broke a rule, with what it was.
+fn broken(storms: &[(String, Storm)]) -> Vec<String> {
+    let fly = |(name, storm): &(String, Storm)| {
+        let violation = flown(storm, None).violation?;
+        Some(format!("{name}: {violation}\n{}", storm.text()))
+    };
+    storms.par_iter().filter_map(fly).collect()
+}
+
+#[test]
+fn storms_that_broke_a_rule_once() {
+    let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/storm");
+    let files = std::fs::read_dir(directory).unwrap();
+    let storms: Vec<_> = files
+        .map(|file| {
+            let path = file.unwrap().path();
+            let text = std::fs::read_to_string(&path).unwrap();
+            let storm = Storm::read(&text).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+            (path.display().to_string(), storm)
+        })
+        .collect();
+    assert!(!storms.is_empty());
+    let broken = broken(&storms);
+    assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
+
+#[test]
+fn storms_drawn_by_seed() {
+    let storms: Vec<_> = (1..=24)
+        .map(|seed| (format!("seed {seed}"), Storm::drawn(seed, 4)))
+        .collect();
+    let broken = broken(&storms);
+    assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
+
+#[test]
+fn same_storm_twice() {
+    let storm = Storm::drawn(5, 4);
+    let fly = || fly(&storm, &mut |_, _| {}).unwrap();
+    let flown = fly();
+    assert_eq!(flown, fly());
+    assert!(flown.ending != Ending::Violated || flown.violation.is_some());
+}
+
+#[test]
+#[ignore = "finds each mutant within 500 storms: takes 30 minutes of processor time"]
+fn every_mutant_found_within_500_storms() {
+    let found = |mutant: Mutant| {
+        let seeds: Vec<u64> = (1..=500).collect();
+        // In the order of the seeds: the first stands for the time that it takes to find it.
+        let first = seeds.par_iter().map(|seed| {
+            let violation = flown(&Storm::drawn(*seed, 4), Some(mutant)).violation?;
+            Some((*seed, violation))
+        });
+        let first = first.find_map_first(|found| found);
+        println!("{mutant:?}: {first:?}");
+        first.is_some()
+    };
+    let missed: Vec<Mutant> = Mutant::ALL.into_iter().filter(|m| !found(*m)).collect();
+    assert!(missed.is_empty(), "{missed:?}");
+}
