@@ -1,124 +1,356 @@
-//! The status of a drone's processes on one page, and with all its tables.
+//! The drone's computer: findings, state and figures.
 
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{
-    AttitudeResponse, AutopilotState, LandedState, LandingMode, MissionState, ReasonCode, ShadowComparison,
-    Wind, still_armed,
+    AttitudeResponse, AutopilotState, DECK_CLOSED, LandedState, LandingMode, MissionState, ReasonCode,
+    ShadowComparison, State, Wind, still_armed,
 };
+use alight_shared::time::Time;
 use alight_shared::topics;
 use alight_shared::transport::process::ProcessKind;
-use alight_uav::autopilot::config::DisarmConfig;
+use alight_uav::mission::MAX_VESSEL_DISTANCE_M;
 
-use super::page::Page;
+use super::finding::{Finding, Topic};
+use super::situation::Situation;
+use super::{Figure, StateView, course};
 use crate::io::mavlink_key;
-use crate::process::snapshot::{Snapshot, time};
-use crate::process::{lateness, metrics};
-use crate::tools::check::finding::Level;
+use crate::process::snapshot::{minutes, time};
 
-/// A vessel's estimate older than this is a warning, s: above the limit of go and no-go.
-const OLD_LINK_S: f64 = 0.5;
+/// A vessel's estimate of more than this share of its topic's limit of age is a warning.
+const OLD_LINK: f64 = 0.5;
+/// What to do about motors that run on the deck.
+pub const ARMED_REMEDY: &str = "keep clear of its rotors";
 
-/// What a person has to know of the set of processes `name` when the steady clock reads `now_ns`.
-pub fn page(name: &str, snapshot: &Snapshot, disarm: &DisarmConfig, now_ns: i64) -> Page {
-    let waiting = snapshot.mission.map(|m| (m.state, m.waiting.code));
-    let armed = snapshot.autopilot.map(|a| (a.armed, a.mode, a.landed));
-    let title = title(name, snapshot.mission.as_ref());
-    let mut page = Page::new(title, format!("{waiting:?} {armed:?}"));
-    if let Some(m) = &snapshot.mission {
-        page.state_entry("waits for", waits_for(m));
-        if let Some(text) = mode(m, snapshot.autopilot.as_ref()) {
-            page.entry(text.0, text.1);
-        }
+/// What a drone's situation means.
+pub fn findings(s: &Situation) -> Vec<Finding> {
+    let mut all = Vec::new();
+    if let Some(for_s) = s.still_armed_s() {
+        all.push(Topic("armed").broken(still_armed(for_s as f32), ARMED_REMEDY));
     }
-    page.entry("deck", deck(snapshot));
-    if let Some(wind) = snapshot.mission.and_then(|m| m.wind) {
-        page.entry("wind", Wind::towards(wind).to_string());
+    all.extend(s.seen.mission.as_ref().into_iter().flat_map(|m| mission(s, m)));
+    if let Some(a) = s.seen.autopilot.fresh(s.now_ns)
+        && a.rejection.code != ReasonCode::None
+    {
+        let found = format!("no landing: {}", a.rejection);
+        all.push(Topic("autopilot").warning(found, "docs/troubleshooting.md names each reason"));
     }
-    page.entry("link", link(snapshot));
-    if let Some(a) = &snapshot.autopilot {
-        page.entry("battery", battery(a, snapshot.mission.as_ref()));
-        page.state_entry("autopilot", autopilot(a));
+    if let Some(p) = s.process(ProcessKind::Autopilot)
+        && let Some((signatures, mend)) = mavlink_key::counts(&p.metrics).finding()
+    {
+        all.push(Topic("signatures").warning(signatures, mend));
     }
-    if let Some(r) = &snapshot.response {
-        page.entry("response", response(r));
+    all.extend(link(s));
+    all.extend(battery_low(s));
+    if s.seen
+        .grant
+        .fresh(s.now_ns)
+        .is_some_and(|g| g.owner == DECK_CLOSED)
+    {
+        let remedy = "its crew opens it: alight command deck open";
+        all.push(Topic("deck").warning("the vessel has closed it: nothing descends", remedy));
     }
-    let silent = silent(snapshot, now_ns);
-    let running: Vec<&str> = snapshot
-        .processes
-        .keys()
-        .filter(|kind| !silent.contains(kind))
-        .map(|kind| kind.name())
-        .collect();
-    page.entry(
-        "processes",
-        format!("{} run: {}", running.len(), running.join(", ")),
+    all.extend(s.seen.frame().map(frame));
+    all
+}
+
+/// A mission that is silent, was ended or broken off, or waits for what does not come by itself.
+fn mission(s: &Situation, m: &MissionState) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("mission");
+    const REMEDY: &str = "docs/troubleshooting.md names each reason";
+    if s.seen.mission.is_old(s.now_ns) {
+        let age = minutes(s.seen.mission.age_s(s.now_ns));
+        let found = format!("no message from the mission for {age}");
+        return vec![TOPIC.broken(found, "it is started again by itself; else take the drone over")];
+    }
+    let mut all = Vec::new();
+    let entered = m.state.because(&m.entered);
+    if m.state == State::GaveUp {
+        all.push(TOPIC.broken(entered, REMEDY));
+    } else if m.was_entered_in_trouble() {
+        all.push(TOPIC.warning(entered, REMEDY));
+    }
+    if m.waits_in_trouble() {
+        all.push(TOPIC.warning(format!("waits: {}", m.waiting), REMEDY));
+    }
+    all
+}
+
+/// The vessel's newest estimate, and who sends it.
+fn link(s: &Situation) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("link");
+    let (Some(l), Some(age_s)) = (*s.seen.link, s.link_age_s()) else {
+        return Vec::new();
+    };
+    let limit_s = topics::ESTIMATE.stale_after.secs();
+    let found = format!("the vessel's newest estimate is {} old", time(age_s));
+    let remedy = "is alight-vessel running, its radio in reach, its certificate admitted?";
+    let mut all = vec![if age_s.is_infinite() {
+        TOPIC.warning("no vessel received yet", remedy)
+    } else if age_s > limit_s {
+        TOPIC.broken(found, remedy)
+    } else if age_s > OLD_LINK * limit_s {
+        TOPIC.warning(found, remedy)
+    } else {
+        TOPIC.fine(found)
+    }];
+    all.extend(l.second_sender.map(|boot| {
+        let found =
+            format!("a SECOND COMPUTER speaks as the vessel (boot {boot:08x}); it is not listened to");
+        TOPIC.broken(found, "switch one off")
+    }));
+    all
+}
+
+/// A battery that does not last for the way to the deck and one attempt.
+fn battery_low(s: &Situation) -> Option<Finding> {
+    let reserve = s.seen.mission.as_ref()?.battery_reserve;
+    let charge = s.seen.autopilot.as_ref()?.battery.filter(|b| *b < reserve)?;
+    let found = format!(
+        "battery at {:.0} %, the deck and one attempt need {:.0} %",
+        100.0 * charge,
+        100.0 * reserve
     );
-    alarms(&mut page, snapshot, disarm, &silent);
-    page
+    Some(Topic("battery").broken(found, "land while it lasts, or change it"))
 }
 
-fn title(name: &str, mission: Option<&MissionState>) -> String {
-    let Some(m) = mission else {
-        return format!("{name}: no mission reports");
-    };
-    let (since_s, entered) = ((m.header.at - m.since).secs(), m.entered.to_string());
-    let reason = if entered.is_empty() {
-        String::new()
-    } else {
-        format!(": {entered}")
-    };
-    format!("{name}: {} since {since_s:.1} s{reason}", m.state.name())
-}
-
-fn waits_for(m: &MissionState) -> String {
-    let waiting = m.waiting.to_string();
-    if waiting.is_empty() {
-        "nothing".into()
-    } else {
-        waiting
+/// The frame of a drone that runs, and the vessel in it.
+pub fn frame((origin, deck_m): (Datum, Option<f64>)) -> Finding {
+    const TOPIC: Topic = Topic("origin");
+    let begins = format!(
+        "the drone's frame begins at {:.6}, {:.6}, {:.1} m above the ellipsoid",
+        origin.latitude_deg, origin.longitude_deg, origin.height_m
+    );
+    match deck_m {
+        Some(m) if m > MAX_VESSEL_DISTANCE_M => TOPIC.warning(
+            format!("{begins}, the vessel is {m:.0} m away"),
+            "the mission flies to none beyond 5 km: compare what the autopilot and her receiver report with a chart",
+        ),
+        Some(m) => TOPIC.fine(format!("{begins}, the vessel is {m:.0} m away")),
+        None => TOPIC.fine(format!("{begins}; no vessel is known")),
     }
 }
 
-fn deck(snapshot: &Snapshot) -> String {
-    let apart = snapshot.frame().and_then(|(_, apart)| apart);
-    let apart = apart.map_or("no forecast of the deck".into(), |m| format!("{m:.1} m away"));
-    let seen = snapshot.forecast.map(|f| f.vision_age_s);
-    let seen = seen.map_or(String::new(), |s| {
-        if s.is_finite() {
-            format!(", seen {} ago", time(s))
-        } else {
-            ", not seen yet".into()
-        }
-    });
-    let plan = snapshot.plan.as_ref();
-    let plan = plan.map_or(String::new(), |(_, age_s)| format!("; plan {} old", time(*age_s)));
-    format!("{apart}{seen}{plan}")
-}
-
-fn link(snapshot: &Snapshot) -> String {
-    snapshot.link.map_or("no report of the bridge".into(), |l| {
-        format!(
-            "state {} old, {:.1} % lost, latency {} / {} (p50/p99), clocks +- {}",
-            time(l.age_s),
-            100.0 * l.loss,
-            time(l.latency_p50_s),
-            time(l.latency_p99_s),
-            time(l.clock_offset_sd_s)
-        )
+/// The state of its mission.
+pub fn state(s: &Situation) -> Option<StateView> {
+    let m = s.seen.mission.as_ref()?;
+    let since_s = if m.since == Time::EPOCH {
+        0.0
+    } else {
+        (m.header.at - m.since).secs() + s.seen.mission.age_s(s.now_ns)
+    };
+    Some(StateView {
+        name: m.state.name().into(),
+        does: m.state.does(),
+        since_s,
+        entered: m.entered.to_string(),
+        waiting: m.waiting.to_string(),
+        stale: s.seen.mission.is_old(s.now_ns),
     })
 }
 
-fn autopilot(a: &AutopilotState) -> String {
-    let landed = match a.landed {
+/// The state in one clause.
+pub fn headline(state: Option<&StateView>) -> String {
+    let Some(state) = state else {
+        return "no mission reports".into();
+    };
+    let mut text = state.name.clone();
+    if state.since_s > 0.0 {
+        text += &format!(" since {:.1} s", state.since_s);
+    }
+    if !state.entered.is_empty() {
+        text += &format!(": {}", state.entered);
+    }
+    text
+}
+
+/// Its figures.
+pub fn figures(s: &Situation) -> Vec<Figure> {
+    let mut all = vec![
+        distance(s),
+        link_figure(s),
+        battery(s),
+        deck(s),
+        wind(s),
+        waves(s),
+        autopilot(s),
+        touchdown(s),
+    ];
+    all.extend(
+        s.seen
+            .mission
+            .as_ref()
+            .and_then(|m| mode(m, s.seen.autopilot.as_ref())),
+    );
+    all.extend(s.seen.response.as_ref().map(response));
+    all.extend(processes(s));
+    all
+}
+
+/// From the drone to the deck's centre: horizontally, and upwards.
+fn distance(s: &Situation) -> Figure {
+    const NAME: &str = "distance";
+    let deck = s.seen.forecast.and_then(|f| f.stages.first().copied());
+    let (Some(drone), Some(forecast), Some(deck)) = (*s.seen.drone, *s.seen.forecast, deck) else {
+        let note = "no forecast of the deck".into();
+        return Figure {
+            note,
+            ..Figure::unknown(NAME)
+        };
+    };
+    let [north, east, down] = core::array::from_fn(|k| drone.position[k] - deck.position[k]);
+    let seen = if forecast.vision_age_s.is_finite() {
+        format!("seen {} ago", time(forecast.vision_age_s))
+    } else {
+        "not seen yet".into()
+    };
+    let old = s.seen.forecast.is_old(s.now_ns) || s.seen.drone.is_old(s.now_ns);
+    let value = format!("{:.1} m", f64::hypot(north, east));
+    Figure::of(NAME, value, format!("{:.1} m above the deck, {seen}", -down)).stale(old)
+}
+
+fn link_figure(s: &Situation) -> Figure {
+    const NAME: &str = "link";
+    let (Some(l), Some(age_s)) = (*s.seen.link, s.link_age_s()) else {
+        let note = "no report of the bridge".into();
+        return Figure {
+            note,
+            ..Figure::unknown(NAME)
+        };
+    };
+    if age_s.is_infinite() {
+        return Figure::unknown(NAME);
+    }
+    let note = format!(
+        "{:.1} % lost, latency {} / {} (p50/p99), clocks +- {}",
+        100.0 * l.loss,
+        time(l.latency_p50_s),
+        time(l.latency_p99_s),
+        time(l.clock_offset_sd_s)
+    );
+    let old = age_s > topics::ESTIMATE.stale_after.secs();
+    Figure::of(NAME, format!("{} old", time(age_s)), note).stale(old)
+}
+
+/// The battery, and what the way to the deck and one attempt cost of it.
+fn battery(s: &Situation) -> Figure {
+    const NAME: &str = "battery";
+    let Some(a) = *s.seen.autopilot else {
+        return Figure::unknown(NAME);
+    };
+    let note: Vec<String> = [
+        s.seen
+            .mission
+            .map(|m| format!("needs {:.0} %", 100.0 * m.battery_reserve)),
+        a.battery_v.map(|v| format!("{v:.1} V")),
+        a.battery_a.map(|i| format!("{i:.1} A")),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    Figure {
+        value: a.battery.map(|b| format!("{:.0} %", 100.0 * b)),
+        note: note.join(", "),
+        stale: s.seen.autopilot.is_old(s.now_ns),
+        ..Figure::unknown(NAME)
+    }
+}
+
+/// Whose the vessel's deck is, and what the helm states.
+fn deck(s: &Situation) -> Figure {
+    const NAME: &str = "deck";
+    let Some(g) = *s.seen.grant else {
+        return Figure::unknown(NAME);
+    };
+    let own = s.seen.mission.map_or(g.header.drone, |m| m.header.drone);
+    let owner = match g.owner {
+        DECK_CLOSED => "CLOSED".into(),
+        0 => "free".into(),
+        owner if owner == own => "ours".into(),
+        owner => format!("drone {owner}'s"),
+    };
+    let course = course(g.course.after(s.seen.grant.age_s(s.now_ns)));
+    let occupied = if g.occupied { "occupied, " } else { "" };
+    let note = format!("{occupied}course {course}");
+    Figure::of(NAME, owner, note).stale(s.seen.grant.is_old(s.now_ns))
+}
+
+fn wind(s: &Situation) -> Figure {
+    const NAME: &str = "wind";
+    match s.seen.mission.and_then(|m| m.wind) {
+        None => Figure::unknown(NAME),
+        Some(wind) => {
+            Figure::of(NAME, Wind::towards(wind).to_string(), "").stale(s.seen.mission.is_old(s.now_ns))
+        }
+    }
+}
+
+fn waves(s: &Situation) -> Figure {
+    const NAME: &str = "waves";
+    match *s.seen.wave {
+        None => Figure::unknown(NAME),
+        Some(w) => Figure::of(
+            NAME,
+            format!("{:.1} m", w.significant_height_m),
+            format!("forecast quality {:.0} %", 100.0 * w.confidence),
+        )
+        .stale(s.seen.wave.is_old(s.now_ns)),
+    }
+}
+
+fn autopilot(s: &Situation) -> Figure {
+    const NAME: &str = "autopilot";
+    let Some(AutopilotState {
+        mode, armed, landed, ..
+    }) = *s.seen.autopilot
+    else {
+        return Figure::unknown(NAME);
+    };
+    let landed = match landed {
         LandedState::Unknown => "",
         LandedState::OnGround => ", on the ground",
         LandedState::InAir => ", in the air",
     };
-    let armed = if a.armed { "armed" } else { "disarmed" };
-    format!("mode {:?}, {armed}{landed}", a.mode)
+    let armed = if armed { "armed" } else { "disarmed" };
+    let old = s.seen.autopilot.is_old(s.now_ns);
+    Figure::of(NAME, format!("{mode:?}"), format!("{armed}{landed}")).stale(old)
+}
+
+/// When the plan touches down.
+fn touchdown(s: &Situation) -> Figure {
+    const NAME: &str = "touchdown";
+    let Some(p) = *s.seen.plan else {
+        return Figure::unknown(NAME);
+    };
+    let (age_s, stale) = (s.seen.plan.age_s(s.now_ns), s.seen.plan.is_old(s.now_ns));
+    let left_s = p.touchdown_at.map(|at| (at - p.header.at).secs() - age_s);
+    Figure {
+        value: match left_s {
+            // The countdown of an old plan is none.
+            Some(_) if stale => None,
+            Some(s) => Some(format!("in {:.1} s", s.max(0.0))),
+            None => Some("not planned".into()),
+        },
+        note: format!("plan {} old, {:?}", time(age_s), p.solve).to_lowercase(),
+        stale,
+        ..Figure::unknown(NAME)
+    }
+}
+
+/// The processes that report.
+pub fn processes(s: &Situation) -> Option<Figure> {
+    let names: Vec<&str> = s
+        .seen
+        .processes
+        .keys()
+        .filter(|kind| s.reports(**kind))
+        .map(|kind| kind.name())
+        .collect();
+    let value = format!("{} run", names.len());
+    (!s.seen.processes.is_empty()).then(|| Figure::of("processes", value, names.join(", ")))
 }
 
 /// How the attitude answers set-points.
-fn response(r: &AttitudeResponse) -> String {
+fn response(r: &AttitudeResponse) -> Figure {
     let [roll, pitch] = r.lag_s;
     let source = if r.identified {
         "identified in flight"
@@ -126,204 +358,59 @@ fn response(r: &AttitudeResponse) -> String {
         "as configured, not flown yet"
     };
     let (dead, roll, pitch) = (time(r.dead_time_s), time(roll), time(pitch));
-    format!("dead time {dead}, then roll {roll}, pitch {pitch}; {source}")
-}
-
-/// Processes of a drone without a report, and such as report no more.
-fn silent(snapshot: &Snapshot, now_ns: i64) -> Vec<ProcessKind> {
-    let stale_s = topics::PROCESS.stale_after.secs();
-    let missing = ProcessKind::DRONE
-        .into_iter()
-        .filter(|kind| !snapshot.processes.contains_key(kind));
-    let old = snapshot
-        .processes
-        .values()
-        .filter(|p| (now_ns - p.at_ns) as f64 * 1e-9 > stale_s);
-    missing.chain(old.map(|p| p.kind)).collect()
-}
-
-fn alarms(page: &mut Page, snapshot: &Snapshot, disarm: &DisarmConfig, silent: &[ProcessKind]) {
-    if let Some(s) = snapshot.still_armed_s(disarm) {
-        page.alarm(Level::Broken, "armed", still_armed(s as f32));
-    }
-    if !silent.is_empty() {
-        let names: Vec<&str> = silent.iter().map(|kind| kind.name()).collect();
-        let text = format!("no report of {}", names.join(", "));
-        page.alarm(Level::Broken, text.clone(), text);
-    }
-    for (kind, text) in snapshot
-        .processes
-        .values()
-        .filter_map(|p| Some((p.kind, lateness::finding(p)?)))
-    {
-        page.alarm(
-            Level::Warning,
-            format!("{} late", kind.name()),
-            format!("{text}; {}", lateness::REMEDY),
-        );
-    }
-    if let Some(a) = &snapshot.autopilot
-        && a.rejection.code != ReasonCode::None
-    {
-        let about = format!("{:?}", a.rejection.code);
-        page.alarm(Level::Warning, about, format!("no landing: {}", a.rejection));
-    }
-    if let Some(p) = snapshot.processes.get(&ProcessKind::Autopilot)
-        && let Some((found, remedy)) = mavlink_key::counts(&p.metrics).finding()
-    {
-        page.alarm(Level::Warning, "signatures", format!("{found}: {remedy}"));
-    }
-    if let Some(l) = &snapshot.link
-        && !(l.age_s <= OLD_LINK_S)
-    {
-        let text = format!("the vessel's newest estimate is {} old", time(l.age_s));
-        page.alarm(Level::Warning, "link", text);
-    }
-    if let Some(said) = &snapshot.edited {
-        page.alarm(Level::Warning, "configuration", said.clone());
-    }
-    if let Some(boot) = snapshot.link.and_then(|l| l.second_sender) {
-        let text = format!(
-            "a SECOND COMPUTER speaks as the vessel (boot {boot:08x}); it is not listened to: switch one off"
-        );
-        page.alarm(Level::Broken, "second computer", text);
-    }
-    if let (Some(m), Some(a)) = (&snapshot.mission, &snapshot.autopilot)
-        && let Some(charge) = a.battery.filter(|b| *b < m.battery_reserve)
-    {
-        let (charge, needs) = (100.0 * charge, 100.0 * m.battery_reserve);
-        page.alarm(
-            Level::Warning,
-            "battery",
-            format!("battery at {charge:.0} %, the deck and one attempt need {needs:.0} %"),
-        );
-    }
-}
-
-/// The battery, and what the way to the deck and one attempt cost of it.
-fn battery(a: &AutopilotState, mission: Option<&MissionState>) -> String {
-    let charge = a.battery.map_or("charge not reported".into(), |b| {
-        let needs = mission.map_or(String::new(), |m| {
-            format!(" (needs {:.0} %)", 100.0 * m.battery_reserve)
-        });
-        format!("{:.0} %{needs}", 100.0 * b)
-    });
-    let volts = a.battery_v.map_or(String::new(), |v| format!(", {v:.1} V"));
-    let amps = a.battery_a.map_or(String::new(), |i| format!(", {i:.1} A"));
-    format!("{charge}{volts}{amps}")
+    let value = format!("{dead} dead time");
+    Figure::of(
+        "response",
+        value,
+        format!("then roll {roll}, pitch {pitch}; {source}"),
+    )
 }
 
 /// How far the landing goes, when not onto the deck.
-fn mode(m: &MissionState, a: Option<&AutopilotState>) -> Option<(&'static str, String)> {
+fn mode(m: &MissionState, a: Option<&AutopilotState>) -> Option<Figure> {
     match m.mode {
         LandingMode::Land => None,
         LandingMode::Match => {
             let lowest_m = m.lowest_clearance_m.unwrap_or_default();
-            let text = format!("follows the deck {lowest_m:.1} m above it and climbs");
-            Some(("match", text))
+            let note = "follows the deck there and climbs";
+            Some(Figure::of(
+                "match",
+                format!("{lowest_m:.1} m above the deck"),
+                note,
+            ))
         }
         LandingMode::Shadow => Some(match a.and_then(|a| a.shadow) {
-            None => ("shadow", "a person flies; nothing to compare yet".into()),
-            Some(s) => ("shadow", shadow(&s)),
+            None => Figure::of("shadow", "a pilot flies", "nothing to compare yet"),
+            Some(s) => shadow(&s),
         }),
     }
 }
 
 /// What would be commanded beside what is flown.
-fn shadow(s: &ShadowComparison) -> String {
+fn shadow(s: &ShadowComparison) -> Figure {
     let [roll, pitch] = s.tilt.map(f64::to_degrees);
     let motors = if s.stops { "; would stop the motors" } else { "" };
-    format!(
-        "would command roll {roll:.1} pitch {pitch:.1} deg, thrust {:.2}; apart by {:.1} deg, {:.2} m/s{motors}",
-        s.thrust,
+    let value = format!(
+        "would command roll {roll:.1} pitch {pitch:.1} deg, thrust {:.2}",
+        s.thrust
+    );
+    let apart = format!(
+        "apart by {:.1} deg, {:.2} m/s{motors}",
         s.apart_rad.to_degrees(),
         s.apart_mps
-    )
-}
-
-/// Everything: what each process reports of itself, and each topic as each process reads it.
-pub fn tables(name: &str, snapshot: &Snapshot, disarm: &DisarmConfig, now_ns: i64) -> String {
-    let mut lines = vec![format!("instance {name}\n")];
-    if let Some(m) = &snapshot.mission {
-        let title = title("", Some(m));
-        lines.push(format!("  mission   {}", title.trim_start_matches(": ")));
-        lines.push(format!("  waiting   {}", m.waiting));
-    }
-    if let Some(s) = snapshot.still_armed_s(disarm) {
-        lines.push(format!("  ALARM     {}", still_armed(s as f32)));
-    }
-    if let Some(a) = &snapshot.autopilot {
-        if a.rejection.code != ReasonCode::None {
-            lines.push(format!("  autopilot no landing: {}", a.rejection));
-        }
-        lines.push(format!("  battery   {}", battery(a, snapshot.mission.as_ref())));
-    }
-    if let Some((label, text)) = snapshot
-        .mission
-        .as_ref()
-        .and_then(|m| mode(m, snapshot.autopilot.as_ref()))
-    {
-        lines.push(format!("  {label:<9} {text}"));
-    }
-    if let Some((origin, apart)) = snapshot.frame() {
-        let deck = apart.map_or("no forecast of the deck".into(), |m| {
-            format!("deck {m:.0} m away")
-        });
-        lines.push(format!(
-            "  frame     begins at {:.6}, {:.6}, {:.1} m above the ellipsoid; {deck}",
-            origin.latitude_deg, origin.longitude_deg, origin.height_m
-        ));
-    }
-    if let Some(l) = &snapshot.link {
-        lines.push(format!(
-            "  link      state {} old, {:.1} % lost, {:.1} % out of order (datagrams may overtake each other), latency \
-             {} / {} (p50/p99), {} rejected (late or repeated ones are normal)",
-            time(l.age_s),
-            100.0 * l.loss,
-            100.0 * l.out_of_order,
-            time(l.latency_p50_s),
-            time(l.latency_p99_s),
-            l.rejected
-        ));
-        lines.push(format!(
-            "  clocks    drone minus vessel {:.4} s +- {}",
-            l.clock_offset_s,
-            time(l.clock_offset_sd_s)
-        ));
-    }
-    if let Some(r) = &snapshot.response {
-        lines.push(format!("  response  {}", response(r)));
-    }
-    if let Some((plan, age_s)) = &snapshot.plan {
-        lines.push(format!(
-            "  plan      {} old, {:?}, {} iterations",
-            time(*age_s),
-            plan.solve,
-            plan.iterations
-        ));
-    }
-    for p in snapshot.processes.values() {
-        let text = metrics::text(p);
-        if !text.is_empty() {
-            lines.push(format!("  {:<9} {text}", p.kind.name()));
-        }
-    }
-    format!(
-        "{}\n\n{}\n{}\n{}\n{}",
-        lines.join("\n"),
-        snapshot.usage(now_ns),
-        snapshot.stages(),
-        snapshot.topics(),
-        snapshot.radio()
-    )
+    );
+    Figure::of("shadow", value, apart)
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::page::{HEIGHT, WIDTH};
     use super::*;
-    use alight_shared::msg::{Header, LinkState, Reason, State};
-    use alight_shared::time::Time;
+    use crate::process::snapshot::Newest;
+    use crate::process::snapshot::Snapshot;
+    use crate::status::Status;
+    use crate::status::situation::Known;
+    use alight_shared::msg::{Header, LinkState, Reason};
+    use alight_shared::transport::plain::Plain;
     use alight_shared::transport::process::ProcessState;
 
     const NOW_NS: i64 = 100_000_000_000;
@@ -339,6 +426,20 @@ mod tests {
             ..MissionState::default()
         }
     }
+    /// It came just now.
+    fn came<T: Plain>(value: T) -> Newest<T> {
+        let mut newest = Newest::default();
+        newest.set(NOW_NS, Some(value));
+        newest
+    }
+    fn status(seen: &Snapshot, now_ns: i64) -> Status {
+        let known = Known {
+            title: "default".into(),
+            processes: ProcessKind::DRONE.into(),
+            ..Known::default()
+        };
+        Status::of(Situation::of(known, seen, now_ns))
+    }
     fn flying() -> Snapshot {
         let report = |kind| ProcessState {
             kind,
@@ -347,13 +448,13 @@ mod tests {
         };
         Snapshot {
             processes: ProcessKind::DRONE.into_iter().map(|k| (k, report(k))).collect(),
-            mission: Some(mission(State::Tracking, ReasonCode::TooSteep)),
-            autopilot: Some(AutopilotState {
+            mission: came(mission(State::Tracking, ReasonCode::TooSteep)),
+            autopilot: came(AutopilotState {
                 armed: true,
                 battery: Some(0.8),
                 ..AutopilotState::default()
             }),
-            link: Some(LinkState {
+            link: came(LinkState {
                 age_s: 0.06,
                 ..LinkState::default()
             }),
@@ -361,8 +462,8 @@ mod tests {
         }
     }
     fn texts(snapshot: &Snapshot) -> Vec<String> {
-        let page = page("default", snapshot, &DisarmConfig::default(), NOW_NS);
-        page.text().lines().map(str::to_owned).collect()
+        let text = status(snapshot, NOW_NS).text();
+        text.lines().map(str::to_owned).collect()
     }
 
     #[test]
@@ -371,11 +472,11 @@ mod tests {
         assert_eq!(lines[0], "default: Tracking since 8.0 s: the deck is in sight");
         for (label, part) in [
             ("waits for", "deck tilts 17.8 deg (limit 11.5)"),
-            ("deck", "no forecast"),
+            ("distance", "no forecast"),
             ("link", "60.0 ms old"),
-            ("battery", "80 % (needs 34 %)"),
+            ("battery", "80 %, needs 34 %"),
             ("autopilot", "armed"),
-            ("processes", "5 run: bridge"),
+            ("processes", "5 run, bridge"),
             ("alarms", "none"),
         ] {
             let line = lines.iter().find(|l| l.starts_with(label));
@@ -388,26 +489,26 @@ mod tests {
         let mut s = flying();
         s.processes.clear();
         s.edited = Some("drone.toml was edited since the start".into());
-        s.mission = Some(MissionState {
+        s.mission = came(MissionState {
             mode: LandingMode::Shadow,
             waiting: Reason::new(ReasonCode::AutopilotParameterUnknown, 10.0, 0.0),
             ..mission(State::Landed, ReasonCode::None)
         });
-        s.autopilot = Some(AutopilotState {
+        s.autopilot = came(AutopilotState {
             armed: true,
             battery: Some(0.1),
             rejection: Reason::new(ReasonCode::AutopilotParameterUnknown, 10.0, 0.0),
             shadow: Some(ShadowComparison::default()),
             ..AutopilotState::default()
         });
-        s.link = Some(LinkState {
+        s.link = came(LinkState {
             age_s: f64::INFINITY,
             second_sender: Some(7),
             ..LinkState::default()
         });
         let lines = texts(&s);
         assert!(
-            lines.len() <= HEIGHT && lines.iter().all(|l| l.chars().count() <= WIDTH),
+            lines.len() <= 20 && lines.iter().all(|l| l.chars().count() <= 80),
             "{lines:?}"
         );
         let has = |part: &str| lines.iter().any(|l| l.contains(part));
@@ -418,7 +519,7 @@ mod tests {
             "battery at 10 %",
             "a SECOND COMPUTER",
             "was edited",
-            "estimate is - old",
+            "no vessel received yet",
         ] {
             assert!(has(part), "{part}: {lines:?}");
         }
@@ -426,20 +527,20 @@ mod tests {
 
     #[test]
     fn status_page_key() {
-        let key = |s: &Snapshot, now_ns| page("land", s, &DisarmConfig::default(), now_ns).key();
+        let key = |s: &Snapshot, now_ns| status(s, now_ns).key();
         let mut other = flying();
         let before = key(&other, NOW_NS);
-        other.link = Some(LinkState {
+        other.link = came(LinkState {
             age_s: 0.09,
             ..LinkState::default()
         });
-        other.mission = Some(MissionState {
+        other.mission = came(MissionState {
             waiting: Reason::new(ReasonCode::TooSteep, 0.4, 0.2),
             ..mission(State::Tracking, ReasonCode::TooSteep)
         });
         assert_eq!(key(&other, NOW_NS), before);
         assert_ne!(key(&other, NOW_NS + 60_000_000_000), before, "silent processes");
-        other.mission = Some(mission(State::Descent, ReasonCode::TooSteep));
+        other.mission = came(mission(State::Descent, ReasonCode::TooSteep));
         assert_ne!(key(&other, NOW_NS), before);
     }
 
@@ -454,7 +555,11 @@ mod tests {
         };
         assert_eq!(
             shadow(&s),
-            "would command roll 5.7 pitch -2.9 deg, thrust 0.41; apart by 1.1 deg, 0.30 m/s"
+            Figure::of(
+                "shadow",
+                "would command roll 5.7 pitch -2.9 deg, thrust 0.41",
+                "apart by 1.1 deg, 0.30 m/s"
+            )
         );
     }
 }

@@ -1,29 +1,21 @@
-//! Status page: a line of state and reason, then labelled lines, at most 20 of 80 columns.
+//! A status as text: headline, then labelled lines, at most 20 of 80 columns; and everything of it.
 
-use crate::tools::check::finding::Level;
+use super::finding::Level;
+use super::{Figure, Status};
+use crate::process::{metrics, snapshot::time};
 
-/// Lines of a page on standard output.
-pub const HEIGHT: usize = 20;
-/// Columns of a page on standard output.
-pub const WIDTH: usize = 80;
+/// Lines of a status on standard output.
+const HEIGHT: usize = 20;
+/// Columns of a status on standard output.
+const WIDTH: usize = 80;
 /// Columns of an entry's word.
 const LABEL: usize = 11;
 /// Lines of one entry.
 const MAX_LINES: usize = 3;
+/// Figures whose change is one of the state.
+const STATE: [&str; 3] = ["deck", "drones", "autopilot"];
 
-/// How a status is shown.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum View {
-    /// A page.
-    #[default]
-    Page,
-    /// Everything.
-    All,
-    /// One JSON object.
-    Json,
-}
-
-/// One line of a page as it fits.
+/// One line as it fits.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Line {
     /// Its text.
@@ -32,86 +24,65 @@ pub struct Line {
     pub level: Level,
 }
 
-/// A text under its word.
-#[derive(Clone, Debug, PartialEq, Eq)]
-struct Entry {
-    label: &'static str,
-    text: String,
-    level: Level,
-    /// It belongs to the one line of what is now.
-    is_state: bool,
+impl Figure {
+    /// Value and note; None: there is nothing to say.
+    fn text(&self) -> Option<String> {
+        let value = self.value.as_deref().unwrap_or("unknown");
+        let text = match (self.note.as_str(), &self.value) {
+            ("", None) => return None,
+            ("", Some(_)) => value.into(),
+            (note, _) => format!("{value}, {note}"),
+        };
+        Some(if self.stale { format!("{text} (old)") } else { text })
+    }
 }
 
-/// A status in a few lines.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Page {
-    /// What it is about, and how it is.
-    title: String,
-    entries: Vec<Entry>,
-    alarms: Vec<Alarm>,
-    /// What its state is, without figures that change all the time.
-    state: String,
+/// Words without their figures and units, which change all the time.
+fn words(text: &str) -> String {
+    let is_word = |w: &&str| w.len() > 3 && !w.contains(|c: char| c.is_ascii_digit());
+    text.split_whitespace()
+        .filter(is_word)
+        .collect::<Vec<_>>()
+        .join(" ")
 }
 
-/// Something that is not as it should be.
-#[derive(Clone, Debug, PartialEq, Eq)]
-struct Alarm {
-    level: Level,
-    /// What it is about, without figures.
-    about: String,
-    text: String,
-}
-
-impl Page {
-    /// A page with this first line. `state`: what it is about, without figures that change all the time.
-    pub fn new(title: String, state: String) -> Page {
-        Page {
-            title,
-            entries: Vec::new(),
-            alarms: Vec::new(),
-            state,
-        }
-    }
-    /// One more entry.
-    pub fn entry(&mut self, label: &'static str, text: impl Into<String>) {
-        self.entries.push(Entry {
-            label,
-            text: text.into(),
-            level: Level::Fine,
-            is_state: false,
-        });
-    }
-    /// The same of the state, whose change is one of the page.
-    pub fn state_entry(&mut self, label: &'static str, text: impl Into<String>) {
-        self.entry(label, text);
-        self.entries
-            .iter_mut()
-            .last()
-            .into_iter()
-            .for_each(|e| e.is_state = true);
-    }
-    /// One more alarm, in these words about this.
-    pub fn alarm(&mut self, level: Level, about: impl Into<String>, text: String) {
-        self.alarms.push(Alarm {
-            level,
-            about: about.into(),
-            text,
-        });
-    }
-    /// The same until something changes that a person has to know.
+impl Status {
+    /// What the status is about: the same until something changes that people have to know.
     pub fn key(&self) -> String {
-        let alarms: Vec<(Level, &str)> = self.alarms.iter().map(|a| (a.level, a.about.as_str())).collect();
-        format!("{} {alarms:?}", self.state)
-    }
-    /// One line of what is now: title, state, alarms.
-    pub fn line(&self) -> String {
-        let states = self.entries.iter().filter(|e| e.is_state);
-        let states = states.map(|e| format!("{}: {}", e.label, e.text));
-        let alarms = self
-            .alarms
+        let state = self.state.as_ref().map(|s| (s.name.as_str(), words(&s.waiting)));
+        let figures = self.figures.iter().filter(|f| STATE.contains(&f.name));
+        let figures: Vec<_> = figures.map(|f| (f.value.as_deref(), words(&f.note))).collect();
+        let alarms = self.alarms();
+        let alarms: Vec<_> = alarms
             .iter()
-            .map(|a| format!("{}: {}", word(a.level), a.text));
-        let parts: Vec<String> = core::iter::once(self.title.clone())
+            .map(|f| (f.level, f.topic, words(&f.found)))
+            .collect();
+        format!("{state:?} {figures:?} {alarms:?}")
+    }
+    /// Title and headline.
+    fn title(&self) -> String {
+        format!("{}: {}", self.title, self.headline)
+    }
+    /// What the state waits for.
+    fn waiting(&self) -> Option<(&'static str, String)> {
+        let waiting = &self.state.as_ref()?.waiting;
+        let text = if waiting.is_empty() { "nothing" } else { waiting };
+        Some(("waits for", text.into()))
+    }
+    /// Labelled texts of the figures.
+    fn entries(&self) -> impl Iterator<Item = (&'static str, String)> {
+        self.figures.iter().filter_map(|f| Some((f.name, f.text()?)))
+    }
+    /// One line of what is now: headline, state, alarms.
+    pub fn line(&self) -> String {
+        let states = self.entries().filter(|(name, _)| STATE.contains(name));
+        let states = self.waiting().into_iter().chain(states);
+        let states = states.map(|(label, text)| format!("{label}: {text}"));
+        let alarms = self
+            .alarms()
+            .into_iter()
+            .map(|f| format!("{}: {f}", word(f.level)));
+        let parts: Vec<String> = core::iter::once(self.title())
             .chain(states)
             .chain(alarms)
             .collect();
@@ -119,27 +90,14 @@ impl Page {
     }
     /// The lines that fit into so many rows and columns: the worst alarms first, for what is at the end may be missing.
     pub fn lines(&self, width: usize, height: usize) -> Vec<Line> {
-        let mut alarms: Vec<Entry> = self
-            .alarms
-            .iter()
-            .map(|a| Entry {
-                label: word(a.level),
-                text: a.text.clone(),
-                level: a.level,
-                is_state: true,
-            })
-            .collect();
-        alarms.sort_by_key(|e| core::cmp::Reverse(e.level));
-        let none = Entry {
-            label: "alarms",
-            text: "none".into(),
-            level: Level::Fine,
-            is_state: false,
-        };
-        let last = if alarms.is_empty() { Some(&none) } else { None };
-        let mut lines = wrapped("", &self.title, Level::Fine, 0, width);
-        for e in alarms.iter().chain(&self.entries).chain(last) {
-            lines.extend(wrapped(e.label, &e.text, e.level, LABEL, width));
+        let alarms = self.alarms();
+        let mut lines = wrapped("", &self.title(), Level::Fine, 0, width);
+        for f in &alarms {
+            lines.extend(wrapped(word(f.level), &f.to_string(), f.level, LABEL, width));
+        }
+        let none = alarms.is_empty().then(|| ("alarms", "none".into()));
+        for (label, text) in self.waiting().into_iter().chain(self.entries()).chain(none) {
+            lines.extend(wrapped(label, &text, Level::Fine, LABEL, width));
         }
         if lines.len() > height {
             let more = lines.len() - height.saturating_sub(1);
@@ -158,6 +116,40 @@ impl Page {
         let lines = self.lines(WIDTH, HEIGHT);
         let texts: Vec<String> = lines.into_iter().map(|l| l.text).collect();
         texts.join("\n")
+    }
+    /// Everything: each finding, what each process reports of itself, and each topic as each process reads it.
+    pub fn all(&self) -> String {
+        let seen = &self.situation.seen;
+        let mut lines = vec![self.title()];
+        lines.extend(self.findings.iter().map(|f| f.lines()));
+        lines.push(String::new());
+        let entries = self.waiting().into_iter().chain(self.entries());
+        lines.extend(entries.map(|(label, text)| format!("{label:<LABEL$}{text}")));
+        lines.extend(seen.link.map(|l| {
+            format!(
+                "{:<LABEL$}drone minus vessel {:.4} s +- {}; {:.1} % out of order (datagrams may overtake each other), \
+                 {} rejected (late or repeated ones are normal)",
+                "clocks",
+                l.clock_offset_s,
+                time(l.clock_offset_sd_s),
+                100.0 * l.out_of_order,
+                l.rejected
+            )
+        }));
+        lines.extend(
+            seen.plan
+                .map(|p| format!("{:<LABEL$}{} iterations", "plan", p.iterations)),
+        );
+        let counts = seen.processes.values().map(|p| (p.kind.name(), metrics::text(p)));
+        let counts = counts.filter(|(_, text)| !text.is_empty());
+        lines.extend(counts.map(|(name, text)| format!("{name:<LABEL$}{text}")));
+        let tables = [
+            seen.usage(self.situation.now_ns),
+            seen.stages(),
+            seen.topics(),
+            seen.radio(),
+        ];
+        format!("{}\n\n{}", lines.join("\n"), tables.join("\n"))
     }
 }
 
@@ -214,32 +206,34 @@ fn cut(text: &str, width: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::status::finding::Topic;
 
-    fn page() -> Page {
-        let mut page = Page::new("land: Tracking since 4.2 s: reached".into(), "Tracking".into());
-        page.entry("link", "state 62.0 ms old, 0.4 % lost");
-        page
+    fn status() -> Status {
+        Status {
+            title: "land".into(),
+            headline: "Tracking since 4.2 s: reached".into(),
+            figures: vec![Figure::of("link", "62.0 ms old", "0.4 % lost")],
+            ..Status::default()
+        }
     }
 
     #[test]
-    fn status_page_without_alarms() {
+    fn status_text_without_alarms() {
         assert_eq!(
-            page().text(),
-            "land: Tracking since 4.2 s: reached\nlink       state 62.0 ms old, 0.4 % lost\nalarms     none"
+            status().text(),
+            "land: Tracking since 4.2 s: reached\nlink       62.0 ms old, 0.4 % lost\nalarms     none"
         );
     }
 
     #[test]
-    fn status_page_of_many_long_alarms() {
-        let mut full = page();
+    fn status_text_of_many_long_alarms() {
+        let mut full = status();
         for k in 0..30 {
-            full.alarm(
-                Level::Warning,
-                "words",
-                format!("warning {k} {}", "word ".repeat(60)),
-            );
+            let found = format!("warning {k} {}", "word ".repeat(60));
+            full.findings.push(Topic("words").warning(found, "none"));
         }
-        full.alarm(Level::Broken, "armed", "landed and still ARMED".into());
+        full.findings
+            .push(Topic("armed").broken("landed and still ARMED", "keep clear"));
         for (width, height) in [(WIDTH, HEIGHT), (40, 8), (12, 3), (1, 1), (200, 60), (80, 0)] {
             let lines = full.lines(width, height);
             assert!(lines.len() <= height, "{width} x {height}: {}", lines.len());
@@ -247,7 +241,10 @@ mod tests {
             assert_eq!(long, None, "{width} x {height}");
         }
         let lines = full.lines(WIDTH, HEIGHT);
-        assert_eq!(lines[1].text, "ALARM      landed and still ARMED");
+        assert_eq!(
+            lines[1].text,
+            "ALARM      armed: landed and still ARMED -> keep clear"
+        );
         assert!(
             lines[19].text.contains("more: alight status --all"),
             "{:?}",

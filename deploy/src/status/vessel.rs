@@ -1,234 +1,86 @@
-//! `alight status` on the vessel: the status of its process, judged.
+//! The vessel's computer: findings, state and figures.
 
-use std::path::{Path, PathBuf};
-use std::time::Duration;
-
-use alight_shared::msg::{Charge, Closure, Course, DeckStatus, DroneContact, HeadingAdvice, still_armed};
-use alight_shared::transport::clock::steady_ns;
+use alight_shared::msg::{
+    Charge, Closure, Course, DeckStatus, DroneContact, DroneStatus, EstimatorStatus, HeadingAdvice, Line,
+    VesselStatus, still_armed,
+};
 use alight_shared::transport::metrics::MetricName;
-use alight_shared::transport::wake::end_requested;
-use serde_json::json;
+use alight_shared::transport::process::ProcessKind;
 
-use crate::certificates::RENEWAL_DAYS;
-use crate::config::VesselComputer;
-use crate::exit::{CliError, Exit};
-use crate::process::lateness;
-use crate::process::observer::Follower;
+use super::drone::{ARMED_REMEDY, processes};
+use super::finding::{Finding, Level, Topic};
+use super::situation::{KnownVessel, Situation};
+use super::sources::{MISSING_S, estimator, remark, source};
+use super::{Figure, StateView, certificate, course};
 use crate::process::snapshot::time;
-use crate::process::supervisor::pause;
-use crate::terminal;
-use crate::tools::check;
-use crate::tools::check::finding::{Finding, Level, Topic};
-use crate::tools::status::page::View;
-use crate::tools::status::vessel::page;
-use crate::tools::status::watch;
-use crate::tools::vessel_sources::{estimator, remark, source};
-use crate::vessel::status::{CertificateStatus, STALE_S, Situation};
 use crate::vessel::{deck_inputs, helm_lamp};
 
 /// A drone reports at 2 Hz; without a report for this long it is out of reach, s.
-pub const LOST_CONTACT_S: f64 = 5.0;
+const LOST_CONTACT_S: f64 = 5.0;
 /// A turn that takes less than a tenth of the tilt away is not worth it.
 const WORTH_TURNING: f64 = 0.9;
-/// Shown again this often.
-const WATCH_PERIOD: Duration = Duration::from_secs(1);
-/// Reports are looked for so often, at most ...
-const MAX_LOOKS: u32 = 40;
-/// ... with this pause: in all four times the period of the reports.
-const LOOK_PAUSE: Duration = Duration::from_millis(50);
 
-/// Shows once, or until stopped.
-pub fn run(path: &Path, computer: &VesselComputer, view: View, watched: bool) -> Result<Exit, CliError> {
-    let mut worst = Level::Fine;
-    let mut aboard = Follower::of(&computer.instance, "status")?;
-    if watched && view == View::Page && aboard.poll().is_some() {
-        let mut is_first = true;
-        watch::run(|span| {
-            if !is_first {
-                pause(span);
-            }
-            is_first = false;
-            let status = read(computer, &mut aboard)?.filter(|_| !end_requested());
-            Ok(status.map(|status| {
-                let findings = judge(&status, steady_ns());
-                worst = Level::worst(&findings);
-                page(&status, &findings)
-            }))
-        })?;
-        return Ok(worst.exit());
-    }
-    loop {
-        let Some(status) = read(computer, &mut aboard)? else {
-            if view == View::Json {
-                terminal::line(json!({ "config": path, "running": false }));
-            } else {
-                let what = "no vessel's process runs on this computer, or this user may not see it";
-                terminal::line(format_args!(
-                    "{what}: systemctl status alight-vessel, and sudo -u alight"
-                ));
-            }
-            return Ok(Exit::Failed);
-        };
-        let findings = judge(&status, steady_ns());
-        worst = Level::worst(&findings);
-        match view {
-            View::Page => terminal::line(page(&status, &findings).text()),
-            View::All => {
-                terminal::line(title(&status));
-                findings.iter().for_each(check::show);
-            }
-            View::Json => {
-                let config: PathBuf = path.into();
-                terminal::line(json!({
-                    "config": config, "running": true, "worst": worst, "findings": findings, "status": status,
-                }));
-            }
-        }
-        if !watched || end_requested() {
-            return Ok(worst.exit());
-        }
-        pause(WATCH_PERIOD);
-    }
-}
-
-/// What is known of this computer's vessel once its processes have reported; None: it runs not.
-fn read(computer: &VesselComputer, aboard: &mut Follower) -> Result<Option<Situation>, CliError> {
-    let certificate = CertificateStatus::of(computer);
-    for look in 0..MAX_LOOKS {
-        let Some((_, seen)) = aboard.poll() else {
-            return Ok(None);
-        };
-        let situation = Situation::of(computer, &certificate, seen, steady_ns());
-        let all = |s: &Situation| s.sources.len() == computer.sensor.sources.len();
-        if situation
-            .as_ref()
-            .is_some_and(|s| all(s) || look + 1 == MAX_LOOKS)
-        {
-            return Ok(situation);
-        }
-        pause(LOOK_PAUSE);
-    }
-    Err(CliError(
-        "the vessel's process does not report; its journal says why: journalctl -u alight-vessel".into(),
-    ))
-}
-
-fn title(status: &Situation) -> String {
-    format!(
-        "vessel {}, process {}, up {}, a step takes {} / {} (p50/p99)",
-        status.vessel,
-        status.process.pid,
-        time((status.process.at_ns - status.process.began_ns) as f64 * 1e-9),
-        time(status.process.step_p50_s),
-        time(status.process.step_p99_s),
-    )
-}
-
-/// What the status means at `now_ns` of the steady clock.
-pub fn judge(status: &Situation, now_ns: i64) -> Vec<Finding> {
-    let mut all = vec![process(status, now_ns)];
-    all.extend(status.edited.iter().map(|said| {
-        Topic("configuration").warning(
-            said.clone(),
-            "when nothing flies: systemctl restart alight-vessel",
-        )
-    }));
-    all.extend(recorder(status));
-    all.extend(late(status));
-    for s in &status.sources {
+/// What a vessel's situation means.
+pub fn findings(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Vec<Finding> {
+    let sources = s.sources();
+    let mut all = vec![radio(s, known)];
+    for s in &sources {
         all.push(source(s));
-        all.extend(s.report.remarks.iter().map(|r| remark(&s.name, r)));
+        all.extend(s.report.remarks.iter().map(|r| {
+            let remedy = r.remedy.as_ref().map(Line::as_str);
+            remark(&s.name, r.text.as_str(), remedy)
+        }));
     }
-    all.extend(estimator(&status.status.estimator, &status.sources));
-    all.push(certificate(&status.certificate));
-    all.push(unauthorised_peers(status));
+    all.extend(estimator(&status.estimator, &sources));
+    all.push(match &known.certificate {
+        None => certificate::none(known.listen.iter()),
+        Some(read) => certificate::judge(read),
+    });
+    all.push(unauthorised_peers(s, known));
     all.extend(deck(status));
-    all.extend(course(&status.status.deck));
-    all.extend(status.status.estimator.heading.as_ref().map(quiet_heading));
+    all.extend(course_findings(&status.deck));
+    all.extend(status.estimator.heading.as_ref().map(quiet_heading));
     all.extend(drones(status));
     all
 }
 
-fn process(status: &Situation, now_ns: i64) -> Finding {
-    let age_s = (now_ns - status.process.at_ns) as f64 * 1e-9;
-    if age_s > STALE_S {
-        return Topic("process").broken(
-            format!("no report for {age_s:.0} s"),
-            "it ended or is frozen: systemctl status alight-vessel",
-        );
-    }
-    Topic("process").fine(format!(
+fn radio(s: &Situation, known: &KnownVessel) -> Finding {
+    let count = |name| s.process(ProcessKind::Vessel).map_or(0, |p| p.count(name));
+    Topic("radio").fine(format!(
         "listens on {}, {:.1} MB sent, {} packets dropped",
-        status.listen.join(", "),
-        status.process.count(MetricName::BytesSent) as f64 * 1e-6,
-        status.process.count(MetricName::PacketsDropped)
+        known.listen.join(", "),
+        count(MetricName::BytesSent) as f64 * 1e-6,
+        count(MetricName::PacketsDropped)
     ))
 }
 
-/// A recorder that the disk refused.
-fn recorder(status: &Situation) -> Option<Finding> {
-    let steps = status.process.count(MetricName::StepsUnrecorded);
-    (steps > 0).then(|| {
-        Topic("recorder").warning(
-            format!("{steps} steps not recorded"),
-            "the process goes on without; its journal names file and error: free space, or make it writable",
-        )
-    })
-}
-
-/// A computer that does not keep up.
-fn late(status: &Situation) -> Option<Finding> {
-    let found = lateness::finding(&status.process)?;
-    Some(Topic("computer").warning(found, lateness::REMEDY))
-}
-
-fn certificate(c: &CertificateStatus) -> Finding {
-    const TOPIC: Topic = Topic("certificate");
-    match c {
-        CertificateStatus::None => TOPIC.warning(
-            "none: any peer in reach is accepted",
-            "make some with alight keys (docs/radio.md), unless the radio is inside WireGuard",
-        ),
-        CertificateStatus::Unreadable(e) => TOPIC.broken(e.clone(), "alight check says what to do"),
-        CertificateStatus::Held { name, days_left } if *days_left < 0 => TOPIC.broken(
-            format!("{name}'s expired {} days ago", -days_left),
-            "alight keys vessel NUMBER, copy it here, restart",
-        ),
-        CertificateStatus::Held { name, days_left } if *days_left < RENEWAL_DAYS => TOPIC.warning(
-            format!("{name}'s expires in {days_left} days"),
-            "alight keys vessel NUMBER, copy it here, restart",
-        ),
-        CertificateStatus::Held { name, days_left } => TOPIC.fine(format!("{name}'s, {days_left} days left")),
+fn unauthorised_peers(s: &Situation, known: &KnownVessel) -> Finding {
+    let rejected = s.rejected();
+    if rejected.is_empty() {
+        return Topic("peers").fine(format!("none rejected; admitted: {}", known.peers.join(", ")));
     }
-}
-
-fn unauthorised_peers(status: &Situation) -> Finding {
-    if status.rejected.is_empty() {
-        return Topic("peers").fine(format!("none rejected; admitted: {}", status.peers.join(", ")));
-    }
-    let each: Vec<String> = status
-        .rejected
-        .iter()
-        .map(|(why, n)| format!("{n} for {why}"))
-        .collect();
+    let each: Vec<String> = rejected.iter().map(|(why, n)| format!("{n} for {why}")).collect();
     Topic("peers").warning(
         format!(
             "rejected: {}; the last for {}",
             each.join(", "),
-            status.rejected_last.as_deref().unwrap_or("-")
+            s.rejected_last().unwrap_or("-")
         ),
         "a peer without an admitted certificate is in reach: a drone that is not in radio.tls.peers, or an intruder",
     )
 }
 
-fn deck(status: &Situation) -> Vec<Finding> {
-    const TOPIC: Topic = Topic("deck");
-    let status = &status.status;
-    let deck_owner = status
-        .deck_owner
-        .map_or_else(|| "free".to_owned(), |id| format!("reserved for drone {id}"));
+/// Whose the deck is.
+fn owner(status: &VesselStatus) -> String {
+    let owner = status.deck_owner;
+    let owner = owner.map_or_else(|| "free".to_owned(), |id| format!("reserved for drone {id}"));
     let on = if status.occupied { ", occupied" } else { "" };
-    let found = format!("{deck_owner}{on}");
+    format!("{owner}{on}")
+}
+
+fn deck(status: &VesselStatus) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("deck");
+    let found = owner(status);
     let deck = &status.deck;
     const OPEN: &str = "alight command deck open";
     let mut all = match (deck.closed, deck.owner_age_s) {
@@ -309,13 +161,9 @@ fn deck(status: &Situation) -> Vec<Finding> {
 }
 
 /// What the helm states, and what it is asked for.
-fn course(deck: &DeckStatus) -> Vec<Finding> {
+fn course_findings(deck: &DeckStatus) -> Vec<Finding> {
     const TOPIC: Topic = Topic("course");
-    let stated = match deck.course {
-        Course::Unknown => "nothing stated".to_owned(),
-        Course::Steady(for_s) => format!("steady for {for_s:.0} s"),
-        Course::Turning => "turning".to_owned(),
-    };
+    let stated = course(deck.course);
     let asks = deck.wants_steady && deck.course == Course::Turning;
     let mut all = vec![if asks {
         TOPIC.warning(
@@ -337,10 +185,9 @@ fn course(deck: &DeckStatus) -> Vec<Finding> {
 
 /// The heading that the helm may choose before a landing.
 fn quiet_heading(h: &HeadingAdvice) -> Finding {
-    const TOPIC: Topic = Topic("heading");
     let [now, there] = h.tilt_deg;
     let from = format!("waves from {:03.0} deg", h.waves_from_deg);
-    TOPIC.fine(if there < WORTH_TURNING * now {
+    Topic("heading").fine(if there < WORTH_TURNING * now {
         format!(
             "{from}; on {:03.0} deg the deck tilts {there:.1} deg, now {now:.1} deg: turn before the landing",
             h.quietest_deg
@@ -353,301 +200,160 @@ fn quiet_heading(h: &HeadingAdvice) -> Finding {
     })
 }
 
-fn drones(status: &Situation) -> Vec<Finding> {
+/// What a drone reports of itself.
+pub fn drone(d: &DroneStatus) -> Finding {
     const TOPIC: Topic = Topic("drones");
-    let drones = &status.status.drones;
-    if drones.is_empty() {
-        return vec![TOPIC.warning(
-            "none received",
-            "is one switched on, in reach, and in radio.tls.peers?",
-        )];
+    let number = d.header.drone;
+    if let Some(for_s) = d.still_armed_s {
+        return TOPIC.broken(format!("drone {number}: {}", still_armed(for_s)), ARMED_REMEDY);
     }
-    drones
+    if !d.is_current() {
+        return TOPIC.broken(
+            format!(
+                "drone {number}: its mission is silent for {}; before: {}",
+                time(d.mission_age_s.into()),
+                d.state.name()
+            ),
+            "its deck stays its own; abort is relayed: alight command abort --drone, or take it over",
+        );
+    }
+    let armed = if d.armed { "armed" } else { "disarmed" };
+    let state = d.state.because(&d.entered);
+    TOPIC.fine(format!(
+        "drone {number}: {state}; {armed}, battery {}",
+        Charge(d.battery)
+    ))
+}
+
+/// The drones, and how long ago each reported.
+fn drones(status: &VesselStatus) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("drones");
+    if status.drones.is_empty() {
+        let remedy = "is one switched on, in reach, and in radio.tls.peers?";
+        return vec![TOPIC.warning("none received", remedy)];
+    }
+    let contact = |c: &DroneContact| {
+        let found = drone(&c.status);
+        let lost = c.age_s > LOST_CONTACT_S;
+        // A drone that is armed stays an alarm when it is silent since: whoever goes there has to know.
+        let found = match c.status.still_armed_s {
+            None if lost => TOPIC.warning(found.found, "it is out of reach or switched off"),
+            None | Some(_) => found,
+        };
+        Finding {
+            found: format!("{}, {} ago", found.found, time(c.age_s)),
+            ..found
+        }
+    };
+    status.drones.iter().map(contact).collect()
+}
+
+/// The drone that has the deck, else the one that was received last.
+fn foremost(status: &VesselStatus) -> Option<&DroneContact> {
+    let owner = status
+        .drones
         .iter()
-        .map(|DroneContact { age_s, status: d }| {
-            let (age_s, mission_age_s) = (*age_s, f64::from(d.mission_age_s));
-            let (drone, state) = (d.header.drone, d.state.name());
-            let found = format!(
-                "drone {drone}: {state}: {}; {}, battery {}, {} ago",
-                d.entered,
-                if d.armed { "armed" } else { "disarmed" },
-                Charge(d.battery),
-                time(age_s)
-            );
-            if let Some(for_s) = d.still_armed_s {
-                // Also of a drone that is silent since: whoever goes there has to know.
-                let found = format!("drone {drone}: {}", still_armed(for_s));
-                TOPIC.broken(
-                    found,
-                    format!("keep clear of its rotors; reported {} ago", time(age_s)),
-                )
-            } else if age_s > LOST_CONTACT_S {
-                TOPIC.warning(found, "it is out of reach or switched off")
-            } else if mission_age_s > LOST_CONTACT_S {
-                TOPIC.broken(
-                    format!(
-                        "drone {drone}: its mission is silent for {}; before: {state}",
-                        time(mission_age_s)
-                    ),
-                    "its deck stays its own; abort is relayed: alight command abort --drone, or take it over",
-                )
-            } else {
-                TOPIC.fine(found)
-            }
+        .find(|d| Some(d.status.header.drone) == status.deck_owner);
+    let newest = status.drones.iter().min_by(|a, b| a.age_s.total_cmp(&b.age_s));
+    owner.or(newest)
+}
+
+/// The state of the foremost drone.
+pub fn state(s: &Situation, status: &VesselStatus) -> Option<StateView> {
+    let d = foremost(status)?;
+    Some(StateView {
+        name: format!("Drone {}: {}", d.status.header.drone, d.status.state.name()),
+        does: d.status.state.does(),
+        since_s: 0.0,
+        entered: d.status.entered.to_string(),
+        waiting: d.status.waiting.to_string(),
+        stale: !s.reports(ProcessKind::Vessel) || d.age_s > LOST_CONTACT_S,
+    })
+}
+
+/// How it is, and for how long.
+pub fn headline(s: &Situation, worst: Level) -> String {
+    let state = match worst {
+        Level::Fine => "works",
+        Level::Warning => "works, with warnings",
+        Level::Broken => "BROKEN",
+    };
+    let up = s.process(ProcessKind::Vessel);
+    let up = up.map_or("-".into(), |p| time((p.at_ns - p.began_ns) as f64 * 1e-9));
+    format!("{state}, up {up}")
+}
+
+/// Its figures.
+pub fn figures(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Vec<Figure> {
+    let mut all = vec![if status.deck.closed.is_some() {
+        Figure::of("deck", "CLOSED", owner(status))
+    } else {
+        Figure::of("deck", owner(status), "")
+    }];
+    all.extend(status.drones.iter().map(contact));
+    let keep = if status.deck.wants_steady {
+        "KEEP COURSE AND SPEED"
+    } else {
+        ""
+    };
+    all.push(Figure::of("course", course(status.deck.course), keep));
+    all.extend(status.estimator.heading.as_ref().map(|h| {
+        Figure::of(
+            "heading",
+            format!("{:03.0} deg", h.now_deg),
+            quiet_heading(h).found,
+        )
+    }));
+    all.extend(motion(&status.estimator));
+    let sources = s.sources();
+    if !sources.is_empty() {
+        let working = sources.iter().filter(|s| source(s).level == Level::Fine);
+        let value = format!("{} of {} work", working.count(), sources.len());
+        all.push(Figure::of("source", value, ""));
+    }
+    if let Some(Ok(c)) = &known.certificate {
+        let value = format!("{} days left", c.days_left);
+        all.push(Figure::of("certificate", value, c.name.as_str()));
+    }
+    all.extend(processes(s));
+    let old = !s.reports(ProcessKind::Vessel);
+    all.into_iter()
+        .map(|f| Figure {
+            stale: f.stale || old,
+            ..f
         })
         .collect()
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use alight_shared::msg::{
-        DroneStatus, EstimatorStatus, FollowsAnother, Header, Seq, SourceUse, Starved, State, VesselStatus,
-    };
-    use alight_shared::transport::metrics::Metric;
-    use alight_shared::transport::process::{ProcessKind, ProcessState};
-
-    use crate::vessel::status::SourceHealth;
-
-    fn status() -> Situation {
-        let drone = DroneStatus {
-            header: Header::new(1, 1, 7, 1, alight_shared::time::Time::EPOCH),
-            state: State::Descent,
-            mission_age_s: 0.02,
-            battery: Some(0.8),
-            armed: true,
-            ..DroneStatus::default()
-        };
-        Situation {
-            vessel: 1,
-            process: ProcessState {
-                kind: ProcessKind::Vessel,
-                at_ns: 100_000_000_000,
-                ..ProcessState::default()
-            },
-            listen: vec!["tls/0.0.0.0:7447".into()],
-            peers: vec!["drone-1".into()],
-            certificate: CertificateStatus::Held {
-                name: "vessel-1".into(),
-                days_left: 300,
-            },
-            rejected: Vec::new(),
-            rejected_last: None,
-            edited: None,
-            sensors_pid: Some(7),
-            sources: vec![SourceHealth {
-                name: "receiver".into(),
-                age_s: Some(0.1),
-                uses: SourceUse {
-                    used: 880,
-                    ..SourceUse::default()
-                },
-                ..SourceHealth::default()
-            }],
-            status: VesselStatus {
-                deck_owner: Some(1),
-                drones: Seq::filled([DroneContact {
-                    age_s: 0.3,
-                    status: drone,
-                }]),
-                estimator: EstimatorStatus {
-                    sensor_age_s: [Some(0.01), Some(0.1), Some(0.1)],
-                    estimate_age_s: Some(0.03),
-                    sd: [0.5, 0.1, 0.005, 0.01],
-                    waves: Some([0.9, 1.0]),
-                    ..EstimatorStatus::default()
-                },
-                ..VesselStatus::default()
-            },
-        }
-    }
-    fn measured(w: &mut Situation, metrics: &[Metric]) {
-        w.process.metrics = Seq::filled(metrics.iter().copied());
-    }
-
-    type Change<'a> = &'a dyn Fn(&mut Situation);
-
-    fn worst(status: &Situation, now_s: i64) -> (Level, Vec<&'static str>) {
-        let all = judge(status, now_s * 1_000_000_000);
-        let worst = all.iter().map(|f| f.level).max().unwrap();
-        let at = all.iter().filter(|f| f.level == worst).map(|f| f.topic);
-        (worst, at.collect())
-    }
-
-    #[test]
-    fn vessel_status_of_each_fault() {
-        assert_eq!(worst(&status(), 100).0, Level::Fine);
-        assert_eq!(worst(&status(), 110), (Level::Broken, vec!["process"]));
-        let case = |change: Change<'_>| {
-            let mut w = status();
-            change(&mut w);
-            worst(&w, 100)
-        };
-        let held = |days_left| CertificateStatus::Held {
-            name: "vessel-1".into(),
-            days_left,
-        };
-        let cases: [(Change<'_>, Level, &str); 26] = [
-            (
-                &|w| w.status.deck.closed = Some(Closure::Crew),
-                Level::Warning,
-                "deck",
-            ),
-            (
-                &|w| w.status.deck.closed = Some(Closure::Sensor),
-                Level::Warning,
-                "deck",
-            ),
-            (
-                &|w| w.status.deck.input_errors = Seq::filled(["gone".into()]),
-                Level::Warning,
-                "deck",
-            ),
-            (
-                &|w| w.status.deck.owner_age_s = Some(60.0),
-                Level::Warning,
-                "deck",
-            ),
-            (
-                &|w| w.status.deck.doubles = Seq::filled([1]),
-                Level::Broken,
-                "deck",
-            ),
-            (
-                &|w| w.status.deck.aborts = Seq::filled([1]),
-                Level::Warning,
-                "deck",
-            ),
-            (
-                &|w| w.status.deck.follows_another = Some(FollowsAnother { drone: 1, boot: 7 }),
-                Level::Broken,
-                "deck",
-            ),
-            (
-                &|w| w.status.drones[0].status.mission_age_s = 60.0,
-                Level::Broken,
-                "drones",
-            ),
-            (
-                &|w| w.status.deck.unplaced = Seq::filled([2]),
-                Level::Warning,
-                "deck",
-            ),
-            (
-                &|w| {
-                    w.status.deck.starved = Some(Starved {
-                        owner: 1,
-                        silent_s: 75.0,
-                        waiting: 2,
-                        battery: 0.22,
-                    });
-                },
-                Level::Broken,
-                "deck",
-            ),
-            (
-                &|w| w.status.deck.file_error = Some("full".into()),
-                Level::Warning,
-                "deck",
-            ),
-            (
-                &|w| measured(w, &[MetricName::StepsUnrecorded.count(9_u32)]),
-                Level::Warning,
-                "recorder",
-            ),
-            (
-                &|w| {
-                    measured(
-                        w,
-                        &[
-                            MetricName::LateSteps.count(1_u32),
-                            MetricName::LongestStep.seconds(2.0),
-                        ],
-                    )
-                },
-                Level::Warning,
-                "computer",
-            ),
-            (
-                &|w| w.edited = Some("edited".into()),
-                Level::Warning,
-                "configuration",
-            ),
-            (
-                &|w| w.status.estimator.sensor_age_s[1] = Some(9.0),
-                Level::Broken,
-                "sensors",
-            ),
-            (&|w| w.sources[0].age_s = Some(4.0), Level::Warning, "source"),
-            (
-                &|w| (w.sources[0].age_s, w.sources[0].report.why) = (None, Some("no such device".into())),
-                Level::Warning,
-                "source",
-            ),
-            (&|w| w.sources[0].uses.is_stuck = true, Level::Broken, "source"),
-            (
-                &|w| w.sources[0].report.status.decoded.mismatched_pulses = 1,
-                Level::Warning,
-                "source",
-            ),
-            (
-                &|w| w.status.estimator.estimate_age_s = None,
-                Level::Broken,
-                "estimator",
-            ),
-            (&|w| w.certificate = held(-2), Level::Broken, "certificate"),
-            (&|w| w.certificate = held(10), Level::Warning, "certificate"),
-            (
-                &|w| w.rejected = vec![("no TLS".into(), 3)],
-                Level::Warning,
-                "peers",
-            ),
-            (&|w| w.status.drones = Seq::new(), Level::Warning, "drones"),
-            (&|w| w.status.drones[0].age_s = 60.0, Level::Warning, "drones"),
-            (
-                &|w| w.status.drones[0].status.still_armed_s = Some(14.0),
-                Level::Broken,
-                "drones",
-            ),
-        ];
-        for (change, level, topic) in cases {
-            assert_eq!(case(change), (level, vec![topic]), "{topic}");
-        }
-    }
-
-    #[test]
-    fn vessel_page_with_each_fault() {
-        let lines = |status: &Situation| -> Vec<String> {
-            let findings = judge(status, 100 * 1_000_000_000);
-            page(status, &findings)
-                .text()
-                .lines()
-                .map(str::to_owned)
-                .collect()
-        };
-        let fine = lines(&status());
-        assert_eq!(fine[0], "vessel 1: works, up 100.0 s");
-        for part in [
-            "deck       reserved for drone 1",
-            "drones     drone 1: Descent",
-            "alarms     none",
-        ] {
-            assert!(fine.iter().any(|l| l.starts_with(part)), "{part}: {fine:?}");
-        }
-        let mut wrong = status();
-        wrong.status.drones[0].status.still_armed_s = Some(14.0);
-        wrong.status.deck.closed = Some(Closure::Crew);
-        wrong.status.estimator.estimate_age_s = None;
-        wrong.certificate = CertificateStatus::None;
-        wrong.rejected = vec![("no TLS".into(), 3)];
-        wrong.sources[0].uses.is_stuck = true;
-        wrong.status.deck.doubles = Seq::filled([1, 2, 3]);
-        let lines = lines(&wrong);
-        assert!(
-            lines.len() <= 20 && lines.iter().all(|l| l.chars().count() <= 80),
-            "{lines:?}"
-        );
-        assert!(lines[0].contains("BROKEN"), "{lines:?}");
-        assert!(lines.iter().any(|l| l.contains("still ARMED")), "{lines:?}");
-    }
+/// A drone that was received.
+fn contact(d: &DroneContact) -> Figure {
+    let status = &d.status;
+    let armed = if status.armed { "armed" } else { "disarmed" };
+    let value = format!("drone {}: {}", status.header.drone, status.state.name());
+    let note = format!(
+        "{armed}, battery {}, {} ago",
+        Charge(status.battery),
+        time(d.age_s)
+    );
+    Figure::of("drones", value, note).stale(d.age_s > LOST_CONTACT_S)
 }
+
+/// Waves, and the estimate of the motion in them.
+fn motion(e: &EstimatorStatus) -> [Figure; 2] {
+    let waves = e.waves.map(|[height_m, quality]| {
+        let note = format!("forecast quality {:.0} %", 100.0 * quality);
+        Figure::of("waves", format!("{height_m:.1} m"), note)
+    });
+    let estimate = e.estimate_age_s.filter(|s| *s <= MISSING_S).map(|age_s| {
+        let [place, height, ..] = e.sd;
+        let note = format!("position +- {place:.1} m, height {height:.1} m");
+        Figure::of("estimator", format!("{} old", time(age_s)), note)
+    });
+    [
+        waves.unwrap_or(Figure::unknown("waves")),
+        estimate.unwrap_or(Figure::unknown("estimator")),
+    ]
+}
+
+#[cfg(test)]
+mod tests;
