@@ -163,6 +163,10 @@ impl Status {
             headline: headline.into(),
             worst: why.level,
             findings: vec![why],
+            situation: Situation {
+                known: known.clone(),
+                ..Situation::default()
+            },
             ..Status::default()
         }
     }

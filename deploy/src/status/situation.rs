@@ -216,9 +216,9 @@ impl Serialize for Situation {
                 .collect::<Map<_, _>>(),
             "edited": self.seen.edited,
         });
-        let more = match self.vessel() {
-            Some((known, status)) => json!({
-                "vessel": status,
+        let more = match &self.known.vessel {
+            Some(known) => json!({
+                "vessel": *self.seen.vessel,
                 "sources": self.sources(),
                 "certificate": known.certificate.as_ref().and_then(|c| c.as_ref().ok()),
                 "rejected": self.rejected(),
