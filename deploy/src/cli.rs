@@ -14,8 +14,9 @@ use crate::exit::{CliError, Doing, Exit};
 use crate::lab;
 use crate::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, ServiceArgs};
 use crate::process::shell;
+use crate::status::command as status;
 use crate::tools::playback::ForeignLaw;
-use crate::tools::{calibrate, check, command, config, estimate, flights, keys, replay, status, tag, view};
+use crate::tools::{calibrate, check, command, config, estimate, flights, keys, replay, tag, view};
 use crate::{drone, terminal, vessel};
 
 /// Lands a multirotor on the deck of a small boat that moves and rocks in waves.

@@ -7,9 +7,9 @@ use crate::exit::{CliError, Doing, Exit};
 use crate::lab::args::TrialArgs;
 use crate::lab::scene::{Scene, stopwatch};
 use crate::lab::{chart, outcome_table, record};
+use crate::status::situation::Known;
 use crate::terminal::{self, note};
 use crate::tools::view::served;
-use crate::view::board::Known;
 use crate::view::watcher::Watcher;
 
 /// Flies one landing, shows its phases, ends with a table.
@@ -79,6 +79,7 @@ fn watcher(args: &TrialArgs, scene: &Scene) -> Result<Option<Watcher>, CliError>
         title: format!("trial, sea {}, seed {}", scene.sea, args.seed),
         deck: Some(*deck),
         disarm: scene.nodes.autopilot.disarm,
+        ..Known::default()
     };
     let bodies = Some((*deck, *airframe));
     let watcher = Watcher::start(served(&view, "trial")?, known, &bodies, true)?;

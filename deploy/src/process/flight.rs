@@ -129,7 +129,7 @@ impl FlightLog {
         };
         if !outcome.is_empty() {
             self.summary.outcome = named(who, outcome);
-            self.summary.reason = format!("{}: {reason}", state.name());
+            self.summary.reason = state.because(&reason);
         }
         self.changed = true;
     }
@@ -162,7 +162,7 @@ impl FlightLog {
     /// What a computer's supervisor sees: on the vessel the drones' states and the waves.
     pub fn observe(&mut self, now_ns: i64, seen: &Snapshot, restarts: u32) {
         self.set("restarts", f64::from(restarts));
-        if let Some(vessel) = &seen.vessel {
+        if let Some(vessel) = *seen.vessel {
             for s in vessel.drones.iter().map(|d| &d.status) {
                 self.state(now_ns, Some(s.header.drone), s.state, s.entered, s.waiting);
             }
@@ -170,7 +170,7 @@ impl FlightLog {
                 self.set("wave_height_m", height_m);
             }
         }
-        let Some(m) = &seen.mission else { return };
+        let Some(m) = *seen.mission else { return };
         let was = self.states.get(&None).map(|s| s.0);
         self.state(now_ns, None, m.state, m.entered, m.waiting);
         if m.state == State::Landed && was.is_some_and(|s| s != State::Landed) {

@@ -1,9 +1,10 @@
 //! Observer of the reports of an instance's processes.
 
 use alight_shared::msg::{
-    AutopilotState, DeckForecast, DroneState, LinkState, MissionState, Plan, SetPoint, SourceReport,
-    VesselStatus,
+    AutopilotState, DeckForecast, DeckGrant, DroneState, LinkState, MissionState, Plan, SetPoint,
+    SourceReport, VesselStatus, WaveModel,
 };
+use alight_shared::time::DroneClock;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory, Subscriber};
 use alight_shared::transport::process::ProcessState;
@@ -21,6 +22,8 @@ pub struct Observer {
     forecast: Subscriber<DeckForecast>,
     link: Subscriber<LinkState>,
     plan: Subscriber<Plan>,
+    grant: Subscriber<DeckGrant<DroneClock>>,
+    wave: Subscriber<WaveModel<DroneClock>>,
     set_point: Subscriber<SetPoint>,
     vessel: Subscriber<VesselStatus>,
     sources: Subscriber<SourceReport>,
@@ -41,6 +44,8 @@ impl Observer {
             forecast: memory.subscriber()?,
             link: memory.subscriber()?,
             plan: memory.subscriber()?,
+            grant: memory.subscriber()?,
+            wave: memory.subscriber()?,
             set_point: memory.subscriber()?,
             vessel: memory.subscriber()?,
             sources: memory.subscriber()?,
@@ -48,35 +53,29 @@ impl Observer {
             ages_s: Vec::new(),
         })
     }
-    /// Takes in what is new; the drone's clock reads `drone_ns`, if it is known.
-    pub fn poll(&mut self, drone_ns: Option<i64>) {
-        let now = steady_ns();
+    /// Takes in what is new.
+    pub fn poll(&mut self) {
+        let (now, seen) = (steady_ns(), &mut self.snapshot);
         for state in self.processes.all(now) {
-            self.snapshot.processes.insert(state.kind, state);
+            seen.processes.insert(state.kind, state);
         }
-        self.snapshot.vessel = self.vessel.newest(now).or(self.snapshot.vessel);
-        let sources = self.sources.all(now).into_iter().map(|s| (s.number, s));
-        self.snapshot.sources.extend(sources);
-        let t = drone_ns.unwrap_or(now);
-        self.snapshot.mission = self.mission.newest(t).or(self.snapshot.mission);
-        self.snapshot.autopilot = self.autopilot.newest(t).or(self.snapshot.autopilot);
-        self.snapshot.drone = self.drone.newest(t).or(self.snapshot.drone);
-        self.snapshot.forecast = self.forecast.newest(t).or(self.snapshot.forecast);
-        let newest = self.set_point.newest(t).map(|s| s.response);
-        self.snapshot.response = newest.or(self.snapshot.response);
-        let links = self.link.all(t);
+        seen.vessel.set(now, self.vessel.newest(now));
+        seen.sources
+            .extend(self.sources.all(now).into_iter().map(|s| (s.number, s)));
+        seen.mission.set(now, self.mission.newest(now));
+        seen.autopilot.set(now, self.autopilot.newest(now));
+        seen.drone.set(now, self.drone.newest(now));
+        seen.forecast.set(now, self.forecast.newest(now));
+        seen.plan.set(now, self.plan.newest(now));
+        seen.grant.set(now, self.grant.newest(now));
+        seen.wave.set(now, self.wave.newest(now));
+        let newest = self.set_point.newest(now).map(|s| s.response);
+        seen.response = newest.or(seen.response);
+        let links = self.link.all(now);
         // Who does not take them does not keep them.
         self.ages_s.truncate(64);
         self.ages_s.extend(links.iter().map(|l| l.age_s));
-        self.snapshot.link = links.last().copied().or(self.snapshot.link);
-        // Without the drone's clock the mission's newest stamp stands for now.
-        let now_ns = drone_ns.or(self.snapshot.mission.map(|m| m.header.at.nanos()));
-        if let Some(plan) = self.plan.newest(t) {
-            self.snapshot.plan = Some((plan, f64::INFINITY));
-        }
-        if let (Some((plan, age_s)), Some(now_ns)) = (&mut self.snapshot.plan, now_ns) {
-            *age_s = (now_ns - plan.header.at.nanos()).max(0) as f64 * 1e-9;
-        }
+        seen.link.set(now, links.last().copied());
     }
 }
 
@@ -153,7 +152,7 @@ impl Follower {
         };
         let ports = self.joined.poll(join).then_some(self.joined.ports.as_mut());
         let (memory, observer) = ports.flatten()?;
-        observer.poll(None);
+        observer.poll();
         observer.snapshot.edited = said(&self.joined.instance, EDITED_FILE);
         Some((memory, &observer.snapshot))
     }

@@ -75,7 +75,7 @@ pub fn run(args: &ProcessArgs, service: Service<'_>, mut sealed: SealedConfig) -
     let mut supervisor = start(&service, &owned, recorded, &sealed)?;
     let mut notify = Notify::default();
     while memory.wait(POLL_PERIOD) && !told_to_end.load(Ordering::Relaxed) {
-        observer.poll(None);
+        observer.poll();
         sealed.poll(steady_ns());
         owned.say(EDITED_FILE, sealed.edited());
         // Before what a dead process left is cleaned up.
@@ -101,7 +101,7 @@ pub fn run(args: &ProcessArgs, service: Service<'_>, mut sealed: SealedConfig) -
             flight.log().observe(steady_ns(), &observer.snapshot, restarts);
             flight.poll(steady_ns());
         }
-        notify.alive(steady_ns(), || observer.snapshot.line());
+        notify.alive(steady_ns(), || observer.snapshot.line(steady_ns()));
     }
     notify.stopping();
     supervisor.stop();

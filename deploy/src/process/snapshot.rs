@@ -1,20 +1,17 @@
-//! Snapshot of the live system: one line while it flies, tables at the end and on demand.
+//! Snapshot of an instance: the newest message of each of its topics.
 
+use core::ops::Deref;
 use std::collections::BTreeMap;
 
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{
-    AttitudeResponse, AutopilotState, DeckForecast, DroneState, LinkState, MissionState, Plan, SourceReport,
-    VesselStatus,
+    AttitudeResponse, AutopilotState, DeckForecast, DeckGrant, DroneState, LinkState, MissionState, Plan,
+    SourceReport, VesselStatus, WaveModel,
 };
-use alight_shared::topics::{self, Topic};
-use alight_shared::transport::process::{InputState, ProcessKind, ProcessState};
-use alight_uav::autopilot::config::DisarmConfig;
-use alight_uav::autopilot::still_armed_s;
+use alight_shared::time::DroneClock;
+use alight_shared::transport::plain::Plain;
+use alight_shared::transport::process::{ProcessKind, ProcessState};
 use nalgebra::Vector3;
-
-use crate::cells;
-use crate::table::{Cell, Table};
 
 /// Times from microseconds to seconds in four digits.
 pub fn time(s: f64) -> String {
@@ -29,27 +26,104 @@ pub fn time(s: f64) -> String {
     }
 }
 
-/// The newest that was seen of everything.
-#[derive(Default)]
+/// A time from seconds to hours in whole numbers.
+pub fn minutes(s: f64) -> String {
+    if !(s >= 90.0) {
+        format!("{s:.0} s")
+    } else if s < 5400.0 {
+        format!("{:.0} min", s / 60.0)
+    } else {
+        format!("{:.0} h", s / 3600.0)
+    }
+}
+
+/// People look a few times a second: nothing younger than this is called old, s.
+const MIN_STALE_S: f64 = 1.0;
+
+/// The newest message of a topic, and when it came on the observer's clock.
+#[derive(Clone, Copy, Debug)]
+pub struct Newest<T> {
+    value: Option<T>,
+    at_ns: i64,
+}
+
+impl<T> Default for Newest<T> {
+    fn default() -> Self {
+        Newest {
+            value: None,
+            at_ns: 0,
+        }
+    }
+}
+
+#[cfg(test)]
+impl<T> From<T> for Newest<T> {
+    fn from(value: T) -> Self {
+        Newest {
+            value: Some(value),
+            at_ns: 0,
+        }
+    }
+}
+
+impl<T> Deref for Newest<T> {
+    type Target = Option<T>;
+    fn deref(&self) -> &Option<T> {
+        &self.value
+    }
+}
+
+impl<T: Plain> Newest<T> {
+    /// One that came by `now_ns`, if any did.
+    pub fn set(&mut self, now_ns: i64, value: Option<T>) {
+        if value.is_some() {
+            *self = Newest { value, at_ns: now_ns };
+        }
+    }
+    /// Since it came, s; infinite before the first.
+    pub fn age_s(&self, now_ns: i64) -> f64 {
+        let age_s = now_ns.saturating_sub(self.at_ns).max(0) as f64 * 1e-9;
+        if self.value.is_some() {
+            age_s
+        } else {
+            f64::INFINITY
+        }
+    }
+    /// Whether it is older than its topic allows.
+    pub fn is_old(&self, now_ns: i64) -> bool {
+        self.age_s(now_ns) > T::TOPIC.stale_after.secs().max(MIN_STALE_S)
+    }
+    /// The value while it is not old.
+    pub fn fresh(&self, now_ns: i64) -> Option<&T> {
+        self.value.as_ref().filter(|_| !self.is_old(now_ns))
+    }
+}
+
+/// The newest that was received of everything.
+#[derive(Clone, Debug, Default)]
 pub struct Snapshot {
     /// Processes by kind.
     pub processes: BTreeMap<ProcessKind, ProcessState>,
     /// Mission.
-    pub mission: Option<MissionState>,
+    pub mission: Newest<MissionState>,
     /// The autopilot's state.
-    pub autopilot: Option<AutopilotState>,
+    pub autopilot: Newest<AutopilotState>,
     /// Odometry.
-    pub drone: Option<DroneState>,
+    pub drone: Newest<DroneState>,
     /// The deck's forecast.
-    pub forecast: Option<DeckForecast>,
+    pub forecast: Newest<DeckForecast>,
     /// Link.
-    pub link: Option<LinkState>,
-    /// Plan, and its age when it was looked at, s.
-    pub plan: Option<(Plan, f64)>,
+    pub link: Newest<LinkState>,
+    /// Plan.
+    pub plan: Newest<Plan>,
+    /// Whose the vessel's deck is.
+    pub grant: Newest<DeckGrant<DroneClock>>,
+    /// The vessel's wave model.
+    pub wave: Newest<WaveModel<DroneClock>>,
     /// How the drone's attitude answers set-points, by the pilot.
     pub response: Option<AttitudeResponse>,
     /// What the vessel's process knows.
-    pub vessel: Option<VesselStatus>,
+    pub vessel: Newest<VesselStatus>,
     /// The vessel's real sensors by their places in its configuration.
     pub sources: BTreeMap<u32, SourceReport>,
     /// What is said of a configuration that was edited since the start.
@@ -59,19 +133,14 @@ pub struct Snapshot {
 impl Snapshot {
     /// Where the drone's frame begins, and how far away the deck is by the newest forecast, m.
     pub fn frame(&self) -> Option<(Datum, Option<f64>)> {
-        let drone = self.drone?;
+        let drone = (*self.drone)?;
         let deck = self.forecast.and_then(|f| f.stages.first().copied());
         let apart = deck.map(|d| (drone.position() - Vector3::from(d.position)).norm());
         Some((drone.datum, apart))
     }
-    /// Since the landing, s, of a drone that is landed and armed for longer than its disarm takes.
-    pub fn still_armed_s(&self, disarm: &DisarmConfig) -> Option<f64> {
-        let (mission, autopilot) = (self.mission.as_ref()?, self.autopilot.as_ref()?);
-        still_armed_s(mission.header.at, mission, autopilot.armed, disarm)
-    }
-    /// One line of at most 100 columns.
-    pub fn line(&self) -> String {
-        if let (Some(vessel), None) = (&self.vessel, &self.mission) {
+    /// One line of at most 100 columns at `now_ns` of the observer's clock.
+    pub fn line(&self, now_ns: i64) -> String {
+        if let (Some(vessel), None) = (&*self.vessel, &*self.mission) {
             let estimate = vessel.estimator.estimate_age_s.map_or("no estimate".into(), time);
             return format!("estimate {estimate} old, {} drones received", vessel.drones.len());
         }
@@ -81,10 +150,10 @@ impl Snapshot {
             || "link -".into(),
             |l| format!("link {} old, {:.0} % lost", time(l.age_s), 100.0 * l.loss),
         );
-        let plan = self.plan.as_ref().map_or_else(
-            || "no plan".into(),
-            |(_, age_s)| format!("plan {} old", time(*age_s)),
-        );
+        let plan = match *self.plan {
+            None => "no plan".into(),
+            Some(_) => format!("plan {} old", time(self.plan.age_s(now_ns))),
+        };
         let solve = self
             .processes
             .get(&ProcessKind::Planner)
@@ -97,128 +166,6 @@ impl Snapshot {
         }
         line
     }
-
-    /// A table of the processes: what they use, how long a step takes.
-    pub fn usage(&self, now_ns: i64) -> String {
-        let heads = [
-            "process", "pid", "CPU %", "MB", "steps", "step p50", "step p99", "up",
-        ];
-        let mut table = Table::new(1.., heads);
-        // The link to a real autopilot and the cameras' images stand beside those of a trial.
-        let real = [
-            ProcessKind::Autopilot,
-            ProcessKind::Camera,
-            ProcessKind::Uvdar,
-            ProcessKind::View,
-        ]
-        .into_iter()
-        .filter(|kind| self.processes.contains_key(kind));
-        for kind in ProcessKind::ALL.into_iter().chain(real) {
-            let Some(p) = self.processes.get(&kind) else {
-                table.row(cells![kind.name(), "no report"]);
-                continue;
-            };
-            let up_s = (p.at_ns - p.began_ns) as f64 * 1e-9;
-            let old_s = (now_ns - p.at_ns) as f64 * 1e-9;
-            let silent = old_s > topics::PROCESS.stale_after.secs();
-            table.row(cells![
-                kind.name(),
-                p.pid,
-                Cell::number(100.0 * p.cpu_s / up_s, 1),
-                Cell::number(p.resident_bytes as f64 / 1e6, 1),
-                p.steps,
-                time(p.step_p50_s),
-                time(p.step_p99_s),
-                Cell::from(time(up_s)).note(if silent { "silent" } else { "" }),
-            ]);
-        }
-        table.text()
-    }
-
-    /// Where the time goes between a measurement on the vessel and the set-point: the age of each
-    /// message when it is read, and what a step takes.
-    pub fn stages(&self) -> String {
-        const STAGES: [(ProcessKind, &Topic); 6] = [
-            (ProcessKind::Predictor, &topics::BRIDGE_ESTIMATE),
-            (ProcessKind::Predictor, &topics::DRONE_STATE),
-            (ProcessKind::Mission, &topics::FORECAST),
-            (ProcessKind::Planner, &topics::FORECAST),
-            (ProcessKind::Pilot, &topics::PLAN),
-            (ProcessKind::World, &topics::SET_POINT),
-        ];
-        let mut table = Table::new(1.., ["age when read", "p50", "p99"]);
-        for (reader, topic) in STAGES {
-            let inputs = self.processes.get(&reader).map(|p| p.inputs);
-            let is_it = |i: &&InputState| topic_name(i.topic) == Some(topic.name);
-            if let Some(i) = inputs.as_ref().and_then(|inputs| inputs.iter().find(is_it)) {
-                let name = format!("{} at the {}", topic.name, reader.name());
-                table.row(cells![name, time(i.read_age_p50_s), time(i.read_age_p99_s)]);
-            }
-        }
-        if let Some(p) = self.processes.get(&ProcessKind::Planner) {
-            let name = "(a step of the planner takes)";
-            table.row(cells![name, time(p.step_p50_s), time(p.step_p99_s)]);
-        }
-        table.text()
-    }
-
-    /// A table of what goes over the radio.
-    pub fn radio(&self) -> String {
-        let mut table = Table::new(2.., ["sender", "over the radio", "Hz", "bytes/s"]);
-        let mut total = 0.0;
-        for p in self.processes.values() {
-            for f in p.flows.iter() {
-                total += f64::from(f.bytes_per_s);
-                let rates = [(f.rate_hz, 1), (f.bytes_per_s, 0)];
-                let [hz, bytes] = rates.map(|(rate, digits)| Cell::number(f64::from(rate), digits));
-                table.row(cells![
-                    p.kind.name(),
-                    topic_name(f.topic).unwrap_or("status"),
-                    hz,
-                    bytes
-                ]);
-            }
-        }
-        let note = "computed: 48 bytes of headers a message";
-        table.row(cells!["all", "", "", Cell::number(total, 0).note(note)]);
-        table.text()
-    }
-
-    /// A table of the topics as each process reads them.
-    pub fn topics(&self) -> String {
-        let heads = [
-            "reader",
-            "topic",
-            "messages",
-            "Hz",
-            "missed",
-            "age",
-            "read at p50",
-            "p99",
-        ];
-        let mut table = Table::new(2.., heads);
-        for p in self.processes.values() {
-            let up_s = ((p.at_ns - p.began_ns) as f64 * 1e-9).max(1e-3);
-            for i in p.inputs.iter() {
-                table.row(cells![
-                    p.kind.name(),
-                    topic_name(i.topic).unwrap_or("?"),
-                    i.received,
-                    Cell::number(i.received as f64 / up_s, 1),
-                    i.missed,
-                    time(i.age_s),
-                    time(i.read_age_p50_s),
-                    time(i.read_age_p99_s),
-                ]);
-            }
-        }
-        table.text()
-    }
-}
-
-/// The topic of that number.
-fn topic_name(number: u32) -> Option<&'static str> {
-    topics::ALL.get(number as usize).map(|t| t.name)
 }
 
 #[cfg(test)]
@@ -232,15 +179,16 @@ mod tests {
         assert_eq!(time(12.34), "12.3 s");
         assert_eq!(time(f64::INFINITY), "-");
         let snapshot = Snapshot {
-            mission: Some(MissionState::default()),
-            link: Some(LinkState {
+            mission: MissionState::default().into(),
+            link: LinkState {
                 age_s: 0.062,
                 loss: 0.02,
                 ..LinkState::default()
-            }),
+            }
+            .into(),
             ..Snapshot::default()
         };
-        let line = snapshot.line();
+        let line = snapshot.line(0);
         assert!(
             line.contains("62.0 ms") && line.contains("2 % lost") && line.chars().count() <= 100,
             "{line}"

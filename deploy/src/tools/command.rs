@@ -283,7 +283,7 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
 /// The answer of drone `drone`'s mission, for a person.
 fn answer(drone: u32, mission: &MissionState, taken: bool) -> Vec<String> {
     let mut lines = vec![
-        format!("drone {drone}: {}: {}", mission.state.name(), mission.entered),
+        format!("drone {drone}: {}", mission.state.because(&mission.entered)),
         format!("waiting: {}", mission.waiting),
     ];
     if !taken {

@@ -1,4 +1,4 @@
-//! Commands for people: status, flights, checks, certificates, configurations, calibration.
+//! Commands for people: flights, checks, certificates, configurations, calibration.
 
 pub mod calibrate;
 pub mod check;
@@ -9,9 +9,6 @@ pub mod flights;
 pub mod keys;
 pub mod playback;
 pub mod replay;
-pub mod status;
 pub mod tag;
-mod vessel_sources;
-pub mod vessel_status;
 pub mod view;
 mod view_vessel;

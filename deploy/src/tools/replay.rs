@@ -16,11 +16,11 @@ use crate::record::log::{Log, Start};
 use crate::record::observer::StepObserver;
 use crate::record::reading::{contained, is_whole};
 use crate::record::{LIVE, Recorder, WORLD};
+use crate::status::situation::Known;
 use crate::table::{Table, verdict};
 use crate::terminal::{self, note};
 use crate::tools::playback::{ForeignLaw, NodeReplay, replay, shown};
 use crate::tools::view::served;
-use crate::view::board::Known;
 use crate::view::watcher::Watcher;
 
 /// A recording to compute again.

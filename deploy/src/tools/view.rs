@@ -1,13 +1,11 @@
 //! `alight view`: status of this computer in a browser or Foxglove.
 
 use std::net::SocketAddr;
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use alight_shared::config;
 use alight_shared::msg::{Command, CommandKind, MissionState};
-use alight_shared::time::{Time, TrueTime};
+use alight_shared::time::{Span, Time, TrueTime};
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory, Publisher};
 use alight_shared::transport::process::{ProcessKind, ProcessState};
@@ -21,11 +19,11 @@ use crate::process::instance::{is_running, owner};
 use crate::process::life::{Life, draw_boot, end_with_supervisor};
 use crate::process::local_command::LocalCommand;
 use crate::process::supervisor::pause;
+use crate::status::Status;
+use crate::status::situation::Known;
+use crate::status::subject::{Computer, Subject};
 use crate::terminal;
-use crate::tools::check::facts::Computer;
-use crate::tools::check::{self, gather};
 use crate::tools::{flights, view_vessel};
-use crate::view::board::Known;
 use crate::view::memory_feed::MemoryFeed;
 use crate::view::server::{Order, Served};
 use crate::view::watcher::{Bodies, Watcher};
@@ -40,13 +38,8 @@ Foxglove: alight view --foxglove, then Open connection, Foxglove WebSocket, ws:/
 It ends by Ctrl-C, and nothing in a flight waits for it."
 )]
 pub struct ViewCommand {
-    /// Name of the set of processes [default: the configuration's; without one: land]
-    #[arg(long)]
-    pub instance: Option<String>,
-    /// Configuration of the vessel's or the drone's computer (TOML) [default: /etc/alight/vessel.toml or
-    /// /etc/alight/drone.toml, whichever is there]
-    #[arg(long, value_name = "FILE", conflicts_with = "instance")]
-    pub config: Option<PathBuf>,
+    #[command(flatten)]
+    subject: Subject,
     /// Address of the page [default: view.listen of the configuration, 127.0.0.1:7450]
     #[arg(long, value_name = "ADDR:PORT")]
     pub listen: Option<SocketAddr>,
@@ -58,8 +51,6 @@ pub struct ViewCommand {
     pub supervised: bool,
 }
 
-/// The name of `alight land`'s processes.
-const LAND: &str = "land";
 /// Time between two looks; the display rates of recordings lie on this grid.
 const LOOK_PERIOD_NS: i64 = 20_000_000;
 /// The same when there is only the page to show.
@@ -68,31 +59,6 @@ const PAGE_PERIOD: Duration = Duration::from_millis(100);
 const INSTANCE_PERIOD_NS: i64 = 1_000_000_000;
 /// The name is asked again after this long when nothing runs under it.
 const ABSENT_PAUSE: Duration = Duration::from_millis(500);
-
-impl ViewCommand {
-    /// The configuration of what is shown.
-    fn computer(&self) -> Result<Computer, CliError> {
-        let of_instance = |name: &str| -> Result<Computer, CliError> {
-            // A landing of all processes has the drone's file beside its memory.
-            let file = Instance::new(name)?.directory().join("drone.toml");
-            let mut drone: DroneComputer = if file.exists() {
-                config::load(&file)?
-            } else {
-                DroneComputer::default()
-            };
-            drone.instance = name.into();
-            Ok(Computer::Drone(Box::new(drone)))
-        };
-        match (&self.instance, &self.config) {
-            (Some(name), _) => of_instance(name),
-            (None, Some(path)) => gather::computer(path),
-            (None, None) if is_running(&Instance::new(LAND)?) => of_instance(LAND),
-            (None, None) => {
-                check::shipped().map_or_else(|| of_instance(LAND), |path| gather::computer(&path))
-            }
-        }
-    }
-}
 
 /// Where it is served: the flags over the configuration.
 pub fn served(view: &ViewConfig, name: &str) -> Result<Served, CliError> {
@@ -126,7 +92,7 @@ pub fn run(args: &ViewCommand) -> Result<Exit, CliError> {
         view
     };
     let ends = || end_requested() || told_to_end.load(Ordering::Relaxed);
-    match args.computer()? {
+    match args.subject.computer()? {
         Computer::Vessel(v) => vessel(&v, &over(v.view.clone()), &ends),
         Computer::Drone(d) => drone(&d, &over(d.view.clone()), &ends, &told_to_end),
     }
@@ -156,11 +122,7 @@ fn drone(
     ends: &dyn Fn() -> bool,
     told_to_end: &AtomicBool,
 ) -> Result<Exit, CliError> {
-    let known = Known {
-        title: format!("drone {}, {}", computer.bridge.drone_id, computer.instance),
-        deck: Some(computer.drone.deck),
-        disarm: computer.autopilot.disarm,
-    };
+    let known = Known::drone(computer);
     let bodies: Bodies = Some((computer.drone.deck, computer.drone.airframe));
     let served = served(view, &computer.instance)?;
     let is_live = served.foxglove.is_some();
@@ -172,13 +134,15 @@ fn drone(
         let pid = owner(&instance).filter(|_| is_running(&instance));
         let joined = pid.and_then(|pid| Some((pid, Joined::join(&instance).ok()?)));
         let Some((pid, mut joined)) = joined else {
-            let why = format!("nothing runs under the name {}", computer.instance);
-            watcher.show_nothing(Time::from_nanos(steady_ns() + wall_ns), why);
+            watcher.show_nothing(
+                Time::from_nanos(steady_ns() + wall_ns),
+                Status::absent(&Known::drone(computer)),
+            );
             reject(watcher.server.order());
             pause(ABSENT_PAUSE);
             continue;
         };
-        watcher.reset();
+        watcher.reset(Span::from_nanos(wall_ns));
         watcher.board.earlier = flights::earlier(&computer.recorder.directory);
         watcher.board.order.label = view.abort.then_some("ABORT");
         let is_there = || owner(&instance) == Some(pid);
@@ -210,7 +174,7 @@ impl Joined {
     fn join(instance: &Instance) -> Result<Joined, CliError> {
         let memory = Memory::join(instance, ProcessKind::View.name())?;
         Ok(Joined {
-            feed: MemoryFeed::join(&memory)?,
+            feed: MemoryFeed::join(instance, &memory)?,
             commands: memory.publisher()?,
             reports: memory.publisher()?,
             life: Life::begin(ProcessKind::View, draw_boot(), false),
@@ -344,7 +308,7 @@ mod tests {
             missions.send(&published(now, state));
             let mission = joined.feed.poll(Time::from_nanos(now.nanos()), now, &mut watcher);
             let picture = watcher.board.picture(Time::from_nanos(now.nanos()));
-            (mission, picture.state.map(|s| s.name))
+            (mission, picture.status.state.map(|s| s.name))
         };
         let (descends, shown) = show(&mut joined, State::Descent);
         assert_eq!(shown.as_deref(), Some("Descent"));

@@ -2,22 +2,19 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use alight_shared::msg::{Charge, Course, DeckOrder, DroneContact, DroneStatus, State};
+use alight_shared::msg::{DeckOrder, State};
 use alight_shared::time::{Time, TrueTime};
 use alight_shared::transport::process::ProcessKind;
 
 use crate::config::VesselComputer;
 use crate::exit::CliError;
 use crate::process::observer::Follower;
-use crate::tools::check::finding::Level;
+use crate::status::Status;
+use crate::status::situation::{Known, Situation};
 use crate::tools::flights;
-use crate::tools::vessel_sources::MISSING_S;
-use crate::tools::vessel_status::{LOST_CONTACT_S, judge};
 use crate::vessel::crew::OrderOnItsWay;
-use crate::vessel::status::{CertificateStatus, STALE_S, Situation};
-use crate::view::board::{age, minutes};
 use crate::view::motion::MotionHistory;
-use crate::view::picture::{Alarm, Figure, FlightLine, LogLine, OrderView, Picture, StateView, Tone};
+use crate::view::picture::{FlightLine, LogLine, OrderView, Picture};
 use crate::view::server::Order;
 
 /// The certificate's file is read again this often, ns.
@@ -31,8 +28,9 @@ const DRONES: usize = 32;
 pub struct Look<'a> {
     computer: &'a VesselComputer,
     aboard: Follower,
-    /// When its file is read again, and what that said.
-    certificate: (i64, CertificateStatus),
+    known: Known,
+    /// When the certificate's file is read again, ns.
+    certificate_ns: i64,
     motion: MotionHistory,
     /// When the newest status was written, on the steady clock, ns.
     seen_ns: i64,
@@ -51,7 +49,8 @@ impl<'a> Look<'a> {
         Ok(Look {
             computer,
             aboard: Follower::of(&computer.instance, ProcessKind::View.name())?,
-            certificate: (i64::MIN, CertificateStatus::None),
+            known: Known::vessel(computer),
+            certificate_ns: 0,
             motion: MotionHistory::default(),
             seen_ns: i64::MIN,
             states: BTreeMap::new(),
@@ -96,34 +95,39 @@ impl<'a> Look<'a> {
     }
     /// The picture at `now_ns` of the steady clock.
     pub fn picture(&mut self, now_ns: i64) -> Picture {
-        let title = format!("vessel {}", self.computer.vessel_id);
-        let Some((_, seen)) = self.aboard.poll() else {
-            return Picture::empty(
-                title,
-                "no vessel's process runs on this computer, or this user may not see it: systemctl status alight-vessel",
-            );
-        };
-        if now_ns >= self.certificate.0 {
-            self.certificate = (
-                now_ns + CERTIFICATE_PERIOD_NS,
-                CertificateStatus::of(self.computer),
-            );
+        if now_ns >= self.certificate_ns {
+            self.certificate_ns = now_ns + CERTIFICATE_PERIOD_NS;
+            self.known = Known::vessel(self.computer);
         }
-        match Situation::of(self.computer, &self.certificate.1, seen, now_ns) {
-            None => Picture::empty(
-                title,
-                "the vessel's process does not report: journalctl -u alight-vessel",
-            ),
-            Some(situation) => {
-                self.take(&situation);
-                self.of(title, &situation, now_ns)
-            }
+        let Some((_, seen)) = self.aboard.poll() else {
+            return Picture {
+                status: Status::absent(&self.known),
+                ..Picture::default()
+            };
+        };
+        let situation = Situation::of(self.known.clone(), seen, now_ns);
+        self.take(&situation);
+        let ago = |(at, text): &(i64, String)| LogLine {
+            ago_s: situation.since_s(*at),
+            text: text.clone(),
+        };
+        Picture {
+            clock_s: 0.0,
+            log: self.log.iter().rev().map(ago).collect(),
+            status: Status::of(situation),
+            scene: None,
+            motion: self.motion.view(),
+            flights: self.earlier.clone(),
+            order: self.order.clone(),
         }
     }
 
     /// What is new in it.
-    fn take(&mut self, seen: &Situation) {
-        let (at_ns, status) = (seen.process.at_ns, &seen.status);
+    fn take(&mut self, s: &Situation) {
+        let (Some(process), Some((_, status))) = (s.process(ProcessKind::Vessel), s.vessel()) else {
+            return;
+        };
+        let at_ns = process.at_ns;
         if at_ns <= self.seen_ns {
             return;
         }
@@ -144,167 +148,12 @@ impl<'a> Look<'a> {
             let (number, state) = (drone.status.header.drone, drone.status.state);
             let known = self.states.len() < DRONES || self.states.contains_key(&number);
             if known && self.states.insert(number, state) != Some(state) {
-                self.log.push_back((at_ns, named(drone)));
+                let entered = drone.status.state.because(&drone.status.entered);
+                self.log.push_back((at_ns, format!("drone {number} {entered}")));
             }
         }
         while self.log.len() > LOG_LINES {
             self.log.pop_front();
         }
     }
-
-    fn of(&self, title: String, status: &Situation, now_ns: i64) -> Picture {
-        let since_s = |ns: i64| now_ns.saturating_sub(ns) as f64 * 1e-9;
-        let stale = since_s(status.process.at_ns) > STALE_S;
-        let mut alarms: Vec<Alarm> = judge(status, now_ns)
-            .into_iter()
-            .filter(|f| f.level > Level::Fine)
-            .map(|f| Alarm {
-                tone: if f.level == Level::Broken {
-                    Tone::Alarm
-                } else {
-                    Tone::Warning
-                },
-                text: if f.remedy.is_empty() {
-                    format!("{}: {}", f.topic, f.found)
-                } else {
-                    format!("{}: {}. {}", f.topic, f.found, f.remedy)
-                },
-            })
-            .collect();
-        alarms.sort_by_key(|a| core::cmp::Reverse(a.tone));
-        Picture {
-            title,
-            clock_s: 0.0,
-            state: foremost(status).map(|d| StateView {
-                name: format!("Drone {}: {}", d.status.header.drone, d.status.state.name()),
-                since_s: 0.0,
-                entered: d.status.entered.to_string(),
-                waiting: d.status.waiting.to_string(),
-                stale: stale || d.age_s > LOST_CONTACT_S,
-            }),
-            scene: None,
-            figures: figures(status, stale),
-            alarms,
-            motion: self.motion.view(),
-            log: self
-                .log
-                .iter()
-                .rev()
-                .map(|(at, text)| LogLine {
-                    ago_s: since_s(*at),
-                    text: text.clone(),
-                })
-                .collect(),
-            flights: self.earlier.clone(),
-            order: self.order.clone(),
-        }
-    }
-}
-
-/// The drone that has the deck, else the one that was received last.
-fn foremost(seen: &Situation) -> Option<&DroneContact> {
-    let drones = &seen.status.drones;
-    let owner = drones
-        .iter()
-        .find(|d| Some(d.status.header.drone) == seen.status.deck_owner);
-    let newest = drones.iter().min_by(|a, b| a.age_s.total_cmp(&b.age_s));
-    owner.or(newest)
-}
-
-fn named(drone: &DroneContact) -> String {
-    let DroneStatus {
-        header,
-        state,
-        entered,
-        ..
-    } = &drone.status;
-    let reason = entered.to_string();
-    let reason = if reason.is_empty() {
-        reason
-    } else {
-        format!(": {reason}")
-    };
-    format!("drone {} {}{reason}", header.drone, state.name())
-}
-
-fn figures(seen: &Situation, stale: bool) -> Vec<Figure> {
-    let status = &seen.status;
-    let (deck, estimator) = (&status.deck, &status.estimator);
-    let figure = |name, value: Option<String>, note: String, tone| Figure {
-        name,
-        value,
-        note,
-        tone,
-        stale,
-    };
-    let occupied = if status.occupied { "occupied" } else { "" };
-    let owner = match (deck.closed, status.deck_owner) {
-        (Some(_), _) => "CLOSED".into(),
-        (None, Some(id)) => format!("drone {id}'s"),
-        (None, None) => "free".into(),
-    };
-    let course = match deck.course {
-        Course::Unknown => "not stated".into(),
-        Course::Steady(s) => format!("steady, {}", minutes(f64::from(s))),
-        Course::Turning => "turning".into(),
-    };
-    let keep = if deck.wants_steady {
-        "KEEP COURSE AND SPEED"
-    } else {
-        ""
-    };
-    let drone = foremost(seen);
-    let age_s = estimator.estimate_age_s.filter(|s| *s <= MISSING_S);
-    let closed = if deck.closed.is_some() {
-        Tone::Warning
-    } else {
-        Tone::Fine
-    };
-    let asked = if deck.wants_steady {
-        Tone::Warning
-    } else {
-        Tone::Fine
-    };
-    let unheard = if drone.is_some_and(|d| d.age_s > LOST_CONTACT_S) {
-        Tone::Alarm
-    } else {
-        Tone::Fine
-    };
-    let estimate = if age_s.is_some() { Tone::Fine } else { Tone::Alarm };
-    vec![
-        figure("deck", Some(owner), occupied.into(), closed),
-        figure("course", Some(course), keep.into(), asked),
-        figure(
-            "link",
-            drone.map(|d| age(d.age_s)),
-            drone.map_or(String::new(), |d| {
-                format!("old, from drone {}", d.status.header.drone)
-            }),
-            unheard,
-        ),
-        figure(
-            "battery",
-            drone
-                .and_then(|d| d.status.battery)
-                .map(|b| Charge(Some(b)).to_string()),
-            drone.map_or(String::new(), |d| format!("of drone {}", d.status.header.drone)),
-            Tone::Fine,
-        ),
-        figure(
-            "waves",
-            estimator.waves.map(|[height_m, _]| format!("{height_m:.1} m")),
-            estimator.waves.map_or(String::new(), |[_, confidence]| {
-                format!("predicted to {:.0} %", 100.0 * confidence)
-            }),
-            Tone::Fine,
-        ),
-        figure("estimate", age_s.map(age), "old".into(), estimate),
-        // She has no wind sensor that Alight reads.
-        figure(
-            "wind",
-            None,
-            "the drone's page knows it in flight".into(),
-            Tone::Fine,
-        ),
-    ]
 }

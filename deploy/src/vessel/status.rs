@@ -1,30 +1,19 @@
-//! The status of the vessel: what its process publishes of itself, and what is read of it on its computer.
+//! The status of the vessel, as its process publishes it.
 
 use core::f64::consts::PI;
 use std::collections::VecDeque;
-use std::path::Path;
 
 use alight_shared::msg::{
     DeckStatus, DroneContact, EstimatorStatus, Header, HeadingAdvice, Line, MAX_DEVICES, MAX_ORDERS, Seq,
-    SourceReport, SourceUse, VesselStatus,
+    SourceUse, VesselStatus,
 };
 use alight_shared::time::{Time, VesselClock};
-use alight_shared::transport::metrics::{MetricName, MetricValue};
-use alight_shared::transport::process::{ProcessKind, ProcessState};
-use alight_shared::transport::rejections::AccessRejection;
 use alight_usv::{ComputerIn, ComputerOut, Estimator, KINDS, VesselNode};
-use serde::Serialize;
-
-use crate::certificates;
-use crate::config::VesselComputer;
-use crate::process::snapshot::Snapshot;
 
 /// Time between two samples of the motion, ns.
 const MOTION_PERIOD_NS: i64 = 90_000_000;
 /// Statuses that `lately` reaches back: 10 s.
 const LATELY: usize = 20;
-/// A status older than this is a dead or a frozen process's, s: six of its periods.
-pub const STALE_S: f64 = 3.0;
 
 /// Why what the crew relies on does not work.
 pub struct Errors {
@@ -187,134 +176,5 @@ fn deck(now: Time<VesselClock>, node: &alight_usv::VesselComputer, errors: &Erro
         lamp_error: errors.lamp.as_ref().map(line),
         course: arbiter.course(now),
         wants_steady: arbiter.wants_steady(now),
-    }
-}
-
-/// The certificate.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub enum CertificateStatus {
-    /// The radio has none.
-    None,
-    /// Its name and the days until it expires, negative when it has.
-    Held {
-        /// Whose it is.
-        name: String,
-        /// Days left.
-        days_left: i64,
-    },
-    /// It cannot be read; the system's error.
-    Unreadable(String),
-}
-
-impl CertificateStatus {
-    /// Of the file that the configuration names.
-    pub fn of(computer: &VesselComputer) -> CertificateStatus {
-        let file = &computer.radio.tls.certificate;
-        if file.is_empty() {
-            return CertificateStatus::None;
-        }
-        match certificates::read_certificate(Path::new(file)) {
-            Ok(look) => CertificateStatus::Held {
-                name: look.certificate.name,
-                days_left: look.certificate.days_left,
-            },
-            Err(e) => CertificateStatus::Unreadable(e.to_string()),
-        }
-    }
-}
-
-/// A real sensor: its bytes, and what the estimator made of its measurements.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct SourceHealth {
-    /// Its name.
-    pub name: String,
-    /// Age of its newest measurement, s; None before the first.
-    pub age_s: Option<f64>,
-    /// What became of its bytes.
-    #[serde(flatten)]
-    pub report: SourceReport,
-    /// What the estimator made of it.
-    #[serde(flatten)]
-    pub uses: SourceUse,
-}
-
-/// What is known on the vessel's computer.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Situation {
-    /// Number of the vessel.
-    pub vessel: u32,
-    /// Its process.
-    pub process: ProcessState,
-    /// Endpoints that it listens on.
-    pub listen: Vec<String>,
-    /// Names that are admitted.
-    pub peers: Vec<String>,
-    /// The certificate.
-    pub certificate: CertificateStatus,
-    /// Peers rejected since the start, by reason.
-    pub rejected: Vec<(String, u64)>,
-    /// The newest reason.
-    pub rejected_last: Option<String>,
-    /// What is to be said of a configuration that was edited since the start.
-    pub edited: Option<String>,
-    /// The process that reads the real sensors, while it reports.
-    pub sensors_pid: Option<u32>,
-    /// The real sensors.
-    pub sources: Vec<SourceHealth>,
-    /// What its process says.
-    #[serde(flatten)]
-    pub status: VesselStatus,
-}
-
-impl Situation {
-    /// Of what was seen of this computer's processes by `now_ns` of the steady clock; None before their first reports.
-    pub fn of(
-        computer: &VesselComputer,
-        certificate: &CertificateStatus,
-        seen: &Snapshot,
-        now_ns: i64,
-    ) -> Option<Situation> {
-        let (process, status) = (*seen.processes.get(&ProcessKind::Vessel)?, seen.vessel?);
-        let sources = &computer.sensor.sources;
-        let number = |r: &SourceReport| usize::try_from(r.number).unwrap_or(usize::MAX);
-        let source = |r: &SourceReport| {
-            let (source, uses) = (sources.get(number(r))?, status.uses.get(number(r))?);
-            let now: Time<VesselClock> = computer.clock.read(now_ns);
-            Some(SourceHealth {
-                name: source.name.clone(),
-                age_s: r.status.newest_s.map(|at| now.secs() - at),
-                report: *r,
-                uses: *uses,
-            })
-        };
-        let count = |name| match process.count(name) {
-            0 => None,
-            n => Some(n),
-        };
-        let other_keys = MetricName::Rejected(alight_shared::admission::RejectionReason::Sender);
-        let reasons = AccessRejection::ALL.map(|r| (r.name(), MetricName::PeersRejectedFor(r)));
-        let reasons = reasons
-            .into_iter()
-            .chain([("a name that is not its key's", other_keys)]);
-        let is_young = |p: &&ProcessState| (now_ns - p.at_ns) as f64 * 1e-9 <= STALE_S;
-        let sensors = seen.processes.get(&ProcessKind::Sensors).filter(is_young);
-        Some(Situation {
-            vessel: computer.vessel_id,
-            process,
-            listen: computer.radio.listen.clone(),
-            peers: computer.radio.tls.peers.clone(),
-            certificate: certificate.clone(),
-            rejected: reasons
-                .filter_map(|(why, name)| Some((why.to_owned(), count(name)?)))
-                .collect(),
-            rejected_last: match process.metric(MetricName::LastPeerRejection) {
-                Some(MetricValue::AccessRejection(Some(last))) => Some(last.name().into()),
-                Some(_) | None => None,
-            },
-            edited: seen.edited.clone(),
-            sensors_pid: sensors.map(|p| p.pid),
-            sources: seen.sources.values().filter_map(source).collect(),
-            status,
-        })
     }
 }

@@ -1,26 +1,22 @@
 //! Messages of the processes of a drone's computer, read from their shared memory without waiting.
 
-use std::collections::BTreeMap;
-
 use alight_bridge::{BridgeIn, BridgeOut};
 use alight_shared::msg::{
     AutopilotState, Command, DeckForecast, DeckGrant, DroneState, LinkState, MissionState, Plan, RangeSample,
     SetPoint, TagPose, UvdarFix, VesselEstimate, WaveModel,
 };
 use alight_shared::time::{DroneClock, Time, TrueTime};
-use alight_shared::topics;
 use alight_shared::transport::clock::steady_ns;
-use alight_shared::transport::memory::{Memory, Subscriber};
-use alight_shared::transport::process::{ProcessKind, ProcessState};
+use alight_shared::transport::memory::{Instance, Memory, Subscriber};
+use alight_shared::transport::process::ProcessState;
 use alight_uav::mission::{MissionIn, MissionOut};
 use alight_uav::pilot::{PilotIn, PilotOut};
 use alight_uav::planner::{PlannerIn, PlannerOut};
 use alight_uav::predictor::{PredictorIn, PredictorOut};
 
 use crate::exit::CliError;
+use crate::process::instance::{EDITED_FILE, said};
 use crate::record::observer::{NodeStep, StepObserver};
-use crate::view::board::minutes;
-use crate::view::picture::{Alarm, Tone};
 use crate::view::watcher::Watcher;
 
 /// Reads all that a viewer shows.
@@ -40,12 +36,12 @@ pub struct MemoryFeed {
     mission: Subscriber<MissionState>,
     plan: Subscriber<Plan>,
     set_point: Subscriber<SetPoint>,
-    reported: BTreeMap<ProcessKind, i64>,
+    instance: Instance,
 }
 
 impl MemoryFeed {
     /// Looks on.
-    pub fn join(memory: &Memory) -> Result<MemoryFeed, CliError> {
+    pub fn join(instance: &Instance, memory: &Memory) -> Result<MemoryFeed, CliError> {
         Ok(MemoryFeed {
             processes: memory.subscriber()?,
             estimate: memory.subscriber()?,
@@ -62,7 +58,7 @@ impl MemoryFeed {
             mission: memory.subscriber()?,
             plan: memory.subscriber()?,
             set_point: memory.subscriber()?,
-            reported: BTreeMap::new(),
+            instance: instance.clone(),
         })
     }
     /// Shows `watcher` what is new; the mission's newest state, if it is.
@@ -115,28 +111,11 @@ impl MemoryFeed {
             state: self.mission.newest(ns),
             ..MissionOut::default()
         };
-        watcher.board.alarms = self.silent();
+        let reports = self.processes.all(steady_ns());
+        watcher
+            .board
+            .processes(reports, said(&self.instance, EDITED_FILE));
         watcher.step(t, NodeStep::Mission(now, &asked, &decided));
         decided.state
-    }
-
-    /// Processes that have reported, and do no more.
-    fn silent(&mut self) -> Vec<Alarm> {
-        let now = steady_ns();
-        for state in self.processes.all(now) {
-            self.reported.insert(state.kind, state.at_ns);
-        }
-        let silent = self.reported.iter().filter_map(|(kind, at_ns)| {
-            let silent_s = now.saturating_sub(*at_ns) as f64 * 1e-9;
-            (silent_s > topics::PROCESS.stale_after.secs()).then(|| Alarm {
-                tone: Tone::Alarm,
-                text: format!(
-                    "the {} has reported nothing for {}",
-                    kind.name(),
-                    minutes(silent_s)
-                ),
-            })
-        });
-        silent.collect()
     }
 }

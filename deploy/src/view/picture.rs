@@ -2,57 +2,7 @@
 
 use serde::Serialize;
 
-/// How a figure or an alarm is to be taken.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Tone {
-    /// As it should be.
-    #[default]
-    Fine,
-    /// Look at it.
-    Warning,
-    /// Act.
-    Alarm,
-}
-
-/// The state in large letters.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct StateView {
-    /// Its name.
-    pub name: String,
-    /// Since when, s.
-    pub since_s: f64,
-    /// Why it was entered; empty: no reason.
-    pub entered: String,
-    /// What the next one waits for, with figure and limit; empty: nothing.
-    pub waiting: String,
-    /// Nothing new is known of it.
-    pub stale: bool,
-}
-
-/// A figure with its name.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Figure {
-    /// Its name.
-    pub name: &'static str,
-    /// With its unit; None: not known.
-    pub value: Option<String>,
-    /// What else is known of it.
-    pub note: String,
-    /// How it is to be taken.
-    pub tone: Tone,
-    /// It is an old one.
-    pub stale: bool,
-}
-
-/// What a person has to know now.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Alarm {
-    /// How bad.
-    pub tone: Tone,
-    /// What, and what to do.
-    pub text: String,
-}
+use crate::status::Status;
 
 /// Something on a path or a body: forward of the deck's centre along the vessel's mean heading, to starboard, up, m.
 pub type Place = [f64; 3];
@@ -131,21 +81,16 @@ pub struct OrderView {
     pub answer: String,
 }
 
-/// All of it.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+/// All of it: the object of `alight status --json`, and what only the page knows.
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Picture {
-    /// What is shown.
-    pub title: String,
     /// When it was sent, on a steady clock, s: whoever shows it late can tell.
     pub clock_s: f64,
-    /// The state of the landing; None: not known.
-    pub state: Option<StateView>,
+    /// The status.
+    #[serde(flatten)]
+    pub status: Status,
     /// Deck and drone; None: not known.
     pub scene: Option<SceneView>,
-    /// Figures, the most important first.
-    pub figures: Vec<Figure>,
-    /// Alarms, the worst first.
-    pub alarms: Vec<Alarm>,
     /// The deck's motion.
     pub motion: MotionView,
     /// What happened in this run, the newest first.
@@ -154,18 +99,4 @@ pub struct Picture {
     pub flights: Vec<FlightLine>,
     /// The order that the page may give.
     pub order: OrderView,
-}
-
-impl Picture {
-    /// A picture of nothing, with the reason why.
-    pub fn empty(title: impl Into<String>, why: impl Into<String>) -> Picture {
-        Picture {
-            title: title.into(),
-            alarms: vec![Alarm {
-                tone: Tone::Warning,
-                text: why.into(),
-            }],
-            ..Picture::default()
-        }
-    }
 }

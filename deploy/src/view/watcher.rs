@@ -4,14 +4,16 @@ use std::time::Duration;
 
 use alight_bridge::BridgeOut;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::time::{Time, TrueTime};
+use alight_shared::time::{Span, Time, TrueTime};
 use alight_shared::transport::clock::steady_ns;
 
 use crate::exit::{CliError, Doing};
 use crate::process::supervisor::pause;
 use crate::record::observer::{NodeStep, StepObserver};
 use crate::record::views::Views;
-use crate::view::board::{Board, Known};
+use crate::status::Status;
+use crate::status::situation::Known;
+use crate::view::board::Board;
 use crate::view::live_sink::LiveSink;
 use crate::view::picture::Picture;
 use crate::view::scenery::Scenery;
@@ -47,6 +49,8 @@ pub struct Watcher {
     next_ns: i64,
     /// The newest step's time.
     newest: Time<TrueTime>,
+    /// The time of steps less the clock of the processes' reports.
+    offset: Span,
     pace: Pace,
 }
 
@@ -73,20 +77,23 @@ impl Watcher {
             live,
             next_ns: i64::MIN,
             newest: Time::EPOCH,
+            offset: Span::ZERO,
             pace: if paced { Pace::Waiting } else { Pace::Free },
         })
     }
-    /// Forgets what was known but for the flights that ended: another set of processes runs.
-    pub fn reset(&mut self) {
-        self.board.reset();
+    /// Forgets what was known but for the flights that ended: another set of processes runs, whose steps come on a clock
+    /// that is by `offset` ahead of their reports'.
+    pub fn reset(&mut self, offset: Span) {
+        self.offset = offset;
+        self.board.reset(Time::from_nanos(steady_ns()));
         self.next_ns = i64::MIN;
     }
-    /// Shows at `t` that there is nothing to be seen, and the flights that ended.
-    pub fn show_nothing(&self, t: Time<TrueTime>, why: String) {
-        let Picture { title, flights, .. } = self.board.picture(t);
+    /// Shows at `t` this in place of a status, and the flights that ended.
+    pub fn show_nothing(&self, t: Time<TrueTime>, status: Status) {
         self.server.show(Picture {
-            flights,
-            ..Picture::empty(title, why)
+            status,
+            flights: self.board.picture(t - self.offset).flights,
+            ..Picture::default()
         });
     }
     /// Shows a picture when one is due.
@@ -94,12 +101,12 @@ impl Watcher {
         self.newest = t;
         if t.nanos() >= self.next_ns {
             self.next_ns = t.nanos() + PICTURE_PERIOD_NS;
-            self.server.show(self.board.picture(t));
+            self.server.show(self.board.picture(t - self.offset));
         }
     }
     /// What was computed has ended: whoever looks on sees its last picture for a little longer.
     pub fn linger(&self) {
-        self.server.show(self.board.picture(self.newest));
+        self.server.show(self.board.picture(self.newest - self.offset));
         let until = steady_ns() + LINGER_NS;
         while self.server.is_watched() && steady_ns() < until {
             pause(MAX_PAUSE);
@@ -109,16 +116,17 @@ impl Watcher {
 
 impl StepObserver for Watcher {
     fn step(&mut self, t: Time<TrueTime>, step: NodeStep<'_>) {
+        let at = t - self.offset;
         match step {
-            NodeStep::Vessel(_, _, o) => self.board.vessel(t, o),
-            NodeStep::Bridge(_, _, o) => self.board.bridge(t, o),
+            NodeStep::Vessel(_, _, o) => self.board.vessel(at, o),
+            NodeStep::Bridge(_, _, o) => self.board.bridge(at, o),
             NodeStep::Predictor(_, i, o) => {
-                self.board.predictor(t, i, o);
+                self.board.predictor(at, i, o);
                 self.pace.begin(t, i.drone.is_some());
             }
-            NodeStep::Mission(_, i, o) => self.board.mission(t, i, o),
-            NodeStep::Planner(_, _, o) => self.board.planner(t, o),
-            NodeStep::Pilot(..) => {}
+            NodeStep::Mission(_, i, o) => self.board.mission(at, i, o),
+            NodeStep::Planner(_, _, o) => self.board.planner(at, o),
+            NodeStep::Pilot(_, _, o) => self.board.pilot(o),
         }
         if let Some(live) = &mut self.live {
             live.step(t, step);
@@ -154,7 +162,7 @@ impl Live {
 impl Watcher {
     /// The vessel's broadcast as the bridge received it, where the vessel herself is not looked at.
     pub fn received(&mut self, t: Time<TrueTime>, o: &BridgeOut) {
-        self.board.received(t, o);
+        self.board.received(t - self.offset, o.estimate.as_ref());
         if let Some(live) = &mut self.live {
             live.views.received(&mut live.sink, t, o);
         }

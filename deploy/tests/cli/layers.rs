@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Modules of the program, lowest first: each imports only those before it.
-const LAYERS: [&str; 14] = [
+const LAYERS: [&str; 15] = [
     "exit",
     "terminal",
     "table",
@@ -15,6 +15,7 @@ const LAYERS: [&str; 14] = [
     "process",
     "vessel",
     "drone",
+    "status",
     "view",
     "tools",
     "lab",

@@ -21,6 +21,7 @@ use serde_json::Value;
 use toml::Table;
 
 use crate::common::{self, free_port, signal};
+use crate::landing::pid;
 
 /// The simulated time zero lies this much after the start of the test, ns.
 const RUN_UP_NS: i64 = 4_000_000_000;
@@ -375,9 +376,9 @@ fn landing_of_the_shipped_configurations() {
     all.begin_landing();
     all.status_when("lands", |s| s["mission"]["state"] == "Descent");
     let vessel = all.vessel_status();
-    let status = &vessel["status"];
+    let status = &vessel["vessel"];
     assert_eq!(status["drones"][0]["status"]["header"]["drone"], 1, "{vessel}");
-    assert_eq!(status["certificate"]["Held"]["name"], "vessel-1", "{vessel}");
+    assert_eq!(vessel["certificate"]["name"], "vessel-1", "{vessel}");
     assert!(
         status["estimator"]["estimate_age_s"].as_f64() < Some(2.0),
         "{vessel}"
@@ -471,14 +472,14 @@ fn abort_in_radio_silence_with_a_vessel_restart() {
     let age_s = |s: &Value| s["link"]["age_s"].as_f64();
     all.status_when("10 s of silence", |s| age_s(s).is_some_and(|age| age > 10.0));
     assert_ne!(all.state(), "GaveUp");
-    let vessel = all.vessel_status()["status"]["process"]["pid"].as_u64();
+    let vessel = pid(&all.vessel_status(), "vessel");
     signal(vessel.expect("it runs"), "-KILL");
     all.stop("vessel");
     all.start_vessel();
     air.silence(false);
     all.status_when("the abort acts", |s| s["mission"]["state"] == "GaveUp");
     all.status_when("the vessel has the answer", |_| {
-        let aborts = &all.vessel_status()["status"]["deck"]["aborts"];
+        let aborts = &all.vessel_status()["vessel"]["deck"]["aborts"];
         aborts.as_array().is_some_and(Vec::is_empty)
     });
     assert_eq!(all.state(), "GaveUp");
@@ -576,18 +577,16 @@ fn abort_precedence_and_a_frozen_process() {
         "{status}"
     );
     let vessel = all.vessel_status();
-    let refused = vessel["status"]["rejected"].as_array().expect("a list");
+    let refused = vessel["rejected"].as_array().expect("a list");
     assert!(!refused.is_empty() && vessel["worst"] == "warning", "{vessel}");
     all.assert_accepted(&all.order_from_ashore("abort", "operator-1"));
     assert_eq!(all.state(), "GaveUp");
-    let pid = |s: &Value| {
-        let processes = s["processes"].as_array().cloned().unwrap_or_default();
-        let planner = processes.into_iter().find(|p| p["kind"] == "Planner");
-        planner.and_then(|p| p["pid"].as_u64())
-    };
-    let frozen = pid(&all.status_when("the planner runs", |s| pid(s).is_some())).expect("it runs");
+    let planner = |s: &Value| pid(s, "planner");
+    let frozen = planner(&all.status_when("the planner runs", |s| planner(s).is_some())).expect("it runs");
     signal(frozen, "-STOP");
-    all.status_when("another planner runs", |s| pid(s).is_some_and(|p| p != frozen));
+    all.status_when("another planner runs", |s| {
+        planner(s).is_some_and(|p| p != frozen)
+    });
     assert_eq!(all.state(), "GaveUp", "the mission did not change its mind");
     all.assert_accepted(&all.order("hold"));
 }

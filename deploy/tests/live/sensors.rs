@@ -13,6 +13,7 @@ use alight_usv::sensors::Readings;
 use serde_json::Value;
 
 use crate::common::{Running, alight, errors, free_udp, instance, run, scratch, signal};
+use crate::landing::pid;
 
 fn sentence(body: &str) -> String {
     let sum = body.bytes().fold(0_u8, |a, b| a ^ b);
@@ -150,7 +151,7 @@ fn status_when(config: &Path, what: &str, wanted: impl Fn(&Value) -> bool) -> Va
     for _ in 0..400 {
         let out = run(format!("status --json --config {}", config.display()));
         last = serde_json::from_slice(&out.stdout).unwrap_or(Value::Null);
-        if wanted(&last["status"]) {
+        if wanted(&last) {
             return last;
         }
         std::thread::sleep(Duration::from_millis(100));
@@ -198,7 +199,7 @@ fn vessel_process_with_its_sensors() {
         let s = &status["sources"][0];
         s["used"].as_u64() > Some(20) && s["status"]["decoded"]["corrupted"].as_u64() > Some(1) && young(s)
     });
-    let sources = &status["status"]["sources"];
+    let sources = &status["sources"];
     assert_eq!(
         (&sources[0]["name"], &sources[1]["name"]),
         (&"mast".into(), &"spare".into())
@@ -226,10 +227,10 @@ fn vessel_process_with_its_sensors() {
         (&"fine".into(), &"warning".into())
     );
     // One that stands still is killed and started again.
-    let pid = status["status"]["sensors_pid"].as_u64().expect("it runs");
-    signal(pid, "-STOP");
+    let killed = pid(&status, "sensors").expect("it runs");
+    signal(killed, "-STOP");
     status_when(&config, "another process reads the mast", |status| {
-        status["sensors_pid"].as_u64().is_some_and(|now| now != pid) && young(&status["sources"][0])
+        pid(status, "sensors").is_some_and(|now| now != killed) && young(&status["sources"][0])
     });
     // With the vessel's process its sensors' ends too.
     drop(program);

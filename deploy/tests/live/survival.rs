@@ -195,10 +195,8 @@ fn vessel_with_a_recorder_size_limit() {
         .stderr(std::fs::File::create(&errors).expect("made"));
     let mut running = Running(running.spawn().expect("starts"));
     // Its memory is there by then.
-    let status = vessel.status_when("it reports", |s| s["status"]["process"]["pid"].is_u64());
-    let pid = status["status"]["process"]["pid"]
-        .as_i64()
-        .and_then(|p| Pid::from_raw(p.try_into().ok()?));
+    let status = vessel.status_when("it reports", |s| pid(s, "vessel").is_some());
+    let pid = pid(&status, "vessel").and_then(|p| Pid::from_raw(p.try_into().ok()?));
     let limit = Rlimit {
         current: Some(1 << 16),
         maximum: Some(1 << 16),
@@ -229,22 +227,20 @@ fn occupied_and_closed_deck_of_a_killed_vessel() {
             ..DroneStatus::default()
         };
         drone.send(0, wire::encode(&status).expect("small"));
-        s["status"]["occupied"] == true
+        s["vessel"]["occupied"] == true
             && std::fs::read_to_string(vessel.deck_file()).is_ok_and(|text| text.contains("on_deck"))
     });
     drop(drone);
     let again = |process: &mut Running| {
-        let pid = vessel.status()["status"]["process"]["pid"].as_u64();
+        let before = pid(&vessel.status(), "vessel");
         kill_service(&mut process.0);
         *process = vessel.start();
         vessel.status_when("another process reports", |s| {
-            s["status"]["process"]["pid"]
-                .as_u64()
-                .is_some_and(|p| Some(p) != pid)
+            pid(s, "vessel").is_some_and(|now| Some(now) != before)
         })
     };
     let status = again(&mut process);
-    let (owner, occupied) = (&status["status"]["deck_owner"], &status["status"]["occupied"]);
+    let (owner, occupied) = (&status["vessel"]["deck_owner"], &status["vessel"]["occupied"]);
     assert!(owner == 1 && occupied == true, "{status}");
 
     vessel.say("closed");
@@ -252,10 +248,10 @@ fn occupied_and_closed_deck_of_a_killed_vessel() {
         std::fs::read_to_string(vessel.deck_file()).is_ok_and(|text| text.contains("crew"))
     });
     let status = again(&mut process);
-    assert_eq!(status["status"]["deck"]["closed"], "crew", "{status}");
+    assert_eq!(status["vessel"]["deck"]["closed"], "crew", "{status}");
 
     vessel.say("open");
-    let open = |s: &Value| s["status"]["deck"]["closed"].is_null() && s["status"]["deck_owner"].is_null();
+    let open = |s: &Value| s["vessel"]["deck"]["closed"].is_null() && s["vessel"]["deck_owner"].is_null();
     vessel.status_when("the crew sees nobody there", open);
     vessel.status_when("it is kept", |_| {
         std::fs::read_to_string(vessel.deck_file()).is_ok_and(|text| !text.contains("on_deck"))
@@ -265,7 +261,7 @@ fn occupied_and_closed_deck_of_a_killed_vessel() {
     std::fs::write(vessel.deck_file(), "half a fi").expect("written");
     let status = again(&mut process);
     assert_eq!(
-        status["status"]["deck"]["closed"], "checkpoint_damaged",
+        status["vessel"]["deck"]["closed"], "checkpoint_damaged",
         "{status}"
     );
 }
@@ -293,9 +289,9 @@ fn deck_owner_at_start_and_duplicate_numbers() {
             wanted(s)
         })
     };
-    let parked = report(&[7], &|s| s["status"]["occupied"] == true);
-    assert_eq!(parked["status"]["deck_owner"], 1, "{parked}");
-    report(&[7, 8], &|s| s["status"]["deck"]["doubles"][0] == 1);
+    let parked = report(&[7], &|s| s["vessel"]["occupied"] == true);
+    assert_eq!(parked["vessel"]["deck_owner"], 1, "{parked}");
+    report(&[7, 8], &|s| s["vessel"]["deck"]["doubles"][0] == 1);
 }
 
 #[test]
@@ -307,7 +303,7 @@ fn deck_closed_by_switch_order_or_unread_switch() {
     std::fs::write(&vessel.config, text).expect("written");
     std::fs::write(&switch, "1\n").expect("written");
     let _process = vessel.start();
-    let wait_for = |closed: Value| vessel.status_when("closed", |s| s["status"]["deck"]["closed"] == closed);
+    let wait_for = |closed: Value| vessel.status_when("closed", |s| s["vessel"]["deck"]["closed"] == closed);
     wait_for("switch".into());
     vessel.say("closed");
     std::fs::write(&switch, "0\n").expect("written");
@@ -315,7 +311,7 @@ fn deck_closed_by_switch_order_or_unread_switch() {
     vessel.say("open");
     wait_for(Value::Null);
     std::fs::remove_file(&switch).expect("removed");
-    let errors = &wait_for("switch".into())["status"]["deck"]["input_errors"];
+    let errors = &wait_for("switch".into())["vessel"]["deck"]["input_errors"];
     let named = format!("deck.crew_switch: {}", switch.display());
     assert!(
         errors[0].as_str().is_some_and(|e| e.starts_with(&named)),

@@ -37,6 +37,11 @@ fn killed_viewers_server_of_a_landing() {
         "{shown}"
     );
 
+    // The page draws what `alight status --json` prints.
+    for key in first.as_object().expect("an object").keys() {
+        assert!(shown.get(key).is_some(), "{key}: {shown}");
+    }
+
     let killed = runs(&first).expect("it runs");
     signal(killed, "-KILL");
     let second = status_when(&instance, |s| runs(s).is_some_and(|p| p != killed));

@@ -81,6 +81,30 @@ impl State {
             State::GaveUp => "Gave up",
         }
     }
+    /// What the drone does in it, for people.
+    pub const fn does(self) -> &'static str {
+        match self {
+            State::Idle => "not landing: the autopilot or a pilot flies",
+            State::GetAltitude => "climbs or sinks in place to the approach height",
+            State::Approach => "flies to the predicted vessel at the approach height",
+            State::Tracking => "follows the predicted deck at the tracking height",
+            State::TrackingStable => "follows the predicted deck, steady above it",
+            State::Descent => "descends to the predicted deck",
+            State::Flare => "sets down with the deck's attitude",
+            State::Landed => "stands on the deck",
+            State::Hold => "holds its position at a safe height",
+            State::GaveUp => "holds its position: the landing has ended without a touchdown",
+        }
+    }
+    /// The state with why it was entered, for people: `Hold: operator's command`.
+    pub fn because(self, entered: &Reason) -> String {
+        let reason = entered.to_string();
+        if reason.is_empty() {
+            self.name().into()
+        } else {
+            format!("{}: {reason}", self.name())
+        }
+    }
 }
 
 /// Why a transition happened, or why the next one does not.
@@ -527,6 +551,37 @@ pub struct MissionState {
 }
 
 impl MissionState {
+    /// The state was entered for a cause that people have to know of: an end without a landing or with a hard one, a hold
+    /// that nobody commanded, a descent that was broken off.
+    pub fn was_entered_in_trouble(&self) -> bool {
+        let broken_off = matches!(self.previous, State::Descent | State::Flare)
+            && self.entered.code != ReasonCode::Matched;
+        match self.state {
+            State::GaveUp => true,
+            State::Landed => self.entered.code == ReasonCode::HardContact,
+            State::Hold => {
+                broken_off || !matches!(self.entered.code, ReasonCode::Operator | ReasonCode::Matched)
+            }
+            State::Idle | State::GetAltitude | State::Approach | State::Tracking | State::TrackingStable => {
+                broken_off
+            }
+            State::Descent | State::Flare => false,
+        }
+    }
+    /// The next state waits for something that does not come by itself.
+    pub fn waits_in_trouble(&self) -> bool {
+        matches!(
+            self.waiting.code,
+            ReasonCode::BatteryLow
+                | ReasonCode::BatteryStopped
+                | ReasonCode::HeightsDisagree
+                | ReasonCode::HeightUnconfirmed
+                | ReasonCode::OrderExpired
+                | ReasonCode::BatteryDeck
+                | ReasonCode::BatteryHome
+                | ReasonCode::BatteryHere
+        )
+    }
     /// Where to hold, drone's NED, m.
     pub fn hold_position(&self) -> Vector3<f64> {
         Vector3::from(self.hold_position)

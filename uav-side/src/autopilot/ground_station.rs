@@ -102,15 +102,9 @@ impl GroundReports {
         if self.entered != Some((m.state, m.since)) {
             self.entered = Some((m.state, m.since));
             self.waiting = None;
-            let (name, reason) = (m.state.name(), m.entered.to_string());
-            let text = if reason.is_empty() {
-                name.to_owned()
-            } else {
-                format!("{name}: {reason}")
-            };
             return Some(Message::Text {
                 severity: severity_of(m),
-                text: fit(&text),
+                text: fit(&m.state.because(&m.entered)),
             });
         }
         let code = m.waiting.code;
@@ -132,42 +126,21 @@ impl GroundReports {
                 });
             }
         }
-        let warns = matches!(
-            code,
-            ReasonCode::BatteryLow
-                | ReasonCode::BatteryStopped
-                | ReasonCode::HeightsDisagree
-                | ReasonCode::HeightUnconfirmed
-                | ReasonCode::OrderExpired
-                | ReasonCode::BatteryDeck
-                | ReasonCode::BatteryHome
-                | ReasonCode::BatteryHere
-        );
         Some(Message::Text {
-            severity: if warns { severity::WARNING } else { severity::INFO },
+            severity: if m.waits_in_trouble() {
+                severity::WARNING
+            } else {
+                severity::INFO
+            },
             text: fit(&format!("Waits: {}", m.waiting)),
         })
     }
 }
 
-/// An end without a landing or with a hard one, a hold that nobody commanded and a descent that is broken off are warnings.
+/// How much a ground station makes of a state that was entered.
 fn severity_of(m: &MissionState) -> u8 {
-    let was_landing = matches!(m.previous, State::Descent | State::Flare);
-    let by_itself = !matches!(m.entered.code, ReasonCode::Operator | ReasonCode::Matched);
     match m.state {
-        State::GaveUp => severity::WARNING,
-        State::Landed if m.entered.code == ReasonCode::HardContact => severity::WARNING,
-        State::Hold if by_itself => severity::WARNING,
-        State::Idle
-        | State::GetAltitude
-        | State::Approach
-        | State::Tracking
-        | State::TrackingStable
-        | State::Hold
-            if was_landing && m.entered.code != ReasonCode::Matched =>
-        {
-            severity::WARNING
-        }
+        _ if m.was_entered_in_trouble() => severity::WARNING,
         State::Hold | State::Landed => severity::NOTICE,
         State::Idle
         | State::GetAltitude
@@ -175,7 +148,8 @@ fn severity_of(m: &MissionState) -> u8 {
         | State::Tracking
         | State::TrackingStable
         | State::Descent
-        | State::Flare => severity::INFO,
+        | State::Flare
+        | State::GaveUp => severity::INFO,
     }
 }
 

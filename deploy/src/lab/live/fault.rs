@@ -209,7 +209,7 @@ impl Fault {
         snapshot: &Snapshot,
         contact: bool,
     ) -> Result<bool, CliError> {
-        let Some(mission) = snapshot.mission else {
+        let Some(mission) = *snapshot.mission else {
             return Ok(false);
         };
         match self.stage {

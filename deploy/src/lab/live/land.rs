@@ -408,7 +408,7 @@ impl<'a> Landing<'a> {
                 return Ok(None);
             }
             let now: Time<DroneClock> = self.plan.clock.now();
-            self.observer.poll(Some(now.nanos()));
+            self.observer.poll();
             self.keeper.poll(now);
             let true_s = ProcessClock {
                 epoch_ns: self.plan.clock.epoch_ns,
@@ -485,7 +485,7 @@ impl<'a> Landing<'a> {
             if !memory.wait(SUPERVISION_PERIOD) {
                 break;
             }
-            self.observer.poll(None);
+            self.observer.poll();
             self.poll_fault(t_s)?;
             self.supervisor.poll(|_| Some(steady_ns()))?;
         }
@@ -497,7 +497,7 @@ impl<'a> Landing<'a> {
         if shown {
             eprint!("\r\x1b[K");
         }
-        if let Some(m) = self.observer.snapshot.mission
+        if let Some(m) = *self.observer.snapshot.mission
             && m.state != self.state
         {
             self.state = m.state;
@@ -514,7 +514,7 @@ impl<'a> Landing<'a> {
             }
         }
         if shown {
-            eprint!("{t_s:>7.2} s  {}", self.observer.snapshot.line());
+            eprint!("{t_s:>7.2} s  {}", self.observer.snapshot.line(steady_ns()));
             let _unseen = std::io::stderr().flush();
         }
     }

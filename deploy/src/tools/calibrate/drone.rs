@@ -110,7 +110,7 @@ fn live(args: &DroneArgs) -> Result<Option<AttitudeResponse>, CliError> {
     let memory = Memory::join(&instance, "calibrate")?;
     let mut observer = Observer::join(&memory)?;
     memory.wait(LISTEN_TIME);
-    observer.poll(None);
+    observer.poll();
     Ok(observer.snapshot.response)
 }
 

@@ -5,8 +5,8 @@ use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_uav::camera::layout;
 use alight_uav::settings::DroneSettings;
 
+use crate::status::finding::{Finding, Topic};
 use crate::tools::check::facts::SourceCheck;
-use crate::tools::check::finding::{Finding, Topic};
 use crate::tools::check::sources::LISTEN_S;
 
 /// A receiver that reports less often is a plotter's, Hz: between 1 Hz and the 4 or 5 Hz of those for autopilots.
@@ -173,7 +173,7 @@ mod tests {
 
     #[test]
     fn tags_with_a_gap_or_a_fault() {
-        use crate::tools::check::finding::Level;
+        use crate::status::finding::Level;
         let mut drone = DroneSettings::default();
         assert_eq!(tags(&drone).level, Level::Fine);
         drone.deck.tag_side_m = Some(1.0);
@@ -188,7 +188,7 @@ mod tests {
 
     #[test]
     fn deck_too_small_for_the_feet() {
-        use crate::tools::check::finding::Level;
+        use crate::status::finding::Level;
         let drone = DroneGeometry::default();
         let of = |side: f64| DeckGeometry {
             length_m: 2.5,

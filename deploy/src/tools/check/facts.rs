@@ -11,16 +11,7 @@ use alight_uav::camera::metering::Setting;
 use alight_usv::sensors::Remark;
 
 use crate::certificates::Certificate;
-use crate::config::{DroneComputer, VesselComputer};
-
-/// Which computer this is.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Computer {
-    /// The vessel's.
-    Vessel(Box<VesselComputer>),
-    /// The drone's.
-    Drone(Box<DroneComputer>),
-}
+use crate::status::subject::Computer;
 
 /// The three files of the radio's tls section.
 #[derive(Clone, Debug, PartialEq)]

@@ -8,7 +8,6 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
-use alight_shared::config;
 use alight_shared::mavlink::Signatures;
 use alight_shared::transport::memory::{Instance, Memory};
 use alight_shared::transport::process::ProcessKind;
@@ -17,10 +16,9 @@ use alight_uav::camera::Lens;
 use alight_uav::camera::uvdar::Fisheye;
 
 use crate::certificates;
+use crate::config::DroneComputer;
 use crate::config::camera::CameraSource;
 use crate::config::link_url::LinkUrl;
-use crate::config::{DroneComputer, VesselComputer};
-use crate::exit::{CliError, Doing};
 use crate::io::digital_line::DigitalLine;
 use crate::io::mavlink_key;
 use crate::process::flight::{ATTITUDE_DEAD_TIME, ATTITUDE_LAG};
@@ -28,8 +26,9 @@ use crate::process::observer::Observer;
 use crate::process::snapshot::Snapshot;
 use crate::process::{instance, scheduling};
 use crate::record::flight::store;
+use crate::status::subject::Computer;
 use crate::tools::check::facts::{
-    CameraCheck, ClockSync, Computer, DeckInputCheck, Facts, Identity, Port, PortState, Reach, SharedMemory,
+    CameraCheck, ClockSync, DeckInputCheck, Facts, Identity, Port, PortState, Reach, SharedMemory,
     SigningCheck,
 };
 use crate::tools::check::{autopilot, camera, sources};
@@ -44,7 +43,7 @@ const MAX_PROCESSORS: usize = 1024;
 
 /// Everything about this computer that bears on the configuration in `path`.
 pub fn gather(path: &Path) -> Facts {
-    let computer = computer(path).map_err(|e| e.to_string());
+    let computer = Computer::read(path).map_err(|e| e.to_string());
     let mut facts = Facts {
         config: path.into(),
         running: false,
@@ -137,7 +136,7 @@ fn snapshot(instance: &Instance) -> Option<Snapshot> {
     let memory = Memory::join(instance, "check").ok()?;
     let mut observer = Observer::join(&memory).ok()?;
     memory.wait(OBSERVATION_TIME);
-    observer.poll(None);
+    observer.poll();
     Some(observer.snapshot)
 }
 
@@ -218,31 +217,6 @@ fn readable(name: &str) -> Result<(), String> {
         return Ok(());
     }
     fs::File::open(name).map(drop).map_err(|e| e.to_string())
-}
-
-/// Reads a vessel's or a drone's configuration, distinguished by the keys that only one of them has.
-pub fn computer(path: &Path) -> Result<Computer, CliError> {
-    let text = fs::read_to_string(path).doing(format_args!(
-        "reading {} (check the path and its permissions)",
-        path.display()
-    ))?;
-    let table: toml::Table = text.parse().doing(format_args!("parsing {}", path.display()))?;
-    let has = |keys: &[&str]| keys.iter().any(|k| table.contains_key(*k));
-    let origin = path.display().to_string();
-    match (
-        has(&["vessel_id", "vessel", "sensor", "deck"]),
-        has(&["bridge", "drone", "autopilot", "camera", "uvdar", "supervision"]),
-    ) {
-        (true, false) => config::parse::<VesselComputer>(&text, &origin)
-            .map(|v| Computer::Vessel(Box::new(v)))
-            .map_err(|e| CliError(e.to_string())),
-        (false, true) => config::parse::<DroneComputer>(&text, &origin)
-            .map(|d| Computer::Drone(Box::new(d)))
-            .map_err(|e| CliError(e.to_string())),
-        (true, true) | (false, false) => Err(CliError(format!(
-            "{origin} is neither a vessel's configuration (vessel_id) nor a drone's (bridge)"
-        ))),
-    }
 }
 
 impl Facts {
@@ -469,11 +443,6 @@ fn governors() -> Vec<String> {
         })
         .map(|text| text.trim().to_owned())
         .collect()
-}
-
-/// Whether a file can be opened for reading.
-pub fn is_there(path: &Path) -> bool {
-    OpenOptions::new().read(true).open(path).is_ok()
 }
 
 #[cfg(test)]

@@ -6,7 +6,6 @@ mod autopilot;
 mod camera;
 mod equipment;
 pub mod facts;
-pub mod finding;
 pub mod gather;
 pub mod rules;
 mod sources;
@@ -14,17 +13,15 @@ mod sources;
 mod tests;
 mod view;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::json;
 
 use crate::exit::{CliError, Exit};
+use crate::status::finding::Level;
+use crate::status::subject::{Computer, SHIPPED};
 use crate::terminal;
-use finding::{Finding, Level};
-
-/// Where the packages put the configuration.
-const SHIPPED: [&str; 2] = ["/etc/alight/vessel.toml", "/etc/alight/drone.toml"];
 
 /// A check of this computer.
 #[derive(Args, Debug)]
@@ -42,17 +39,11 @@ pub struct CheckArgs {
     pub json: bool,
 }
 
-/// The installed configuration of this computer.
-pub fn shipped() -> Option<PathBuf> {
-    let mut paths = SHIPPED.iter().map(Path::new);
-    paths.find(|p| gather::is_there(p)).map(Path::to_path_buf)
-}
-
 /// Collects, judges and prints.
 pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
     let path = match &args.config {
         Some(path) => path.clone(),
-        None => shipped().ok_or_else(|| {
+        None => Computer::shipped().ok_or_else(|| {
             CliError(format!(
                 "neither {} nor {} can be read; name --config FILE",
                 SHIPPED[0], SHIPPED[1]
@@ -64,20 +55,7 @@ pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
     if args.json {
         terminal::line(json!({ "config": path, "worst": worst, "findings": findings }));
     } else {
-        findings.iter().for_each(show);
+        findings.iter().for_each(|f| terminal::line(f.lines()));
     }
     Ok(worst.exit())
-}
-
-/// One finding, in lines.
-pub fn show(finding: &Finding) {
-    let mark = match finding.level {
-        Level::Fine => "fine",
-        Level::Warning => "WARNING",
-        Level::Broken => "BROKEN",
-    };
-    terminal::line(format_args!("{mark:<8} {:<14} {}", finding.topic, finding.found));
-    if !finding.remedy.is_empty() {
-        terminal::line(format_args!("{:<8} {:<14} -> {}", "", "", finding.remedy));
-    }
 }

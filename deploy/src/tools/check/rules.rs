@@ -1,19 +1,20 @@
 //! Rules over gathered facts, pure: fine, warning, fault.
 
 use alight_shared::autopilot_parameters::Severity;
-use alight_shared::geodesy::Datum;
 use alight_shared::geoid;
 use alight_shared::transport::radio::RadioConfig;
 use alight_uav::autopilot::parameters::Finding as ParameterFinding;
-use alight_uav::mission::MAX_VESSEL_DISTANCE_M;
-use alight_usv::sensors::Remark;
 
-use crate::certificates::{Certificate, RENEWAL_DAYS, common_name};
+use crate::certificates::common_name;
+use crate::status::certificate;
+use crate::status::drone::frame;
+use crate::status::finding::{Finding, Topic};
+use crate::status::sources::remark;
+use crate::status::subject::Computer;
 use crate::tools::check::facts::{
-    AutopilotReport, CameraCheck, Computer, DeckInputCheck, Facts, Identity, Port, PortState, Reach,
-    SharedMemory, SigningCheck, SourceCheck,
+    AutopilotReport, CameraCheck, DeckInputCheck, Facts, Identity, Port, PortState, Reach, SharedMemory,
+    SigningCheck, SourceCheck,
 };
-use crate::tools::check::finding::{Finding, Topic};
 use crate::tools::check::{equipment, view};
 use crate::vessel::deck_inputs;
 
@@ -89,7 +90,12 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
         all.extend(v.sensor.sources.is_empty().then(no_sensor));
         for found in facts.sources.iter().flatten() {
             all.push(source(found));
-            all.extend(found.remarks.iter().map(|r| said(&found.name, r)));
+            all.extend(
+                found
+                    .remarks
+                    .iter()
+                    .map(|r| remark(&found.name, &r.text, r.remedy.as_deref())),
+            );
         }
         all.extend(facts.sources.as_deref().and_then(equipment::vessel));
         all.extend(facts.deck_inputs.iter().map(deck_input));
@@ -150,29 +156,11 @@ fn clock(facts: &Facts) -> Vec<Finding> {
     }]
 }
 
-/// Whether an endpoint stays inside this computer.
-fn is_loopback(endpoint: &str) -> bool {
-    let host = endpoint.split_once('/').map_or(endpoint, |(_, host)| host);
-    host.starts_with("127.") || host.starts_with("localhost:") || host.starts_with("[::1]")
-}
-
 fn identity(facts: &Facts, side: &'static str, id: u32, radio: &RadioConfig) -> Vec<Finding> {
-    const TOPIC: Topic = Topic("certificates");
+    const TOPIC: Topic = Topic("certificate");
     let endpoints = || radio.listen.iter().chain(&radio.connect);
     let Some(identity) = &facts.identity else {
-        if endpoints().any(|e| e.starts_with("quic/")) {
-            return vec![TOPIC.broken(
-                "the radio's endpoint is quic/ but radio.tls names no files",
-                "make them with alight keys and name them in radio.tls",
-            )];
-        }
-        if endpoints().all(|e| is_loopback(e)) {
-            return vec![TOPIC.fine("none, and the radio stays inside this computer")];
-        }
-        return vec![TOPIC.warning(
-            "the radio is not protected: any peer that reaches the port is accepted",
-            "use quic/ endpoints with certificates of alight keys, or UDP on an address inside WireGuard only",
-        )];
+        return vec![certificate::none(endpoints())];
     };
     let mut all = Vec::new();
     if let Some(plain) = endpoints().find(|e| !e.starts_with("quic/")) {
@@ -181,15 +169,7 @@ fn identity(facts: &Facts, side: &'static str, id: u32, radio: &RadioConfig) -> 
             "write the endpoint as quic/HOST:PORT, or remove radio.tls",
         ));
     }
-    for certificate in [&identity.authority, &identity.own] {
-        all.push(match certificate {
-            Ok(certificate) => dates(certificate),
-            Err(why) => TOPIC.broken(
-                why,
-                "copy the directory that alight keys made to the path in radio.tls, readable for the user alight",
-            ),
-        });
-    }
+    all.extend([&identity.authority, &identity.own].map(certificate::judge));
     let wanted = common_name(side, id);
     if let Ok(own) = &identity.own
         && own.name != wanted
@@ -204,21 +184,6 @@ fn identity(facts: &Facts, side: &'static str, id: u32, radio: &RadioConfig) -> 
     }
     all.extend(key(identity));
     all
-}
-
-fn dates(certificate: &Certificate) -> Finding {
-    const TOPIC: Topic = Topic("certificates");
-    let path = certificate.path.display();
-    let renew = "make a new one with alight keys and copy it here";
-    match certificate.days_left {
-        _ if certificate.in_future => TOPIC.broken(
-            format!("{path} is not valid yet by this computer's clock"),
-            "set the clock",
-        ),
-        days if days < 0 => TOPIC.broken(format!("{path} expired {} days ago", -days), renew),
-        days if days < RENEWAL_DAYS => TOPIC.warning(format!("{path} expires in {days} days"), renew),
-        days => TOPIC.fine(format!("{path}: {}, {days} days left", certificate.name)),
-    }
 }
 
 fn key(identity: &Identity) -> Vec<Finding> {
@@ -361,30 +326,13 @@ fn origin(reported: &AutopilotReport) -> Finding {
     }
 }
 
-/// The frame of a drone that runs, and the vessel in it.
-fn frame((origin, deck_m): (Datum, Option<f64>)) -> Finding {
-    const TOPIC: Topic = Topic("origin");
-    let begins = format!(
-        "the drone's frame begins at {:.6}, {:.6}, {:.1} m above the ellipsoid",
-        origin.latitude_deg, origin.longitude_deg, origin.height_m
-    );
-    match deck_m {
-        Some(m) if m > MAX_VESSEL_DISTANCE_M => TOPIC.warning(
-            format!("{begins}, the vessel is {m:.0} m away"),
-            "the mission flies to none beyond 5 km: compare what the autopilot and her receiver report with a chart",
-        ),
-        Some(m) => TOPIC.fine(format!("{begins}, the vessel is {m:.0} m away")),
-        None => TOPIC.fine(format!("{begins}; no vessel is known")),
-    }
-}
-
 fn parameters(reported: &AutopilotReport, refuses: bool) -> Vec<Finding> {
     const TOPIC: Topic = Topic("parameters");
     let mut all: Vec<Finding> = reported
         .parameters
         .iter()
         .filter_map(|(p, found)| {
-            let (found, remedy) = match found {
+            let (wrong, change) = match found {
                 ParameterFinding::Suits => return None,
                 ParameterFinding::Wrong(value) => (
                     p.describe(*value).to_string(),
@@ -396,8 +344,8 @@ fn parameters(reported: &AutopilotReport, refuses: bool) -> Vec<Finding> {
                 ),
             };
             Some(match p.severity {
-                Severity::Refuse if refuses => TOPIC.broken(found, remedy),
-                Severity::Refuse | Severity::Warn => TOPIC.warning(found, remedy),
+                Severity::Refuse if refuses => TOPIC.broken(wrong, change),
+                Severity::Refuse | Severity::Warn => TOPIC.warning(wrong, change),
             })
         })
         .collect();
@@ -546,18 +494,6 @@ fn source(found: &SourceCheck) -> Finding {
             s.given.iter().sum::<u64>(),
             s.decoded.corrupted
         )),
-    }
-}
-
-/// What is to be said of a source's bytes beside their counts.
-fn said(name: &str, remark: &Remark) -> Finding {
-    const TOPIC: Topic = Topic("sensors");
-    match &remark.remedy {
-        Some(remedy) => TOPIC.warning(
-            format!("{name}: {}", remark.text),
-            format!("{remedy} (docs/sensors.md)"),
-        ),
-        None => TOPIC.fine(format!("{name}: {}", remark.text)),
     }
 }
 

@@ -25,11 +25,12 @@ use crate::certificates::{self, Certificate};
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::Exit;
 use crate::io::mavlink_key;
+use crate::status::finding::{Finding, Level};
+use crate::status::subject::Computer;
 use crate::tools::check::facts::{
-    AutopilotReport, CameraCheck, CameraView, ClockSync, Computer, DeckInputCheck, Facts, Identity, Port,
-    PortState, Reach, SharedMemory, SigningCheck, SourceCheck,
+    AutopilotReport, CameraCheck, CameraView, ClockSync, DeckInputCheck, Facts, Identity, Port, PortState,
+    Reach, SharedMemory, SigningCheck, SourceCheck,
 };
-use crate::tools::check::finding::{Finding, Level};
 use crate::tools::check::rules::judge;
 use crate::tools::check::{CheckArgs, autopilot, gather, run, sources};
 

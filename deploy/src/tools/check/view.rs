@@ -3,7 +3,7 @@
 use std::net::SocketAddr;
 
 use crate::config::view::ViewConfig;
-use crate::tools::check::finding::{Finding, Topic};
+use crate::status::finding::{Finding, Topic};
 
 /// Judges where the page is and what it may do.
 pub fn judge(view: &ViewConfig) -> Option<Finding> {
@@ -31,7 +31,7 @@ pub fn judge(view: &ViewConfig) -> Option<Finding> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tools::check::finding::Level;
+    use crate::status::finding::Level;
 
     #[test]
     fn warning_of_orders_over_a_network() {

@@ -8,7 +8,7 @@ use alight_shared::admission::Retransmission;
 use alight_shared::config::{Check, Keys};
 use alight_shared::msg::{
     Charge, CommandKind, CommandProgress, CommandReceipt, DECK_CLOSED, DeckGrant, DroneStatus, Header,
-    MESSAGE_VERSION, OperatorCommand, still_armed,
+    MESSAGE_VERSION, OperatorCommand,
 };
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::transport::radio::{Publication, Radio, RadioConfig, Urgency};
@@ -22,6 +22,8 @@ use crate::exit::{CliError, Exit};
 use crate::process::life::draw_boot;
 use crate::process::radio_keys::vessel_key;
 use crate::process::supervision::SteadyClock;
+use crate::status::finding::Level;
+use crate::status::vessel::drone;
 use crate::{certificates, terminal};
 
 /// From ashore it takes a session and two radios.
@@ -110,7 +112,7 @@ impl Ashore {
             1 => self.name(known.first().copied()),
             _ => {
                 let state = |id: &u32| match self.drones.get(id) {
-                    Some(s) => format!("  --drone {id}   {}: {}", s.state.name(), s.entered),
+                    Some(s) => format!("  --drone {id}   {}", s.state.because(&s.entered)),
                     None => format!("  --drone {id}   silent; the deck is kept for it"),
                 };
                 let list: Vec<String> = known.iter().map(state).collect();
@@ -155,21 +157,16 @@ impl Ashore {
     fn lines(&self, number: u32) -> Vec<String> {
         let mut lines = match self.drone() {
             Some(status) => {
-                let old = if status.is_current() {
-                    String::new()
-                } else {
-                    format!(
-                        " ({:.0} s ago; its mission is silent since)",
-                        status.mission_age_s
-                    )
-                };
+                let state = status.state.because(&status.entered);
                 let mut lines = vec![
-                    format!("drone {number}: {}: {}{old}", status.state.name(), status.entered),
+                    format!("drone {number}: {state}"),
                     format!("waiting: {}", status.waiting),
                     format!("battery {}", Charge(status.battery)),
                 ];
-                let armed = status.still_armed_s;
-                lines.extend(armed.map(|for_s| format!("ALARM: drone {number}: {}", still_armed(for_s))));
+                let finding = drone(status);
+                if finding.level > Level::Fine {
+                    lines.push(format!("ALARM: {} -> {}", finding.found, finding.remedy));
+                }
                 lines
             }
             None => vec![format!("the vessel receives no drone {number}")],

@@ -1,5 +1,10 @@
 use super::*;
-use alight_shared::msg::{DeckStage, Header, PlanStage, Reason, Seq};
+use crate::status::Figure;
+use crate::status::finding::Level;
+use alight_shared::msg::{
+    AutopilotState, DeckForecast, DeckStage, DroneState, Header, LinkState, Plan, PlanStage, Reason,
+    ReasonCode, Seq,
+};
 
 /// The vessel heads east; the deck is at north 10, east 20, one metre above the sea.
 fn forecast(t_s: f64) -> DeckForecast {
@@ -49,15 +54,16 @@ fn autopilot(battery: f64) -> MissionIn {
     }
 }
 fn named<'a>(picture: &'a Picture, name: &str) -> &'a Figure {
-    picture.figures.iter().find(|f| f.name == name).unwrap()
+    picture.status.figures.iter().find(|f| f.name == name).unwrap()
 }
 
 #[test]
 fn board_of_nothing() {
     let picture = Board::new(Known::default()).picture(at(5.0));
-    assert!(picture.state.is_none() && picture.scene.is_none() && picture.motion.roll_deg.is_empty());
-    assert_eq!(picture.figures.len(), 8);
-    assert!(picture.figures.iter().all(|f| f.value.is_none()), "{picture:?}");
+    let status = picture.status;
+    assert!(status.state.is_none() && picture.scene.is_none() && picture.motion.roll_deg.is_empty());
+    assert_eq!(status.figures.len(), 8);
+    assert!(status.figures.iter().all(|f| f.value.is_none()), "{status:?}");
 }
 
 #[test]
@@ -83,7 +89,6 @@ fn board_places_of_drone_and_plan() {
     let plan = Plan {
         header: header(1.0),
         stages: Seq::filled([stage; 3]),
-        disturbance: [-0.5, 0.0],
         ..Plan::default()
     };
     board.planner(at(1.0), &PlannerOut { plan: Some(plan) });
@@ -99,9 +104,7 @@ fn board_places_of_drone_and_plan() {
     assert_eq!((scene.heading_deg, scene.euler_deg), (90.0, [5.7, -2.9, 0.0]));
     assert_eq!(named(&picture, "distance").value.as_deref(), Some("5.0 m"));
     // What blows to the south comes from the north.
-    let wind = named(&picture, "wind");
-    assert_eq!(wind.value.as_deref(), Some("6 m/s from 0°"));
-    assert_eq!(wind.note, "pushes 0.5 m/s²");
+    assert_eq!(named(&picture, "wind").value.as_deref(), Some("6 m/s from 0°"));
     let later = board.picture(at(4.0)).scene.unwrap();
     assert!(later.forecast_stale && later.plan_stale && later.drone.unwrap().stale);
 }
@@ -116,16 +119,13 @@ fn board_of_a_waiting_and_a_silent_mission() {
         &mission(10.0, State::Tracking, waiting),
     );
     let picture = board.picture(at(10.2));
-    let state = picture.state.unwrap();
+    let state = picture.status.state.as_ref().unwrap();
     assert_eq!(state.waiting, "0.45 m/s relative to the deck (limit 0.30)");
-    assert!((state.since_s - 2.2).abs() < 1e-6 && !state.stale && picture.alarms.is_empty());
-    let silent = board.picture(at(13.0));
-    assert!(silent.state.unwrap().stale);
-    assert!(
-        silent.alarms[0].text == "no message from the mission for 3 s",
-        "{:?}",
-        silent.alarms
-    );
+    assert!((state.since_s - 2.2).abs() < 1e-6 && !state.stale);
+    assert!(picture.status.alarms().is_empty());
+    let silent = board.picture(at(13.0)).status;
+    assert!(silent.state.as_ref().unwrap().stale);
+    assert_eq!(silent.alarms()[0].found, "no message from the mission for 3 s");
     assert!(named(&board.picture(at(13.0)), "battery").stale);
 }
 
@@ -143,16 +143,20 @@ fn board_alarms() {
         ..BridgeOut::default()
     };
     board.bridge(at(1.0), &received);
-    let alarms = board.picture(at(1.1)).alarms;
+    let picture = board.picture(at(1.1));
+    let alarms = picture.status.alarms();
     let has = |text: &str| {
         alarms
             .iter()
-            .any(|a| a.tone == Tone::Alarm && a.text.contains(text))
+            .any(|f| f.level == Level::Broken && f.found.contains(text))
     };
     assert!(
-        has("gave up") && has("link 1.6 s") && has("battery 25 %"),
+        has("Gave up") && has("estimate is 1.6 s old") && has("battery at 25 %"),
         "{alarms:?}"
     );
+    for name in ["link", "battery"] {
+        assert_eq!(named(&picture, name).level, Level::Broken, "{name}");
+    }
 }
 
 #[test]
@@ -182,7 +186,7 @@ fn board_of_ended_flights() {
         ("gave up", "59 s ago")
     );
     assert!(newest.text.contains("1 descent, after 40 s"), "{newest:?}");
-    board.reset();
+    board.reset(at(2000.0));
     let after = board.picture(at(2000.0));
-    assert_eq!((after.flights.len(), after.state), (FLIGHTS, None));
+    assert_eq!((after.flights.len(), after.status.state), (FLIGHTS, None));
 }

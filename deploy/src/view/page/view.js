@@ -1,5 +1,5 @@
 "use strict";
-// Shows the newest picture that the server sent. Every picture is whole: one that is missed is missed.
+// Shows the newest picture that the server sent: the object of `alight status --json`, drawing and history. Every picture is whole: one that is missed is missed.
 
 const $ = (id) => document.getElementById(id);
 const DEAD_S = 1.5; // pictures come five times a second
@@ -30,15 +30,15 @@ function element(tag, className, content) {
 function showState(state) {
   $("state").className = !state ? "unknown" : state.stale ? "stale" : "";
   text("name", state ? state.name : "unknown");
-  text("since", state && state.since_s > 0 ? `for ${ago(state.since_s)}` : "");
-  text("waiting", state && state.waiting ? `waits: ${state.waiting}` : "");
-  text("entered", state && state.entered ? `because: ${state.entered}` : "");
+  text("since", state ? [state.does, state.since_s > 0 ? `for ${ago(state.since_s)}` : ""].filter(Boolean).join(", ") : "");
+  text("waiting", state && state.waiting ? `waits for: ${state.waiting}` : "");
+  text("entered", state ? state.entered : "");
 }
 
 function showFigures(figures) {
   const tiles = figures.map((f) => {
     const tile = document.createElement("div");
-    tile.className = [f.tone, f.stale ? "stale" : "", f.value === null ? "unknown" : ""].join(" ");
+    tile.className = [f.level, f.stale ? "stale" : "", f.value === null ? "unknown" : ""].join(" ");
     tile.append(element("dt", "", f.name), element("dd", "value", f.value === null ? "unknown" : f.value));
     tile.append(element("dd", "note", f.note));
     return tile;
@@ -46,13 +46,22 @@ function showFigures(figures) {
   $("figures").replaceChildren(...tiles);
 }
 
+// Findings that are not fine, the worst first.
+const LEVELS = ["broken", "warning"];
+function alarmsOf(findings) {
+  const sentence = (f) => `${f.topic}: ${f.found}${f.remedy ? `. ${f.remedy}` : ""}`;
+  return LEVELS.flatMap((level) =>
+    findings.filter((f) => f.level === level).map((f) => ({ level, text: sentence(f) }))
+  );
+}
+
 function showAlarms(alarms) {
   const texts = alarms.map((a) => a.text).join("\n");
   if ($("alarms").dataset.texts !== texts) {
     $("alarms").dataset.texts = texts;
-    $("alarms").replaceChildren(...alarms.map((a) => element("p", a.tone, a.text)));
+    $("alarms").replaceChildren(...alarms.map((a) => element("p", a.level, a.text)));
   }
-  const worst = alarms.filter((a) => a.tone === "alarm").map((a) => a.text);
+  const worst = alarms.filter((a) => a.level === "broken").map((a) => a.text);
   sound(worst);
   document.title = worst.length ? `! ${worst[0]}` : `Alight: ${picture.state ? picture.state.name : "unknown"}`;
 }
@@ -391,7 +400,7 @@ source.addEventListener("message", (event) => {
   late = difference - fastest;
   text("title", picture.title);
   showState(picture.state);
-  showAlarms(picture.alarms);
+  showAlarms(alarmsOf(picture.findings));
   showFigures(picture.figures);
   showLists();
   showOrder(picture.order);

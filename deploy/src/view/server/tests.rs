@@ -2,13 +2,13 @@ use super::*;
 use std::io::{Read, Write};
 use std::net::TcpStream;
 
-use crate::view::picture::StateView;
+use crate::status::situation::Known;
+use crate::status::{StateView, Status};
 use alight_shared::msg::{Command as MissionCommand, MissionState, State as Phase};
 use alight_shared::time::Time;
 use alight_uav::mission::{MissionIn, MissionOut};
 
 use crate::record::observer::{NodeStep, StepObserver};
-use crate::view::board::Known;
 use crate::view::watcher::Watcher;
 
 /// No test waits longer for an answer.
@@ -24,11 +24,15 @@ fn served(may_order: bool) -> Served {
     }
 }
 fn picture(name: &str) -> Picture {
+    let state = StateView {
+        name: name.into(),
+        ..StateView::default()
+    };
     Picture {
-        state: Some(StateView {
-            name: name.into(),
-            ..StateView::default()
-        }),
+        status: Status {
+            state: Some(state),
+            ..Status::default()
+        },
         ..Picture::default()
     }
 }
@@ -192,10 +196,7 @@ fn viewer_that_does_not_read() {
     // 4 MB in pictures of 10 kB.
     let filler = "x".repeat(10_000);
     for k in 0..400 {
-        server.show(Picture {
-            title: format!("picture {k}. {filler}"),
-            ..Picture::default()
-        });
+        server.show(picture(&format!("picture {k}. {filler}")));
         crate::process::supervisor::pause(Duration::from_millis(2));
     }
     let (mut waiting, mut part) = (0, [0; 1 << 16]);

@@ -30,6 +30,7 @@ use self::args::{RehearseArgs, Restart};
 use self::files::Plan;
 use self::list::{CheckList, Row};
 use self::services::{Service, command};
+use crate::certificates::Certificate;
 use crate::exit::{CliError, Doing, Exit};
 use crate::lab::live::world::{Landed, SENSING, TooSlow, WorldReport};
 use crate::process::instance::is_running;
@@ -37,9 +38,9 @@ use crate::process::life::end_with_supervisor;
 use crate::process::observer::{Follower, Observer};
 use crate::process::scheduling;
 use crate::process::supervisor::pause;
+use crate::status::situation::{Known, Situation, SourceHealth};
 use crate::terminal;
 use crate::vessel::deck_file;
-use crate::vessel::status::{CertificateStatus, Situation, SourceHealth};
 
 /// Time between two looks.
 const POLL: Duration = Duration::from_millis(20);
@@ -238,17 +239,10 @@ impl<'a> Rehearsal<'a> {
         // Its newest reports are asked for later.
         let _none = self.aboard.poll();
         if let Some((_, observer)) = &mut self.observer {
-            // The drone's clock is the steady clock: the file that is shipped leaves it alone.
-            observer.poll(Some(
-                self.plan
-                    .drone
-                    .clock
-                    .now::<alight_shared::time::DroneClock>()
-                    .nanos(),
-            ));
+            observer.poll();
             observer.ages_s.clear();
             self.armed = observer.snapshot.autopilot.map(|a| a.armed).or(self.armed);
-            if let Some(m) = observer.snapshot.mission
+            if let Some(m) = *observer.snapshot.mission
                 && m.state != self.state
             {
                 self.state = m.state;
@@ -378,7 +372,7 @@ impl<'a> Rehearsal<'a> {
         }
         let now = self.vessel_status();
         self.show_sources(list, first, now);
-        let link = self.observer.as_ref().and_then(|(_, o)| o.snapshot.link);
+        let link = self.observer.as_ref().and_then(|(_, o)| *o.snapshot.link);
         let ms = |s: f64| {
             if s.is_finite() {
                 format!("{:.0} ms", 1e3 * s)
@@ -407,7 +401,7 @@ impl<'a> Rehearsal<'a> {
         };
         list.add(list::DRONE, "clocks, known to 10 ms", sd_s < CLOCK_SD_S, figure);
         if self.args.autopilot_at.is_some() {
-            let autopilot = self.observer.as_ref().and_then(|(_, o)| o.snapshot.autopilot);
+            let autopilot = self.observer.as_ref().and_then(|(_, o)| *o.snapshot.autopilot);
             let rejection = autopilot.map(|a| match a.rejection {
                 suits if suits.code == ReasonCode::None => String::new(),
                 rejection => rejection.to_string(),
@@ -418,13 +412,13 @@ impl<'a> Rehearsal<'a> {
         Ok(waited)
     }
     fn is_known(&self) -> bool {
-        let link = self.observer.as_ref().and_then(|(_, o)| o.snapshot.link);
+        let link = self.observer.as_ref().and_then(|(_, o)| *o.snapshot.link);
         link.is_some_and(|l| l.age_s < LINK_AGE_S && l.clock_offset_sd_s < CLOCK_SD_S)
     }
     fn vessel_status(&mut self) -> Option<Situation> {
-        let certificate = CertificateStatus::of(&self.plan.vessel);
+        let known = Known::vessel(&self.plan.vessel);
         let (_, seen) = self.aboard.poll()?;
-        Situation::of(&self.plan.vessel, &certificate, seen, steady_ns())
+        Some(Situation::of(known, seen, steady_ns())).filter(|s| s.vessel().is_some())
     }
     /// Each sensor with the rate at which the estimator used it since `before`.
     fn show_sources(&self, list: &mut CheckList, before: Option<Situation>, now: Option<Situation>) {
@@ -437,17 +431,19 @@ impl<'a> Rehearsal<'a> {
             );
             return;
         };
+        let process = now.process(ProcessKind::Vessel).copied().unwrap_or_default();
+        let before = before.map(|b| (b.process(ProcessKind::Vessel).map_or(0, |p| p.at_ns), b.sources()));
         for (k, (source, config)) in now
-            .sources
+            .sources()
             .iter()
             .zip(&self.plan.vessel.sensor.sources)
             .enumerate()
         {
             let earlier = before
                 .as_ref()
-                .and_then(|b| Some((b.process.at_ns, b.sources.get(k)?.uses.used)));
-            let (since_ns, used) = earlier.unwrap_or((now.process.began_ns, 0));
-            let span_s = ((now.process.at_ns - since_ns) as f64 * 1e-9).max(1e-3);
+                .and_then(|(at_ns, sources)| Some((*at_ns, sources.get(k)?.uses.used)));
+            let (since_ns, used) = earlier.unwrap_or((process.began_ns, 0));
+            let span_s = ((process.at_ns - since_ns) as f64 * 1e-9).max(1e-3);
             let rate_hz = (source.uses.used - used.min(source.uses.used)) as f64 / span_s;
             let mut figure = format!("{rate_hz:.1} Hz used");
             for (count, name) in [
@@ -472,7 +468,7 @@ impl<'a> Rehearsal<'a> {
                 figure,
             );
         }
-        let e = &now.status.estimator;
+        let e = now.vessel().map(|(_, v)| v.estimator).unwrap_or_default();
         let age_s = e.estimate_age_s.unwrap_or(f64::INFINITY);
         let waves = e.waves.map_or("waves unknown".into(), |[height_m, _]| {
             format!("waves of {height_m:.1} m")
@@ -534,7 +530,7 @@ impl<'a> Rehearsal<'a> {
         if self.args.restart.is_none() {
             return;
         }
-        let sources = self.vessel_status().map(|s| s.sources).unwrap_or_default();
+        let sources = self.vessel_status().map(|s| s.sources()).unwrap_or_default();
         let young = |s: &SourceHealth| s.age_s.is_some_and(|age| age < 1.0);
         let (back, all) = (sources.iter().filter(|s| young(s)).count(), sources.len());
         let figure = match (self.killed_ns, self.back_s) {
@@ -549,11 +545,12 @@ impl<'a> Rehearsal<'a> {
     fn show_contact(&mut self, list: &mut CheckList) {
         let number = self.plan.drone.bridge.drone_id;
         let status = self.vessel_status();
-        let drones = status.as_ref().map(|s| &s.status.drones[..]).unwrap_or_default();
+        let vessel = status.as_ref().and_then(Situation::vessel);
+        let drones = vessel.map(|(_, v)| &v.drones[..]).unwrap_or_default();
         let received = drones.iter().find(|d| d.status.header.drone == number);
-        let figure = match (received, status.as_ref().map(|s| &s.certificate)) {
+        let figure = match (received, vessel.and_then(|(known, _)| known.certificate.as_ref())) {
             (None, _) => format!("it does not receive drone {number}"),
-            (Some(d), Some(CertificateStatus::Held { name, .. })) => {
+            (Some(d), Some(Ok(Certificate { name, .. }))) => {
                 format!(
                     "{name} received it {:.1} s ago: {}",
                     d.age_s,

@@ -10,10 +10,10 @@ use ratatui::text::{Line, Text};
 use ratatui::widgets::Paragraph;
 use ratatui::{DefaultTerminal, Frame};
 
-use super::page::Page;
+use super::Status;
+use super::finding::Level;
 use crate::exit::{CliError, Doing};
 use crate::terminal;
-use crate::tools::check::finding::Level;
 
 /// Between two drawings.
 const PERIOD: Duration = Duration::from_millis(250);
@@ -22,13 +22,13 @@ const MAX_EVENTS: u32 = 64;
 
 /// Shows what `look` returns after having waited for a while, until it returns nothing more or a person ends it (q, Esc,
 /// Ctrl-C).
-pub fn run(mut look: impl FnMut(Duration) -> Result<Option<Page>, CliError>) -> Result<(), CliError> {
+pub fn run(mut look: impl FnMut(Duration) -> Result<Option<Status>, CliError>) -> Result<(), CliError> {
     if !std::io::stdout().is_terminal() {
         let mut key = None;
-        while let Some(page) = look(PERIOD)? {
-            if key.as_ref() != Some(&page.key()) {
-                terminal::line(page.line());
-                key = Some(page.key());
+        while let Some(status) = look(PERIOD)? {
+            if key.as_ref() != Some(&status.key()) {
+                terminal::line(status.line());
+                key = Some(status.key());
             }
         }
         return Ok(());
@@ -43,10 +43,10 @@ pub fn run(mut look: impl FnMut(Duration) -> Result<Option<Page>, CliError>) -> 
 
 fn show(
     view: &mut DefaultTerminal,
-    look: &mut impl FnMut(Duration) -> Result<Option<Page>, CliError>,
+    look: &mut impl FnMut(Duration) -> Result<Option<Status>, CliError>,
 ) -> Result<(), CliError> {
-    while let Some(page) = look(PERIOD)? {
-        view.draw(|frame| draw(frame, &page))
+    while let Some(status) = look(PERIOD)? {
+        view.draw(|frame| draw(frame, &status))
             .doing("drawing in the terminal")?;
         if is_ended()? {
             break;
@@ -79,9 +79,9 @@ fn ends(key: KeyEvent) -> bool {
     }
 }
 
-fn draw(frame: &mut Frame<'_>, page: &Page) {
+fn draw(frame: &mut Frame<'_>, status: &Status) {
     let area = frame.area();
-    let lines = page.lines(area.width.into(), area.height.into());
+    let lines = status.lines(area.width.into(), area.height.into());
     let styled = lines.into_iter().enumerate().map(|(k, line)| {
         let style = match line.level {
             Level::Fine if k == 0 => Style::new().bold(),
@@ -97,22 +97,24 @@ fn draw(frame: &mut Frame<'_>, page: &Page) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::status::Figure;
+    use crate::status::finding::Topic;
+    use alight_shared::msg::still_armed;
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
 
     #[test]
     fn watch_within_its_window() {
-        let mut page = Page::new("land: Tracking since 4.2 s: reached".into(), String::new());
-        page.state_entry("waits for", "deck tilts 4.2 deg (limit 3.0)");
-        page.entry("link", "state 62.0 ms old, 0.4 % lost");
-        page.alarm(
-            Level::Broken,
-            "armed",
-            "landed and still ARMED for 14 s: disarm by remote control".into(),
-        );
+        let status = Status {
+            title: "land".into(),
+            headline: "Tracking since 4.2 s: reached".into(),
+            figures: vec![Figure::of("link", "62.0 ms old", "0.4 % lost")],
+            findings: vec![Topic("armed").broken(still_armed(14.0), "keep clear")],
+            ..Status::default()
+        };
         for (width, height) in [(80, 20), (32, 6), (1, 1)] {
             let mut view = Terminal::new(TestBackend::new(width, height)).unwrap();
-            view.draw(|frame| draw(frame, &page)).unwrap();
+            view.draw(|frame| draw(frame, &status)).unwrap();
             let buffer = view.backend().buffer();
             let row = |y: u16| {
                 (0..width)

@@ -1,14 +1,17 @@
 //! Findings: topic, severity, remedy.
 
+use core::fmt;
+
 use serde::Serialize;
 
 use crate::exit::Exit;
 
 /// How bad.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Level {
     /// As it should be.
+    #[default]
     Fine,
     /// Works, but not as it should.
     Warning,
@@ -42,6 +45,33 @@ pub struct Finding {
     pub found: String,
     /// What to do; empty when fine.
     pub remedy: String,
+}
+
+impl fmt::Display for Finding {
+    /// In one line: what was looked at, what was found, what to do.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.topic, self.found)?;
+        if self.remedy.is_empty() {
+            return Ok(());
+        }
+        write!(f, " -> {}", self.remedy)
+    }
+}
+
+impl Finding {
+    /// In the lines of `alight check`.
+    pub fn lines(&self) -> String {
+        let mark = match self.level {
+            Level::Fine => "fine",
+            Level::Warning => "WARNING",
+            Level::Broken => "BROKEN",
+        };
+        let mut text = format!("{mark:<8} {:<14} {}", self.topic, self.found);
+        if !self.remedy.is_empty() {
+            text += &format!("\n{:<8} {:<14} -> {}", "", "", self.remedy);
+        }
+        text
+    }
 }
 
 /// What is looked at, as it is named in a finding.

@@ -1,11 +1,11 @@
 //! What the status of a vessel's sensors and of its estimate means: what is refused, what is said of their bytes, and
 //! whether a landing can do with the estimate.
 
-use alight_shared::msg::{EstimatorStatus, SourceRemark};
+use alight_shared::msg::EstimatorStatus;
 
+use super::finding::{Finding, Topic};
+use super::situation::SourceHealth;
 use crate::process::snapshot::time;
-use crate::tools::check::finding::{Finding, Topic};
-use crate::vessel::status::SourceHealth;
 
 /// A sensor or an estimate older than this is missing, s.
 pub const MISSING_S: f64 = 2.0;
@@ -68,12 +68,12 @@ pub fn source(s: &SourceHealth) -> Finding {
 }
 
 /// What is to be said of a source's bytes beside their counts.
-pub fn remark(name: &str, remark: &SourceRemark) -> Finding {
-    const TOPIC: Topic = Topic("input");
-    let text = format!("{name}: {}", remark.text);
-    match &remark.remedy {
-        Some(remedy) => TOPIC.warning(text, remedy.as_str()),
-        None => TOPIC.fine(text),
+pub fn remark(name: &str, text: &str, remedy: Option<&str>) -> Finding {
+    const TOPIC: Topic = Topic("sensors");
+    let found = format!("{name}: {text}");
+    match remedy {
+        Some(remedy) => TOPIC.warning(found, remedy),
+        None => TOPIC.fine(found),
     }
 }
 
@@ -160,7 +160,7 @@ pub fn estimator(e: &EstimatorStatus, sources: &[SourceHealth]) -> Vec<Finding> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tools::check::finding::Level;
+    use crate::status::finding::Level;
     use alight_shared::msg::SourceUse;
 
     fn receiver() -> SourceHealth {
@@ -228,19 +228,11 @@ mod tests {
 
     #[test]
     fn what_is_said_of_a_source() {
-        let fault = SourceRemark {
-            text: "height: by EGM96".into(),
-            remedy: Some("let it state its own".into()),
-        };
-        let found = remark("receiver", &fault);
+        let found = remark("receiver", "height: by EGM96", Some("let it state its own"));
         assert_eq!(
             (found.level, found.found.as_str()),
             (Level::Warning, "receiver: height: by EGM96")
         );
-        let passed = SourceRemark {
-            text: "left out: 5 AIVDM".into(),
-            remedy: None,
-        };
-        assert_eq!(remark("receiver", &passed).level, Level::Fine);
+        assert_eq!(remark("receiver", "left out: 5 AIVDM", None).level, Level::Fine);
     }
 }

@@ -1,0 +1,179 @@
+//! Status of one computer: what is known ([`situation`]), what it means ([`findings`]), and its texts. Terminal
+//! ([`text`], [`watch`], [`command`]) and page ([`crate::view`]) show one object, [`Status`], which `alight status --json`
+//! prints; `alight check` reports in the same [`finding`]s.
+
+pub mod certificate;
+pub mod command;
+pub mod drone;
+pub mod finding;
+pub mod findings;
+pub mod situation;
+pub mod sources;
+pub mod subject;
+mod tables;
+pub mod text;
+pub mod vessel;
+pub mod watch;
+
+use alight_shared::msg::Course;
+use finding::{Finding, Level, Topic};
+use serde::Serialize;
+use situation::{Known, Situation};
+
+/// The state of a landing.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct StateView {
+    /// Its name.
+    pub name: String,
+    /// What the drone does in it.
+    pub does: &'static str,
+    /// Since when, s; 0 where it has not changed since the mission began.
+    pub since_s: f64,
+    /// Why it was entered; empty: no reason.
+    pub entered: String,
+    /// What the next one waits for, with figure and limit; empty: nothing.
+    pub waiting: String,
+    /// Nothing new is known of it.
+    pub stale: bool,
+}
+
+/// A figure with its name.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Figure {
+    /// Its name.
+    pub name: &'static str,
+    /// With its unit; None: not known.
+    pub value: Option<String>,
+    /// What else is known of it.
+    pub note: String,
+    /// The worst of the findings with this name as their topic.
+    pub level: Level,
+    /// It is an old one.
+    pub stale: bool,
+}
+
+impl Figure {
+    /// One that is known.
+    pub fn of(name: &'static str, value: impl Into<String>, note: impl Into<String>) -> Figure {
+        Figure {
+            name,
+            value: Some(value.into()),
+            note: note.into(),
+            ..Figure::default()
+        }
+    }
+    /// One that is not known.
+    pub fn unknown(name: &'static str) -> Figure {
+        Figure {
+            name,
+            ..Figure::default()
+        }
+    }
+    /// From a message that may be an old one.
+    pub fn stale(self, stale: bool) -> Figure {
+        Figure { stale, ..self }
+    }
+}
+
+/// What the helm states of the course.
+pub fn course(course: Course) -> String {
+    match course {
+        Course::Unknown => "not stated".into(),
+        Course::Steady(for_s) => format!("steady for {for_s:.0} s"),
+        Course::Turning => "turning".into(),
+    }
+}
+
+/// A computer's situation and what it means.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Status {
+    /// Whose it is.
+    pub title: String,
+    /// Its processes run.
+    pub running: bool,
+    /// How it is, in one clause.
+    pub headline: String,
+    /// The state of the landing; None: not known.
+    pub state: Option<StateView>,
+    /// Figures, the most important first.
+    pub figures: Vec<Figure>,
+    /// The worst of the findings.
+    pub worst: Level,
+    /// What was looked at, and what to do.
+    pub findings: Vec<Finding>,
+    /// What they are about.
+    #[serde(flatten)]
+    pub situation: Situation,
+}
+
+impl Status {
+    /// The status of this situation.
+    pub fn of(situation: Situation) -> Status {
+        if situation.known.vessel.is_some() && situation.seen.vessel.is_none() {
+            let remedy = "its journal says why: journalctl -u alight-vessel";
+            let found = Topic("processes").broken("the vessel's process does not report", remedy);
+            return Status {
+                running: true,
+                ..Status::without(&situation.known, "does not report", found)
+            };
+        }
+        let findings = findings::judge(&situation);
+        let worst = Level::worst(&findings);
+        let (state, headline, mut figures) = match situation.vessel() {
+            Some((known, status)) => {
+                let state = vessel::state(&situation, status);
+                let figures = vessel::figures(&situation, known, status);
+                (state, vessel::headline(&situation, worst), figures)
+            }
+            None => {
+                let state = drone::state(&situation);
+                let headline = drone::headline(state.as_ref());
+                (state, headline, drone::figures(&situation))
+            }
+        };
+        for figure in &mut figures {
+            let own = findings.iter().filter(|f| f.topic == figure.name);
+            figure.level = own.map(|f| f.level).max().unwrap_or_default();
+        }
+        Status {
+            title: situation.known.title.clone(),
+            running: true,
+            headline,
+            state,
+            figures,
+            worst,
+            findings,
+            situation,
+        }
+    }
+    /// Of a computer on which nothing runs.
+    pub fn absent(known: &Known) -> Status {
+        let remedy = if known.vessel.is_some() {
+            "systemctl status alight-vessel; run this as its user: sudo -u alight alight status"
+        } else {
+            "systemctl status alight-drone, or alight land; run this as its user: sudo -u alight alight status"
+        };
+        let found = "no process runs on this computer, or this user may not see it";
+        Status::without(known, "nothing runs", Topic("processes").warning(found, remedy))
+    }
+    /// Of a computer of which no more is known.
+    fn without(known: &Known, headline: &str, why: Finding) -> Status {
+        Status {
+            title: known.title.clone(),
+            headline: headline.into(),
+            worst: why.level,
+            findings: vec![why],
+            situation: Situation {
+                known: known.clone(),
+                ..Situation::default()
+            },
+            ..Status::default()
+        }
+    }
+    /// The findings that are not fine, the worst first.
+    pub fn alarms(&self) -> Vec<&Finding> {
+        let mut all: Vec<&Finding> = self.findings.iter().filter(|f| f.level > Level::Fine).collect();
+        all.sort_by_key(|f| core::cmp::Reverse(f.level));
+        all
+    }
+}

@@ -1,0 +1,96 @@
+//! Which computer a command is about: by its name or its configuration.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use alight_shared::config;
+use alight_shared::transport::memory::Instance;
+use clap::Args;
+
+use crate::config::{DroneComputer, VesselComputer};
+use crate::exit::{CliError, Doing};
+use crate::process::instance::is_running;
+
+/// Where the packages put the configuration.
+pub const SHIPPED: [&str; 2] = ["/etc/alight/vessel.toml", "/etc/alight/drone.toml"];
+/// The name of `alight land`'s processes.
+const LAND: &str = "land";
+
+/// Which computer this is.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Computer {
+    /// The vessel's.
+    Vessel(Box<VesselComputer>),
+    /// The drone's.
+    Drone(Box<DroneComputer>),
+}
+
+impl Computer {
+    /// Reads a vessel's or a drone's configuration, distinguished by the keys that only one of them has.
+    pub fn read(path: &Path) -> Result<Computer, CliError> {
+        let text = fs::read_to_string(path).doing(format_args!(
+            "reading {} (check the path and its permissions)",
+            path.display()
+        ))?;
+        let table: toml::Table = text.parse().doing(format_args!("parsing {}", path.display()))?;
+        let has = |keys: &[&str]| keys.iter().any(|k| table.contains_key(*k));
+        let origin = path.display().to_string();
+        match (
+            has(&["vessel_id", "vessel", "sensor", "deck"]),
+            has(&["bridge", "drone", "autopilot", "camera", "uvdar", "supervision"]),
+        ) {
+            (true, false) => Ok(Computer::Vessel(Box::new(config::parse(&text, &origin)?))),
+            (false, true) => Ok(Computer::Drone(Box::new(config::parse(&text, &origin)?))),
+            (true, true) | (false, false) => Err(CliError(format!(
+                "{origin} is neither a vessel's configuration (vessel_id) nor a drone's (bridge)"
+            ))),
+        }
+    }
+    /// The installed configuration of this computer.
+    pub fn shipped() -> Option<PathBuf> {
+        let readable = |p: &&Path| fs::File::open(p).is_ok();
+        SHIPPED
+            .iter()
+            .map(Path::new)
+            .find(readable)
+            .map(Path::to_path_buf)
+    }
+    /// The drone's processes of that name: a landing of all processes has the drone's file beside its memory.
+    fn of_instance(name: &str) -> Result<Computer, CliError> {
+        let file = Instance::new(name)?.directory().join("drone.toml");
+        let mut drone: DroneComputer = if file.exists() {
+            config::load(&file)?
+        } else {
+            DroneComputer::default()
+        };
+        drone.instance = name.into();
+        Ok(Computer::Drone(Box::new(drone)))
+    }
+}
+
+/// Whose processes are meant.
+#[derive(Args, Debug, Default)]
+pub struct Subject {
+    /// Name of the set of processes [default: the configuration's; without one: land]
+    #[arg(long)]
+    pub instance: Option<String>,
+    /// Configuration of the vessel's or the drone's computer (TOML) [default: /etc/alight/vessel.toml or
+    /// /etc/alight/drone.toml, whichever is there]
+    #[arg(long, value_name = "FILE", conflicts_with = "instance")]
+    pub config: Option<PathBuf>,
+}
+
+impl Subject {
+    /// Its configuration: of a landing of this computer before what is installed on it.
+    pub fn computer(&self) -> Result<Computer, CliError> {
+        match (&self.instance, &self.config) {
+            (Some(name), _) => Computer::of_instance(name),
+            (None, Some(path)) => Computer::read(path),
+            (None, None) if is_running(&Instance::new(LAND)?) => Computer::of_instance(LAND),
+            (None, None) => match Computer::shipped() {
+                Some(path) => Computer::read(&path),
+                None => Computer::of_instance(LAND),
+            },
+        }
+    }
+}

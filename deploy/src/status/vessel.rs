@@ -1,0 +1,359 @@
+//! The vessel's computer: findings, state and figures.
+
+use alight_shared::msg::{
+    Charge, Closure, Course, DeckStatus, DroneContact, DroneStatus, EstimatorStatus, HeadingAdvice, Line,
+    VesselStatus, still_armed,
+};
+use alight_shared::transport::metrics::MetricName;
+use alight_shared::transport::process::ProcessKind;
+
+use super::drone::{ARMED_REMEDY, processes};
+use super::finding::{Finding, Level, Topic};
+use super::situation::{KnownVessel, Situation};
+use super::sources::{MISSING_S, estimator, remark, source};
+use super::{Figure, StateView, certificate, course};
+use crate::process::snapshot::time;
+use crate::vessel::{deck_inputs, helm_lamp};
+
+/// A drone reports at 2 Hz; without a report for this long it is out of reach, s.
+const LOST_CONTACT_S: f64 = 5.0;
+/// A turn that takes less than a tenth of the tilt away is not worth it.
+const WORTH_TURNING: f64 = 0.9;
+
+/// What a vessel's situation means.
+pub fn findings(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Vec<Finding> {
+    let sources = s.sources();
+    let mut all = vec![radio(s, known)];
+    for s in &sources {
+        all.push(source(s));
+        all.extend(s.report.remarks.iter().map(|r| {
+            let remedy = r.remedy.as_ref().map(Line::as_str);
+            remark(&s.name, r.text.as_str(), remedy)
+        }));
+    }
+    all.extend(estimator(&status.estimator, &sources));
+    all.push(match &known.certificate {
+        None => certificate::none(known.listen.iter()),
+        Some(read) => certificate::judge(read),
+    });
+    all.push(unauthorised_peers(s, known));
+    all.extend(deck(status));
+    all.extend(course_findings(&status.deck));
+    all.extend(status.estimator.heading.as_ref().map(quiet_heading));
+    all.extend(drones(status));
+    all
+}
+
+fn radio(s: &Situation, known: &KnownVessel) -> Finding {
+    let count = |name| s.process(ProcessKind::Vessel).map_or(0, |p| p.count(name));
+    Topic("radio").fine(format!(
+        "listens on {}, {:.1} MB sent, {} packets dropped",
+        known.listen.join(", "),
+        count(MetricName::BytesSent) as f64 * 1e-6,
+        count(MetricName::PacketsDropped)
+    ))
+}
+
+fn unauthorised_peers(s: &Situation, known: &KnownVessel) -> Finding {
+    let rejected = s.rejected();
+    if rejected.is_empty() {
+        return Topic("peers").fine(format!("none rejected; admitted: {}", known.peers.join(", ")));
+    }
+    let each: Vec<String> = rejected.iter().map(|(why, n)| format!("{n} for {why}")).collect();
+    Topic("peers").warning(
+        format!(
+            "rejected: {}; the last for {}",
+            each.join(", "),
+            s.rejected_last().unwrap_or("-")
+        ),
+        "a peer without an admitted certificate is in reach: a drone that is not in radio.tls.peers, or an intruder",
+    )
+}
+
+/// Whose the deck is.
+fn owner(status: &VesselStatus) -> String {
+    let owner = status.deck_owner;
+    let owner = owner.map_or_else(|| "free".to_owned(), |id| format!("reserved for drone {id}"));
+    let on = if status.occupied { ", occupied" } else { "" };
+    format!("{owner}{on}")
+}
+
+fn deck(status: &VesselStatus) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("deck");
+    let found = owner(status);
+    let deck = &status.deck;
+    const OPEN: &str = "alight command deck open";
+    let mut all = match (deck.closed, deck.owner_age_s) {
+        (Some(Closure::Crew), _) => vec![TOPIC.warning(format!("closed by the crew; {found}"), OPEN)],
+        (Some(Closure::CheckpointDamaged), _) => vec![TOPIC.warning(
+            "closed: the file of who stands on it was damaged",
+            format!("look, and once it is empty: {OPEN}"),
+        )],
+        (Some(Closure::CheckpointMissing), _) => vec![TOPIC.warning(
+            "closed: there is no file of who stands on it",
+            format!("look, and once it is empty: {OPEN}"),
+        )],
+        (Some(Closure::CheckpointUnwritable), _) => vec![TOPIC.warning(
+            format!("closed: the file of who stands on it cannot be written, and may be old; {found}"),
+            format!("free space, or make it writable; look, and once it is empty: {OPEN}"),
+        )],
+        (Some(Closure::Switch), _) => vec![TOPIC.warning(
+            format!("closed by the crew's switch; {found}"),
+            "open it at the switch (deck.crew_switch)",
+        )],
+        (Some(Closure::Sensor), _) => vec![TOPIC.warning(
+            format!("closed: by its sensor something lies on it that is no drone; {found}"),
+            "look, and take it away (deck.occupancy_sensor)",
+        )],
+        (None, Some(age_s)) if age_s > LOST_CONTACT_S => vec![TOPIC.warning(
+            format!("{found}, silent for {}", time(age_s)),
+            format!("it may stand there; once it does not: {OPEN}"),
+        )],
+        (None, _) => vec![TOPIC.fine(found)],
+    };
+    all.extend(deck.doubles.iter().map(|id| {
+        TOPIC.broken(
+            format!("two drones have the number {id}: neither is given the deck"),
+            "change bridge.drone_id of one of them",
+        )
+    }));
+    all.extend(deck.starved.iter().map(|s| {
+        TOPIC.broken(
+            s.to_string(),
+            format!("look now: once drone {} is not there: {OPEN}", s.owner),
+        )
+    }));
+    all.extend(deck.follows_another.iter().map(|f| {
+        TOPIC.broken(
+            format!(
+                "drone {} listens to a second computer with this vessel's certificate (boot {:08x})",
+                f.drone, f.boot
+            ),
+            "switch one of the two off: each gives away a deck of its own",
+        )
+    }));
+    all.extend(deck.unplaced.iter().map(|id| {
+        TOPIC.warning(
+            format!(
+                "drone {id} is switched on without a position: it may stand there, and no other is given it"
+            ),
+            format!("wait for its position; or look, and once it is not there: {OPEN}"),
+        )
+    }));
+    all.extend(deck.aborts.iter().map(|id| {
+        TOPIC.warning(
+            format!("drone {id} has not acknowledged an abort"),
+            "it is repeated until it does",
+        )
+    }));
+    all.extend(
+        deck.input_errors
+            .iter()
+            .map(|e| TOPIC.warning(e.as_str(), deck_inputs::REMEDY)),
+    );
+    all.extend(deck.file_error.iter().map(|e| {
+        TOPIC.warning(
+            format!("its state would not outlive the process: {e}"),
+            "free space, or make it writable",
+        )
+    }));
+    all
+}
+
+/// What the helm states, and what it is asked for.
+fn course_findings(deck: &DeckStatus) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("course");
+    let stated = course(deck.course);
+    let asks = deck.wants_steady && deck.course == Course::Turning;
+    let mut all = vec![if asks {
+        TOPIC.warning(
+            format!("{stated}; a drone waits for a steady course, or breaks its descent off"),
+            "keep course and speed, and say so: the helm's switch, or alight command steady",
+        )
+    } else if deck.wants_steady {
+        TOPIC.fine(format!("{stated}; a drone descends: KEEP COURSE AND SPEED"))
+    } else {
+        TOPIC.fine(stated)
+    }];
+    all.extend(
+        deck.lamp_error
+            .iter()
+            .map(|e| TOPIC.warning(e.as_str(), helm_lamp::REMEDY)),
+    );
+    all
+}
+
+/// The heading that the helm may choose before a landing.
+fn quiet_heading(h: &HeadingAdvice) -> Finding {
+    let [now, there] = h.tilt_deg;
+    let from = format!("waves from {:03.0} deg", h.waves_from_deg);
+    Topic("heading").fine(if there < WORTH_TURNING * now {
+        format!(
+            "{from}; on {:03.0} deg the deck tilts {there:.1} deg, now {now:.1} deg: turn before the landing",
+            h.quietest_deg
+        )
+    } else {
+        format!(
+            "{from}; {:03.0} deg is as quiet as any, the deck tilts {now:.1} deg",
+            h.now_deg
+        )
+    })
+}
+
+/// What a drone reports of itself.
+pub fn drone(d: &DroneStatus) -> Finding {
+    const TOPIC: Topic = Topic("drones");
+    let number = d.header.drone;
+    if let Some(for_s) = d.still_armed_s {
+        return TOPIC.broken(format!("drone {number}: {}", still_armed(for_s)), ARMED_REMEDY);
+    }
+    if !d.is_current() {
+        return TOPIC.broken(
+            format!(
+                "drone {number}: its mission is silent for {}; before: {}",
+                time(d.mission_age_s.into()),
+                d.state.name()
+            ),
+            "its deck stays its own; abort is relayed: alight command abort --drone, or take it over",
+        );
+    }
+    let armed = if d.armed { "armed" } else { "disarmed" };
+    let state = d.state.because(&d.entered);
+    TOPIC.fine(format!(
+        "drone {number}: {state}; {armed}, battery {}",
+        Charge(d.battery)
+    ))
+}
+
+/// The drones, and how long ago each reported.
+fn drones(status: &VesselStatus) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("drones");
+    if status.drones.is_empty() {
+        let remedy = "is one switched on, in reach, and in radio.tls.peers?";
+        return vec![TOPIC.warning("none received", remedy)];
+    }
+    let contact = |c: &DroneContact| {
+        let found = drone(&c.status);
+        let lost = c.age_s > LOST_CONTACT_S;
+        // A drone that is armed stays an alarm when it is silent since: whoever goes there has to know.
+        let found = match c.status.still_armed_s {
+            None if lost => TOPIC.warning(found.found, "it is out of reach or switched off"),
+            None | Some(_) => found,
+        };
+        Finding {
+            found: format!("{}, {} ago", found.found, time(c.age_s)),
+            ..found
+        }
+    };
+    status.drones.iter().map(contact).collect()
+}
+
+/// The drone that has the deck, else the one that was received last.
+fn foremost(status: &VesselStatus) -> Option<&DroneContact> {
+    let owner = status
+        .drones
+        .iter()
+        .find(|d| Some(d.status.header.drone) == status.deck_owner);
+    let newest = status.drones.iter().min_by(|a, b| a.age_s.total_cmp(&b.age_s));
+    owner.or(newest)
+}
+
+/// The state of the foremost drone.
+pub fn state(s: &Situation, status: &VesselStatus) -> Option<StateView> {
+    let d = foremost(status)?;
+    Some(StateView {
+        name: format!("Drone {}: {}", d.status.header.drone, d.status.state.name()),
+        does: d.status.state.does(),
+        since_s: 0.0,
+        entered: d.status.entered.to_string(),
+        waiting: d.status.waiting.to_string(),
+        stale: !s.reports(ProcessKind::Vessel) || d.age_s > LOST_CONTACT_S,
+    })
+}
+
+/// How it is, and for how long.
+pub fn headline(s: &Situation, worst: Level) -> String {
+    let state = match worst {
+        Level::Fine => "works",
+        Level::Warning => "works, with warnings",
+        Level::Broken => "BROKEN",
+    };
+    let up = s.process(ProcessKind::Vessel);
+    let up = up.map_or("-".into(), |p| time((p.at_ns - p.began_ns) as f64 * 1e-9));
+    format!("{state}, up {up}")
+}
+
+/// Its figures.
+pub fn figures(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Vec<Figure> {
+    let mut all = vec![if status.deck.closed.is_some() {
+        Figure::of("deck", "CLOSED", owner(status))
+    } else {
+        Figure::of("deck", owner(status), "")
+    }];
+    all.extend(status.drones.iter().map(contact));
+    let keep = if status.deck.wants_steady {
+        "KEEP COURSE AND SPEED"
+    } else {
+        ""
+    };
+    all.push(Figure::of("course", course(status.deck.course), keep));
+    all.extend(status.estimator.heading.as_ref().map(|h| {
+        Figure::of(
+            "heading",
+            format!("{:03.0} deg", h.now_deg),
+            quiet_heading(h).found,
+        )
+    }));
+    all.extend(motion(&status.estimator));
+    let sources = s.sources();
+    if !sources.is_empty() {
+        let working = sources.iter().filter(|s| source(s).level == Level::Fine);
+        let value = format!("{} of {} work", working.count(), sources.len());
+        all.push(Figure::of("source", value, ""));
+    }
+    if let Some(Ok(c)) = &known.certificate {
+        let value = format!("{} days left", c.days_left);
+        all.push(Figure::of("certificate", value, c.name.as_str()));
+    }
+    all.extend(processes(s));
+    let old = !s.reports(ProcessKind::Vessel);
+    all.into_iter()
+        .map(|f| Figure {
+            stale: f.stale || old,
+            ..f
+        })
+        .collect()
+}
+
+/// A drone that was received.
+fn contact(d: &DroneContact) -> Figure {
+    let status = &d.status;
+    let armed = if status.armed { "armed" } else { "disarmed" };
+    let value = format!("drone {}: {}", status.header.drone, status.state.name());
+    let note = format!(
+        "{armed}, battery {}, {} ago",
+        Charge(status.battery),
+        time(d.age_s)
+    );
+    Figure::of("drones", value, note).stale(d.age_s > LOST_CONTACT_S)
+}
+
+/// Waves, and the estimate of the motion in them.
+fn motion(e: &EstimatorStatus) -> [Figure; 2] {
+    let waves = e.waves.map(|[height_m, quality]| {
+        let note = format!("forecast quality {:.0} %", 100.0 * quality);
+        Figure::of("waves", format!("{height_m:.1} m"), note)
+    });
+    let estimate = e.estimate_age_s.filter(|s| *s <= MISSING_S).map(|age_s| {
+        let [place, height, ..] = e.sd;
+        let note = format!("position +- {place:.1} m, height {height:.1} m");
+        Figure::of("estimator", format!("{} old", time(age_s)), note)
+    });
+    [
+        waves.unwrap_or(Figure::unknown("waves")),
+        estimate.unwrap_or(Figure::unknown("estimator")),
+    ]
+}
+
+#[cfg(test)]
+mod tests;
