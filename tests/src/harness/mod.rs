@@ -2,7 +2,9 @@
 
 pub mod age;
 pub mod cameras;
+pub mod fault;
 mod foresight;
+mod inbox;
 pub mod link;
 pub mod outcome;
 pub mod physics;

@@ -31,7 +31,9 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::cameras::SimulatedCameras;
+use super::fault::Part;
 use super::foresight::{Foresight, drift};
+use super::inbox::Inbox;
 pub use super::link::Checkpoints;
 use super::link::{LinkedAutopilot, MakeLink};
 use super::outcome::Observation;
@@ -228,6 +230,17 @@ impl World {
             .iter_mut()
             .for_each(|l| l.start(checkpoints));
     }
+    /// A drone's process stands still, or goes on. A cable does not stand still, and a supervisor that does stops no other.
+    pub fn freeze(&mut self, k: usize, part: Part, frozen: bool) {
+        let drone = &mut self.drones[k];
+        match part {
+            Part::Predictor => drone.predictor_inbox.frozen = frozen,
+            Part::Mission => drone.mission_inbox.frozen = frozen,
+            Part::Pilot => drone.pilot_inbox.frozen = frozen,
+            Part::Link => drone.linked.iter_mut().for_each(|l| l.frozen = frozen),
+            Part::Cable | Part::Supervisor => {}
+        }
+    }
     /// A drone's planner process dies for good.
     pub fn kill_planner(&mut self, k: usize) {
         self.drones[k].planner = None;
@@ -401,8 +414,10 @@ pub struct DroneComputer {
     handed_over: bool,
     /// None: its process is dead.
     predictor: Option<Predictor>,
+    predictor_inbox: Inbox<PredictorIn>,
     /// None: its process is dead.
     mission: Option<Mission>,
+    mission_inbox: Inbox<MissionIn>,
     /// The supervisor's.
     keeper: Keeper,
     /// All of its processes are dead.
@@ -411,6 +426,7 @@ pub struct DroneComputer {
     planner: Option<Planner>,
     /// None: its process is dead.
     pilot: Option<Pilot>,
+    pilot_inbox: Inbox<PilotIn>,
     plans: DelayLine<Plan>,
     solve_delay: Span,
     commands: Vec<Command>,
@@ -478,13 +494,16 @@ impl DroneComputer {
             linked: None,
             handed_over: false,
             predictor: Some(Predictor::new(&drone.predictor(), boot)),
+            predictor_inbox: Inbox::default(),
             mission: Some(
                 Mission::new(&mission, &drone.airframe, &drone.deck, id, boot).forced_descent(forced),
             ),
+            mission_inbox: Inbox::default(),
             keeper: Keeper::default(),
             is_dead: false,
             planner: Some(nodes.planner(boot)),
             pilot: Some(Pilot::new(&drone.pilot, &drone.airframe, id, boot)),
+            pilot_inbox: Inbox::default(),
             plans: DelayLine::new(MAX_PLANS),
             solve_delay: Span::from_secs(scenario.solve_delay_s),
             commands: Vec::new(),
@@ -587,7 +606,9 @@ impl DroneComputer {
             checkpoint: self.predictor.as_ref().and_then(|p| self.keeper.answer(p.boot())),
         };
         let mut predicted = PredictorOut::default();
-        if let Some(predictor) = &mut self.predictor {
+        if let Some(predictor) = &mut self.predictor
+            && let Some(input) = self.predictor_inbox.take(input)
+        {
             predicted = predictor.step(now, &input);
             let believed = odometry
                 .zip(physics.drone(k))
@@ -615,7 +636,9 @@ impl DroneComputer {
             checkpoint: self.mission.as_ref().and_then(|m| self.keeper.answer(m.boot())),
         };
         let mut decided = MissionOut::default();
-        if let Some(mission) = &mut self.mission {
+        if let Some(mission) = &mut self.mission
+            && let Some(input) = self.mission_inbox.take(input)
+        {
             decided = mission.step(now, &input);
             tap.mission(t, now, &input, &decided);
         }
@@ -651,15 +674,17 @@ impl DroneComputer {
             .pilot_outage_window
             .is_some_and(|[from, until]| from <= t && t < until);
         let mut set_point = None;
-        if let Some(pilot) = self.pilot.as_mut().filter(|_| !stands_still) {
-            let input = PilotIn {
-                plan,
-                mission,
-                forecast,
-                drone: odometry,
-                autopilot,
-                ranges: readings.ranges,
-            };
+        let input = PilotIn {
+            plan,
+            mission,
+            forecast,
+            drone: odometry,
+            autopilot,
+            ranges: readings.ranges,
+        };
+        if let Some(pilot) = self.pilot.as_mut().filter(|_| !stands_still)
+            && let Some(input) = self.pilot_inbox.take(input)
+        {
             let flown = pilot.step(now, &input);
             tap.pilot(t, now, &input, &flown);
             set_point = self.external.or(flown.set_point);

@@ -5,40 +5,15 @@ use core::str::FromStr;
 
 use alight_shared::msg::{MissionState, State};
 use alight_shared::transport::process::{ProcessKind, Signal, signal};
-use alight_sim::physics::streams::Streams;
-use alight_sim::sensors::noise::Noise;
+use alight_sim::harness::fault::{FaultKind, FaultTimes, Moment};
 use serde::{Deserialize, Serialize};
 
 use crate::exit::{CliError, Doing};
 use crate::lab::args::{PHASES, phase};
 use crate::process::snapshot::Snapshot;
 
-/// How long a frozen process stays frozen, s: shorter and longer than its readers wait for its messages.
-const FREEZE_S: [f64; 2] = [0.2, 2.0];
 /// The name of the first contact among the phases.
 const CONTACT: &str = "contact";
-
-/// What happens to the process.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum FaultKind {
-    /// SIGKILL: it is gone at once and started again by its supervisor.
-    Kill,
-    /// SIGSTOP, and SIGCONT 0.2 to 2 s later: it knows nothing of the time between.
-    Freeze,
-}
-
-impl FaultKind {
-    /// Both.
-    pub const ALL: [FaultKind; 2] = [FaultKind::Kill, FaultKind::Freeze];
-    /// Its name on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            FaultKind::Kill => "kill",
-            FaultKind::Freeze => "freeze",
-        }
-    }
-}
 
 /// A fault as it is asked for: `PROCESS:kill|freeze:PHASE`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,15 +24,6 @@ pub struct FaultSpec {
     pub kind: FaultKind,
     /// When.
     pub moment: Moment,
-}
-
-/// When a fault happens.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Moment {
-    /// After this state was entered for the first time. `Landed` begins with the stop of the motors.
-    In(State),
-    /// At the first contact.
-    Contact,
 }
 
 /// Processes that a fault can meet: all but the world, which stands for the vehicles and the laws
@@ -71,23 +37,6 @@ pub const PROCESSES: [ProcessKind; 7] = [
     ProcessKind::Pilot,
     ProcessKind::Autopilot,
 ];
-
-/// The longest time that a fault waits after its moment began, s: less than the phase usually lasts; after the stop of
-/// the motors as long as a disarm that is denied at first takes.
-fn max_delay_s(moment: Moment) -> f64 {
-    match moment {
-        Moment::In(state) => match state {
-            State::Approach => 2.0,
-            State::GetAltitude | State::Tracking => 0.5,
-            State::TrackingStable => 0.1,
-            State::Descent => 2.5,
-            State::Flare => 0.8,
-            State::Landed => 0.3,
-            State::Idle | State::Hold | State::GaveUp => 0.0,
-        },
-        Moment::Contact => 0.0,
-    }
-}
 
 impl FromStr for FaultSpec {
     type Err = String;
@@ -177,14 +126,11 @@ pub struct Fault {
 impl Fault {
     /// The fault, with its delay after the moment's beginning, and for how long it freezes, drawn from the seed.
     pub fn new(spec: FaultSpec, seed: u64) -> Fault {
-        let mut noise = Noise::new(&Streams::new(seed), "fault");
-        let delay_s = max_delay_s(spec.moment) * noise.uniform();
-        let [shortest_s, longest_s] = FREEZE_S;
-        let freeze_s = shortest_s + (longest_s - shortest_s) * noise.uniform();
+        let times = FaultTimes::drawn(spec.moment, seed);
         Fault {
             spec,
-            delay_ns: (delay_s * 1e9) as i64,
-            freeze_ns: (freeze_s * 1e9) as i64,
+            delay_ns: (times.delay_s * 1e9) as i64,
+            freeze_ns: (times.frozen_s * 1e9) as i64,
             stage: FaultStage::Waits,
             report: FaultReport {
                 fault: spec.to_string(),
@@ -312,17 +258,5 @@ mod tests {
         ] {
             assert!(text.parse::<FaultSpec>().is_err(), "{text}");
         }
-    }
-
-    #[test]
-    fn fault_delay_by_seed() {
-        let spec: FaultSpec = "planner:kill:descent".parse().unwrap();
-        let delays: Vec<i64> = (0..20).map(|seed| Fault::new(spec, seed).delay_ns).collect();
-        assert!(
-            delays.iter().all(|d| (0..2_500_000_000).contains(d)),
-            "{delays:?}"
-        );
-        assert_eq!(Fault::new(spec, 3).delay_ns, delays[3]);
-        assert!(delays.iter().any(|d| *d != delays[0]));
     }
 }
