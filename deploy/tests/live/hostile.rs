@@ -181,7 +181,7 @@ fn count(status: &Value, process: &str, metric: &str) -> f64 {
 fn landing_among_hostile_packets() {
     let name = instance("hostile");
     // Without certificates, so that the hostile client is admitted at all.
-    let child = land(&name, "--warm-up 30 --seed 5 --transport udp");
+    let child = land(&name, "--warm-up 15 --seed 5 --transport udp");
     status_when(&name, |s| s["link"]["age_s"].as_f64().is_some());
     let session = client(&endpoint(&name));
     let mut overheard = Overheard::listen(&session);

@@ -26,7 +26,10 @@ use crate::landing::pid;
 /// The simulated time zero lies this much after the start of the test, ns.
 const RUN_UP_NS: i64 = 4_000_000_000;
 /// The vessel's estimator runs this long before the landing is commanded, s.
-const WARM_UP_S: f64 = 25.0;
+const WARM_UP_S: f64 = 15.0;
+/// A landed drone calibrates the deck for so long, s, and stays there a little longer.
+const CALIBRATION_S: u32 = 22;
+const STAY_S: f64 = 32.0;
 
 /// The words of a command from the environment, or this test's own program.
 fn words(variable: &str) -> Vec<String> {
@@ -148,6 +151,14 @@ impl Installed {
         }
     }
 
+    /// Changes a configuration that was written.
+    fn change(&self, name: &str, change: impl Fn(&mut Table)) {
+        let file = self.file(&format!("{name}.toml"));
+        let text = std::fs::read_to_string(&file).expect("read");
+        let mut computer: Table = text.parse().expect("TOML");
+        change(&mut computer);
+        std::fs::write(&file, toml::to_string(&computer).expect("TOML")).expect("written");
+    }
     fn file(&self, name: &str) -> String {
         self.directory.join(name).display().to_string()
     }
@@ -454,8 +465,7 @@ impl Drop for Air {
 fn abort_in_radio_silence_with_a_vessel_restart() {
     let port = free_port();
     let mut all = Installed::prepare("silence", 108, |_, drone| {
-        let mission = table(table(drone, "drone"), "mission");
-        mission.insert("steady_s".into(), 100.0.into());
+        steady(drone, 100.0);
         let connect = vec![format!("quic/127.0.0.1:{port}")];
         table(drone, "radio").insert("connect".into(), connect.into());
     });
@@ -485,20 +495,20 @@ fn abort_in_radio_silence_with_a_vessel_restart() {
     assert_eq!(all.state(), "GaveUp");
 }
 
-/// A drone that follows the vessel for `steady_s` before it descends, and does so now.
-fn following(name: &str, seed: u64, steady_s: f64) -> Installed {
-    let mut all = Installed::prepare(name, seed, |_, drone| {
-        let mission = table(table(drone, "drone"), "mission");
-        mission.insert("steady_s".into(), steady_s.into());
-    });
-    all.begin_landing();
-    all.status_when("follows", |s| s["mission"]["state"] == "Tracking");
-    all
+/// A drone that follows the vessel for so long before it descends.
+fn steady(drone: &mut Table, steady_s: f64) {
+    let mission = table(table(drone, "drone"), "mission");
+    mission.insert("steady_s".into(), steady_s.into());
 }
 
 #[test]
-fn restarted_computer_and_a_new_order() {
-    let mut all = following("reboot", 106, 6.0);
+fn restarted_computer_killed_supervisor_calibration() {
+    let mut all = Installed::prepare("crash", 109, |_, drone| steady(drone, 6.0));
+    all.change("world", |world| {
+        table(world, "scenario").insert("stay_s".into(), STAY_S.into());
+    });
+    all.begin_landing();
+    all.status_when("follows", |s| s["mission"]["state"] == "Tracking");
     let before = all.status();
     all.stop("drone");
     all.start_drone();
@@ -509,34 +519,14 @@ fn restarted_computer_and_a_new_order() {
     });
     assert_eq!(after["mission"]["state"], "Idle", "it waits to be told: {after}");
     all.assert_accepted(&all.order("land"));
-    all.assert_success();
-}
 
-#[test]
-fn live_supervisor_killed_in_descent() {
-    let mut all = Installed::prepare("crash", 109, |_, _| {});
-    all.begin_landing();
     all.status_when("descends", |s| s["mission"]["state"] == "Descent");
     all.crash_supervisor();
     println!("{}", all.complaints());
-    all.assert_success();
-}
-
-#[test]
-fn deck_calibration_of_a_landed_drone() {
-    let mut all = Installed::prepare("park", 107, |_, _| {});
-    let world = all.file("world.toml");
-    let mut scene: Table = std::fs::read_to_string(&world)
-        .expect("read")
-        .parse()
-        .expect("TOML");
-    table(&mut scene, "scenario").insert("stay_s".into(), 45.0.into());
-    std::fs::write(&world, toml::to_string(&scene).expect("TOML")).expect("written");
-    all.begin_landing();
     all.status_when("has landed", |s| s["mission"]["state"] == "Landed");
     std::thread::sleep(Duration::from_secs(4));
     let out = all.run(format!(
-        "calibrate deck --json --for 30 --config {}",
+        "calibrate deck --json --for {CALIBRATION_S} --config {}",
         all.file("drone.toml")
     ));
     let text = String::from_utf8_lossy(&out.stdout).into_owned();
@@ -557,7 +547,9 @@ fn deck_calibration_of_a_landed_drone() {
 #[test]
 fn abort_precedence_and_a_frozen_process() {
     // It stays above the deck until it is commanded otherwise.
-    let all = following("abort", 105, 100.0);
+    let mut all = Installed::prepare("abort", 105, |_, drone| steady(drone, 100.0));
+    all.begin_landing();
+    all.status_when("follows", |s| s["mission"]["state"] == "Tracking");
     let out = all.run(format!("calibrate deck --config {}", all.file("drone.toml")));
     let errors = String::from_utf8_lossy(&out.stderr);
     assert!(errors.contains("the drone is armed"), "{errors}");

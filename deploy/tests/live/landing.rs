@@ -162,7 +162,7 @@ fn replay_of_a_live_landing() {
     let child = land(
         &name,
         &format!(
-            "--warm-up 20 --log {} --record {} --plot {} --ground-station {}",
+            "--warm-up 15 --log {} --record {} --plot {} --ground-station {}",
             log.display(),
             recording.display(),
             plot.display(),

@@ -8,7 +8,7 @@ use alight_uav::autopilot::modes::Firmware;
 use serde_json::Value;
 
 use crate::common::{alight, alone, errors, printed, run, scratch, signal};
-use crate::firmware::{Flight, StandIn};
+use crate::firmware::{Flight, StandIn, assert_disarmed};
 
 /// What a rehearsal of this process number leaves behind among temporary files and in shared memory.
 fn left(pid: u32) -> Vec<String> {
@@ -40,7 +40,7 @@ fn landed(out: &Output) -> Value {
 #[test]
 fn rehearsal_of_the_shipped_files() {
     alone();
-    let child = alight("rehearse --seed 103 --restart vessel --json")
+    let child = alight("rehearse --seed 103 --fault vessel:kill:tracking --warm-up 20 --json")
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -78,14 +78,15 @@ fn rehearsal_with_a_firmware_outside() {
     let name = format!("rehearsed-{}", std::process::id());
     let firmware = StandIn::start(&name, &Flight::new(Firmware::ArduCopter, ""));
     let out = run(format!(
-        "rehearse --sea calm --warm-up 25 --json --autopilot {} --autopilot-at {} --firmware {}",
+        "rehearse --sea calm --warm-up 15 --json --autopilot {} --autopilot-at {} --firmware {}",
         firmware.kind,
         firmware.connect,
         firmware.config.display()
     ));
-    let armed = firmware.armed_in_the_end();
+    let autopilot = firmware.end();
     landed(&out);
-    assert!(out.status.success() && !armed, "{}", errors(&out));
+    assert!(out.status.success(), "{}", errors(&out));
+    assert_disarmed(&autopilot);
 }
 
 #[test]

@@ -81,6 +81,8 @@ pub struct LinkedAutopilot {
     pub kept: LinkCheckpoint,
     /// The cable is out.
     pub cut: bool,
+    /// The link's process stands still: what the autopilot sends waits on the wire.
+    pub frozen: bool,
     /// To the link.
     pub up: Wire,
     down: Wire,
@@ -109,6 +111,7 @@ impl LinkedAutopilot {
             link: Some(make(boot)),
             kept: LinkCheckpoint::default(),
             cut: false,
+            frozen: false,
             up: Wire::new(config, streams, "link.up"),
             down: Wire::new(config, streams, "link.down"),
             commanded: 0,
@@ -153,6 +156,9 @@ impl LinkedAutopilot {
     }
     /// A step of the link with what has arrived from the autopilot: for the drone's other nodes.
     pub fn receive(&mut self, t: Time<TrueTime>, now: Time<DroneClock>) -> AutopilotOut {
+        if self.frozen {
+            return AutopilotOut::default();
+        }
         let received = self.up.received(t, self.cut);
         let mut out = self.step(
             t,
@@ -174,7 +180,7 @@ impl LinkedAutopilot {
         out
     }
     fn step(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, input: AutopilotIn) -> AutopilotOut {
-        let Some(link) = &mut self.link else {
+        let Some(link) = self.link.as_mut().filter(|_| !self.frozen) else {
             return AutopilotOut::default();
         };
         let checkpoint = Some(self.kept);

@@ -2,8 +2,10 @@
 
 pub mod age;
 pub mod cameras;
-pub mod faults;
+pub mod failing;
+pub mod fault;
 mod foresight;
+mod inbox;
 pub mod link;
 pub mod outcome;
 pub mod physics;

@@ -2,28 +2,12 @@
 
 use alight_shared::msg::{CommandKind, MissionState, State};
 
+use super::fault::{FaultKind, Part};
 use super::physics::TICK;
 use super::scenario::{NodeConfigs, Scenario, SetupError};
 use super::tap::{NoTap, Tap};
 use super::world::{Checkpoints, World};
 use crate::autopilots::simulated::SimulatedAutopilot;
-
-/// What may fail of a drone.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
-    /// The process of the predictor.
-    Predictor,
-    /// The process of the mission.
-    Mission,
-    /// The process of the pilot.
-    Pilot,
-    /// The process that links to the autopilot.
-    Link,
-    /// The cable to the autopilot.
-    Cable,
-    /// The supervisor, and with it every process of the drone's computer.
-    Supervisor,
-}
 
 /// The world of one flight, and the states that the missions went through.
 pub struct Rig {
@@ -122,6 +106,20 @@ impl Rig {
             Part::Link => world.start_link(0, checkpoints),
             Part::Cable => self.cut(false),
             Part::Supervisor => world.start_computer(0, scenario, nodes, checkpoints),
+        }
+    }
+    /// The fault happens to a part of the first drone.
+    pub fn begin(&mut self, part: Part, kind: FaultKind) {
+        match kind {
+            FaultKind::Kill => self.fail(part),
+            FaultKind::Freeze => self.world.freeze(0, part, true),
+        }
+    }
+    /// It is over, and the supervisor has kept the checkpoints.
+    pub fn end(&mut self, part: Part, kind: FaultKind) {
+        match kind {
+            FaultKind::Kill => self.restore(part, Checkpoints::Kept),
+            FaultKind::Freeze => self.world.freeze(0, part, false),
         }
     }
     fn cut(&mut self, cut: bool) {

@@ -19,7 +19,7 @@ use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime};
 use alight_shared::topics::TIME_REQUEST;
 use alight_shared::wire;
 use alight_uav::autopilot::config::DisarmConfig;
-use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotOut, still_armed_s};
+use alight_uav::autopilot::{AutopilotIn, AutopilotLink, still_armed_s};
 use alight_uav::camera::node::CameraIdentity;
 use alight_uav::mission::{Mission, MissionConfig, MissionIn, MissionOut};
 use alight_uav::pilot::{Output, Pilot, PilotIn};
@@ -31,8 +31,10 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::cameras::SimulatedCameras;
-use super::faults::Failing;
+use super::failing::Failing;
+use super::fault::Part;
 use super::foresight::{Foresight, drift};
+use super::inbox::Inbox;
 pub use super::link::Checkpoints;
 use super::link::{LinkedAutopilot, MakeLink};
 use super::outcome::Observation;
@@ -99,6 +101,9 @@ impl World {
     }
     /// So much fails from now on, of the first drone and the vessel.
     pub fn fail(&mut self, failing: Failing) {
+        for part in [Part::Predictor, Part::Mission, Part::Pilot, Part::Link] {
+            self.freeze(0, part, failing.frozen.parts.contains(&part));
+        }
         if let Some(drone) = self.drones.first_mut() {
             drone.radio.fail(failing.radio);
         }
@@ -248,6 +253,17 @@ impl World {
             .linked
             .iter_mut()
             .for_each(|l| l.start(checkpoints));
+    }
+    /// A drone's process stands still, or goes on. A cable does not stand still, and a supervisor that does stops no other.
+    pub fn freeze(&mut self, k: usize, part: Part, frozen: bool) {
+        let drone = &mut self.drones[k];
+        match part {
+            Part::Predictor => drone.predictor_inbox.frozen = frozen,
+            Part::Mission => drone.mission_inbox.frozen = frozen,
+            Part::Pilot => drone.pilot_inbox.frozen = frozen,
+            Part::Link => drone.linked.iter_mut().for_each(|l| l.frozen = frozen),
+            Part::Cable | Part::Supervisor => {}
+        }
     }
     /// A drone's planner process dies.
     pub fn kill_planner(&mut self, k: usize) {
@@ -456,8 +472,10 @@ pub struct DroneComputer {
     handed_over: bool,
     /// None: its process is dead.
     predictor: Option<Predictor>,
+    predictor_inbox: Inbox<PredictorIn>,
     /// None: its process is dead.
     mission: Option<Mission>,
+    mission_inbox: Inbox<MissionIn>,
     /// The supervisor's.
     keeper: Keeper,
     /// All of its processes are dead.
@@ -468,6 +486,7 @@ pub struct DroneComputer {
     planner: Option<Planner>,
     /// None: its process is dead.
     pilot: Option<Pilot>,
+    pilot_inbox: Inbox<PilotIn>,
     plans: DelayLine<Plan>,
     solve_delay: Span,
     commands: Vec<Command>,
@@ -537,14 +556,17 @@ impl DroneComputer {
             linked: None,
             handed_over: false,
             predictor: Some(Predictor::new(&drone.predictor(), boot)),
+            predictor_inbox: Inbox::default(),
             mission: Some(
                 Mission::new(&mission, &drone.airframe, &drone.deck, id, boot).forced_descent(forced),
             ),
+            mission_inbox: Inbox::default(),
             keeper: Keeper::default(),
             is_dead: false,
             stood_still_until: Time::EPOCH,
             planner: Some(nodes.planner(boot)),
             pilot: Some(Pilot::new(&drone.pilot, &drone.airframe, id, boot)),
+            pilot_inbox: Inbox::default(),
             plans: DelayLine::new(MAX_PLANS),
             solve_delay: Span::from_secs(scenario.solve_delay_s),
             commands: Vec::new(),
@@ -601,8 +623,8 @@ impl DroneComputer {
         tap: &mut impl Tap,
     ) {
         let (k, t, clock) = (self.k, physics.now(), physics.drone_clock(self.k));
-        let (now, frozen) = (clock.read(t), failing.frozen);
-        if frozen.computer {
+        let now = clock.read(t);
+        if failing.frozen.computer {
             // What comes by radio and wire waits, and bears the time of its reading.
             self.stood_still_until = t;
             let _lost = physics.drone_readings(k);
@@ -638,11 +660,7 @@ impl DroneComputer {
             self.handed_over = autopilot.choose(offboard);
         }
         linked.autopilot.steel_m = physics.deck_distance_m(k);
-        let flown = if frozen.link {
-            AutopilotOut::default()
-        } else {
-            linked.receive(t, now)
-        };
+        let flown = linked.receive(t, now);
         let (mut odometry, mut autopilot) = (flown.odometry.last().copied(), flown.state);
         if let Some(mutant) = failing.mutant {
             odometry = odometry.map(|state| mutant.odometry(state));
@@ -669,7 +687,9 @@ impl DroneComputer {
             checkpoint: self.predictor.as_ref().and_then(|p| self.keeper.answer(p.boot())),
         };
         let mut predicted = PredictorOut::default();
-        if let Some(predictor) = self.predictor.as_mut().filter(|_| !frozen.predictor) {
+        if let Some(predictor) = &mut self.predictor
+            && let Some(input) = self.predictor_inbox.take(input)
+        {
             predicted = predictor.step(now, &input);
             let believed = odometry
                 .zip(physics.drone(k))
@@ -704,9 +724,9 @@ impl DroneComputer {
             checkpoint: self.mission.as_ref().and_then(|m| self.keeper.answer(m.boot())),
         };
         let mut decided = MissionOut::default();
-        if frozen.mission {
-            self.commands = input.commands;
-        } else if let Some(mission) = &mut self.mission {
+        if let Some(mission) = &mut self.mission
+            && let Some(input) = self.mission_inbox.take(input)
+        {
             decided = mission.step(now, &input);
             tap.mission(t, now, &input, &decided);
         }
@@ -731,7 +751,7 @@ impl DroneComputer {
             drone: odometry,
         };
         let mut solved = PlannerOut::default();
-        if let Some(planner) = self.planner.as_mut().filter(|_| !frozen.planner) {
+        if let Some(planner) = self.planner.as_mut().filter(|_| !failing.frozen.planner) {
             solved = planner.step(now, &input);
             tap.planner(t, now, &input, &solved);
         }
@@ -743,18 +763,19 @@ impl DroneComputer {
         // Pilot -> link to the autopilot.
         let stands_still = self
             .pilot_outage_window
-            .is_some_and(|[from, until]| from <= t && t < until)
-            || frozen.pilot;
+            .is_some_and(|[from, until]| from <= t && t < until);
         let mut set_point = None;
-        if let Some(pilot) = self.pilot.as_mut().filter(|_| !stands_still) {
-            let input = PilotIn {
-                plan,
-                mission,
-                forecast,
-                drone: odometry,
-                autopilot,
-                ranges: readings.ranges,
-            };
+        let input = PilotIn {
+            plan,
+            mission,
+            forecast,
+            drone: odometry,
+            autopilot,
+            ranges: readings.ranges,
+        };
+        if let Some(pilot) = self.pilot.as_mut().filter(|_| !stands_still)
+            && let Some(input) = self.pilot_inbox.take(input)
+        {
             let flown = pilot.step(now, &input);
             tap.pilot(t, now, &input, &flown);
             set_point = self.external.or(flown.set_point);
@@ -769,7 +790,7 @@ impl DroneComputer {
             forecast,
             ..AutopilotIn::default()
         };
-        if let Some(linked) = self.linked.as_mut().filter(|_| !frozen.link) {
+        if let Some(linked) = &mut self.linked {
             linked.send(t, now, input);
         }
     }

@@ -2,8 +2,9 @@
 //! motors stop soon, and nothing takes off again.
 
 use alight_shared::msg::State;
+use alight_sim::harness::fault::Part;
 use alight_sim::harness::outcome::{MAX_CONTACT_MPS, MAX_STOP_S};
-use alight_sim::harness::rig::{Part, Rig};
+use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::world::Checkpoints;
 use alight_sim::physics::sea::SeaConfig;

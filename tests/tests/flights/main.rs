@@ -8,6 +8,7 @@ mod contact;
 mod deck_reservation;
 mod estimate_jumps;
 mod estimator;
+mod faults;
 mod hulls;
 mod interrupted_landing;
 mod keep_out;

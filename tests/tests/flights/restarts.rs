@@ -4,8 +4,9 @@
 use std::collections::VecDeque;
 
 use alight_shared::msg::{CommandKind, State};
+use alight_sim::harness::fault::Part;
 use alight_sim::harness::outcome::MAX_CONTACT_MPS;
-use alight_sim::harness::rig::{Part, Rig};
+use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::world::Checkpoints;
 use alight_sim::physics::sea::SeaConfig;

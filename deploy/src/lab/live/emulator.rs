@@ -11,18 +11,16 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, TryRecvErr
 use std::time::Duration;
 
 use alight_shared::config::{self, Check, ConfigError, Keys};
-use alight_shared::time::{Time, TrueTime};
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::wake::end_requested;
-use alight_sim::harness::scenario::StateOutage;
-use alight_sim::physics::streams::Streams;
-use alight_sim::radio::{ChannelCounts, Direction, Radio};
+use alight_sim::radio::{ChannelCounts, Direction};
 use clap::Args;
 use serde::{Deserialize, Serialize};
 use tun_rs::SyncDevice;
 
 use crate::exit::{CliError, Doing, Exit};
 use crate::lab::live::config::LinkImpairment;
+use crate::lab::live::impairment::Impaired;
 use crate::lab::live::namespaces::{ADDRESSES, Namespaces};
 use crate::lab::live::profile;
 use crate::terminal;
@@ -168,10 +166,11 @@ fn carry(emulation: &Emulation, devices: &[Arc<SyncDevice>; 2], supervised: bool
         std::thread::spawn(move || listen(sender));
         outages
     });
-    let mut link = Link::new(emulation);
+    // Index 0 carries what the vessel's side sends.
+    let mut ways = [Direction::ToDrone, Direction::ToVessel].map(|way| Impaired::new(&emulation.link, way));
     let mut next_word_ns = steady_ns() + REPORT_PERIOD_NS;
     while !end_requested() {
-        let Some(out) = link.turn(&inbox, outages.as_ref()) else {
+        let Some(out) = turn(&mut ways, &inbox, outages.as_ref()) else {
             break;
         };
         for (side, packet) in out {
@@ -183,83 +182,49 @@ fn carry(emulation: &Emulation, devices: &[Arc<SyncDevice>; 2], supervised: bool
         if steady_ns() >= next_word_ns {
             next_word_ns += REPORT_PERIOD_NS;
             if supervised {
-                report_counts(&link)?;
+                report_counts(&ways)?;
             }
         }
     }
-    report_counts(&link)?;
+    report_counts(&ways)?;
     Ok(Exit::Success)
 }
 
-fn report_counts(link: &Link) -> Result<(), CliError> {
-    let [to_drone, to_vessel] = &link.radios;
+fn report_counts([to_drone, to_vessel]: &[Impaired<Vec<u8>>; 2]) -> Result<(), CliError> {
     let packets = EmulatorReport::Packets(to_drone.counts(), to_vessel.counts());
     terminal::line(serde_json::to_string(&packets).doing("writing the counts")?);
     Ok(())
 }
 
-/// Both directions; index 0 carries what the vessel's side sends.
-struct Link {
-    radios: [Radio<Vec<u8>>; 2],
-    epoch_ns: i64,
-    outage: Option<StateOutage>,
-}
-
-impl Link {
-    fn new(emulation: &Emulation) -> Link {
-        let streams = Streams::new(emulation.link.seed);
-        let radio = |direction| Radio::new(&emulation.link.profile, direction, &streams);
-        Link {
-            radios: [radio(Direction::ToDrone), radio(Direction::ToVessel)],
-            epoch_ns: emulation.link.epoch_ns,
-            outage: emulation.link.outage,
-        }
-    }
-    fn time(&self, steady_ns: i64) -> Time<TrueTime> {
-        Time::from_nanos(steady_ns.saturating_sub(self.epoch_ns))
-    }
-    /// How long nothing is due.
-    fn idle(&self, now: Time<TrueTime>) -> Duration {
-        let next = self.radios.iter().filter_map(Radio::next).min();
-        next.map_or(MAX_WAIT, |at| {
-            Duration::from_nanos((at - now).nanos().max(0).unsigned_abs()).min(MAX_WAIT)
-        })
-    }
-    /// Waits for a packet or until one is due: the packets that are due, each for the device of a side; None at
-    /// the end.
-    fn turn(
-        &mut self,
-        inbox: &Receiver<ReceivedPacket>,
-        outages: Option<&Receiver<()>>,
-    ) -> Option<Vec<(usize, Vec<u8>)>> {
-        match inbox.recv_timeout(self.idle(self.time(steady_ns()))) {
-            Ok(first) => {
-                for received in std::iter::once(first).chain(inbox.try_iter().take(INBOX)) {
-                    let at = self.time(received.at_ns);
-                    if let Some(radio) = self.radios.get_mut(received.side) {
-                        radio.send(at, received.packet.len(), received.packet);
-                    }
+/// Waits for a packet or until one is due: the packets that are due, each for the device of a side; None at the end.
+fn turn(
+    ways: &mut [Impaired<Vec<u8>>; 2],
+    inbox: &Receiver<ReceivedPacket>,
+    outages: Option<&Receiver<()>>,
+) -> Option<Vec<(usize, Vec<u8>)>> {
+    let now_ns = steady_ns();
+    let idle = ways.iter().map(|way| way.idle(now_ns, MAX_WAIT)).min();
+    match inbox.recv_timeout(idle.unwrap_or(MAX_WAIT)) {
+        Ok(first) => {
+            for received in std::iter::once(first).chain(inbox.try_iter().take(INBOX)) {
+                if let Some(way) = ways.get_mut(received.side) {
+                    way.take(received.at_ns, received.packet.len(), received.packet);
                 }
             }
-            Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => return None,
         }
-        match outages.map(Receiver::try_recv) {
-            Some(Ok(())) => {
-                if let Some(outage) = self.outage {
-                    let window = outage.window(self.time(steady_ns()));
-                    self.radios.iter_mut().for_each(|r| r.set_outage(window));
-                }
-            }
-            None | Some(Err(TryRecvError::Empty)) => {}
-            Some(Err(TryRecvError::Disconnected)) => return None,
-        }
-        let now = self.time(steady_ns());
-        let mut due = Vec::new();
-        for (side, radio) in self.radios.iter_mut().enumerate() {
-            let packets = radio.receive(now).into_iter();
-            due.extend(packets.map(|(_, packet)| (1 - side, packet)));
-        }
-        Some(due)
+        Err(RecvTimeoutError::Timeout) => {}
+        Err(RecvTimeoutError::Disconnected) => return None,
     }
+    match outages.map(Receiver::try_recv) {
+        Some(Ok(())) => ways.iter().for_each(|way| way.begin_outage(steady_ns())),
+        None | Some(Err(TryRecvError::Empty)) => {}
+        Some(Err(TryRecvError::Disconnected)) => return None,
+    }
+    let now_ns = steady_ns();
+    let mut due = Vec::new();
+    for (side, way) in ways.iter_mut().enumerate() {
+        let packets = way.arrived(now_ns).into_iter();
+        due.extend(packets.map(|(_, packet)| (1 - side, packet)));
+    }
+    Some(due)
 }

@@ -4,41 +4,14 @@ use core::fmt;
 use core::str::FromStr;
 
 use alight_shared::msg::{MissionState, State};
-use alight_shared::transport::process::{ProcessKind, Signal, signal};
-use alight_sim::physics::streams::Streams;
-use alight_sim::sensors::noise::Noise;
+use alight_shared::transport::process::{ProcessKind, ProcessState, Signal};
+use alight_sim::harness::fault::{FaultKind, FaultTimes, Moment};
 use serde::{Deserialize, Serialize};
 
-use crate::exit::{CliError, Doing};
 use crate::lab::args::{PHASES, phase};
-use crate::process::snapshot::Snapshot;
 
-/// How long a frozen process stays frozen, s: shorter and longer than its readers wait for its messages.
-const FREEZE_S: [f64; 2] = [0.2, 2.0];
 /// The name of the first contact among the phases.
 const CONTACT: &str = "contact";
-
-/// What happens to the process.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum FaultKind {
-    /// SIGKILL: it is gone at once and started again by its supervisor.
-    Kill,
-    /// SIGSTOP, and SIGCONT 0.2 to 2 s later: it knows nothing of the time between.
-    Freeze,
-}
-
-impl FaultKind {
-    /// Both.
-    pub const ALL: [FaultKind; 2] = [FaultKind::Kill, FaultKind::Freeze];
-    /// Its name on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            FaultKind::Kill => "kill",
-            FaultKind::Freeze => "freeze",
-        }
-    }
-}
 
 /// A fault as it is asked for: `PROCESS:kill|freeze:PHASE`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,15 +22,6 @@ pub struct FaultSpec {
     pub kind: FaultKind,
     /// When.
     pub moment: Moment,
-}
-
-/// When a fault happens.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Moment {
-    /// After this state was entered for the first time. `Landed` begins with the stop of the motors.
-    In(State),
-    /// At the first contact.
-    Contact,
 }
 
 /// Processes that a fault can meet: all but the world, which stands for the vehicles and the laws
@@ -71,23 +35,6 @@ pub const PROCESSES: [ProcessKind; 7] = [
     ProcessKind::Pilot,
     ProcessKind::Autopilot,
 ];
-
-/// The longest time that a fault waits after its moment began, s: less than the phase usually lasts; after the stop of
-/// the motors as long as a disarm that is denied at first takes.
-fn max_delay_s(moment: Moment) -> f64 {
-    match moment {
-        Moment::In(state) => match state {
-            State::Approach => 2.0,
-            State::GetAltitude | State::Tracking => 0.5,
-            State::TrackingStable => 0.1,
-            State::Descent => 2.5,
-            State::Flare => 0.8,
-            State::Landed => 0.3,
-            State::Idle | State::Hold | State::GaveUp => 0.0,
-        },
-        Moment::Contact => 0.0,
-    }
-}
 
 impl FromStr for FaultSpec {
     type Err = String;
@@ -146,6 +93,35 @@ pub struct FaultReport {
     pub recovery_s: Option<f64>,
 }
 
+impl fmt::Display for FaultReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (self.at_s, self.state, self.recovery_s) {
+            (Some(at), Some(state), Some(back)) => {
+                write!(
+                    f,
+                    "at {at:.2} s in {}, reported again after {back:.2} s",
+                    state.name()
+                )
+            }
+            (Some(at), Some(state), None) => write!(f, "at {at:.2} s in {}, no report since", state.name()),
+            _ => f.write_str("its phase did not come"),
+        }
+    }
+}
+
+/// What is seen of a landing under way.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen {
+    /// Time since the start, s.
+    pub t_s: f64,
+    /// The mission.
+    pub mission: Option<MissionState>,
+    /// The process that the fault meets.
+    pub process: Option<ProcessState>,
+    /// The drone has touched something.
+    pub contact: bool,
+}
+
 /// How far it has come.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum FaultStage {
@@ -177,14 +153,11 @@ pub struct Fault {
 impl Fault {
     /// The fault, with its delay after the moment's beginning, and for how long it freezes, drawn from the seed.
     pub fn new(spec: FaultSpec, seed: u64) -> Fault {
-        let mut noise = Noise::new(&Streams::new(seed), "fault");
-        let delay_s = max_delay_s(spec.moment) * noise.uniform();
-        let [shortest_s, longest_s] = FREEZE_S;
-        let freeze_s = shortest_s + (longest_s - shortest_s) * noise.uniform();
+        let times = FaultTimes::drawn(spec.moment, seed);
         Fault {
             spec,
-            delay_ns: (delay_s * 1e9) as i64,
-            freeze_ns: (freeze_s * 1e9) as i64,
+            delay_ns: (times.delay_s * 1e9) as i64,
+            freeze_ns: (times.frozen_s * 1e9) as i64,
             stage: FaultStage::Waits,
             report: FaultReport {
                 fault: spec.to_string(),
@@ -195,92 +168,65 @@ impl Fault {
         }
     }
 
+    /// As it was asked for.
+    pub fn spec(&self) -> FaultSpec {
+        self.spec
+    }
     /// It happened, and the process has not been heard again.
     pub fn is_under_way(&self) -> bool {
         matches!(self.stage, FaultStage::Happened { .. })
     }
 
-    /// Looks whether it is time for something; `t_s` is the time since the start, `contact` whether there was one.
-    /// True when the fault has just happened.
-    pub fn poll(
-        &mut self,
-        now_ns: i64,
-        t_s: f64,
-        snapshot: &Snapshot,
-        contact: bool,
-    ) -> Result<bool, CliError> {
-        let Some(mission) = *snapshot.mission else {
-            return Ok(false);
-        };
+    /// What is to be sent now, and to which process id.
+    pub fn poll(&mut self, now_ns: i64, seen: &Seen) -> Option<(u32, Signal)> {
+        let (mission, process) = seen.mission.zip(seen.process)?;
         match self.stage {
             FaultStage::Waits => {
                 let begun = match self.spec.moment {
                     Moment::In(state) => mission.state == state,
-                    Moment::Contact => contact,
+                    Moment::Contact => seen.contact,
                 };
                 if begun {
                     self.stage = FaultStage::Due(now_ns + self.delay_ns);
                 }
+                None
             }
-            FaultStage::Due(at_ns) if now_ns >= at_ns => return self.inject(now_ns, t_s, &mission, snapshot),
+            FaultStage::Due(at_ns) if now_ns >= at_ns => {
+                let (what, frozen_until_ns) = match self.spec.kind {
+                    FaultKind::Kill => (Signal::Kill, None),
+                    FaultKind::Freeze => (Signal::Freeze, Some(now_ns + self.freeze_ns)),
+                };
+                (self.report.at_s, self.report.state) = (Some(seen.t_s), Some(mission.state));
+                self.stage = FaultStage::Happened {
+                    at_ns: now_ns,
+                    pid: process.pid,
+                    frozen_until_ns,
+                };
+                Some((process.pid, what))
+            }
             FaultStage::Happened {
                 at_ns,
                 pid,
-                frozen_until_ns,
-            } => {
-                if frozen_until_ns.is_some_and(|until| now_ns >= until) {
-                    self.send(pid, Signal::Continue)?;
-                    self.stage = FaultStage::Happened {
-                        at_ns,
-                        pid,
-                        frozen_until_ns: None,
-                    };
-                } else if frozen_until_ns.is_none()
-                    && let Some(p) = snapshot.processes.get(&self.spec.process)
-                    && p.at_ns > at_ns
-                    && (self.spec.kind == FaultKind::Freeze || p.pid != pid)
-                {
-                    self.report.recovery_s = Some((p.at_ns - at_ns) as f64 * 1e-9);
-                    self.stage = FaultStage::Over;
-                }
+                frozen_until_ns: Some(until),
+            } if now_ns >= until => {
+                self.stage = FaultStage::Happened {
+                    at_ns,
+                    pid,
+                    frozen_until_ns: None,
+                };
+                Some((pid, Signal::Continue))
             }
-            FaultStage::Due(_) | FaultStage::Over => {}
-        }
-        Ok(false)
-    }
-
-    fn inject(
-        &mut self,
-        now_ns: i64,
-        t_s: f64,
-        mission: &MissionState,
-        snapshot: &Snapshot,
-    ) -> Result<bool, CliError> {
-        let Some(process) = snapshot.processes.get(&self.spec.process) else {
-            return Ok(false);
-        };
-        let frozen_until_ns = match self.spec.kind {
-            FaultKind::Kill => {
-                self.send(process.pid, Signal::Kill)?;
+            FaultStage::Happened {
+                at_ns,
+                pid,
+                frozen_until_ns: None,
+            } if process.at_ns > at_ns && (self.spec.kind == FaultKind::Freeze || process.pid != pid) => {
+                self.report.recovery_s = Some((process.at_ns - at_ns) as f64 * 1e-9);
+                self.stage = FaultStage::Over;
                 None
             }
-            FaultKind::Freeze => {
-                self.send(process.pid, Signal::Freeze)?;
-                Some(now_ns + self.freeze_ns)
-            }
-        };
-        self.report.at_s = Some(t_s);
-        self.report.state = Some(mission.state);
-        self.stage = FaultStage::Happened {
-            at_ns: now_ns,
-            pid: process.pid,
-            frozen_until_ns,
-        };
-        Ok(true)
-    }
-
-    fn send(&self, pid: u32, what: Signal) -> Result<(), CliError> {
-        signal(pid, what).doing(format_args!("the fault {}", self.spec))
+            FaultStage::Due(_) | FaultStage::Happened { .. } | FaultStage::Over => None,
+        }
     }
 }
 
@@ -315,14 +261,32 @@ mod tests {
     }
 
     #[test]
-    fn fault_delay_by_seed() {
-        let spec: FaultSpec = "planner:kill:descent".parse().unwrap();
-        let delays: Vec<i64> = (0..20).map(|seed| Fault::new(spec, seed).delay_ns).collect();
-        assert!(
-            delays.iter().all(|d| (0..2_500_000_000).contains(d)),
-            "{delays:?}"
-        );
-        assert_eq!(Fault::new(spec, 3).delay_ns, delays[3]);
-        assert!(delays.iter().any(|d| *d != delays[0]));
+    fn frozen_process_from_its_moment_to_its_next_report() {
+        let spec: FaultSpec = "pilot:freeze:contact".parse().unwrap();
+        let mut fault = Fault::new(spec, 7);
+        let seen = |contact, at_ns| Seen {
+            t_s: 12.0,
+            mission: Some(MissionState::default()),
+            process: Some(ProcessState {
+                pid: 42,
+                at_ns,
+                ..ProcessState::default()
+            }),
+            contact,
+        };
+        assert_eq!(fault.poll(1_000, &seen(false, 0)), None);
+        // The contact begins the moment, and the fault is due at once.
+        assert_eq!(fault.poll(2_000, &seen(true, 0)), None);
+        assert_eq!(fault.poll(3_000, &seen(true, 0)), Some((42, Signal::Freeze)));
+        assert_eq!((fault.report.at_s, fault.is_under_way()), (Some(12.0), true));
+        // Frozen for 0.2 s at least and 2 s at most.
+        assert_eq!(fault.poll(200_000_000, &seen(true, 0)), None);
+        let end_ns = 2_100_000_000;
+        assert_eq!(fault.poll(end_ns, &seen(true, 0)), Some((42, Signal::Continue)));
+        assert_eq!(fault.poll(end_ns, &seen(true, 0)), None);
+        assert!(fault.is_under_way());
+        assert_eq!(fault.poll(end_ns, &seen(true, 2_000_003_000)), None);
+        assert_eq!(fault.report.recovery_s, Some(2.0));
+        assert!(!fault.is_under_way());
     }
 }

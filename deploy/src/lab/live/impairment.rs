@@ -1,4 +1,5 @@
-//! The impairment of the radio inside a process, where no link emulator is permitted.
+//! The impairment of the radio, one direction of it: of a process's messages where no link emulator is permitted, of IP
+//! packets in the emulator.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -13,14 +14,14 @@ use alight_shared::transport::observe::ReceiveChannel;
 use alight_shared::transport::{Received, wake};
 use alight_sim::harness::scenario::StateOutage;
 use alight_sim::physics::streams::Streams;
-use alight_sim::radio::{Direction, Radio, on_air};
+use alight_sim::radio::{ChannelCounts, Direction, Radio, on_air};
 
 use super::config::LinkImpairment;
 
 /// Longest wait for the mission's state.
 const MAX_WAIT: Duration = Duration::from_millis(50);
 
-/// Delays and loses what a process receives, as a profile says.
+/// Delays and loses what is sent, as a profile says.
 pub struct Impaired<T> {
     radio: Radio<T>,
     epoch_ns: i64,
@@ -64,13 +65,28 @@ impl<T: Clone> Impaired<T> {
             }
         });
     }
+    /// The mission entered the outage's state at `at_ns` of the steady clock.
+    pub fn begin_outage(&self, at_ns: i64) {
+        self.entered_ns.store(at_ns, Ordering::Relaxed);
+    }
+    /// What became of the packets so far.
+    pub fn counts(&self) -> ChannelCounts {
+        self.radio.counts()
+    }
+    /// From `now_ns` until something arrives, at most `most`.
+    pub fn idle(&self, now_ns: i64, most: Duration) -> Duration {
+        let early = self.radio.next().map(|at| at - self.true_time(now_ns));
+        early.map_or(most, |e| {
+            Duration::from_nanos(e.nanos().max(0).unsigned_abs()).min(most)
+        })
+    }
     fn true_time(&self, steady_ns: i64) -> Time<TrueTime> {
         Time::from_nanos(steady_ns.saturating_sub(self.epoch_ns))
     }
-    /// Something of `bytes` came at `at_ns` of the steady clock.
+    /// Something of so many bytes on the air came at `at_ns` of the steady clock.
     pub fn take(&mut self, at_ns: i64, bytes: usize, value: T) {
         let at = self.true_time(at_ns);
-        self.radio.send(at, on_air(bytes), value);
+        self.radio.send(at, bytes, value);
     }
     /// What has arrived by `now_ns`, with its time of arrival on the steady clock, ns.
     pub fn arrived(&mut self, now_ns: i64) -> Vec<(i64, T)> {
@@ -104,7 +120,8 @@ impl Inbound {
 
 impl ReceiveChannel for Inbound {
     fn take(&mut self, packet: Received) {
-        self.impaired.take(packet.at_ns, packet.bytes.len(), packet);
+        let bytes = on_air(packet.bytes.len());
+        self.impaired.take(packet.at_ns, bytes, packet);
     }
     fn ready(&mut self, now_ns: i64) -> Option<Received> {
         let arrived = self.impaired.arrived(now_ns).into_iter();
@@ -141,7 +158,7 @@ mod tests {
         assert_eq!(impaired.arrived(2_000), vec![]);
         let late = impaired.arrived(1_000_000_000);
         assert!(late.len() == 1 && late[0].0 > 5_000_000, "{late:?}");
-        impaired.entered_ns.store(2_000_000_000, Ordering::Relaxed);
+        impaired.begin_outage(2_000_000_000);
         assert_eq!(impaired.arrived(2_000_000_000), vec![]);
         for (at_ns, value) in [(2_400_000_000, 'b'), (2_600_000_000, 'c'), (3_600_000_000, 'd')] {
             impaired.take(at_ns, 300, value);

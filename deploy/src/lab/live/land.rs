@@ -13,7 +13,7 @@ use alight_shared::msg::{Command, CommandKind, Header, ReasonCode, State};
 use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::memory::{Memory, Publisher, Services};
-use alight_shared::transport::process::ProcessKind;
+use alight_shared::transport::process::{ProcessKind, Signal, signal};
 use alight_shared::transport::radio::RadioConfig;
 use alight_shared::transport::wake::end_requested;
 use alight_sim::autopilots::FirmwareConfig;
@@ -27,11 +27,11 @@ use crate::config::recorder::RecorderConfig;
 use crate::config::supervision::Supervision;
 use crate::config::view::ViewConfig;
 use crate::config::{DroneComputer, VesselComputer};
-use crate::exit::{CliError, Exit};
+use crate::exit::{CliError, Doing, Exit};
 use crate::lab::live::air::{RadioPath, RadioWatch};
 use crate::lab::live::args::LandArgs;
 use crate::lab::live::config::{Attachments, AutopilotKind, SimulatedWorld, attached, free_port, write};
-use crate::lab::live::fault::Fault;
+use crate::lab::live::fault::{Fault, Seen};
 use crate::lab::live::recording;
 use crate::lab::live::report::{LiveOutcome, LiveReport, PhaseEntry};
 use crate::lab::live::world::{CONTACT, WorldReport};
@@ -468,11 +468,19 @@ impl<'a> Landing<'a> {
         let Some(fault) = &mut self.fault else {
             return Ok(());
         };
-        if fault.poll(steady_ns(), t_s, &self.observer.snapshot, self.contact)? {
-            note(
-                self.args.json,
-                format!("{t_s:>7.2} s  fault {}", fault.report.fault),
-            );
+        let snapshot = &self.observer.snapshot;
+        let seen = Seen {
+            t_s,
+            mission: *snapshot.mission,
+            process: snapshot.processes.get(&fault.spec().process).copied(),
+            contact: self.contact,
+        };
+        if let Some((pid, what)) = fault.poll(steady_ns(), &seen) {
+            let name = &fault.report.fault;
+            signal(pid, what).doing(format_args!("the fault {name}"))?;
+            if what != Signal::Continue {
+                note(self.args.json, format!("{t_s:>7.2} s  fault {name}"));
+            }
         }
         Ok(())
     }

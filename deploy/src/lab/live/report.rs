@@ -117,17 +117,7 @@ impl LiveReport {
         );
         out.push_str(&self.radio.text());
         if let Some(f) = &self.fault {
-            let what = match (f.at_s, f.state, f.recovery_s) {
-                (Some(at), Some(state), Some(back)) => {
-                    format!(
-                        "at {at:.2} s in {}, reported again after {back:.2} s",
-                        state.name()
-                    )
-                }
-                (Some(at), Some(state), None) => format!("at {at:.2} s in {}, no report since", state.name()),
-                _ => "its phase did not come".into(),
-            };
-            out.push_str(&format!("  fault {}: {what}\n", f.fault));
+            out.push_str(&format!("  fault {}: {f}\n", f.fault));
         }
         out
     }

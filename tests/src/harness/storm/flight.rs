@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::kinds::{Effect, Takes};
 use super::watch::{Scene, Violation, Watch};
 use super::{Fault, Kind, Mutant, Storm};
-use crate::harness::faults::Failing;
+use crate::harness::failing::Failing;
 use crate::harness::rig::Rig;
 use crate::harness::scenario::SetupError;
 use crate::harness::tap::NoTap;

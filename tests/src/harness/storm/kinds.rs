@@ -7,8 +7,9 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::autopilots::simulated::mode_number;
-use crate::harness::faults::Failing;
-use crate::harness::rig::{Part, Rig};
+use crate::harness::failing::Failing;
+use crate::harness::fault::Part;
+use crate::harness::rig::Rig;
 use crate::harness::world::Checkpoints;
 use crate::radio::ChannelFault;
 
@@ -131,19 +132,19 @@ kinds! {
         Events(|r, _| r.fail(Part::Supervisor), |r, size| r.restore(Part::Supervisor, kept(size)));
     /// The predictor stands still.
     PredictorFrozen, "predictor-frozen", "", NONE, FREEZE, Nothing,
-        Lasting(|f, _| f.frozen.predictor = true);
+        Lasting(|f, _| f.frozen.parts.push(Part::Predictor));
     /// The mission does.
     MissionFrozen, "mission-frozen", "", NONE, FREEZE, Nothing,
-        Lasting(|f, _| f.frozen.mission = true);
+        Lasting(|f, _| f.frozen.parts.push(Part::Mission));
     /// The planner does.
     PlannerFrozen, "planner-frozen", "", NONE, FREEZE, Nothing,
         Lasting(|f, _| f.frozen.planner = true);
     /// The pilot does.
     PilotFrozen, "pilot-frozen", "", NONE, FREEZE, Command,
-        Lasting(|f, _| f.frozen.pilot = true);
+        Lasting(|f, _| f.frozen.parts.push(Part::Pilot));
     /// The link to the autopilot does.
     LinkFrozen, "link-frozen", "", NONE, FREEZE, Command,
-        Lasting(|f, _| f.frozen.link = true);
+        Lasting(|f, _| f.frozen.parts.push(Part::Link));
     /// The whole computer of the drone does.
     ComputerFrozen, "computer-frozen", "", NONE, FREEZE, Command,
         Lasting(|f, _| f.frozen.computer = true);

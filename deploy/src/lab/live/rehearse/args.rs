@@ -2,9 +2,13 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use alight_shared::msg::State;
+use alight_shared::transport::process::ProcessKind;
+use alight_sim::harness::fault::{FaultKind, Moment};
+use clap::Args;
 
 use crate::lab::args::{Autopilot, SeaArg};
+use crate::lab::live::fault::FaultSpec;
 
 /// Every service as it is installed, against the simulated world.
 #[derive(Args, Debug)]
@@ -27,9 +31,14 @@ pub struct RehearseArgs {
     /// calm, slight, moderate, rough, very-rough, or as for `alight trial`
     #[arg(long, default_value = "moderate")]
     pub sea: SeaArg,
-    /// Kill a service once while the drone follows: it is started again as systemd does, and the landing is still made
-    #[arg(long, value_enum, value_name = "SERVICE")]
-    pub restart: Option<Restart>,
+    /// Kill a process, or freeze it for 0.2 to 2 s, in a phase or at the first contact, as with `alight land`; of the vessel
+    /// the whole service is killed, and started again as systemd does: PROCESS:kill|freeze:PHASE|contact, such as
+    /// vessel:kill:tracking
+    #[arg(long, value_name = "FAULT")]
+    pub fault: Option<FaultSpec>,
+    /// The former name of `--fault vessel:kill:tracking`
+    #[arg(long, hide = true, value_parser = ["vessel"], conflicts_with = "fault")]
+    pub restart: Option<String>,
     /// Whose character the simulated autopilot has; with --autopilot-at the firmware that flies [default: px4]
     #[arg(long, value_enum)]
     pub autopilot: Option<Autopilot>,
@@ -57,14 +66,16 @@ pub struct RehearseArgs {
     pub supervised: bool,
 }
 
-/// A service that is killed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Restart {
-    /// The vessel's.
-    Vessel,
-}
-
 impl RehearseArgs {
+    /// The fault of this rehearsal.
+    pub fn fault(&self) -> Option<FaultSpec> {
+        let vessel = FaultSpec {
+            process: ProcessKind::Vessel,
+            kind: FaultKind::Kill,
+            moment: Moment::In(State::Tracking),
+        };
+        self.fault.or(self.restart.as_ref().map(|_| vessel))
+    }
     /// From the vehicles' first moment to the command, s.
     pub fn warm_up_s(&self) -> f64 {
         let usual = if self.autopilot_at.is_some() { 180 } else { 40 };

@@ -17,22 +17,24 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use alight_shared::msg::{Phase, ReasonCode, State};
+use alight_shared::msg::{ReasonCode, State};
 use alight_shared::topics;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory};
 use alight_shared::transport::metrics::{MetricName, MetricValue};
-use alight_shared::transport::process::ProcessKind;
+use alight_shared::transport::process::{ProcessKind, Signal, signal};
 use alight_shared::transport::wake::end_requested;
+use alight_sim::harness::fault::FaultKind;
 use serde::Serialize;
 
-use self::args::{RehearseArgs, Restart};
+use self::args::RehearseArgs;
 use self::files::Plan;
 use self::list::{CheckList, Row};
 use self::services::{Service, command};
 use crate::certificates::Certificate;
 use crate::exit::{CliError, Doing, Exit};
-use crate::lab::live::world::{Landed, SENSING, TooSlow, WorldReport};
+use crate::lab::live::fault::{Fault, Seen};
+use crate::lab::live::world::{CONTACT, Landed, SENSING, TooSlow, WorldReport};
 use crate::process::instance::is_running;
 use crate::process::life::end_with_supervisor;
 use crate::process::observer::{Follower, Observer};
@@ -149,9 +151,9 @@ struct Rehearsal<'a> {
     armed: Option<bool>,
     landed: Option<Landed>,
     too_slow: Option<TooSlow>,
-    /// The vessel's service was killed at this time, ns, and was ready again after so long, s.
-    killed_ns: Option<i64>,
-    back_s: Option<f64>,
+    fault: Option<Fault>,
+    /// The drone has touched something.
+    contact: bool,
     plan: Plan,
 }
 
@@ -175,8 +177,8 @@ impl<'a> Rehearsal<'a> {
             armed: None,
             landed: None,
             too_slow: None,
-            killed_ns: None,
-            back_s: None,
+            fault: args.fault().map(|spec| Fault::new(spec, args.seed)),
+            contact: false,
             plan,
         })
     }
@@ -203,6 +205,7 @@ impl<'a> Rehearsal<'a> {
     fn receive_report(&mut self) {
         for line in self.world.output() {
             self.sensing |= line == SENSING;
+            self.contact |= line == CONTACT;
             match serde_json::from_str(&line) {
                 Ok(WorldReport::Landed(landed)) => self.landed = Some(*landed),
                 Ok(WorldReport::TooSlow(too_slow)) => self.too_slow = Some(too_slow),
@@ -228,14 +231,6 @@ impl<'a> Rehearsal<'a> {
         for service in [&mut self.vessel, &mut self.drone].into_iter().flatten() {
             service.keep()?;
         }
-        if let Some(killed_ns) = self.killed_ns
-            && self.back_s.is_none()
-            && let Some(vessel) = &self.vessel
-            && vessel.restarts() > 0
-            && vessel.ready_s().is_some()
-        {
-            self.back_s = Some((steady_ns() - killed_ns) as f64 * 1e-9);
-        }
         // Its newest reports are asked for later.
         let _none = self.aboard.poll();
         if let Some((_, observer)) = &mut self.observer {
@@ -250,6 +245,38 @@ impl<'a> Rehearsal<'a> {
                 list.say(format_args!("{t_s:>9.2} s  {:<16} {}", m.state.name(), m.entered));
                 self.states.push((t_s, m.state.name(), m.entered.to_string()));
             }
+        }
+        self.poll_fault(list)
+    }
+    /// Lets the fault happen when it is time.
+    fn poll_fault(&mut self, list: &CheckList) -> Result<(), CliError> {
+        let (Some(fault), Some((_, observer))) = (&mut self.fault, &self.observer) else {
+            return Ok(());
+        };
+        let (process, now_ns) = (fault.spec().process, steady_ns());
+        let aboard = self.aboard.poll().map(|(_, snapshot)| snapshot);
+        let of_vessel = process == ProcessKind::Vessel;
+        let of_computer = if of_vessel {
+            aboard
+        } else {
+            Some(&observer.snapshot)
+        };
+        let seen = Seen {
+            t_s: (now_ns - self.commanded_ns) as f64 * 1e-9,
+            mission: *observer.snapshot.mission,
+            process: of_computer.and_then(|s| s.processes.get(&process).copied()),
+            contact: self.contact,
+        };
+        let Some((pid, what)) = fault.poll(now_ns, &seen) else {
+            return Ok(());
+        };
+        let name = &fault.report.fault;
+        match (&mut self.vessel, what) {
+            (Some(vessel), Signal::Kill) if of_vessel => vessel.kill(),
+            _ => signal(pid, what).doing(format_args!("the fault {name}"))?,
+        }
+        if what != Signal::Continue {
+            list.say(format_args!("{:>9.2} s  fault {name}", seen.t_s));
         }
         Ok(())
     }
@@ -501,45 +528,36 @@ impl<'a> Rehearsal<'a> {
             return Ok(Waited::Met);
         }
         let limit_s = f64::from(self.args.time_limit) + VERDICT_S;
-        let waited = self.until(list, limit_s, |r| {
-            r.restart();
-            r.landed.is_some()
-        })?;
+        let waited = self.until(list, limit_s, |r| r.landed.is_some())?;
         if matches!(waited, Waited::Stopped | Waited::TooSlow) {
             return Ok(waited);
         }
         self.show_vision(list);
         self.show_contact(list);
-        self.show_restart(list);
+        self.show_fault(list);
         self.show_verdict(list);
         Ok(Waited::Met)
     }
-    /// Kills the service that is to be killed, once the drone follows.
-    fn restart(&mut self) {
-        let wanted = self.args.restart == Some(Restart::Vessel);
-        if wanted
-            && self.killed_ns.is_none()
-            && self.state.phase() == Phase::Follow
-            && let Some(vessel) = &mut self.vessel
-        {
-            vessel.kill();
-            self.killed_ns = Some(steady_ns());
-        }
-    }
-    fn show_restart(&mut self, list: &mut CheckList) {
-        if self.args.restart.is_none() {
+    fn show_fault(&mut self, list: &mut CheckList) {
+        let Some((spec, report)) = self.fault.as_ref().map(|f| (f.spec(), f.report.clone())) else {
+            return;
+        };
+        let happened = match spec.kind {
+            FaultKind::Kill => "killed",
+            FaultKind::Freeze => "frozen",
+        };
+        let recovered = report.recovery_s.is_some();
+        if spec.process != ProcessKind::Vessel {
+            let what = format!("{}, {happened}", spec.process.name());
+            list.add(list::DRONE, what, recovered, report.to_string());
             return;
         }
         let sources = self.vessel_status().map(|s| s.sources()).unwrap_or_default();
         let young = |s: &SourceHealth| s.age_s.is_some_and(|age| age < 1.0);
         let (back, all) = (sources.iter().filter(|s| young(s)).count(), sources.len());
-        let figure = match (self.killed_ns, self.back_s) {
-            (None, _) => "the drone did not come to follow".into(),
-            (Some(_), None) => "killed, and not ready again".into(),
-            (Some(_), Some(s)) => format!("ready after {s:.2} s, {back} of {all} sensors back"),
-        };
-        let ok = self.back_s.is_some() && back == all;
-        list.add(list::VESSEL, "alight-vessel, killed", ok, figure);
+        let figure = format!("{report}, {back} of {all} sensors back");
+        let what = format!("alight-vessel, {happened}");
+        list.add(list::VESSEL, what, recovered && back == all, figure);
     }
     /// What the vessel knows of the drone, and who it is itself.
     fn show_contact(&mut self, list: &mut CheckList) {

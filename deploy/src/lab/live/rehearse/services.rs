@@ -49,7 +49,6 @@ pub struct Service {
     started_ns: i64,
     ended_ns: Option<i64>,
     ready_s: Option<f64>,
-    restarts: u32,
 }
 
 impl Service {
@@ -72,7 +71,6 @@ impl Service {
             started_ns: 0,
             ended_ns: None,
             ready_s: None,
-            restarts: 0,
         };
         service.spawn()?;
         Ok(service)
@@ -114,10 +112,6 @@ impl Service {
     pub fn ready_s(&self) -> Option<f64> {
         self.ready_s
     }
-    /// Starts beyond the first.
-    pub fn restarts(&self) -> u32 {
-        self.restarts
-    }
     /// What it wrote to standard output since the last call.
     pub fn output(&self) -> Vec<String> {
         self.lines
@@ -149,7 +143,6 @@ impl Service {
     /// The same, and starts it again when it ended.
     pub fn keep(&mut self) -> Result<(), CliError> {
         if !self.poll() && self.ended_ns.is_some_and(|t| steady_ns() - t >= RESTART_NS) {
-            self.restarts += 1;
             self.spawn()?;
         }
         Ok(())

@@ -5,6 +5,7 @@ use alight_shared::msg::RangeSample;
 use alight_uav::autopilot::message::CommandResult;
 use alight_usv::sensors::Readings;
 
+use super::fault::Part;
 use super::storm::Mutant;
 use crate::physics::drone::MAX_ROTORS;
 use crate::radio::ChannelFault;
@@ -29,23 +30,16 @@ pub struct Failing {
     pub weak: [f64; 2],
 }
 
-/// Processes that stand still: what reaches them meanwhile is lost, but bytes on a wire, packets of the radio and commands,
-/// which wait.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// Processes that stand still ([`super::world::World::freeze`]), and computers.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Frozen {
-    /// The predictor.
-    pub predictor: bool,
-    /// The mission.
-    pub mission: bool,
-    /// The planner.
+    /// Processes of the drone.
+    pub parts: Vec<Part>,
+    /// The planner's: what reaches it meanwhile is lost.
     pub planner: bool,
-    /// The pilot.
-    pub pilot: bool,
-    /// The link to the autopilot.
-    pub link: bool,
-    /// The drone's whole computer.
+    /// The drone's whole computer: packets and bytes wait, measurements are lost.
     pub computer: bool,
-    /// The vessel's whole computer.
+    /// The vessel's: orders wait, measurements are lost.
     pub vessel: bool,
 }
 

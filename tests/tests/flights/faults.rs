@@ -1,0 +1,301 @@
+//! The fault matrix: a process of the drone's computer killed or frozen, or its cable silent, at every moment of a landing with
+//! one order, over both autopilots. `restarts` tells the stories behind it; live, `alight land --fault` draws the same times.
+
+use std::path::Path;
+
+use alight_shared::msg::State;
+use alight_sim::autopilots::simulated::SimulatedAutopilot;
+use alight_sim::harness::fault::{FaultKind, FaultTimes, Moment, Part};
+use alight_sim::harness::outcome::{Ending, FALSE_STOP_M, Judge, Outcome, TIME_LIMIT_S};
+use alight_sim::harness::physics::TICK;
+use alight_sim::harness::rig::Rig;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::physics::deck_motion::DeckMotionConfig;
+use alight_sim::physics::sea::SeaConfig;
+use alight_uav::autopilot::message::{CommandResult, command};
+use alight_uav::autopilot::modes::Firmware;
+use nalgebra::{UnitQuaternion, Vector3};
+use rayon::prelude::*;
+
+use crate::BOTH;
+
+/// On the deck with motors on, at most, s: the autopilot denies for 1 s, PX4 comes back from its failsafe, and a
+/// process that starts anew looks for the evidence.
+const MOTORS_ON_S: f64 = 5.0;
+/// For so long from the first disarm on the autopilot denies it, s: longer than a fault waits after the stop.
+const DENIES_S: f64 = 1.0;
+/// So long the cable is silent, s.
+const CABLE_OUT_S: f64 = 1.0;
+/// The drone never tilts further beyond what was commanded before it touches, deg.
+const TILT_BEYOND_DEG: f64 = 10.0;
+/// A commanded tilt is forgotten with this time constant, s, as the mission forgets it.
+const TILT_MEMORY_S: f64 = 0.5;
+/// Farthest from the deck's centre at rest, m.
+const REST_ERROR_M: f64 = 1.0;
+/// Flown on after the mission gave up, s: it climbs clear of the deck.
+const CLIMB_S: f64 = 15.0;
+
+/// What fails in a landing, if anything.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Fault {
+    /// Nothing.
+    None,
+    /// A process, at a moment.
+    Process(Part, FaultKind, Moment),
+    /// The cable, from the first contact.
+    Cable,
+}
+
+/// A landing with one order, and its fault.
+#[derive(Clone, Debug)]
+struct Case {
+    firmware: Firmware,
+    fault: Fault,
+    seed: u64,
+    sea: SeaConfig,
+    deck_motion: Option<DeckMotionConfig>,
+}
+
+/// A landing as it was flown.
+#[derive(Debug)]
+struct Flown {
+    outcome: Outcome,
+    /// When the fault began and when it ended, s.
+    fault_s: [Option<f64>; 2],
+    landed: bool,
+    armed: bool,
+    motors_on_deck_s: f64,
+    tilt_beyond_deg: f64,
+}
+
+impl Case {
+    fn scenario(&self) -> Scenario {
+        let mut scenario = Scenario {
+            sea: self.sea.clone(),
+            deck_motion: self.deck_motion.clone(),
+            ..Scenario::default()
+        };
+        let autopilot = &mut scenario.drone.autopilot;
+        // Its failsafe waits as long as is permitted.
+        (autopilot.firmware, autopilot.loss_after_s) = (self.firmware, 0.5);
+        scenario
+    }
+    /// The autopilot denies a disarm at `now_s`, as one whose detector has not found the landing yet: where a fault follows
+    /// the stop of the motors.
+    fn is_denied(&self, autopilot: &SimulatedAutopilot, now_s: f64) -> bool {
+        let first = autopilot
+            .commands
+            .iter()
+            .find(|(_, c)| c.command == command::ARM_DISARM);
+        let after_the_stop = matches!(self.fault, Fault::Process(.., Moment::In(State::Landed)));
+        after_the_stop && first.is_none_or(|(at, _)| now_s < at.secs() + DENIES_S)
+    }
+    /// Lets the fault begin and end when it is time; `moment_s` is when its moment began.
+    fn fail(
+        &self,
+        rig: &mut Rig,
+        touched_s: Option<f64>,
+        moment_s: &mut Option<f64>,
+        fault_s: &mut [Option<f64>; 2],
+    ) {
+        let t = rig.t_s();
+        let (part, kind, due_s, lasts_s) = match self.fault {
+            Fault::None => return,
+            Fault::Cable => (Part::Cable, FaultKind::Kill, touched_s, CABLE_OUT_S),
+            Fault::Process(part, kind, moment) => {
+                let begins = match moment {
+                    Moment::In(state) => rig.state(0) == state,
+                    Moment::Contact => touched_s.is_some(),
+                };
+                *moment_s = moment_s.or(begins.then_some(t));
+                let times = FaultTimes::drawn(moment, self.seed);
+                let due_s = moment_s.map(|at| at + times.delay_s);
+                (part, kind, due_s, times.lasts_s(kind))
+            }
+        };
+        match fault_s {
+            [None, _] if due_s.is_some_and(|at| t >= at) => {
+                fault_s[0] = Some(t);
+                rig.begin(part, kind);
+            }
+            [Some(began), None] if t >= *began + lasts_s => {
+                fault_s[1] = Some(t);
+                rig.end(part, kind);
+            }
+            _ => {}
+        }
+    }
+    fn fly(&self) -> Flown {
+        let scenario = self.scenario();
+        let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
+        let mut rig = Rig::landing(&scenario, &NodeConfigs::default(), self.seed).unwrap();
+        let (mut judge, mut tilt) = (Judge::default(), Tilt::default());
+        let (mut moment_s, mut fault_s) = (None, [None; 2]);
+        let (mut motors_on_deck_s, mut judged_s) = (0.0, None);
+        rig.each(TIME_LIMIT_S + CLIMB_S, |rig| {
+            let (t, now_s) = (rig.t_s(), rig.world.physics().now().secs());
+            let attitude = rig.world.physics().drone(0).unwrap().attitude.0;
+            let o = rig.world.observation();
+            let over = judge.observe(&o, half_deck);
+            let touched_s = judge.first_contact_s();
+            let on_deck = o.feet_height_m() < FALSE_STOP_M && o.horizontal_m < scenario.deck.length_m;
+            if touched_s.is_some() && on_deck && o.motors_on {
+                motors_on_deck_s += TICK.secs();
+            }
+            let autopilot = &mut rig.world.linked(0).unwrap().autopilot;
+            let denied = touched_s.is_some() && self.is_denied(autopilot, now_s);
+            autopilot.answer = denied.then_some(CommandResult::Denied);
+            if touched_s.is_none() {
+                tilt.observe(autopilot, &attitude);
+            }
+            self.fail(rig, touched_s, &mut moment_s, &mut fault_s);
+            judged_s = judged_s.or(over.then_some(t));
+            let clear = rig.state(0) != State::GaveUp || judged_s.is_some_and(|at| t >= at + CLIMB_S);
+            let fails = fault_s[0].is_some() && fault_s[1].is_none();
+            judged_s.is_some() && clear && !fails
+        });
+        let landed = rig.visited(0).contains(&State::Landed);
+        Flown {
+            outcome: judge.outcome(self.seed, "", "", rig.t_s()),
+            fault_s,
+            landed,
+            armed: rig.world.linked(0).unwrap().autopilot.armed(),
+            motors_on_deck_s,
+            tilt_beyond_deg: tilt.beyond.to_degrees(),
+        }
+    }
+}
+
+/// The tilt commanded of an autopilot and how far the drone tilts beyond it, rad.
+#[derive(Default)]
+struct Tilt {
+    /// The greatest commanded lately.
+    commanded: f64,
+    /// Farthest beyond it so far.
+    beyond: f64,
+}
+
+impl Tilt {
+    /// The drone has this attitude.
+    fn observe(&mut self, autopilot: &SimulatedAutopilot, attitude: &UnitQuaternion<f64>) {
+        let tilt = |q: &UnitQuaternion<f64>| (q * Vector3::z()).angle(&Vector3::z());
+        let kept = (-TICK.secs() / TILT_MEMORY_S).exp();
+        self.commanded = (self.commanded * kept).max(tilt(&autopilot.wanted()));
+        if autopilot.in_offboard() {
+            self.beyond = self.beyond.max(tilt(attitude) - self.commanded);
+        }
+    }
+}
+
+impl Flown {
+    /// It rests on the deck, disarmed in time, or is away from it without having touched it; nothing met the water, and
+    /// every contact was soft unless pilot or link stood still: then the autopilot's own hold does as it does.
+    fn is_safe(&self, fault: Fault) -> bool {
+        let o = &self.outcome;
+        let uncommanded = matches!(
+            fault,
+            Fault::Process(Part::Pilot | Part::Link, FaultKind::Freeze, _)
+        );
+        let rests = o.rest_position_error_m.is_some_and(|e| e < REST_ERROR_M);
+        let landed = self.landed && !self.armed && rests && self.motors_on_deck_s <= MOTORS_ON_S;
+        let away = o.outcome == Ending::GaveUp && o.touchdown_speed_mps.is_none();
+        o.water_contacts == 0
+            && (uncommanded || o.unsafe_contacts == 0)
+            && (landed || away)
+            && self.tilt_beyond_deg <= TILT_BEYOND_DEG
+    }
+}
+
+/// Flies all; none is unsafe, tilts too far, or was over before its fault, but for these, which are.
+fn assert_all_safe_but(unsafe_ones: &[(Firmware, u64)], cases: &[Case]) {
+    let flown: Vec<_> = cases.par_iter().map(|case| (case, case.fly())).collect();
+    let landed = flown.iter().filter(|(_, f)| f.landed).count();
+    let late = |f: &Flown| f.fault_s[1].is_none();
+    let known = |c: &Case| unsafe_ones.contains(&(c.firmware, c.seed));
+    let is_safe = |c: &Case, f: &Flown| f.is_safe(c.fault) && (c.fault == Fault::None || !late(f));
+    let wrong: Vec<_> = flown.iter().filter(|(c, f)| is_safe(c, f) == known(c)).collect();
+    let tilts = flown.iter().map(|(_, f)| f.tilt_beyond_deg);
+    // For a person, with --nocapture.
+    println!(
+        "{landed} of {} landed, tilt at most {:.2} deg beyond the command",
+        cases.len(),
+        tilts.fold(0.0, f64::max)
+    );
+    assert!(
+        wrong.is_empty(),
+        "{} of {} ({landed} landed): {wrong:#?}",
+        wrong.len(),
+        cases.len()
+    );
+}
+
+const MOMENTS: [Moment; 4] = [
+    Moment::In(State::Descent),
+    Moment::In(State::Flare),
+    Moment::Contact,
+    Moment::In(State::Landed),
+];
+
+/// Predictor, mission, pilot and link killed and frozen at each moment, and the cable, over both autopilots.
+#[test]
+fn faults_at_every_moment_over_both_autopilots() {
+    let parts = [Part::Predictor, Part::Mission, Part::Pilot, Part::Link];
+    let mut all = Vec::new();
+    for firmware in BOTH {
+        for moment in MOMENTS {
+            for part in parts {
+                for kind in FaultKind::ALL {
+                    all.push((firmware, Fault::Process(part, kind, moment)));
+                }
+            }
+        }
+        all.push((firmware, Fault::Cable));
+    }
+    let case = |(seed, (firmware, fault))| Case {
+        firmware,
+        fault,
+        seed,
+        sea: SeaConfig::paper(0.5, 5.0),
+        deck_motion: None,
+    };
+    let cases: Vec<_> = (300..).zip(all).map(case).collect();
+    assert_eq!(cases.len(), 66);
+    assert_all_safe_but(&[], &cases);
+}
+
+/// On mono-5m-js15-6 over ArduPilot, without a fault, the second contact is at 1.10 m/s; of 60 seeds there (3000 on) 4 have a
+/// contact at 1.01 to 1.12 m/s.
+const HARD_WITHOUT_A_FAULT: (Firmware, u64) = (Firmware::ArduCopter, 400);
+
+#[test]
+#[ignore = "needs ../shared/data/decks beside the project"]
+fn faults_on_the_decks_beside_the_project() {
+    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/decks");
+    let decks = ["mono-5m-js15-6", "twin-5m-cross", "work-12m-js25-7"];
+    let decks = decks.map(|d| beside.join(d).with_extension("csv"));
+    let mission = |state| Fault::Process(Part::Mission, FaultKind::Kill, Moment::In(state));
+    let faults = [
+        Fault::None,
+        mission(State::Descent),
+        mission(State::Flare),
+        Fault::Process(Part::Link, FaultKind::Kill, Moment::In(State::Landed)),
+    ];
+    let mut cases = Vec::new();
+    for firmware in BOTH {
+        for k in 0..20_usize {
+            cases.push(Case {
+                firmware,
+                fault: faults[k % faults.len()],
+                seed: 400 + k as u64,
+                sea: SeaConfig::paper(0.0, 5.0),
+                deck_motion: Some(DeckMotionConfig {
+                    file: decks[k % decks.len()].clone(),
+                    start_s: 15.0 * k as f64,
+                    water_follows: true,
+                    ..DeckMotionConfig::default()
+                }),
+            });
+        }
+    }
+    assert_all_safe_but(&[HARD_WITHOUT_A_FAULT], &cases);
+}
