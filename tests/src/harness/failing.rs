@@ -6,7 +6,7 @@ use alight_uav::autopilot::message::CommandResult;
 use alight_usv::sensors::Readings;
 
 use super::fault::Part;
-use super::storm::Mutant;
+use super::mutant::Mutant;
 use crate::physics::drone::MAX_ROTORS;
 use crate::radio::ChannelFault;
 use crate::sensors::DroneReadings;

@@ -7,6 +7,7 @@ pub mod fault;
 mod foresight;
 mod inbox;
 pub mod link;
+pub mod mutant;
 pub mod outcome;
 pub mod physics;
 pub mod rig;

@@ -7,7 +7,6 @@
 mod draw;
 mod flight;
 mod kinds;
-mod mutant;
 mod shrink;
 pub mod watch;
 
@@ -21,9 +20,9 @@ use crate::physics::sea::SeaConfig;
 use crate::physics::vessel::Course;
 use crate::studies::aborts::drive;
 
+pub use super::mutant::Mutant;
 pub use flight::{Ending, Flown, fly, fly_mutant};
 pub use kinds::{Kind, Spec};
-pub use mutant::Mutant;
 pub use shrink::shrink;
 
 /// Faults of a list, at most.
