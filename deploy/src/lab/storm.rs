@@ -65,18 +65,19 @@ struct Broken {
     shrunk: Storm,
 }
 
-/// One storm's end.
-struct One {
+/// StormEnd storm's end.
+struct StormEnd {
     flown: Flown,
     broken: Option<Box<Broken>>,
 }
 
-/// What many storms came to.
+/// Summary of many storms.
 #[derive(Default, Serialize)]
 struct Summary {
     storms: usize,
     landed: usize,
     waits: usize,
+    crashed: usize,
     violations: BTreeMap<Rule, usize>,
     /// Faults that began, and how many pairs of a kind and a state of those that there are.
     faults_begun: usize,
@@ -89,7 +90,7 @@ struct Summary {
 
 /// Flies, shrinks, reports.
 pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
-    // The first question puts the handler in place: a signal from here on ends with what was flown.
+    // The first call installs the handler: a signal from here on ends with what was flown.
     if end_requested() {
         return Ok(Exit::Failed);
     }
@@ -101,12 +102,14 @@ pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
             .doing(format_args!("making the directory {}", directory.display()))?;
     }
     let elapsed = stopwatch();
-    let mut all: Vec<One> = Vec::new();
+    let cores = || u32::try_from(rayon::current_num_threads()).unwrap_or(1);
+    let workers = args.jobs.map_or_else(cores, u32::from);
+    let mut all: Vec<StormEnd> = Vec::new();
     let mut next = args.seed0;
     loop {
         let wanted = match args.seconds {
             None => args.trials,
-            Some(_) => BATCH * u32::try_from(rayon::current_num_threads()).unwrap_or(1),
+            Some(_) => BATCH * workers,
         };
         let batch = seeds(next, wanted)?;
         next = next.saturating_add(u64::from(wanted));
@@ -126,8 +129,8 @@ pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
     Ok(Exit::of(summary.broken.is_empty() && summary.storms > 0))
 }
 
-/// One storm, shrunk where it broke a rule; None once the end is asked for.
-fn fly_seed(args: &StormArgs, seed: u64) -> Result<Option<One>, CliError> {
+/// Flies one storm and shrinks it where it broke a rule; None once the end is asked for.
+fn fly_seed(args: &StormArgs, seed: u64) -> Result<Option<StormEnd>, CliError> {
     if end_requested() {
         return Ok(None);
     }
@@ -137,6 +140,9 @@ fn fly_seed(args: &StormArgs, seed: u64) -> Result<Option<One>, CliError> {
     let flown = fly(&storm, silent).doing(&doing)?;
     let broken = flown.violation.map(|violation| {
         let breaks = |s: &Storm| {
+            if end_requested() {
+                return None;
+            }
             let again = fly(s, &mut |_, _| {}).ok()?;
             again.violation.map(|v| v.rule)
         };
@@ -151,7 +157,7 @@ fn fly_seed(args: &StormArgs, seed: u64) -> Result<Option<One>, CliError> {
     if let Some(broken) = &broken {
         show(args, broken)?;
     }
-    Ok(Some(One { flown, broken }))
+    Ok(Some(StormEnd { flown, broken }))
 }
 
 /// Flies a list and shows what happens.
@@ -173,6 +179,7 @@ fn fly_list(path: &Path, json: bool) -> Result<Exit, CliError> {
         let end = match flown.ending {
             Ending::Landed => "landed: every rule held",
             Ending::Waits => "waits for a stated reason: every rule held",
+            Ending::Crashed => "crashed under a fault that excuses it: every rule held",
             Ending::Violated => "a rule was broken",
         };
         terminal::line(format_args!("{:>7.2} s  {end}", flown.lasted_s));
@@ -180,28 +187,27 @@ fn fly_list(path: &Path, json: bool) -> Result<Exit, CliError> {
     Ok(Exit::of(flown.ending != Ending::Violated))
 }
 
-/// A violation for a person, and its list for the next command.
+/// Prints a violation with its list, in one piece: several threads do.
 fn show(args: &StormArgs, broken: &Broken) -> Result<(), CliError> {
     let (seed, text) = (broken.seed, broken.shrunk.text());
-    note(args.json, format_args!("seed {seed}: {}", broken.violation));
-    match &args.save {
+    let list = match &args.save {
         Some(directory) => {
             let path = directory.join(format!("{seed}.toml"));
             std::fs::write(&path, text).doing(format_args!("writing {}", path.display()))?;
-            note(
-                args.json,
-                format_args!("  replay: alight storm --list {}", path.display()),
-            );
+            format!("  replay: alight storm --list {}", path.display())
         }
-        None => text
-            .lines()
-            .for_each(|line| note(args.json, format_args!("  {line}"))),
-    }
+        None => text.lines().map(|line| format!("  {line}\n")).collect(),
+    };
+    let list = list.trim_end();
+    note(
+        args.json,
+        format_args!("seed {seed}: {}\n{list}", broken.violation),
+    );
     Ok(())
 }
 
 impl Summary {
-    fn of(all: Vec<One>, elapsed_s: f64) -> Summary {
+    fn of(all: Vec<StormEnd>, elapsed_s: f64) -> Summary {
         let mut summary = Summary {
             storms: all.len(),
             kinds: Kind::ALL.len(),
@@ -209,10 +215,11 @@ impl Summary {
             ..Summary::default()
         };
         let mut pairs: BTreeMap<(Kind, &str), usize> = BTreeMap::new();
-        for One { flown, broken } in all {
+        for StormEnd { flown, broken } in all {
             match flown.ending {
                 Ending::Landed => summary.landed += 1,
                 Ending::Waits => summary.waits += 1,
+                Ending::Crashed => summary.crashed += 1,
                 Ending::Violated => {}
             }
             if let Some(v) = flown.violation {
@@ -234,6 +241,7 @@ impl Summary {
             storms,
             landed,
             waits,
+            crashed,
             faults_begun,
             kinds_begun,
             kinds,
@@ -242,7 +250,7 @@ impl Summary {
             ..
         } = self;
         format!(
-            "{storms} storms: {landed} landed, {waits} wait for a stated reason, {} broke a rule\n\
+            "{storms} storms: {landed} landed, {waits} wait for a stated reason, {crashed} crashed under a fault that excuses it, {} broke a rule\n\
              {faults_begun} faults of {kinds_begun} of {kinds} kinds, {pairs_begun} pairs of kind and state; \
              {storms_per_s:.1} storms/s",
             self.broken.len()

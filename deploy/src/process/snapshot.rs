@@ -37,7 +37,7 @@ pub fn minutes(s: f64) -> String {
     }
 }
 
-/// People look a few times a second: nothing younger than this is called old, s.
+/// People look a few times a second: nothing fresher than this counts as old, s.
 const MIN_STALE_S: f64 = 1.0;
 
 /// The newest message of a topic, and when it came on the observer's clock.
@@ -126,7 +126,7 @@ pub struct Snapshot {
     pub vessel: Newest<VesselStatus>,
     /// The vessel's real sensors by their places in its configuration.
     pub sources: BTreeMap<u32, SourceReport>,
-    /// What is said of a configuration that was edited since the start.
+    /// The warning of a configuration that was edited since the start.
     pub edited: Option<String>,
 }
 
@@ -137,6 +137,17 @@ impl Snapshot {
         let deck = self.forecast.and_then(|f| f.stages.first().copied());
         let apart = deck.map(|d| (drone.position() - Vector3::from(d.position)).norm());
         Some((drone.datum, apart))
+    }
+    /// Age of the newest plan by the mission's newest stamp, which is of the same clock, s; infinite before the first.
+    pub fn plan_age_s(&self, now_ns: i64) -> f64 {
+        let since_s = self.plan.age_s(now_ns);
+        match (*self.plan, *self.mission) {
+            (Some(plan), Some(mission)) => {
+                let made_s = (mission.header.at - plan.header.at).secs() + self.mission.age_s(now_ns);
+                since_s.max(made_s)
+            }
+            _ => since_s,
+        }
     }
     /// One line of at most 100 columns at `now_ns` of the observer's clock.
     pub fn line(&self, now_ns: i64) -> String {
@@ -152,7 +163,7 @@ impl Snapshot {
         );
         let plan = match *self.plan {
             None => "no plan".into(),
-            Some(_) => format!("plan {} old", time(self.plan.age_s(now_ns))),
+            Some(_) => format!("plan {} old", time(self.plan_age_s(now_ns))),
         };
         let solve = self
             .processes

@@ -43,7 +43,8 @@ const JSON_PERIOD: Duration = Duration::from_secs(1);
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 
 /// Looks at a computer's processes.
-struct Look {
+struct Look<'a> {
+    computer: &'a Computer,
     known: Known,
     instance: Instance,
     follower: Follower,
@@ -51,13 +52,14 @@ struct Look {
     has_waited: bool,
 }
 
-impl Look {
-    fn at(computer: &Computer) -> Result<Look, CliError> {
+impl<'a> Look<'a> {
+    fn at(computer: &'a Computer) -> Result<Look<'a>, CliError> {
         let (name, known) = match computer {
             Computer::Vessel(v) => (&v.instance, Known::vessel(v)),
             Computer::Drone(d) => (&d.instance, Known::drone(d)),
         };
         Ok(Look {
+            computer,
             known,
             instance: Instance::new(name)?,
             follower: Follower::of(name, "status")?,
@@ -77,6 +79,9 @@ impl Look {
             self.follower.poll();
         }
         self.has_waited = true;
+        if let Computer::Vessel(vessel) = self.computer {
+            self.known.refresh(vessel, steady_ns());
+        }
         let (_, seen) = self.follower.poll()?;
         Some(Status::of(Situation::of(self.known.clone(), seen, steady_ns())))
     }
@@ -84,7 +89,8 @@ impl Look {
 
 /// Shows once, or until stopped.
 pub fn run(args: &StatusArgs) -> Result<Exit, CliError> {
-    let mut look = Look::at(&args.subject.computer()?)?;
+    let computer = args.subject.computer()?;
+    let mut look = Look::at(&computer)?;
     let Some(first) = look.read(Duration::ZERO) else {
         if end_requested() {
             return Ok(Exit::Success);

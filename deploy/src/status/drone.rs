@@ -12,14 +12,12 @@ use alight_uav::mission::MAX_VESSEL_DISTANCE_M;
 
 use super::finding::{Finding, Topic};
 use super::situation::Situation;
-use super::{Figure, StateView, course};
+use super::{ARMED_REMEDY, Figure, StateView, course, processes};
 use crate::io::mavlink_key;
 use crate::process::snapshot::{minutes, time};
 
-/// A vessel's estimate of more than this share of its topic's limit of age is a warning.
+/// A vessel's estimate that is older than this fraction of its topic's limit is a warning.
 const OLD_LINK: f64 = 0.5;
-/// What to do about motors that run on the deck.
-pub const ARMED_REMEDY: &str = "keep clear of its rotors";
 
 /// What a drone's situation means.
 pub fn findings(s: &Situation) -> Vec<Finding> {
@@ -35,9 +33,9 @@ pub fn findings(s: &Situation) -> Vec<Finding> {
         all.push(Topic("autopilot").warning(found, "docs/troubleshooting.md names each reason"));
     }
     if let Some(p) = s.process(ProcessKind::Autopilot)
-        && let Some((signatures, mend)) = mavlink_key::counts(&p.metrics).finding()
+        && let Some((signatures, remedy_of_signatures)) = mavlink_key::counts(&p.metrics).finding()
     {
-        all.push(Topic("signatures").warning(signatures, mend));
+        all.push(Topic("signatures").warning(signatures, remedy_of_signatures));
     }
     all.extend(link(s));
     all.extend(battery_low(s));
@@ -95,7 +93,7 @@ fn link(s: &Situation) -> Vec<Finding> {
     }];
     all.extend(l.second_sender.map(|boot| {
         let found =
-            format!("a SECOND COMPUTER speaks as the vessel (boot {boot:08x}); it is not listened to");
+            format!("a SECOND COMPUTER sends as the vessel (boot {boot:08x}); its messages are rejected");
         TOPIC.broken(found, "switch one off")
     }));
     all
@@ -160,7 +158,7 @@ pub fn headline(state: Option<&StateView>) -> String {
     if !state.entered.is_empty() {
         text += &format!(": {}", state.entered);
     }
-    text
+    if state.stale { text + " (old)" } else { text }
 }
 
 /// Its figures.
@@ -179,7 +177,8 @@ pub fn figures(s: &Situation) -> Vec<Figure> {
         s.seen
             .mission
             .as_ref()
-            .and_then(|m| mode(m, s.seen.autopilot.as_ref())),
+            .and_then(|m| mode(m, s.seen.autopilot.as_ref()))
+            .map(|f| f.stale(s.seen.mission.is_old(s.now_ns))),
     );
     all.extend(s.seen.response.as_ref().map(response));
     all.extend(processes(s));
@@ -321,7 +320,7 @@ fn touchdown(s: &Situation) -> Figure {
     let Some(p) = *s.seen.plan else {
         return Figure::unknown(NAME);
     };
-    let (age_s, stale) = (s.seen.plan.age_s(s.now_ns), s.seen.plan.is_old(s.now_ns));
+    let (age_s, stale) = (s.seen.plan_age_s(s.now_ns), s.seen.plan.is_old(s.now_ns));
     let left_s = p.touchdown_at.map(|at| (at - p.header.at).secs() - age_s);
     Figure {
         value: match left_s {
@@ -334,19 +333,6 @@ fn touchdown(s: &Situation) -> Figure {
         stale,
         ..Figure::unknown(NAME)
     }
-}
-
-/// The processes that report.
-pub fn processes(s: &Situation) -> Option<Figure> {
-    let names: Vec<&str> = s
-        .seen
-        .processes
-        .keys()
-        .filter(|kind| s.reports(**kind))
-        .map(|kind| kind.name())
-        .collect();
-    let value = format!("{} run", names.len());
-    (!s.seen.processes.is_empty()).then(|| Figure::of("processes", value, names.join(", ")))
 }
 
 /// How the attitude answers set-points.
@@ -386,7 +372,7 @@ fn mode(m: &MissionState, a: Option<&AutopilotState>) -> Option<Figure> {
     }
 }
 
-/// What would be commanded beside what is flown.
+/// What would be commanded, compared with what is flown.
 fn shadow(s: &ShadowComparison) -> Figure {
     let [roll, pitch] = s.tilt.map(f64::to_degrees);
     let motors = if s.stops { "; would stop the motors" } else { "" };

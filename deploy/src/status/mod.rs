@@ -19,6 +19,7 @@ use alight_shared::msg::Course;
 use finding::{Finding, Level, Topic};
 use serde::Serialize;
 use situation::{Known, Situation};
+use vessel::DRONES;
 
 /// The state of a landing.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -75,6 +76,22 @@ impl Figure {
     }
 }
 
+/// What to do about motors that run on the deck.
+pub const ARMED_REMEDY: &str = "keep clear of its rotors";
+
+/// The processes that report.
+fn processes(s: &Situation) -> Option<Figure> {
+    let names: Vec<&str> = s
+        .seen
+        .processes
+        .keys()
+        .filter(|kind| s.reports(**kind))
+        .map(|kind| kind.name())
+        .collect();
+    let value = format!("{} run", names.len());
+    (!s.seen.processes.is_empty()).then(|| Figure::of("processes", value, names.join(", ")))
+}
+
 /// What the helm states of the course.
 pub fn course(course: Course) -> String {
     match course {
@@ -110,8 +127,14 @@ impl Status {
     /// The status of this situation.
     pub fn of(situation: Situation) -> Status {
         if situation.known.vessel.is_some() && situation.seen.vessel.is_none() {
-            let remedy = "its journal says why: journalctl -u alight-vessel";
-            let found = Topic("processes").broken("the vessel's process does not report", remedy);
+            const TOPIC: Topic = Topic("processes");
+            const FOUND: &str = "the vessel's process does not report";
+            const REMEDY: &str = "its journal says why: journalctl -u alight-vessel";
+            let found = if situation.has_waited() {
+                TOPIC.broken(FOUND, REMEDY)
+            } else {
+                TOPIC.warning(FOUND, REMEDY)
+            };
             return Status {
                 running: true,
                 ..Status::without(&situation.known, "does not report", found)
@@ -131,7 +154,8 @@ impl Status {
                 (state, headline, drone::figures(&situation))
             }
         };
-        for figure in &mut figures {
+        // Of several drones each has a figure, which judges itself.
+        for figure in figures.iter_mut().filter(|f| f.name != DRONES) {
             let own = findings.iter().filter(|f| f.topic == figure.name);
             figure.level = own.map(|f| f.level).max().unwrap_or_default();
         }
@@ -148,13 +172,20 @@ impl Status {
     }
     /// Of a computer on which nothing runs.
     pub fn absent(known: &Known) -> Status {
-        let remedy = if known.vessel.is_some() {
-            "systemctl status alight-vessel; run this as its user: sudo -u alight alight status"
+        const TOPIC: Topic = Topic("processes");
+        const FOUND: &str = "no process runs on this computer, or this user may not see it";
+        let found = if known.vessel.is_some() {
+            TOPIC.warning(
+                FOUND,
+                "systemctl status alight-vessel; run this as its user: sudo -u alight alight status",
+            )
         } else {
-            "systemctl status alight-drone, or alight land; run this as its user: sudo -u alight alight status"
+            TOPIC.warning(
+                FOUND,
+                "systemctl status alight-drone, or alight land; run this as its user: sudo -u alight alight status",
+            )
         };
-        let found = "no process runs on this computer, or this user may not see it";
-        Status::without(known, "nothing runs", Topic("processes").warning(found, remedy))
+        Status::without(known, "nothing runs", found)
     }
     /// Of a computer of which no more is known.
     fn without(known: &Known, headline: &str, why: Finding) -> Status {

@@ -5,7 +5,7 @@ use std::path::Path;
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::msg::{SourceReport, SourceUse, VesselStatus};
 use alight_shared::time::{Time, VesselClock};
-use alight_shared::transport::clock::ProcessClock;
+use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::metrics::{MetricName, MetricValue};
 use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_shared::transport::rejections::AccessRejection;
@@ -27,6 +27,8 @@ pub const OBSERVATION_S: f64 = 1.2;
 pub struct KnownVessel {
     /// Endpoints that it listens on.
     pub listen: Vec<String>,
+    /// Endpoints that it connects to.
+    pub connect: Vec<String>,
     /// Names that are admitted.
     pub peers: Vec<String>,
     /// The certificate, or why it cannot be read; None: the radio has none.
@@ -35,7 +37,12 @@ pub struct KnownVessel {
     pub sources: Vec<String>,
     /// The clock of their measurements.
     pub clock: ProcessClock,
+    /// When the certificate's file was read, on the steady clock, ns.
+    pub read_ns: i64,
 }
+
+/// The certificate's file is read again this often, ns.
+const CERTIFICATE_PERIOD_NS: i64 = 60_000_000_000;
 
 /// What does not change, as far as it is known.
 #[derive(Clone, Debug, Default)]
@@ -73,15 +80,27 @@ impl Known {
         };
         Known {
             title: format!("vessel {}", computer.vessel_id),
-            processes: vec![ProcessKind::Vessel],
+            processes: match computer.sensor.sources.is_empty() {
+                true => vec![ProcessKind::Vessel],
+                false => vec![ProcessKind::Vessel, ProcessKind::Sensors],
+            },
             vessel: Some(KnownVessel {
                 listen: computer.radio.listen.clone(),
+                connect: computer.radio.connect.clone(),
                 peers: computer.radio.tls.peers.clone(),
                 certificate: (!file.as_os_str().is_empty()).then(read),
                 sources: computer.sensor.sources.iter().map(|s| s.name.clone()).collect(),
                 clock: computer.clock,
+                read_ns: steady_ns(),
             }),
             ..Known::default()
+        }
+    }
+    /// Reads the file of a vessel's certificate again where that is due.
+    pub fn refresh(&mut self, computer: &VesselComputer, now_ns: i64) {
+        let read_ns = self.vessel.as_ref().map_or(i64::MIN, |v| v.read_ns);
+        if now_ns.saturating_sub(read_ns) >= CERTIFICATE_PERIOD_NS {
+            *self = Known::vessel(computer);
         }
     }
 }
@@ -141,11 +160,14 @@ impl Situation {
         self.process(kind)
             .is_some_and(|p| self.since_s(p.at_ns) <= topics::PROCESS.stale_after.secs())
     }
+    /// Whether every process has had the time to report.
+    pub fn has_waited(&self) -> bool {
+        self.since_s(self.since_ns) >= OBSERVATION_S
+    }
     /// Processes that do not report, and for how long (s), where they have.
     pub fn silent(&self) -> Vec<(ProcessKind, Option<f64>)> {
-        let waited = self.since_s(self.since_ns) >= OBSERVATION_S;
         let missing = self.known.processes.iter().copied();
-        let missing = missing.filter(|kind| waited && self.process(*kind).is_none());
+        let missing = missing.filter(|kind| self.has_waited() && self.process(*kind).is_none());
         let ended = self.seen.processes.values().filter(|p| !self.reports(p.kind));
         missing
             .map(|kind| (kind, None))

@@ -55,7 +55,7 @@ impl Computer {
             .find(readable)
             .map(Path::to_path_buf)
     }
-    /// The drone's processes of that name: a landing of all processes has the drone's file beside its memory.
+    /// The drone's processes of that name: a landing of all processes has the drone's file next to its memory.
     fn of_instance(name: &str) -> Result<Computer, CliError> {
         let file = Instance::new(name)?.directory().join("drone.toml");
         let mut drone: DroneComputer = if file.exists() {

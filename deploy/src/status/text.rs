@@ -8,7 +8,7 @@ use crate::process::{metrics, snapshot::time};
 const HEIGHT: usize = 20;
 /// Columns of a status on standard output.
 const WIDTH: usize = 80;
-/// Columns of an entry's word.
+/// Columns of a label.
 const LABEL: usize = 11;
 /// Lines of one entry.
 const MAX_LINES: usize = 3;
@@ -25,7 +25,7 @@ pub struct Line {
 }
 
 impl Figure {
-    /// Value and note; None: there is nothing to say.
+    /// Value and note; None: nothing to print.
     fn text(&self) -> Option<String> {
         let value = self.value.as_deref().unwrap_or("unknown");
         let text = match (self.note.as_str(), &self.value) {
@@ -37,8 +37,8 @@ impl Figure {
     }
 }
 
-/// Words without their figures and units, which change all the time.
-fn words(text: &str) -> String {
+/// A text without its figures and units, which change all the time.
+fn without_figures(text: &str) -> String {
     let is_word = |w: &&str| w.len() > 3 && !w.contains(|c: char| c.is_ascii_digit());
     text.split_whitespace()
         .filter(is_word)
@@ -49,13 +49,18 @@ fn words(text: &str) -> String {
 impl Status {
     /// What the status is about: the same until something changes that people have to know.
     pub fn key(&self) -> String {
-        let state = self.state.as_ref().map(|s| (s.name.as_str(), words(&s.waiting)));
+        let state = self
+            .state
+            .as_ref()
+            .map(|s| (s.name.as_str(), without_figures(&s.waiting)));
         let figures = self.figures.iter().filter(|f| STATE.contains(&f.name));
-        let figures: Vec<_> = figures.map(|f| (f.value.as_deref(), words(&f.note))).collect();
+        let figures: Vec<_> = figures
+            .map(|f| (f.value.as_deref(), without_figures(&f.note)))
+            .collect();
         let alarms = self.alarms();
         let alarms: Vec<_> = alarms
             .iter()
-            .map(|f| (f.level, f.topic, words(&f.found)))
+            .map(|f| (f.level, f.topic, without_figures(&f.found)))
             .collect();
         format!("{state:?} {figures:?} {alarms:?}")
     }
@@ -65,9 +70,16 @@ impl Status {
     }
     /// What the state waits for.
     fn waiting(&self) -> Option<(&'static str, String)> {
-        let waiting = &self.state.as_ref()?.waiting;
-        let text = if waiting.is_empty() { "nothing" } else { waiting };
-        Some(("waits for", text.into()))
+        let state = self.state.as_ref()?;
+        let waiting = state.waiting.as_str();
+        let mut text = if waiting.is_empty() { "nothing" } else { waiting }.to_owned();
+        if self.situation.known.vessel.is_some() {
+            text = format!("{}: {text}", state.name);
+        }
+        if state.stale {
+            text += " (old)";
+        }
+        Some(("waits for", text))
     }
     /// Labelled texts of the figures.
     fn entries(&self) -> impl Iterator<Item = (&'static str, String)> {
@@ -81,7 +93,7 @@ impl Status {
         let alarms = self
             .alarms()
             .into_iter()
-            .map(|f| format!("{}: {f}", word(f.level)));
+            .map(|f| format!("{}: {f}", label(f.level)));
         let parts: Vec<String> = core::iter::once(self.title())
             .chain(states)
             .chain(alarms)
@@ -93,7 +105,7 @@ impl Status {
         let alarms = self.alarms();
         let mut lines = wrapped("", &self.title(), Level::Fine, 0, width);
         for f in &alarms {
-            lines.extend(wrapped(word(f.level), &f.to_string(), f.level, LABEL, width));
+            lines.extend(wrapped(label(f.level), &f.to_string(), f.level, LABEL, width));
         }
         let none = alarms.is_empty().then(|| ("alarms", "none".into()));
         for (label, text) in self.waiting().into_iter().chain(self.entries()).chain(none) {
@@ -153,8 +165,8 @@ impl Status {
     }
 }
 
-/// The word of an alarm.
-fn word(level: Level) -> &'static str {
+/// Label of an alarm.
+fn label(level: Level) -> &'static str {
     match level {
         Level::Broken => "ALARM",
         Level::Warning | Level::Fine => "warning",

@@ -7,11 +7,10 @@ use alight_shared::msg::{
 use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessKind;
 
-use super::drone::{ARMED_REMEDY, processes};
 use super::finding::{Finding, Level, Topic};
 use super::situation::{KnownVessel, Situation};
 use super::sources::{MISSING_S, estimator, remark, source};
-use super::{Figure, StateView, certificate, course};
+use super::{ARMED_REMEDY, Figure, StateView, certificate, course, processes};
 use crate::process::snapshot::time;
 use crate::vessel::{deck_inputs, helm_lamp};
 
@@ -33,7 +32,7 @@ pub fn findings(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Ve
     }
     all.extend(estimator(&status.estimator, &sources));
     all.push(match &known.certificate {
-        None => certificate::none(known.listen.iter()),
+        None => certificate::none(known.listen.iter().chain(&known.connect)),
         Some(read) => certificate::judge(read),
     });
     all.push(unauthorised_peers(s, known));
@@ -164,11 +163,11 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
 fn course_findings(deck: &DeckStatus) -> Vec<Finding> {
     const TOPIC: Topic = Topic("course");
     let stated = course(deck.course);
-    let asks = deck.wants_steady && deck.course == Course::Turning;
-    let mut all = vec![if asks {
+    let turns = deck.wants_steady && deck.course == Course::Turning;
+    let mut all = vec![if turns {
         TOPIC.warning(
             format!("{stated}; a drone waits for a steady course, or breaks its descent off"),
-            "keep course and speed, and say so: the helm's switch, or alight command steady",
+            "keep course and speed, and state it: the helm's switch, or alight command steady",
         )
     } else if deck.wants_steady {
         TOPIC.fine(format!("{stated}; a drone descends: KEEP COURSE AND SPEED"))
@@ -199,6 +198,9 @@ fn quiet_heading(h: &HeadingAdvice) -> Finding {
         )
     })
 }
+
+/// Name of the figures of drones, each of which judges itself.
+pub const DRONES: &str = "drones";
 
 /// What a drone reports of itself.
 pub fn drone(d: &DroneStatus) -> Finding {
@@ -232,20 +234,23 @@ fn drones(status: &VesselStatus) -> Vec<Finding> {
         let remedy = "is one switched on, in reach, and in radio.tls.peers?";
         return vec![TOPIC.warning("none received", remedy)];
     }
-    let contact = |c: &DroneContact| {
-        let found = drone(&c.status);
-        let lost = c.age_s > LOST_CONTACT_S;
-        // A drone that is armed stays an alarm when it is silent since: whoever goes there has to know.
-        let found = match c.status.still_armed_s {
-            None if lost => TOPIC.warning(found.found, "it is out of reach or switched off"),
-            None | Some(_) => found,
-        };
-        Finding {
-            found: format!("{}, {} ago", found.found, time(c.age_s)),
-            ..found
-        }
+    status.drones.iter().map(contact_finding).collect()
+}
+
+/// What a drone reported, and how long ago.
+fn contact_finding(c: &DroneContact) -> Finding {
+    const TOPIC: Topic = Topic("drones");
+    let found = drone(&c.status);
+    let lost = c.age_s > LOST_CONTACT_S;
+    // A drone that is armed stays an alarm when it is silent since: whoever goes there has to know.
+    let found = match c.status.still_armed_s {
+        None if lost => TOPIC.warning(found.found, "it is out of reach or switched off"),
+        None | Some(_) => found,
     };
-    status.drones.iter().map(contact).collect()
+    Finding {
+        found: format!("{}, {} ago", found.found, time(c.age_s)),
+        ..found
+    }
 }
 
 /// The drone that has the deck, else the one that was received last.
@@ -335,7 +340,11 @@ fn contact(d: &DroneContact) -> Figure {
         Charge(status.battery),
         time(d.age_s)
     );
-    Figure::of("drones", value, note).stale(d.age_s > LOST_CONTACT_S)
+    Figure {
+        level: contact_finding(d).level,
+        ..Figure::of(DRONES, value, note)
+    }
+    .stale(d.age_s > LOST_CONTACT_S)
 }
 
 /// Waves, and the estimate of the motion in them.

@@ -15,7 +15,7 @@ use clap::Args;
 use crate::config::view::{FOXGLOVE, ViewConfig};
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Doing, Exit};
-use crate::process::instance::{is_running, owner};
+use crate::process::instance::{EDITED_FILE, is_running, owner, said};
 use crate::process::life::{Life, draw_boot, end_with_supervisor};
 use crate::process::local_command::LocalCommand;
 use crate::process::supervisor::pause;
@@ -136,7 +136,7 @@ fn drone(
         let Some((pid, mut joined)) = joined else {
             watcher.show_nothing(
                 Time::from_nanos(steady_ns() + wall_ns),
-                Status::absent(&Known::drone(computer)),
+                Status::absent(&watcher.board.situation.known),
             );
             reject(watcher.server.order());
             pause(ABSENT_PAUSE);
@@ -168,18 +168,20 @@ struct Joined {
     reports: Publisher<ProcessState>,
     life: Life,
     abort: Option<(LocalCommand, Order)>,
+    instance: Instance,
 }
 
 impl Joined {
     fn join(instance: &Instance) -> Result<Joined, CliError> {
         let memory = Memory::join(instance, ProcessKind::View.name())?;
         Ok(Joined {
-            feed: MemoryFeed::join(instance, &memory)?,
+            feed: MemoryFeed::join(&memory)?,
             commands: memory.publisher()?,
             reports: memory.publisher()?,
             life: Life::begin(ProcessKind::View, draw_boot(), false),
             abort: None,
             memory,
+            instance: instance.clone(),
         })
     }
     /// Shows what the processes say for as long as they are there; false when it was asked to end.
@@ -210,6 +212,7 @@ impl Joined {
                 if !is_there() {
                     return true;
                 }
+                watcher.board.situation.seen.edited = said(&self.instance, EDITED_FILE);
             }
             let wait = if is_live {
                 let next = LOOK_PERIOD_NS - (steady_ns() + wall_ns).rem_euclid(LOOK_PERIOD_NS);

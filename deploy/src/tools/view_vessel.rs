@@ -17,8 +17,6 @@ use crate::view::motion::MotionHistory;
 use crate::view::picture::{FlightLine, LogLine, OrderView, Picture};
 use crate::view::server::Order;
 
-/// The certificate's file is read again this often, ns.
-const CERTIFICATE_PERIOD_NS: i64 = 60_000_000_000;
 /// Changes of drones' states that are kept.
 const LOG_LINES: usize = 12;
 /// Drones whose changes are followed.
@@ -29,8 +27,8 @@ pub struct Look<'a> {
     computer: &'a VesselComputer,
     aboard: Follower,
     known: Known,
-    /// When the certificate's file is read again, ns.
-    certificate_ns: i64,
+    /// Since when its process has not reported, on the steady clock, ns; None: it has.
+    silent_since_ns: Option<i64>,
     motion: MotionHistory,
     /// When the newest status was written, on the steady clock, ns.
     seen_ns: i64,
@@ -50,7 +48,7 @@ impl<'a> Look<'a> {
             computer,
             aboard: Follower::of(&computer.instance, ProcessKind::View.name())?,
             known: Known::vessel(computer),
-            certificate_ns: 0,
+            silent_since_ns: None,
             motion: MotionHistory::default(),
             seen_ns: i64::MIN,
             states: BTreeMap::new(),
@@ -95,17 +93,21 @@ impl<'a> Look<'a> {
     }
     /// The picture at `now_ns` of the steady clock.
     pub fn picture(&mut self, now_ns: i64) -> Picture {
-        if now_ns >= self.certificate_ns {
-            self.certificate_ns = now_ns + CERTIFICATE_PERIOD_NS;
-            self.known = Known::vessel(self.computer);
-        }
+        self.known.refresh(self.computer, now_ns);
         let Some((_, seen)) = self.aboard.poll() else {
+            self.silent_since_ns = None;
             return Picture {
                 status: Status::absent(&self.known),
                 ..Picture::default()
             };
         };
-        let situation = Situation::of(self.known.clone(), seen, now_ns);
+        let mut situation = Situation::of(self.known.clone(), seen, now_ns);
+        if situation.seen.vessel.is_some() {
+            self.silent_since_ns = None;
+        } else {
+            // Just joined: its next report is up to half a second away.
+            situation.since_ns = *self.silent_since_ns.get_or_insert(now_ns);
+        }
         self.take(&situation);
         let ago = |(at, text): &(i64, String)| LogLine {
             ago_s: situation.since_s(*at),

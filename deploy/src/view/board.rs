@@ -75,7 +75,7 @@ impl Board {
             order: OrderView::default(),
         }
     }
-    /// Forgets what is known but for the flights that ended; observes anew from `t` on.
+    /// Forgets what is known but for the flights that ended; observes again from `t` on.
     pub fn reset(&mut self, t: Time<TrueTime>) {
         let known = core::mem::take(&mut self.situation.known);
         let flights = core::mem::take(&mut self.flights);
@@ -125,11 +125,10 @@ impl Board {
         let newest = o.set_point.map(|s| s.response);
         self.situation.seen.response = newest.or(self.situation.seen.response);
     }
-    /// Reports of processes, and what is said of their configuration.
-    pub fn processes(&mut self, reports: Vec<ProcessState>, edited: Option<String>) {
+    /// Reports of processes.
+    pub fn processes(&mut self, reports: Vec<ProcessState>) {
         let reports = reports.into_iter().map(|p| (p.kind, p));
         self.situation.seen.processes.extend(reports);
-        self.situation.seen.edited = edited;
     }
 
     fn moved(&mut self, t: Time<TrueTime>, motion: Option<[f64; 3]>) {

@@ -7,7 +7,7 @@ use alight_shared::msg::{
 };
 use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_shared::transport::clock::steady_ns;
-use alight_shared::transport::memory::{Instance, Memory, Subscriber};
+use alight_shared::transport::memory::{Memory, Subscriber};
 use alight_shared::transport::process::ProcessState;
 use alight_uav::mission::{MissionIn, MissionOut};
 use alight_uav::pilot::{PilotIn, PilotOut};
@@ -15,7 +15,6 @@ use alight_uav::planner::{PlannerIn, PlannerOut};
 use alight_uav::predictor::{PredictorIn, PredictorOut};
 
 use crate::exit::CliError;
-use crate::process::instance::{EDITED_FILE, said};
 use crate::record::observer::{NodeStep, StepObserver};
 use crate::view::watcher::Watcher;
 
@@ -36,12 +35,11 @@ pub struct MemoryFeed {
     mission: Subscriber<MissionState>,
     plan: Subscriber<Plan>,
     set_point: Subscriber<SetPoint>,
-    instance: Instance,
 }
 
 impl MemoryFeed {
     /// Looks on.
-    pub fn join(instance: &Instance, memory: &Memory) -> Result<MemoryFeed, CliError> {
+    pub fn join(memory: &Memory) -> Result<MemoryFeed, CliError> {
         Ok(MemoryFeed {
             processes: memory.subscriber()?,
             estimate: memory.subscriber()?,
@@ -58,7 +56,6 @@ impl MemoryFeed {
             mission: memory.subscriber()?,
             plan: memory.subscriber()?,
             set_point: memory.subscriber()?,
-            instance: instance.clone(),
         })
     }
     /// Shows `watcher` what is new; the mission's newest state, if it is.
@@ -111,10 +108,7 @@ impl MemoryFeed {
             state: self.mission.newest(ns),
             ..MissionOut::default()
         };
-        let reports = self.processes.all(steady_ns());
-        watcher
-            .board
-            .processes(reports, said(&self.instance, EDITED_FILE));
+        watcher.board.processes(self.processes.all(steady_ns()));
         watcher.step(t, NodeStep::Mission(now, &asked, &decided));
         decided.state
     }

@@ -1,5 +1,5 @@
 //! A process of a drone that lands is killed in truth: `alight land` gives its one order, a firmware of the tests' own flies
-//! the drone behind the link to the autopilot. Every process at every moment fails in lock-step (`faults` of
+//! the drone behind the link to the autopilot. Predictor, mission, pilot and link fail at every moment in lock-step (`faults` of
 //! `tests/tests/flights`); here are signals, supervisor and shared memory. Nothing asserts a wall-clock time: all times are
 //! the world's.
 

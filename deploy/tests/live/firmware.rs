@@ -376,7 +376,7 @@ pub fn fly(name: &str, flight: &Flight) -> Flown {
     ));
     let autopilot = stand_in.end();
     let _removed = std::fs::remove_file(scene);
-    // A computer that did not keep up says nothing about the flight.
+    // A computer that did not keep up is no evidence about the flight.
     assert_ne!(out.status.code(), Some(3), "{}", errors(&out));
     Flown {
         outcome: serde_json::from_str(printed(&out).lines().last().unwrap_or("null")).unwrap(),

@@ -569,8 +569,8 @@ fn abort_precedence_and_a_frozen_process() {
         "{status}"
     );
     let vessel = all.vessel_status();
-    let refused = vessel["rejected"].as_array().expect("a list");
-    assert!(!refused.is_empty() && vessel["worst"] == "warning", "{vessel}");
+    let rejected = vessel["rejected"].as_array().expect("a list");
+    assert!(!rejected.is_empty() && vessel["worst"] == "warning", "{vessel}");
     all.assert_accepted(&all.order_from_ashore("abort", "operator-1"));
     assert_eq!(all.state(), "GaveUp");
     let planner = |s: &Value| pid(s, "planner");

@@ -26,7 +26,7 @@ pub struct Failing {
     pub autopilot: AutopilotFaults,
     /// A defect of the drone's nodes.
     pub mutant: Option<Mutant>,
-    /// Share of its thrust that the first rotor lacks, and that all lack, 0 to 1.
+    /// Fraction of its thrust that the first rotor lacks, and that all lack, 0 to 1.
     pub weak: [f64; 2],
 }
 
@@ -81,7 +81,7 @@ impl VesselSensorFaults {
 }
 
 /// Of the drone's camera and rangefinder.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DroneSensorFaults {
     /// Nothing is seen.
     pub blind: bool,
@@ -91,13 +91,11 @@ pub struct DroneSensorFaults {
     pub range_stuck: bool,
     /// Ranges are so much too long, m.
     pub range_off_m: f64,
-    /// The range that is repeated, m.
-    repeated_m: Option<f64>,
 }
 
 impl DroneSensorFaults {
-    /// What becomes of readings.
-    pub fn spoil(&mut self, readings: &mut DroneReadings) {
+    /// What becomes of readings; `repeated_m` is the range that a stuck rangefinder repeats, m.
+    pub fn spoil(&self, readings: &mut DroneReadings, repeated_m: &mut Option<f64>) {
         if self.blind {
             readings.tags.clear();
             readings.uvdar.clear();
@@ -106,14 +104,15 @@ impl DroneSensorFaults {
         if self.range_lost {
             readings.ranges.clear();
         }
-        let mut repeated_m = self.repeated_m.filter(|_| self.range_stuck);
+        if !self.range_stuck {
+            *repeated_m = None;
+        }
         for RangeSample { range_m, .. } in &mut readings.ranges {
             *range_m = (*range_m + self.range_off_m).max(0.0);
             if self.range_stuck {
                 *range_m = *repeated_m.get_or_insert(*range_m);
             }
         }
-        self.repeated_m = repeated_m;
     }
 }
 
@@ -132,7 +131,7 @@ pub struct AutopilotFaults {
     pub no_battery: bool,
     /// The remote control's signal is lost.
     pub remote_control_lost: bool,
-    /// The ground station is not heard any more.
+    /// The ground station's heartbeats have ceased.
     pub data_link_lost: bool,
 }
 

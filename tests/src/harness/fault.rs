@@ -93,8 +93,8 @@ impl FaultTimes {
     pub fn drawn(moment: Moment, seed: u64) -> FaultTimes {
         let mut noise = Noise::new(&Streams::new(seed), "fault");
         let delay_s = moment.max_delay_s() * noise.uniform();
-        let share = noise.uniform();
-        let within = |[shortest, longest]: [f64; 2]| shortest + (longest - shortest) * share;
+        let fraction = noise.uniform();
+        let within = |[shortest, longest]: [f64; 2]| shortest + (longest - shortest) * fraction;
         FaultTimes {
             delay_s,
             frozen_s: within(FROZEN_S),

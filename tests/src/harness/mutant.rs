@@ -19,7 +19,7 @@ pub enum Mutant {
     AbortIgnored,
     /// The mission takes its last order to land for a new one.
     OrderKept,
-    /// The motors stop on the rangefinder's word alone.
+    /// The motors stop on the rangefinder alone.
     StopsByRange,
     /// A forecast never grows old.
     StaleForecast,
@@ -46,15 +46,21 @@ impl Mutant {
         Mutant::ReserveWaived,
     ];
     /// What it makes of commands in this state.
-    pub fn commands(self, commands: &mut Vec<Command>, state: State, given: &mut Option<Command>) {
+    pub fn commands(
+        self,
+        now: Time<DroneClock>,
+        commands: &mut Vec<Command>,
+        state: State,
+        given: &mut Option<Command>,
+    ) {
         let landing = |c: &Command| c.kind == CommandKind::Land;
         *given = commands.iter().copied().rfind(landing).or(*given);
         if self == Mutant::AbortIgnored && matches!(state, State::Descent | State::Flare) {
             commands.retain(|c| c.kind != CommandKind::Abort);
         }
         if let (Mutant::OrderKept, State::GaveUp, Some(command)) = (self, state, given) {
-            // Its number is one that was not seen before.
-            command.header.sequence += 1_000_000;
+            // As an order that is new.
+            (command.header.at, command.header.sequence) = (now, command.header.sequence.wrapping_add(1));
             commands.push(*command);
         }
     }

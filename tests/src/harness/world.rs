@@ -182,7 +182,7 @@ impl World {
 
     /// A drone's mission process dies; the others live on.
     pub fn kill_mission(&mut self, k: usize) {
-        self.drones[k].mission = None;
+        (self.drones[k].mission, self.drones[k].mission_inbox) = (None, Inbox::default());
     }
     /// It starts anew, with or without the checkpoint of the one before it.
     pub fn start_mission(
@@ -200,7 +200,7 @@ impl World {
     }
     /// A drone's predictor process dies.
     pub fn kill_predictor(&mut self, k: usize) {
-        self.drones[k].predictor = None;
+        (self.drones[k].predictor, self.drones[k].predictor_inbox) = (None, Inbox::default());
     }
     /// It starts anew, with or without the checkpoint of the one before it.
     pub fn start_predictor(&mut self, k: usize, nodes: &NodeConfigs, checkpoints: Checkpoints) {
@@ -228,13 +228,14 @@ impl World {
         let drone = &mut self.drones[k];
         (drone.radio, drone.linked, drone.keeper) = (before.radio, before.linked, before.keeper);
         drone.handed_over = before.handed_over;
+        (drone.images_late, drone.sees_beside) = (before.images_late, before.sees_beside);
         drone.linked.iter_mut().for_each(|l| l.start(checkpoints));
         drone.predictor = drone.predictor.take().map(Predictor::as_successor);
         drone.mission = drone.mission.take().map(Mission::as_successor);
     }
     /// A drone's pilot process dies.
     pub fn kill_pilot(&mut self, k: usize) {
-        self.drones[k].pilot = None;
+        (self.drones[k].pilot, self.drones[k].pilot_inbox) = (None, Inbox::default());
     }
     /// It starts anew.
     pub fn start_pilot(&mut self, k: usize, nodes: &NodeConfigs) {
@@ -249,6 +250,10 @@ impl World {
     }
     /// It starts anew, with or without the checkpoint of the one before it.
     pub fn start_link(&mut self, k: usize, checkpoints: Checkpoints) {
+        if self.drones[k].is_dead {
+            // Its supervisor starts it.
+            return;
+        }
         self.drones[k]
             .linked
             .iter_mut()
@@ -269,7 +274,7 @@ impl World {
     pub fn kill_planner(&mut self, k: usize) {
         self.drones[k].planner = None;
     }
-    /// It starts anew.
+    /// The planner's process starts again.
     pub fn start_planner(&mut self, k: usize, nodes: &NodeConfigs) {
         let drone = &mut self.drones[k];
         let boot = drone.next_boot(Checkpoints::Kept);
@@ -348,6 +353,7 @@ impl World {
         if self.failing.frozen.vessel {
             // Orders wait, what was measured is lost.
             (self.given.commands, self.given.deck_orders) = (input.commands, input.deck_orders);
+            self.given.checkpoint = input.checkpoint;
         } else {
             let output = self.vessel.step(now, &input);
             tap.vessel(t, now, &input, &output);
@@ -357,23 +363,11 @@ impl World {
         // Each drone's computer: bridge -> predictor -> mission -> planner -> pilot -> link to the autopilot.
         self.foresight.iter_mut().for_each(|f| f.look(t));
         let foresight = self.foresight.as_ref();
-        let mut sound = Failing::default();
+        let sound = Failing::default();
         for (k, drone) in self.drones.iter_mut().enumerate() {
             match k {
-                0 => drone.tick(
-                    &mut self.physics,
-                    self.shares_deck,
-                    foresight,
-                    &mut self.failing,
-                    tap,
-                ),
-                _ => drone.tick(
-                    &mut self.physics,
-                    self.shares_deck,
-                    foresight,
-                    &mut sound,
-                    &mut NoTap,
-                ),
+                0 => drone.tick(&mut self.physics, self.shares_deck, foresight, &self.failing, tap),
+                _ => drone.tick(&mut self.physics, self.shares_deck, foresight, &sound, &mut NoTap),
             }
         }
 
@@ -494,6 +488,8 @@ pub struct DroneComputer {
     ordered: Option<Command>,
     /// A test's set-point in place of the pilot's.
     external: Option<SetPoint>,
+    /// The range that a stuck rangefinder repeats, m.
+    repeated_m: Option<f64>,
     /// Fault: images are stamped so late.
     images_late: Span,
     /// Fault: the deck seen is so far from the vessel's, NED, m.
@@ -572,6 +568,7 @@ impl DroneComputer {
             commands: Vec::new(),
             ordered: None,
             external: None,
+            repeated_m: None,
             images_late: Span::ZERO,
             sees_beside: Vector3::zeros(),
             status_due: Time::EPOCH,
@@ -619,7 +616,7 @@ impl DroneComputer {
         physics: &mut Physics,
         reports_status: bool,
         foresight: Option<&Foresight>,
-        failing: &mut Failing,
+        failing: &Failing,
         tap: &mut impl Tap,
     ) {
         let (k, t, clock) = (self.k, physics.now(), physics.drone_clock(self.k));
@@ -673,7 +670,7 @@ impl DroneComputer {
             cameras.step(t, now, &mut readings);
         }
         self.mislead(physics, &mut readings);
-        failing.drone.spoil(&mut readings);
+        failing.drone.spoil(&mut readings, &mut self.repeated_m);
         let input = PredictorIn {
             estimate: received.estimate,
             wave: received.wave,
@@ -709,7 +706,12 @@ impl DroneComputer {
         // Mission -> planner.
         self.commands.extend(received.commands);
         if let Some(mutant) = failing.mutant {
-            mutant.commands(&mut self.commands, self.mission_state.state, &mut self.ordered);
+            mutant.commands(
+                now,
+                &mut self.commands,
+                self.mission_state.state,
+                &mut self.ordered,
+            );
         }
         let plan = self.plans.arrived(t).pop();
         let input = MissionIn {

@@ -50,10 +50,10 @@ pub struct ChannelCounts {
     pub doubled: u64,
 }
 
-/// What a channel does beside its usual losses, as long as it does.
+/// What a channel does in addition to its usual losses, as long as it does.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ChannelFault {
-    /// Share of packets that is lost, 0 to 1.
+    /// Fraction of packets that is lost, 0 to 1.
     pub loss: f64,
     /// Added delay, s.
     pub delay_s: f64,

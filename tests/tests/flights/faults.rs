@@ -1,5 +1,5 @@
 //! The fault matrix: a process of the drone's computer killed or frozen, or its cable silent, at every moment of a landing with
-//! one order, over both autopilots. `restarts` tells the stories behind it; live, `alight land --fault` draws the same times.
+//! one order, over both autopilots. `restarts` has the single cases; live, `alight land --fault` draws the same times.
 
 use std::path::Path;
 
@@ -20,7 +20,7 @@ use rayon::prelude::*;
 use crate::BOTH;
 
 /// On the deck with motors on, at most, s: the autopilot denies for 1 s, PX4 comes back from its failsafe, and a
-/// process that starts anew looks for the evidence.
+/// process that starts again looks for the evidence.
 const MOTORS_ON_S: f64 = 5.0;
 /// For so long from the first disarm on the autopilot denies it, s: longer than a fault waits after the stop.
 const DENIES_S: f64 = 1.0;
@@ -169,7 +169,7 @@ impl Case {
 /// The tilt commanded of an autopilot and how far the drone tilts beyond it, rad.
 #[derive(Default)]
 struct Tilt {
-    /// The greatest commanded lately.
+    /// Maximum commanded recently.
     commanded: f64,
     /// Farthest beyond it so far.
     beyond: f64,

@@ -1,8 +1,8 @@
-//! Storms: several faults in one landing. Those in `tests/storm` broke a rule once; those drawn here are new to nobody, so
-//! that a change which breaks a rule often is seen at once (`alight storm` flies thousands).
+//! Storms: several faults in one landing. Those in `tests/storm` broke a rule once; those drawn here are the same in each run,
+//! so that a change which breaks a rule often is seen at once (`alight storm` flies thousands).
 
 use alight_sim::harness::storm::watch::Rule;
-use alight_sim::harness::storm::{Ending, Flown, Mutant, Storm, fly, fly_mutant};
+use alight_sim::harness::storm::{Flown, Mutant, Storm, fly, fly_mutant};
 use rayon::prelude::*;
 
 /// Flies it, silently.
@@ -56,7 +56,7 @@ fn same_storm_twice() {
     let fly = || fly(&storm, &mut |_, _| {}).unwrap();
     let flown = fly();
     assert_eq!(flown, fly());
-    assert!(flown.ending != Ending::Violated || flown.violation.is_some());
+    assert!(!flown.began.is_empty());
 }
 
 #[test]

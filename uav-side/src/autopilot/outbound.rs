@@ -189,7 +189,7 @@ impl AutopilotLink {
         }
     }
 
-    /// A person who aborts after the touchdown wants the motors off: commands that were used up are given again.
+    /// A person who aborts after the touchdown wants the motors off: the quick commands are given again.
     fn begin_disarm_anew(&mut self, now: DroneTime) {
         let Some((state, abort)) = self.fresh_mission(now).map(|m| (m.state, m.abort)) else {
             return;

@@ -68,6 +68,8 @@ fn vessel() -> Vessel {
 }
 fn status(v: &Vessel, now_s: i64) -> Status {
     let known = KnownVessel {
+        connect: Vec::new(),
+        read_ns: 0,
         listen: vec!["tls/0.0.0.0:7447".into()],
         peers: vec!["drone-1".into()],
         certificate: v.certificate.clone(),

@@ -285,7 +285,9 @@ fn signing(check: &SigningCheck) -> Option<Finding> {
     const TOPIC: Topic = Topic("signing");
     match (&check.key, check.received.finding()) {
         (Err(why), _) => Some(TOPIC.broken(why, "correct autopilot.signing_key or that file")),
-        (Ok(_), Some((signatures, mend))) => Some(TOPIC.broken(signatures, mend)),
+        (Ok(_), Some((signatures, remedy_of_signatures))) => {
+            Some(TOPIC.broken(signatures, remedy_of_signatures))
+        }
         (Ok(mode), None) if mode & OTHERS & !GROUP_READS != 0 => Some(TOPIC.warning(
             format!(
                 "others may read or change {} (mode {:o})",

@@ -38,7 +38,7 @@ impl Storm {
     /// The storm of `seed` with so many faults, 16 at most.
     pub fn drawn(seed: u64, faults: usize) -> Storm {
         let mut noise = Noise::new(&Streams::new(seed), "storm");
-        // Figures that a person reads.
+        // Round values, easy to read in a list.
         let mut between =
             |[low, high]: [f64; 2], step: f64| ((low + (high - low) * noise.uniform()) / step).round() * step;
         let sea = [between([0.0, 0.45], 0.05), between([4.0, 7.0], 0.5)].map(round);

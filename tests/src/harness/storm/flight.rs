@@ -6,9 +6,10 @@ use alight_uav::autopilot::modes::Firmware;
 use serde::Serialize;
 
 use super::kinds::{Effect, Takes};
-use super::watch::{Scene, Violation, Watch};
+use super::watch::{Ending, Scene, Violation, Watch};
 use super::{Fault, Kind, Mutant, Storm};
 use crate::harness::failing::Failing;
+use crate::harness::outcome::{FALSE_STOP_M, REST_S};
 use crate::harness::rig::Rig;
 use crate::harness::scenario::SetupError;
 use crate::harness::tap::NoTap;
@@ -17,22 +18,8 @@ use crate::harness::tap::NoTap;
 const LIMIT_S: f64 = 300.0;
 /// Within this time after the last fault it has landed, or waits for a stated reason, s.
 const LIVELY_S: f64 = 120.0;
-/// At rest for so long it has landed, s.
-const REST_S: f64 = 3.0;
-/// Given up for so long, after the last fault, it waits for a person, s: longer than it climbs.
+/// Given up for so long, after the last fault, it waits for the operator, s: longer than it climbs.
 const GIVEN_UP_S: f64 = 20.0;
-
-/// How a storm's flight ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Ending {
-    /// On the deck with motors off.
-    Landed,
-    /// Away from the deck, for a reason that it states.
-    Waits,
-    /// A rule was broken.
-    Violated,
-}
 
 /// A flown storm.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -60,16 +47,16 @@ impl Scheduled {
     }
 }
 
-/// Flies it; `say` is shown each fault and each state as it begins.
-pub fn fly(storm: &Storm, say: &mut dyn FnMut(f64, &str)) -> Result<Flown, SetupError> {
-    fly_mutant(storm, None, say)
+/// Flies it; `show` is given each fault and each state as it begins.
+pub fn fly(storm: &Storm, show: &mut dyn FnMut(f64, &str)) -> Result<Flown, SetupError> {
+    fly_mutant(storm, None, show)
 }
 
-/// The same with a defect in the drone's nodes.
+/// Flies a storm with a defect in the drone's nodes.
 pub fn fly_mutant(
     storm: &Storm,
     mutant: Option<Mutant>,
-    say: &mut dyn FnMut(f64, &str),
+    show: &mut dyn FnMut(f64, &str),
 ) -> Result<Flown, SetupError> {
     let (scenario, nodes) = storm.scene();
     let mut rig = Rig::landing(&scenario, &nodes, storm.seed)?;
@@ -92,17 +79,17 @@ pub fn fly_mutant(
         let t_s = rig.t_s();
         if rig.state(0) != state {
             state = rig.state(0);
-            say(t_s, &format!("{}: {}", state.name(), rig.mission(0).entered));
+            show(t_s, &format!("{}: {}", state.name(), rig.mission(0).entered));
         }
         for k in 0..faults.len() {
-            step(&mut rig, &mut faults, k, &mut flown, say);
+            step(&mut rig, &mut faults, k, &mut flown, show);
         }
         let failing = failing(&faults, t_s);
         rig.world.fail(Failing { mutant, ..failing });
         rig.tick(&mut NoTap);
         let t_s = rig.t_s();
         if let Some(violation) = watch.look(&rig, &scene_of(&faults, t_s)) {
-            say(t_s, &violation.to_string());
+            show(t_s, &violation.to_string());
             flown.ending = Ending::Violated;
             flown.violation = Some(violation);
             break;
@@ -112,7 +99,7 @@ pub fn fly_mutant(
             last_s = t_s;
         }
         let o = rig.world.observation();
-        let rests = !o.motors_on && o.feet_height_m() < super::watch::ON_DECK_M && !active;
+        let rests = !o.motors_on && !o.in_water && o.feet_height_m().abs() < FALSE_STOP_M && !active;
         rested_s = if rests { rested_s } else { t_s };
         if t_s - rested_s > REST_S {
             flown.ending = Ending::Landed;
@@ -120,9 +107,10 @@ pub fn fly_mutant(
         }
         let given_up = rig.state(0) == State::GaveUp && t_s > rig.entered_s(0).max(last_s) + GIVEN_UP_S;
         if given_up || t_s > last_s + LIVELY_S {
-            flown.violation = watch.is_stuck(&rig);
-            if flown.violation.is_some() {
-                flown.ending = Ending::Violated;
+            flown.ending = watch.end(&rig);
+            if let Some(violation) = watch.is_stuck(&rig) {
+                show(t_s, &violation.to_string());
+                (flown.ending, flown.violation) = (Ending::Violated, Some(violation));
             }
             break;
         }
@@ -152,7 +140,7 @@ fn step(
     faults: &mut [Scheduled],
     k: usize,
     flown: &mut Flown,
-    say: &mut dyn FnMut(f64, &str),
+    show: &mut dyn FnMut(f64, &str),
 ) {
     let t_s = rig.t_s();
     let Some(scheduled) = faults.get_mut(k) else {
@@ -167,7 +155,7 @@ fn step(
             scheduled.began_s = Some(t_s);
             flown.began.push((fault.kind, rig.state(0), t_s));
             let (size, lasts) = (fault.size, fault.lasts_s);
-            say(
+            show(
                 t_s,
                 &format!("fault: {}, size {size}, for {lasts} s", fault.kind.name()),
             );
@@ -196,7 +184,7 @@ fn failing(faults: &[Scheduled], t_s: f64) -> Failing {
     failing
 }
 
-/// What the watch is told of the faults.
+/// The faults as the rules see them.
 fn scene_of(faults: &[Scheduled], t_s: f64) -> Scene {
     let began = || faults.iter().filter_map(|f| Some((f, f.began_s?)));
     let newest_s = began().map(|(f, at)| if f.over { at + f.fault.lasts_s } else { at });
@@ -220,9 +208,9 @@ fn scene_of(faults: &[Scheduled], t_s: f64) -> Scene {
         faults: began().count(),
         newest_s: newest_s.fold(f64::NEG_INFINITY, f64::max),
         uncommanded: takes(Takes::Command, super::watch::RESUME_S),
-        robbed: takes(Takes::Power, 1.0),
+        without_power: takes(Takes::Power, 1.0),
         aborted_s,
-        heard: !began()
+        received: !began()
             .any(|(f, at)| is_mission(f) && aborted_s.is_some_and(|a| at + f.fault.lasts_s + 1.0 > a)),
         ordered_again: began()
             .any(|(f, at)| f.fault.kind == Kind::OrderedAgain && aborted_s.is_some_and(|a| at >= a)),

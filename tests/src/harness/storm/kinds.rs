@@ -103,7 +103,7 @@ fn kept(size: f64) -> Checkpoints {
         Checkpoints::Kept
     }
 }
-/// A person moves the switch of the mode.
+/// The pilot moves the switch of the mode.
 fn choose(rig: &mut Rig, mode: AutopilotMode) {
     if let Some(linked) = rig.world.linked(0) {
         let autopilot = &mut linked.autopilot;
@@ -123,7 +123,7 @@ kinds! {
         Events(|r, _| r.world.kill_planner(0), |r, _| r.world.start_planner(0, &r.nodes));
     /// The pilot's.
     PilotKilled, "pilot-killed", "", NONE, RESTART, Command,
-        Events(|r, _| r.fail(Part::Pilot), |r, size| r.restore(Part::Pilot, kept(size)));
+        Events(|r, _| r.fail(Part::Pilot), |r, _| r.restore(Part::Pilot, Checkpoints::Kept));
     /// The autopilot link's.
     LinkKilled, "link-killed", "1: without its checkpoint", CHECKPOINT, RESTART, Command,
         Events(|r, _| r.fail(Part::Link), |r, size| r.restore(Part::Link, kept(size)));
@@ -151,20 +151,20 @@ kinds! {
     /// The vessel's computer stands still.
     VesselFrozen, "vessel-frozen", "", NONE, [0.2, 10.0], Nothing,
         Lasting(|f, _| f.frozen.vessel = true);
-    /// The vessel's computer starts anew.
+    /// The vessel's computer restarts.
     VesselRestarted, "vessel-restarted", "", NONE, NONE, Nothing,
         Events(|r, _| r.restart_vessel(), nothing);
     /// The radio loses everything, both ways.
     RadioLost, "radio-lost", "", NONE, [0.5, 30.0], Nothing,
         Lasting(|f, _| f.radio = [LOST; 2]);
-    /// The drone hears nothing, and is heard.
+    /// The radio loses everything to the drone.
     RadioDeaf, "radio-deaf", "", NONE, [0.5, 20.0], Nothing,
         Lasting(|f, _| f.radio[0] = LOST);
-    /// The drone is not heard, and hears.
+    /// The radio loses everything to the vessel.
     RadioMute, "radio-mute", "", NONE, [0.5, 20.0], Nothing,
         Lasting(|f, _| f.radio[1] = LOST);
     /// The radio loses a share of its packets.
-    RadioLossy, "radio-lossy", "share lost", [0.2, 0.9], [1.0, 30.0], Nothing,
+    RadioLossy, "radio-lossy", "fraction lost", [0.2, 0.9], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.radio.iter_mut().for_each(|r| r.loss = r.loss.max(size)));
     /// Packets are late.
     RadioLate, "radio-late", "delay, s", [0.1, 1.5], [1.0, 30.0], Nothing,
@@ -172,19 +172,19 @@ kinds! {
     /// The vessel's inertial samples do not come.
     VesselImuLost, "vessel-imu-lost", "", NONE, GAP, Nothing,
         Lasting(|f, _| f.vessel.imu_lost = true);
-    /// Her fixes do not come.
+    /// The vessel's fixes do not come.
     VesselGnssLost, "vessel-gnss-lost", "", NONE, [0.5, 20.0], Nothing,
         Lasting(|f, _| f.vessel.gnss_lost = true);
-    /// Her heading does not come.
+    /// The vessel's heading does not come.
     VesselHeadingLost, "vessel-heading-lost", "", NONE, [0.5, 20.0], Nothing,
         Lasting(|f, _| f.vessel.heading_lost = true);
-    /// Her heading is off, as beside steel.
+    /// The vessel's heading is off, as near steel.
     VesselHeadingOff, "vessel-heading-off", "deg", [-15.0, 15.0], [2.0, 30.0], Nothing,
         Lasting(|f, size| f.vessel.heading_off_rad = size.to_radians());
-    /// Her fixes are off to the north.
+    /// The vessel's fixes are off to the north.
     VesselGnssOff, "vessel-gnss-off", "m to the north", [-3.0, 3.0], [2.0, 30.0], Nothing,
         Lasting(|f, size| f.vessel.gnss_off_m[0] = size);
-    /// Her fixes are too high.
+    /// The vessel's fixes are too high.
     VesselHeightOff, "vessel-height-off", "m up", [-3.0, 3.0], [2.0, 30.0], Nothing,
         Lasting(|f, size| f.vessel.gnss_off_m[1] = size);
     /// The drone's camera sees nothing.
@@ -193,13 +193,13 @@ kinds! {
     /// Images are stamped late.
     ImagesLate, "images-late", "delay, s", [0.02, 0.3], [1.0, 20.0], Nothing,
         Events(|r, size| r.world.stamp_images_late(0, Span::from_secs(size)), |r, _| r.world.stamp_images_late(0, Span::ZERO));
-    /// A deck beside the vessel's is seen in its place.
+    /// A deck next to the vessel's is seen in its place.
     NeighbourSeen, "neighbour-seen", "m to the east", [3.0, 30.0], [0.5, 10.0], Nothing,
         Events(|r, size| r.world.show_neighbour(0, Vector3::y() * size), |r, _| r.world.show_neighbour(0, Vector3::zeros()));
     /// The rangefinder gives nothing.
     RangeLost, "range-lost", "", NONE, GAP, Nothing,
         Lasting(|f, _| f.drone.range_lost = true);
-    /// It repeats its last range.
+    /// It repeats the first range that it measures from then on.
     RangeStuck, "range-stuck", "", NONE, GAP, Nothing,
         Lasting(|f, _| f.drone.range_stuck = true);
     /// It measures too long.
@@ -208,25 +208,25 @@ kinds! {
     /// The autopilot's position jumps to the north, and it counts that.
     PositionReset, "position-reset", "m to the north", [-2.0, 2.0], NONE, Nothing,
         Events(|r, size| r.world.reset_position(0, &(Vector3::x() * size), true), nothing);
-    /// The same, not counted.
+    /// The autopilot's position jumps to the north, and it does not count that.
     PositionJump, "position-jump", "m to the north", [-2.0, 2.0], NONE, Nothing,
         Events(|r, size| r.world.reset_position(0, &(Vector3::x() * size), false), nothing);
     /// The autopilot's height jumps, and it counts that.
     HeightReset, "height-reset", "m up", [-2.0, 2.0], NONE, Nothing,
         Events(|r, size| r.world.reset_position(0, &(Vector3::z() * -size), true), nothing);
-    /// The same, not counted.
+    /// The autopilot's height jumps, and it does not count that.
     HeightJump, "height-jump", "m up", [-2.0, 2.0], NONE, Nothing,
         Events(|r, size| r.world.reset_position(0, &(Vector3::z() * -size), false), nothing);
     /// The autopilot's heading jumps, and it counts that.
     HeadingReset, "heading-reset", "deg", [-25.0, 25.0], NONE, Nothing,
         Events(|r, size| r.world.reset_heading(0, size.to_radians()), nothing);
-    /// The autopilot's clock begins anew.
+    /// The autopilot's clock restarts.
     AutopilotClock, "autopilot-clock", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.linked(0).into_iter().for_each(|l| l.autopilot.restart()), nothing);
     /// A message of the autopilot's is not sent any more.
     StreamStops, "stream-stops", "number of the message", [0.0, 500.0], [0.5, 15.0], Nothing,
         Lasting(|f, size| f.autopilot.muted.push(size as u32));
-    /// The autopilot is not heard.
+    /// The autopilot sends nothing.
     AutopilotSilent, "autopilot-silent", "", NONE, [0.2, 5.0], Command,
         Lasting(|f, _| f.autopilot.silent = true);
     /// The cable to it is out, both ways.
@@ -245,24 +245,24 @@ kinds! {
     RemoteLost, "remote-lost", "", NONE, [1.0, 20.0], Command,
         Lasting(|f, _| f.autopilot.remote_control_lost = true);
     /// A rotor gives less.
-    MotorWeak, "motor-weak", "share lost", [0.05, 0.3], [1.0, 60.0], Power,
+    MotorWeak, "motor-weak", "fraction lost", [0.05, 0.3], [1.0, 60.0], Power,
         Lasting(|f, size| f.weak[0] = f.weak[0].max(size));
     /// All rotors do.
-    ThrustWeak, "thrust-weak", "share lost", [0.05, 0.2], [1.0, 60.0], Power,
+    ThrustWeak, "thrust-weak", "fraction lost", [0.05, 0.2], [1.0, 60.0], Power,
         Lasting(|f, size| f.weak[1] = f.weak[1].max(size));
-    /// A person takes over for so long, then gives the mode back.
+    /// The pilot takes over for so long, then gives the mode back.
     TakenOver, "taken-over", "", NONE, [0.5, 10.0], Command,
         Events(|r, _| choose(r, AutopilotMode::Other), |r, _| choose(r, AutopilotMode::Offboard));
-    /// Somebody aboard the drone's radio aborts.
+    /// The operator aborts on the drone's computer.
     Abort, "abort", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.command(CommandKind::Abort), nothing);
-    /// An operator ashore aborts.
+    /// The operator aborts from ashore.
     AbortAshore, "abort-ashore", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.operator_command(0, CommandKind::Abort), nothing);
-    /// Somebody says hold.
+    /// The operator commands a hold.
     Hold, "hold", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.command(CommandKind::Hold), nothing);
-    /// Somebody orders a landing again.
+    /// The operator orders the landing again.
     OrderedAgain, "ordered-again", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.command(CommandKind::Land), nothing);
     /// The crew closes the deck for so long.

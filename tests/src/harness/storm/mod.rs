@@ -21,9 +21,10 @@ use crate::physics::vessel::Course;
 use crate::studies::aborts::drive;
 
 pub use super::mutant::Mutant;
-pub use flight::{Ending, Flown, fly, fly_mutant};
+pub use flight::{Flown, fly, fly_mutant};
 pub use kinds::{Kind, Spec};
 pub use shrink::shrink;
+pub use watch::Ending;
 
 /// Faults of a list, at most.
 pub const MAX_FAULTS: usize = 16;
@@ -41,7 +42,7 @@ pub struct Fault {
     /// ... and so much later, s.
     #[serde(default)]
     pub after_s: f64,
-    /// Its size; [`Kind::spec`] says of what.
+    /// Its size, in the unit of [`Spec::of`].
     #[serde(default)]
     pub size: f64,
     /// How long it lasts, s; of what happens at once, nothing.
@@ -61,7 +62,7 @@ pub struct Storm {
     pub sea: [f64; 2],
     /// What the vessel does.
     pub course: Course,
-    /// Her speed, m/s.
+    /// Its speed, m/s.
     pub speed_mps: f64,
     /// Mean wind, m/s.
     pub wind_mps: f64,
@@ -114,8 +115,9 @@ impl Storm {
         )?;
         for fault in &self.faults {
             let (name, spec) = (fault.kind.name(), fault.kind.spec());
-            let least = spec.size[0].abs().max(spec.size[1].abs());
-            within(format!("{name}, size"), fault.size, [-least, least])?;
+            let largest = spec.size[0].abs().max(spec.size[1].abs());
+            let of = if spec.of.is_empty() { "none" } else { spec.of };
+            within(format!("{name}, size ({of})"), fault.size, [-largest, largest])?;
             within(format!("{name}, after_s"), fault.after_s, [0.0, MAX_S])?;
             within(format!("{name}, lasts_s"), fault.lasts_s, [0.0, MAX_S])?;
         }

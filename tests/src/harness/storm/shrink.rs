@@ -8,7 +8,7 @@ const MAX_TRIES: usize = 80;
 /// Sizes and durations are halved so often, at most.
 const HALVINGS: usize = 4;
 
-/// Shrinks a storm; `breaks` flies one and says whether the rule is still broken.
+/// Shrinks a storm; `breaks` flies one and gives the rule that it breaks.
 pub fn shrink(storm: &Storm, rule: Rule, mut breaks: impl FnMut(&Storm) -> Option<Rule>) -> Storm {
     let (mut best, mut tries) = (storm.clone(), 0);
     let mut still = |candidate: &Storm| {

@@ -1,18 +1,4 @@
-//! The rules that hold in every tick of a storm, and what is acceptable under which faults:
-//!
-//! | rule | with one fault | with several | while nobody commands (pilot, link, cable, denied; 1.5 s more) | without power |
-//! |---|---|---|---|---|
-//! | motors stop in the air (above 0.1 m) | never | never | never | never |
-//! | contact along the deck's normal | 1 m/s | 2 m/s | any | any |
-//! | tips over on the deck | never | never | may | may |
-//! | in the water | never | never | only once it was struck | may |
-//! | rotors carry in `Landed` | 3 s | 3 s | - | - |
-//! | an abort is taken | 1 s | - | - | - |
-//! | a descent after an abort | with a new order | the same | the same | the same |
-//! | set-points are finite | always | always | always | always |
-//! | 120 s after the last fault | landed, or waits for a stated reason | the same | the same | the same |
-//!
-//! A fault that began or ended less than 0.5 s before a contact excuses it: nobody brakes faster.
+//! The rules that hold in every tick of a storm; `deploy/docs/storm.md` has them as a table, with what each fault excuses.
 
 use core::fmt;
 
@@ -22,18 +8,30 @@ use serde::Serialize;
 use crate::harness::outcome::{ContactEvent, FALSE_STOP_M, MAX_CONTACT_MPS};
 use crate::harness::rig::Rig;
 
-/// Feet no higher than this are on the deck, m.
-pub const ON_DECK_M: f64 = 0.1;
 /// After a fault of the command the drone is commanded again within this time, s.
 pub const RESUME_S: f64 = 1.5;
-/// Contacts at most so hard with several faults, m/s.
+/// Hardest contact along the deck's normal with several faults, m/s.
 const SEVERAL_MPS: f64 = 2.0;
-/// A fault that is younger excuses a contact, s.
-const SURPRISE_S: f64 = 0.5;
+/// A fault that began or ended within this time excuses a contact, s.
+const GRACE_S: f64 = 0.5;
 /// Rotors carry in `Landed` for at most so long, s.
 const CARRY_S: f64 = 3.0;
 /// An abort is taken within this time, s.
 const ABORT_S: f64 = 1.0;
+
+/// How a storm's flight ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Ending {
+    /// On the deck with motors off.
+    Landed,
+    /// Away from the deck, for a reason that it states.
+    Waits,
+    /// Off the deck with motors off, or in the water, after a fault that excuses it.
+    Crashed,
+    /// A rule was broken.
+    Violated,
+}
 
 /// A rule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
@@ -55,7 +53,7 @@ pub enum Rule {
     Unordered,
     /// A set-point is not finite.
     NotFinite,
-    /// Long after the last fault it has neither landed nor says for what it waits.
+    /// Long after the last fault it has neither landed nor states a reason to wait.
     Stuck,
 }
 
@@ -85,7 +83,7 @@ impl fmt::Display for Violation {
             Rule::AbortIgnored => write!(f, "an abort was not taken within {figure:.1} s"),
             Rule::Unordered => write!(f, "descends without an order, {figure:.1} s after an abort"),
             Rule::NotFinite => write!(f, "a set-point was not finite"),
-            Rule::Stuck => write!(f, "neither landed nor says for what it waits"),
+            Rule::Stuck => write!(f, "neither landed nor states a reason to wait"),
         }?;
         write!(f, " ({t_s:.2} s, {state})")
     }
@@ -100,12 +98,12 @@ pub struct Scene {
     pub newest_s: f64,
     /// Nobody commands, or has not for long.
     pub uncommanded: bool,
-    /// Thrust was taken.
-    pub robbed: bool,
+    /// Thrust or battery was taken.
+    pub without_power: bool,
     /// When an abort was given aboard, s.
     pub aborted_s: Option<f64>,
-    /// The mission was there to hear it.
-    pub heard: bool,
+    /// The mission's process was there to receive it.
+    pub received: bool,
     /// A landing was ordered after it.
     pub ordered_again: bool,
 }
@@ -115,7 +113,7 @@ pub struct Scene {
 pub struct Watch {
     /// The motors turned in the last tick.
     turned: bool,
-    /// It was struck while nobody commanded it: what comes of that is no rule's.
+    /// It was struck, or fell into the water, under a fault that excuses it: no rule covers what follows.
     struck: bool,
     /// Since when rotors carry in `Landed`, s.
     carries_since_s: Option<f64>,
@@ -137,17 +135,17 @@ impl Watch {
         if stopped && o.feet_height_m() > FALSE_STOP_M {
             return broken(Rule::StopInTheAir, o.feet_height_m());
         }
-        let surprised = t_s < scene.newest_s + SURPRISE_S;
-        let excused = scene.uncommanded || scene.robbed || surprised;
+        let too_recent = t_s < scene.newest_s + GRACE_S;
+        let excused = scene.uncommanded || scene.without_power || too_recent;
         let strikes = |c: &ContactEvent| !c.foot || c.normal_mps > MAX_CONTACT_MPS;
         self.struck |= excused && o.contacts.iter().any(strikes);
         if !(excused || self.struck) {
-            let most = if scene.faults > 1 {
+            let limit_mps = if scene.faults > 1 {
                 SEVERAL_MPS
             } else {
                 MAX_CONTACT_MPS
             };
-            let hard = o.contacts.iter().find(|c| c.normal_mps > most);
+            let hard = o.contacts.iter().find(|c| c.normal_mps > limit_mps);
             if let Some(contact) = hard {
                 return broken(Rule::HardContact, contact.normal_mps);
             }
@@ -155,7 +153,8 @@ impl Watch {
                 return broken(Rule::TippedOver, contact.normal_mps);
             }
         }
-        if o.in_water && !(scene.robbed || self.struck) {
+        self.struck |= scene.without_power && o.in_water;
+        if o.in_water && !self.struck {
             return broken(Rule::Water, o.feet_height_m());
         }
         let carries = state == State::Landed && o.motors_on && rig.thrust(0) > 0.5 * rig.hover_thrust(0);
@@ -166,7 +165,7 @@ impl Watch {
         {
             return broken(Rule::CarriesLanded, t_s - since_s);
         }
-        if let Some(at) = scene.aborted_s.filter(|_| scene.heard && o.motors_on) {
+        if let Some(at) = scene.aborted_s.filter(|_| scene.received && o.motors_on) {
             let taken = rig.mission(0).abort.is_some() || state == State::Landed;
             if !taken && t_s > at + ABORT_S {
                 return broken(Rule::AbortIgnored, t_s - at);
@@ -183,13 +182,22 @@ impl Watch {
         None
     }
 
-    /// Long after the last fault: broken where it has neither landed nor says for what it waits.
+    /// How it ended that has neither landed nor broken a rule.
+    pub fn end(&self, rig: &Rig) -> Ending {
+        let o = rig.world.observation();
+        if o.in_water || !o.motors_on {
+            Ending::Crashed
+        } else {
+            Ending::Waits
+        }
+    }
+    /// Long after the last fault: broken where it has neither landed nor states a reason to wait.
     pub fn is_stuck(&self, rig: &Rig) -> Option<Violation> {
         let (o, mission) = (rig.world.observation(), rig.mission(0));
-        let says = mission.waiting.code != ReasonCode::None;
+        let states_reason = mission.waiting.code != ReasonCode::None;
         let rests = matches!(mission.state, State::GaveUp | State::Hold | State::Idle);
         let lands = matches!(mission.state, State::Descent | State::Flare | State::Landed);
-        let fine = !o.motors_on || rests || (says && !lands);
+        let fine = !o.motors_on || rests || (states_reason && !lands);
         (!fine).then(|| Violation {
             rule: Rule::Stuck,
             t_s: rig.t_s(),

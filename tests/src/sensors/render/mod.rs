@@ -416,15 +416,11 @@ impl Renderer {
                 bottom: band.top + rows - 1,
             };
             let shows = |[left, top, right, bottom]: &[usize; 4]| {
-                (*left..=*right).contains(&block.left.max(*left).min(block.right))
-                    && (*top..=*bottom).contains(&block.top.max(*top).min(block.bottom))
+                block.left <= *right && *left <= block.right && block.top <= *bottom && *top <= block.bottom
             };
             let deck = scene.deck.as_ref().filter(|(_, bounds)| shows(bounds));
-            let covers = |(deck, _): &&(DeckScene, _)| {
-                self.patch(deck, &block, width)
-                    .is_some_and(|p| self.paint.covers(&p))
-            };
-            if !deck.is_some_and(|d| covers(&d)) {
+            let patch = deck.and_then(|(deck, _)| self.patch(deck, &block, width));
+            if !patch.is_some_and(|p| self.paint.covers(&p)) {
                 band.pixels(&block, |k, out| {
                     *out = self.rays.all.get(k).map_or(0.0, |ray| scene.sea.light(ray));
                 });

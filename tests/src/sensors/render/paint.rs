@@ -249,7 +249,7 @@ impl Sea {
     }
 }
 
-/// The greatest integer that is not above `x`; without SSE 4.1 `floor` is a call.
+/// The largest integer that is not above `x`; without SSE 4.1 `floor` is a call.
 fn floor(x: f32) -> i64 {
     let whole = x as i64;
     whole - i64::from(whole as f32 > x)
