@@ -16,16 +16,19 @@
 //!
 //! A prediction begins at the estimate: what the modes leave of it now goes on. Of heave it fades, for the slow part of it
 //! is an error of the mean water level; of the tilt the slow part is heel and trim, which a turn, speed, wind and load change
-//! within seconds and which turn with her, and it stays.
+//! within seconds and which turn with the vessel, and it stays ([`heel`]). The drone
+//! rolls on modes and heel, so their errors are what is published.
 //!
 //! The error of the predictions is measured, not assumed: each is kept until it is due ([`errors`]).
 
 mod errors;
 mod heading;
+mod heel;
 mod identification;
 mod regression;
 mod subspace;
 
+use crate::frames::wrap_angle;
 use crate::msg::MAX_MODES;
 use crate::time::{Clock, Span, Time};
 use crate::vessel_model::{DOFS, HEAVE, Mode, Modes, Motion, PITCH, ROLL};
@@ -35,6 +38,7 @@ pub use errors::MeasuredErrors;
 use errors::{Errors, SPREAD_AT_S};
 use heading::Moments;
 pub use heading::QuietHeading;
+use heel::Heel;
 use identification::{Axes, Identification};
 use regression::{OBSERVED, PUSH, SINKS, TILT};
 
@@ -82,17 +86,15 @@ impl<C: Clock> MotionSample<C> {
 #[derive(Clone, Debug)]
 pub struct MotionModel<C: Clock> {
     newest: Option<MotionSample<C>>,
-    /// Samples since the start.
-    samples: f64,
-    /// Heel and trim: the slow part of the tilt that the modes leave, in the vessel's axes, rad.
-    heel: [f64; 2],
+    /// Of the tilt that the modes leave.
+    heel: Heel,
     /// In axes parallel to NED, and in axes that turn with the vessel.
     identified: [Identification<C>; 2],
     /// The modes of both with their weights, by the newest sample.
     modes: Option<Modes<C>>,
     /// How far both predict apart, per degree of freedom, at [`SPREAD_AT_S`].
     apart: [[f64; DOFS]; SPREAD_AT_S.len()],
-    /// Of the modes, which the drone rolls on.
+    /// Of modes and heel, which the drone rolls on.
     errors: Errors<C>,
 }
 
@@ -100,8 +102,7 @@ impl<C: Clock> Default for MotionModel<C> {
     fn default() -> Self {
         MotionModel {
             newest: None,
-            samples: 0.0,
-            heel: [0.0; 2],
+            heel: Heel::over(HEEL_S),
             identified: [Axes::Earth, Axes::Vessel].map(Identification::new),
             modes: None,
             apart: Default::default(),
@@ -127,25 +128,19 @@ impl<C: Clock> MotionModel<C> {
         for i in &mut self.identified {
             i.push(&sample);
         }
+        let turned_by = self.newest.map_or(0.0, |last| {
+            wrap_angle(sample.mean_heading - last.mean_heading) / SAMPLE_S
+        });
         self.newest = Some(sample);
         self.errors.compare(&sample);
         self.mix(&sample);
-        self.follow_heel(&sample);
-        // As the drone rolls the modes on, about the mean.
-        let (mean_tilt, modes) = (self.mean_tilt(sample.mean_heading), self.modes.as_ref());
-        let modal = |ahead| modes.map_or_else(Motion::default, |m| m.motion(ahead));
-        self.errors
-            .push(sample.at, |ahead| about(mean_tilt, modal(ahead)));
-    }
-
-    /// The slow part of the tilt that the modes leave: at first a mean of all so far.
-    fn follow_heel(&mut self, sample: &MotionSample<C>) {
-        self.samples += 1.0;
-        let left = left_of_tilt(sample, &self.modal_motion(0.0));
-        let fraction = (SAMPLE_S / HEEL_S).max(1.0 / self.samples);
-        for (heel, left) in self.heel.iter_mut().zip(turned(left, sample.mean_heading)) {
-            *heel += (left - *heel) * fraction;
-        }
+        let left = left_of_tilt(&sample, &self.modal_motion(0.0));
+        self.heel.follow(left, sample.mean_heading);
+        let (heel, modes) = (self.heel, self.modes.as_ref());
+        self.errors.push(sample.at, |ahead| {
+            let modal = modes.map_or_else(Motion::default, |m| m.motion(ahead));
+            about(heel.at(sample.mean_heading + turned_by * ahead), modal)
+        });
     }
 
     /// The modes of both, weighted, and how far they are apart; before the first identification a motion that fades.
@@ -206,7 +201,7 @@ impl<C: Clock> MotionModel<C> {
     }
     /// Heel and trim now as tilt about north and about east of a vessel on this mean heading, rad: they turn with her.
     pub fn heel(&self, mean_heading: f64) -> [f64; 2] {
-        turned(self.heel, -mean_heading)
+        self.heel.at(mean_heading)
     }
     /// The motion about heel and trim: that of the modes with what they leave of heave and tilt now, which fades.
     pub fn motion(&self, t: f64) -> Motion {
@@ -247,7 +242,7 @@ impl<C: Clock> MotionModel<C> {
             .sum();
         1.0 - left / OBSERVED.len() as f64
     }
-    /// Standard deviation per degree of freedom of what rolling the modes on is off by, `ahead` seconds on: as measured,
+    /// Standard deviation per degree of freedom of what rolling modes and heel on is off by, `ahead` seconds on: as measured,
     /// and at least how far the two identifications predict apart now.
     pub fn spread(&self, ahead: f64) -> [f64; DOFS] {
         self.errors.spread(self.deviation(), &self.apart, ahead)
