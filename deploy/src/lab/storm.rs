@@ -1,12 +1,12 @@
 //! `alight storm`: landings with several drawn faults each, what must hold in every tick, and the shortest list of what
 //! broke it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use alight_shared::transport::wake::end_requested;
 use alight_sim::harness::storm::watch::{Rule, Violation};
-use alight_sim::harness::storm::{Ending, Flown, Kind, MAX_FAULTS, Storm, fly, shrink};
+use alight_sim::harness::storm::{Ending, Flown, Kind, MAX_FAULTS, Pair, Storm, fly, pairs, shrink};
 use clap::Args;
 use serde::Serialize;
 
@@ -65,7 +65,7 @@ struct Broken {
     shrunk: Storm,
 }
 
-/// StormEnd storm's end.
+/// A storm's end.
 struct StormEnd {
     flown: Flown,
     broken: Option<Box<Broken>>,
@@ -105,22 +105,31 @@ pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
     let cores = || u32::try_from(rayon::current_num_threads()).unwrap_or(1);
     let workers = args.jobs.map_or_else(cores, u32::from);
     let mut all: Vec<StormEnd> = Vec::new();
+    let mut coverage = Coverage::default();
     let mut next = args.seed0;
     loop {
-        let wanted = match args.seconds {
-            None => args.trials,
-            Some(_) => BATCH * workers,
+        let left = args
+            .seconds
+            .map_or(args.trials.saturating_sub(next_of(&all)), |_| u32::MAX);
+        let batch = seeds(next, left.min(BATCH * workers))?;
+        next = next.saturating_add(batch.len() as u64);
+        // What was seen least is flown next.
+        let batch: Vec<_> = batch.into_iter().zip(coverage.least()).collect();
+        let flown = in_parallel(args.jobs, "storms", &batch, |(seed, aim)| {
+            fly_seed(args, *seed, *aim)
+        })?;
+        let flown: Vec<StormEnd> = flown.into_iter().flatten().collect();
+        flown.iter().for_each(|end| coverage.add(&end.flown));
+        all.extend(flown);
+        let over = match args.seconds {
+            Some(s) => elapsed() >= f64::from(s),
+            None => next_of(&all) >= args.trials,
         };
-        let batch = seeds(next, wanted)?;
-        next = next.saturating_add(u64::from(wanted));
-        let flown = in_parallel(args.jobs, "storms", &batch, |seed| fly_seed(args, *seed))?;
-        all.extend(flown.into_iter().flatten());
-        let over = args.seconds.is_none_or(|s| elapsed() >= f64::from(s));
         if over || end_requested() {
             break;
         }
     }
-    let summary = Summary::of(all, elapsed());
+    let summary = Summary::of(all, &coverage, elapsed());
     if args.json {
         terminal::json(&summary)?;
     } else {
@@ -129,12 +138,43 @@ pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
     Ok(Exit::of(summary.broken.is_empty() && summary.storms > 0))
 }
 
+/// Storms that were flown.
+fn next_of(all: &[StormEnd]) -> u32 {
+    u32::try_from(all.len()).unwrap_or(u32::MAX)
+}
+
+/// How often each kind began in each state.
+#[derive(Default)]
+struct Coverage(BTreeMap<(Kind, &'static str), usize>);
+
+impl Coverage {
+    fn add(&mut self, flown: &Flown) {
+        for (kind, state, _) in &flown.began {
+            *self.0.entry((*kind, state.name())).or_default() += 1;
+        }
+    }
+    fn of(&self, (kind, state): &Pair) -> usize {
+        self.0.get(&(*kind, state.name())).copied().unwrap_or(0)
+    }
+    /// The pairs, least seen first; none before anything was flown.
+    fn least(&self) -> impl Iterator<Item = Option<Pair>> {
+        let mut all: Vec<Pair> = pairs().collect();
+        all.sort_by_key(|pair| self.of(pair));
+        let aims = !self.0.is_empty();
+        all.into_iter().cycle().map(move |pair| aims.then_some(pair))
+    }
+}
+
 /// Flies one storm and shrinks it where it broke a rule; None once the end is asked for.
-fn fly_seed(args: &StormArgs, seed: u64) -> Result<Option<StormEnd>, CliError> {
+fn fly_seed(args: &StormArgs, seed: u64, aim: Option<Pair>) -> Result<Option<StormEnd>, CliError> {
     if end_requested() {
         return Ok(None);
     }
-    let storm = Storm::drawn(seed, usize::from(args.faults));
+    let drawn = Storm::drawn(seed, usize::from(args.faults));
+    let storm = match aim {
+        Some(pair) => drawn.aimed(pair),
+        None => drawn,
+    };
     let silent = &mut |_: f64, _: &str| {};
     let doing = format!("setting up the storm of seed {seed}");
     let flown = fly(&storm, silent).doing(&doing)?;
@@ -160,8 +200,8 @@ fn fly_seed(args: &StormArgs, seed: u64) -> Result<Option<StormEnd>, CliError> {
     Ok(Some(StormEnd { flown, broken }))
 }
 
-/// Flies a list and shows what happens.
-fn fly_list(path: &Path, json: bool) -> Result<Exit, CliError> {
+/// Reads a list.
+pub fn read_list(path: &Path) -> Result<Storm, CliError> {
     let doing = format_args!("reading the list {}", path.display());
     let length = std::fs::metadata(path).doing(doing)?.len();
     if length > MAX_LIST_BYTES {
@@ -170,7 +210,12 @@ fn fly_list(path: &Path, json: bool) -> Result<Exit, CliError> {
         )));
     }
     let text = std::fs::read_to_string(path).doing(doing)?;
-    let storm = Storm::read(&text).doing(doing)?;
+    Storm::read(&text).doing(doing)
+}
+
+/// Flies a list and shows what happens.
+fn fly_list(path: &Path, json: bool) -> Result<Exit, CliError> {
+    let storm = read_list(path)?;
     let mut show = |t_s: f64, line: &str| note(json, format_args!("{t_s:>7.2} s  {line}"));
     let flown = fly(&storm, &mut show).doing(format_args!("flying the list {}", path.display()))?;
     if json {
@@ -207,14 +252,13 @@ fn show(args: &StormArgs, broken: &Broken) -> Result<(), CliError> {
 }
 
 impl Summary {
-    fn of(all: Vec<StormEnd>, elapsed_s: f64) -> Summary {
+    fn of(all: Vec<StormEnd>, coverage: &Coverage, elapsed_s: f64) -> Summary {
         let mut summary = Summary {
             storms: all.len(),
             kinds: Kind::ALL.len(),
             storms_per_s: all.len() as f64 / elapsed_s.max(1e-3),
             ..Summary::default()
         };
-        let mut pairs: BTreeMap<(Kind, &str), usize> = BTreeMap::new();
         for StormEnd { flown, broken } in all {
             match flown.ending {
                 Ending::Landed => summary.landed += 1,
@@ -226,13 +270,10 @@ impl Summary {
                 *summary.violations.entry(v.rule).or_default() += 1;
             }
             summary.faults_begun += flown.began.len();
-            for (kind, state, _) in &flown.began {
-                *pairs.entry((*kind, state.name())).or_default() += 1;
-            }
             summary.broken.extend(broken.map(|b| *b));
         }
-        summary.pairs_begun = pairs.len();
-        let kinds: std::collections::BTreeSet<Kind> = pairs.keys().map(|(kind, _)| *kind).collect();
+        summary.pairs_begun = coverage.0.len();
+        let kinds: BTreeSet<Kind> = coverage.0.keys().map(|(kind, _)| *kind).collect();
         summary.kinds_begun = kinds.len();
         summary
     }

@@ -160,6 +160,9 @@ pub struct Outcome {
     /// Contacts at more than [`FAST_CONTACT_MPS`].
     #[serde(default)]
     pub contacts_above_2_mps: u32,
+    /// How near to a limit the contacts came: the greatest figure over its limit, unsafe from 1 on; 0 without a contact.
+    #[serde(default)]
+    pub limit_ratio: f64,
     /// How often the drone entered a keep-out volume; absent where there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub keep_out_collisions: Option<u32>,
@@ -237,6 +240,8 @@ pub struct Judge {
     unsafe_contacts: u32,
     water_contacts: u32,
     fast_contacts: u32,
+    /// Greatest figure of a contact over its limit.
+    nearest: f64,
     /// Entries into keep-out volumes, the least distance from one, and whether it is within one, m.
     keep_out: Option<(u32, f64, bool)>,
     collisions: u32,
@@ -360,6 +365,11 @@ impl Judge {
         } else {
             unsafe_contact = false;
         }
+        self.nearest = self.nearest.max(normal / MAX_CONTACT_MPS);
+        if self.first.is_none() {
+            let ratios = [tangential / MAX_CONTACT_MPS, o.tilt_error / MAX_TILT_ERROR_RAD];
+            self.nearest = ratios.into_iter().fold(self.nearest, f64::max);
+        }
         if unsafe_contact {
             self.unsafe_contacts += 1;
         }
@@ -410,6 +420,11 @@ impl Judge {
         self.failure.get_or_insert((ending, reason));
     }
 
+    /// What is unsafe is at a limit, also where it is no ratio: something else than a foot, the water, another drone.
+    fn limit_ratio(&self) -> f64 {
+        let beyond = self.unsafe_contacts + self.water_contacts + self.collisions > 0;
+        self.nearest.max(if beyond { 1.0 } else { 0.0 })
+    }
     /// Time of first contact since the start, s.
     pub fn first_contact_s(&self) -> Option<f64> {
         self.first.as_ref().map(|f| f.t_s)
@@ -436,6 +451,7 @@ impl Judge {
             water_contacts: self.water_contacts,
             collisions: self.collisions,
             contacts_above_2_mps: self.fast_contacts,
+            limit_ratio: self.limit_ratio(),
             keep_out_collisions: self.keep_out.map(|(entries, ..)| entries),
             keep_out_gap_m: self.keep_out.map(|(_, nearest, _)| nearest),
             position_error_m: first.map(|c| c.position_error),

@@ -4,18 +4,19 @@
 //!
 //! Delays belong here (radio, clocks, solve time, the wire to the autopilot), not to the nodes.
 
+use core::f64::consts::TAU;
 use std::rc::Rc;
 
-use alight_bridge::{Bridge, BridgeConfig, BridgeIn, Packet, PacketKind};
+use alight_bridge::{Bridge, BridgeConfig, BridgeIn, BridgeOut, Packet, PacketKind};
 use alight_shared::admission::{Arrival, Sender};
 use alight_shared::checkpoint::Keeper;
 use alight_shared::frames::body_from_camera;
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DeckOrder, DroneStatus, Header,
-    MissionState, OperatorCommand, Plan, SetPoint, TimeRequest,
+    MissionState, OperatorCommand, Plan, SetPoint, TimeRequest, VesselEstimate,
 };
 use alight_shared::node::Node;
-use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime};
+use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock};
 use alight_shared::topics::TIME_REQUEST;
 use alight_shared::wire;
 use alight_uav::autopilot::config::DisarmConfig;
@@ -31,17 +32,19 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::cameras::SimulatedCameras;
-use super::failing::Failing;
+use super::failing::{Failing, Held, shift};
 use super::fault::Part;
 use super::foresight::{Foresight, drift};
 use super::inbox::Inbox;
 pub use super::link::Checkpoints;
 use super::link::{LinkedAutopilot, MakeLink};
+use super::mutant::Mutated;
 use super::outcome::Observation;
-use super::physics::{BOOT, DRONE_ID, Physics, VESSEL_ID};
+use super::physics::{BOOT, DRONE_ID, Physics, TICK, VESSEL_ID};
 use super::scenario::{NodeConfigs, Scenario, SetupError, StateOutage};
 use super::tap::{NoTap, Tap};
 use crate::autopilots::simulated::{INNER_PER_OUTER, SimulatedAutopilot, mode_number};
+use crate::physics::streams::Streams;
 use crate::radio::{ChannelCounts, Session};
 use crate::sensors::DroneReadings;
 use crate::sensors::delay::DelayLine;
@@ -49,6 +52,14 @@ use crate::sensors::noise::Noise;
 
 /// Plans under way at a time.
 const MAX_PLANS: usize = 64;
+/// Packets that wait for a bridge that stands still, at most.
+const MAX_WAITING: usize = 4096;
+/// A push rises with this time constant, s: as a person shifts his weight.
+const PUSH_RISE_S: f64 = 0.4;
+/// Period of the roll of another ship's wake, s.
+const WAKE_S: f64 = 2.5;
+/// A vessel of the same identity counts its starts from here.
+const TWIN_BOOT: u32 = 1000;
 /// Time between two of a drone's status messages (the bridge's process sends them so).
 const STATUS_PERIOD: Span = Span::from_millis(500);
 
@@ -77,14 +88,27 @@ pub struct World {
     drones: Vec<DroneComputer>,
     /// What fails of the first drone and the vessel.
     failing: Failing,
+    /// What stuck sensors of the vessel repeat.
+    held: Held,
+    /// What pushes the vessel now, N and Nm.
+    push: [f64; 6],
+    /// The vessel's steady clock is so far ahead of what it was drawn as.
+    vessel_ahead: Span,
 }
 
 impl World {
     /// The world of `seed` before the warm-up.
-    pub fn new(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<World, SetupError> {
-        let scenario = &scenario.drawn(seed);
-        let physics = Physics::new(scenario, seed)?;
-        let foresight = scenario.true_prediction.then(|| Foresight::new(scenario, seed));
+    pub fn new(
+        scenario: &Scenario,
+        nodes: &NodeConfigs,
+        seed: impl Into<Streams>,
+    ) -> Result<World, SetupError> {
+        let streams = seed.into();
+        let scenario = &scenario.drawn(streams);
+        let physics = Physics::new(scenario, streams)?;
+        let foresight = scenario
+            .true_prediction
+            .then(|| Foresight::new(scenario, streams));
         Ok(World {
             foresight: foresight.transpose()?,
             vessel: VesselComputer::new(&nodes.vessel, &nodes.deck, VESSEL_ID, BOOT),
@@ -97,6 +121,9 @@ impl World {
                 .collect(),
             physics,
             failing: Failing::default(),
+            held: Held::default(),
+            push: [0.0; 6],
+            vessel_ahead: Span::ZERO,
         })
     }
     /// So much fails from now on, of the first drone and the vessel.
@@ -114,6 +141,13 @@ impl World {
             (autopilot.silent, autopilot.answer) = (faults.silent, faults.answer);
             autopilot.muted.clone_from(&faults.muted);
             autopilot.battery_reported = !faults.no_battery;
+            let charge = autopilot.battery_report.unwrap_or(autopilot.battery);
+            autopilot.battery_report = faults.battery_stuck.then_some(charge);
+            autopilot.battery = (autopilot.battery - faults.drain_per_s * TICK.secs()).max(0.0);
+            autopilot.landed_report = faults.landed_report;
+            if faults.drift_mps != 0.0 {
+                autopilot.reset_position(&(Vector3::x() * faults.drift_mps * TICK.secs()), false);
+            }
             autopilot.remote_control_lost = faults.remote_control_lost;
             autopilot.data_link_lost = faults.data_link_lost;
         }
@@ -140,14 +174,14 @@ impl World {
 
     /// Gives every mission a command.
     pub fn command(&mut self, kind: CommandKind) {
-        for (k, drone) in self.drones.iter_mut().enumerate() {
-            let header = self.physics.header(k);
+        for drone in &mut self.drones {
+            let header = drone.header(&mut self.physics);
             drone.commands.push(Command { header, kind });
         }
     }
     /// The vessel's operator gives a drone a command.
     pub fn operator_command(&mut self, k: usize, kind: CommandKind) {
-        let now = self.physics.vessel_now();
+        let now = self.vessel_now();
         self.operator_sequence += 1;
         let header = Header::new(VESSEL_ID, DRONE_ID + k as u32, BOOT, self.operator_sequence, now);
         self.given.commands.push(Arrival {
@@ -229,6 +263,7 @@ impl World {
         (drone.radio, drone.linked, drone.keeper) = (before.radio, before.linked, before.keeper);
         drone.handed_over = before.handed_over;
         (drone.images_late, drone.sees_beside) = (before.images_late, before.sees_beside);
+        drone.ahead = before.ahead;
         drone.linked.iter_mut().for_each(|l| l.start(checkpoints));
         drone.predictor = drone.predictor.take().map(Predictor::as_successor);
         drone.mission = drone.mission.take().map(Mission::as_successor);
@@ -268,6 +303,23 @@ impl World {
             Part::Pilot => drone.pilot_inbox.frozen = frozen,
             Part::Link => drone.linked.iter_mut().for_each(|l| l.frozen = frozen),
             Part::Cable | Part::Supervisor => {}
+        }
+    }
+    /// A drone's bridge process dies.
+    pub fn kill_bridge(&mut self, k: usize) {
+        (self.drones[k].bridge, self.drones[k].waiting) = (None, Vec::new());
+    }
+    /// It starts anew.
+    pub fn start_bridge(&mut self, k: usize) {
+        let drone = &mut self.drones[k];
+        let boot = drone.next_boot(Checkpoints::Kept);
+        drone.bridge = Some(Bridge::new(&drone.bridge_config, boot));
+    }
+    /// A steady clock goes ahead by this, as after a pause of the machine: the vessel's (None) or a drone's.
+    pub fn step_clock(&mut self, drone: Option<usize>, by: Span) {
+        match drone {
+            None => self.vessel_ahead = self.vessel_ahead + by,
+            Some(k) => self.drones[k].ahead = self.drones[k].ahead + by,
         }
     }
     /// A drone's planner process dies.
@@ -338,9 +390,18 @@ impl World {
         let t = self.physics.now();
         tap.truth(t, &self.physics.vessel(), self.physics.drone(0).as_ref());
 
+        let [vessel_rate, drone_rate] = self.failing.clock_rates;
+        let ahead = |rate: f64| Span::from_secs(rate * TICK.secs());
+        self.vessel_ahead = self.vessel_ahead + ahead(vessel_rate);
+        if let Some(drone) = self.drones.first_mut() {
+            drone.ahead = drone.ahead + ahead(drone_rate);
+            self.failing.apart = self.vessel_ahead - drone.ahead;
+        }
+
         // The vessel: sensors, drones' statuses, orders -> estimator, deck arbiter, operator relay -> broadcast.
-        let (now, mut readings) = (self.physics.vessel_now(), self.physics.vessel_readings());
-        self.failing.vessel.spoil(&mut readings);
+        let (now, mut readings) = (self.vessel_now(), self.physics.vessel_readings());
+        shift(&mut readings, self.vessel_ahead);
+        self.failing.vessel.spoil(&mut readings, &mut self.held);
         let given = ComputerIn {
             deck_inputs: self.given.deck_inputs,
             ..ComputerIn::default()
@@ -363,7 +424,10 @@ impl World {
         // Each drone's computer: bridge -> predictor -> mission -> planner -> pilot -> link to the autopilot.
         self.foresight.iter_mut().for_each(|f| f.look(t));
         let foresight = self.foresight.as_ref();
-        let sound = Failing::default();
+        let sound = Failing {
+            mutant: self.failing.mutant,
+            ..Failing::default()
+        };
         for (k, drone) in self.drones.iter_mut().enumerate() {
             match k {
                 0 => drone.tick(&mut self.physics, self.shares_deck, foresight, &self.failing, tap),
@@ -372,6 +436,12 @@ impl World {
         }
 
         // Sea, vessel, autopilots, drones, contact.
+        let mut push = self.failing.push;
+        push[3] += self.failing.wake_nm * (TAU / WAKE_S * t.secs()).sin();
+        for (force, wanted) in self.push.iter_mut().zip(push) {
+            *force += (wanted - *force) * TICK.secs() / PUSH_RISE_S;
+        }
+        self.physics.push(self.push);
         self.physics.advance_with(INNER_PER_OUTER, |k, truth| {
             let motors = self.drones[k].linked.as_mut().and_then(|l| l.turn(truth))?;
             Some(if k == 0 {
@@ -396,7 +466,7 @@ impl World {
 
     /// What has come over the radios of the drones.
     fn receive_at_vessel(&mut self, t: Time<TrueTime>, input: &mut ComputerIn) {
-        let clock = self.physics.vessel_clock();
+        let clock = self.physics.vessel_clock().ahead(self.vessel_ahead);
         for drone in &mut self.drones {
             let sender = Sender::Drone(DRONE_ID + drone.k as u32);
             for (arrival, uplink) in drone.radio.at_vessel(t) {
@@ -430,13 +500,17 @@ impl World {
         }
     }
 
+    /// What the vessel's clock reads.
+    fn vessel_now(&self) -> Time<VesselClock> {
+        self.physics.vessel_now() + self.vessel_ahead
+    }
     /// The truth.
     pub fn physics(&self) -> &Physics {
         &self.physics
     }
     /// Whether a drone wants the vessel to keep course and speed now.
     pub fn wants_steady(&self) -> bool {
-        self.vessel.arbiter().wants_steady(self.physics.vessel_now())
+        self.vessel.arbiter().wants_steady(self.vessel_now())
     }
     /// The drones' computers.
     pub fn drones(&self) -> &[DroneComputer] {
@@ -448,7 +522,11 @@ impl World {
     }
     /// What the judge of the first drone looks at.
     pub fn observation(&self) -> Observation<'_> {
-        self.physics.observation(0, self.mission_state())
+        self.observation_of(0)
+    }
+    /// The same of another.
+    pub fn observation_of(&self, k: usize) -> Observation<'_> {
+        self.physics.observation(k, &self.drones[k].mission_state)
     }
 }
 
@@ -457,11 +535,17 @@ pub struct DroneComputer {
     k: usize,
     boot: u32,
     radio: Session<Packet, Uplink>,
-    bridge: Bridge,
+    /// None: its process is dead.
+    bridge: Option<Bridge>,
+    bridge_config: BridgeConfig,
+    /// Packets that wait for a bridge that stands still.
+    waiting: Vec<Packet>,
     cameras: Option<SimulatedCameras>,
     make_link: MakeLink,
     /// The autopilot and the link to it; None before the drone has appeared.
     linked: Option<LinkedAutopilot>,
+    /// Its steady clock is so far ahead of what it was drawn as.
+    ahead: Span,
     /// A person has given it the mode once.
     handed_over: bool,
     /// None: its process is dead.
@@ -484,8 +568,8 @@ pub struct DroneComputer {
     plans: DelayLine<Plan>,
     solve_delay: Span,
     commands: Vec<Command>,
-    /// The newest order to land, for a mutant.
-    ordered: Option<Command>,
+    /// What a mutant remembers.
+    mutated: Mutated,
     /// A test's set-point in place of the pilot's.
     external: Option<SetPoint>,
     /// The range that a stuck rangefinder repeats, m.
@@ -505,6 +589,22 @@ pub struct DroneComputer {
     autopilot_state: AutopilotState,
     /// The newest set-point.
     pub last_set_point: Option<SetPoint>,
+}
+
+/// Another vessel's packet under this one's identity; none of what is no estimate.
+fn twin(packet: &Stamped<DroneClock, Packet>, north_m: f64) -> Option<Stamped<DroneClock, Packet>> {
+    if packet.value.kind != PacketKind::Estimate {
+        return None;
+    }
+    let mut estimate: VesselEstimate<VesselClock> = wire::decode(&packet.value.bytes).ok()?;
+    estimate.header.boot = estimate.header.boot.wrapping_add(TWIN_BOOT);
+    estimate.eta[0] += north_m;
+    let bytes = wire::encode(&estimate).ok()?;
+    let value = Packet {
+        bytes,
+        ..packet.value.clone()
+    };
+    Some(Stamped::new(packet.at, value))
 }
 
 /// A forced descent begins within this time of being steady, s.
@@ -546,10 +646,13 @@ impl DroneComputer {
             k,
             boot,
             radio: Session::new(&scenario.radio, &streams),
-            bridge: Bridge::new(&bridge, boot),
+            bridge: Some(Bridge::new(&bridge, boot)),
+            bridge_config: bridge,
+            waiting: Vec::new(),
             cameras: SimulatedCameras::new(scenario, &drone.camera, &drone.tags(), identity, &streams),
             make_link: make_link(nodes, id),
             linked: None,
+            ahead: Span::ZERO,
             handed_over: false,
             predictor: Some(Predictor::new(&drone.predictor(), boot)),
             predictor_inbox: Inbox::default(),
@@ -566,7 +669,7 @@ impl DroneComputer {
             plans: DelayLine::new(MAX_PLANS),
             solve_delay: Span::from_secs(scenario.solve_delay_s),
             commands: Vec::new(),
-            ordered: None,
+            mutated: Mutated::default(),
             external: None,
             repeated_m: None,
             images_late: Span::ZERO,
@@ -619,7 +722,8 @@ impl DroneComputer {
         failing: &Failing,
         tap: &mut impl Tap,
     ) {
-        let (k, t, clock) = (self.k, physics.now(), physics.drone_clock(self.k));
+        let (k, t) = (self.k, physics.now());
+        let clock = physics.drone_clock(k).ahead(self.ahead);
         let now = clock.read(t);
         if failing.frozen.computer {
             // What comes by radio and wire waits, and bears the time of its reading.
@@ -631,16 +735,14 @@ impl DroneComputer {
         // The radio, then the bridge.
         let read_from = self.stood_still_until;
         let stamped = |(arrival, packet)| Stamped::new(clock.read(read_from.max(arrival)), packet);
-        let packets = self.radio.at_drone(t).into_iter().map(stamped).collect();
+        let packets: Vec<_> = self.radio.at_drone(t).into_iter().map(stamped).collect();
         if self.is_dead {
             // What arrives is lost.
             let _lost = physics.drone_readings(k);
             let _lost = self.linked.as_mut().map(|linked| linked.receive(t, now));
             return;
         }
-        let input = BridgeIn { packets };
-        let received = self.bridge.step(now, &input);
-        tap.bridge(t, now, &input, &received);
+        let received = self.bridge(t, now, packets, failing, tap);
         if let Some(request) = received.time_request {
             self.radio
                 .send_to_vessel(t, TIME_REQUEST.bytes, Uplink::TimeRequest(request));
@@ -650,6 +752,7 @@ impl DroneComputer {
         let (Some(mut readings), Some(linked)) = (physics.drone_readings(k), &mut self.linked) else {
             return;
         };
+        readings.shift(self.ahead);
         if !self.handed_over {
             // PX4 denies until set-points were streamed for long enough: the person tries again.
             let autopilot = &mut linked.autopilot;
@@ -710,7 +813,7 @@ impl DroneComputer {
                 now,
                 &mut self.commands,
                 self.mission_state.state,
-                &mut self.ordered,
+                &mut self.mutated.ordered,
             );
         }
         let plan = self.plans.arrived(t).pop();
@@ -725,6 +828,10 @@ impl DroneComputer {
             ranges: readings.ranges.clone(),
             checkpoint: self.mission.as_ref().and_then(|m| self.keeper.answer(m.boot())),
         };
+        let input = match failing.mutant {
+            Some(mutant) => mutant.mission_in(now, input, &self.mutated),
+            None => input,
+        };
         let mut decided = MissionOut::default();
         if let Some(mission) = &mut self.mission
             && let Some(input) = self.mission_inbox.take(input)
@@ -733,6 +840,8 @@ impl DroneComputer {
             tap.mission(t, now, &input, &decided);
         }
         self.keeper.take(now, decided.checkpoint.as_ref());
+        let landing = decided.checkpoint.filter(|c| c.landing);
+        self.mutated.checkpoint = self.mutated.checkpoint.or(landing);
         let mut mission = decided.state;
         if let Some(mutant) = failing.mutant {
             mission = mutant.mission(now, mission, &self.mission_state);
@@ -741,7 +850,7 @@ impl DroneComputer {
         if reports_status && t >= self.status_due {
             self.status_due = t + STATUS_PERIOD;
             let distance = DroneStatus::deck_distance_m(now, odometry.as_ref(), self.forecast.as_ref());
-            let status = self.status(physics.header(k), distance);
+            let status = self.status(self.header(physics), distance);
             if let Ok(bytes) = wire::encode(&status) {
                 self.radio.send_to_vessel(t, bytes.len(), Uplink::Status(status));
             }
@@ -759,7 +868,8 @@ impl DroneComputer {
         }
         if let Some(plan) = solved.plan {
             // A full line means plans that nobody fetches: the oldest state is lost, no more.
-            let _full = self.plans.push(t + self.solve_delay, plan);
+            let delay = self.solve_delay + Span::from_secs(failing.solve_s);
+            let _full = self.plans.push(t + delay, plan);
         }
 
         // Pilot -> link to the autopilot.
@@ -795,6 +905,57 @@ impl DroneComputer {
         if let Some(linked) = &mut self.linked {
             linked.send(t, now, input);
         }
+    }
+
+    /// The header of a message of this computer or its operator.
+    fn header(&self, physics: &mut Physics) -> Header<DroneClock> {
+        let mut header = physics.header(self.k);
+        header.at += self.ahead;
+        header
+    }
+    /// What has come by radio, through the bridge.
+    fn bridge(
+        &mut self,
+        t: Time<TrueTime>,
+        now: Time<DroneClock>,
+        mut packets: Vec<Stamped<DroneClock, Packet>>,
+        failing: &Failing,
+        tap: &mut impl Tap,
+    ) -> BridgeOut {
+        if failing.twin_m != 0.0 {
+            let twins: Vec<_> = packets.iter().filter_map(|p| twin(p, failing.twin_m)).collect();
+            packets.extend(twins);
+        }
+        let Some(bridge) = &mut self.bridge else {
+            return BridgeOut::default();
+        };
+        if failing.frozen.bridge {
+            let room = MAX_WAITING.saturating_sub(self.waiting.len());
+            self.waiting
+                .extend(packets.into_iter().take(room).map(|p| p.value));
+            return BridgeOut::default();
+        }
+        // What has waited bears the time of its reading.
+        let waited = self.waiting.drain(..).map(|p| Stamped::new(now, p));
+        let packets = waited.chain(packets).collect();
+        let input = BridgeIn { packets };
+        let mut received = bridge.step(now, &input);
+        tap.bridge(t, now, &input, &received);
+        if let Some(mutant) = failing.mutant {
+            let id = self.bridge_config.drone_id;
+            mutant.received(now, &mut received, (id, failing.apart), &mut self.mutated);
+        }
+        received
+    }
+    /// So long its drone is armed on the deck without anybody's doing, as its status says, s.
+    pub fn still_armed_s(&self) -> Option<f64> {
+        let now = self.mission_state.header.at;
+        still_armed_s(
+            now,
+            &self.mission_state,
+            self.autopilot_state.armed,
+            &DisarmConfig::default(),
+        )
     }
 
     /// What faults make of what the cameras saw.

@@ -4,10 +4,13 @@
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-/// The family of random streams of one seed.
+/// Streams are drawn anew in groups ([`Streams::redrawn`]).
+pub const GROUPS: usize = 8;
+
+/// The family of random streams of one seed, or of one seed for each group of names.
 #[derive(Clone, Copy, Debug)]
 pub struct Streams {
-    seed: u64,
+    seeds: [u64; GROUPS],
     /// FNV-1a hash of what stands before every name.
     prefix: u64,
 }
@@ -23,7 +26,7 @@ impl Streams {
     /// The streams of `seed`.
     pub const fn new(seed: u64) -> Self {
         Streams {
-            seed,
+            seeds: [seed; GROUPS],
             prefix: 0xcbf2_9ce4_8422_2325,
         }
     }
@@ -36,11 +39,31 @@ impl Streams {
         };
         Streams { prefix, ..*self }
     }
+    /// The same with one group of streams drawn anew from `seed`; the name's hash says to which group a stream belongs.
+    #[must_use]
+    pub fn redrawn(&self, group: usize, seed: u64) -> Self {
+        let mut redrawn = *self;
+        redrawn
+            .seeds
+            .iter_mut()
+            .skip(group)
+            .take(1)
+            .for_each(|s| *s = seed);
+        redrawn
+    }
     /// The stream called `name`: the same for the same seed and name, independent of all others.
     pub fn stream(&self, name: &str) -> ChaCha8Rng {
-        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+        let hash = fnv(self.prefix, name);
+        let group = (hash >> 32) as usize % GROUPS;
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seeds.get(group).copied().unwrap_or_default());
         // The hash selects the ChaCha stream.
-        rng.set_stream(fnv(self.prefix, name));
+        rng.set_stream(hash);
         rng
+    }
+}
+
+impl From<u64> for Streams {
+    fn from(seed: u64) -> Streams {
+        Streams::new(seed)
     }
 }

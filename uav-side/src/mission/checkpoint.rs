@@ -9,7 +9,7 @@ use alight_shared::time::Span;
 use alight_shared::topics;
 
 use super::config::MissionConfig;
-use super::limits::{LOST_OUTSIDE_M, RESUME_DISTANCE_M, STEADY_HEIGHT_M};
+use super::limits::{CLIMB_S, LOST_OUTSIDE_M, RESUME_DISTANCE_M, STEADY_HEIGHT_M};
 use super::phase::{DroneTime, HoldCause, MissionPhase, Progress, gave_up, holding};
 use super::situation::{ControlState, Deck, Situation};
 use alight_shared::checkpoint::{CheckpointRejection, Recovery, validate};
@@ -169,6 +169,23 @@ pub(super) fn progress(m: &MissionCheckpoint) -> Progress {
     }
 }
 
+/// So low and near that the deck may rise or come into the drone. At the tracking height it may stay, deck or not.
+fn is_near(deck: &Deck, c: &MissionConfig) -> bool {
+    let low = deck.clearance_m < c.tracking_height_m - STEADY_HEIGHT_M;
+    low && deck.distance_m < RESUME_DISTANCE_M + CLIMB_S * deck.closing_mps.max(0.0)
+}
+
+/// What an idle mission does about a drone that hovers without an order where the vessel comes: it climbs out of her way.
+pub(super) fn gives_way(s: &Situation, c: &MissionConfig) -> Option<(MissionPhase, Reason)> {
+    let deck = s.fresh_deck().filter(|deck| is_near(deck, c))?;
+    if s.flight != ControlState::Ours || s.motors_stopped || rests(s) {
+        return None;
+    }
+    let lowest_m = c.tracking_height_m - STEADY_HEIGHT_M;
+    let why = Reason::new(ReasonCode::TooNear, deck.clearance_m, lowest_m);
+    Some((gave_up(s, c), why))
+}
+
 /// What an idle mission without a checkpoint does about a drone that flies, or rests with motors on, near a deck: it
 /// was landing or leaving, and holding a fixed place there lets the deck rise into it. Where it is `landing` still, it
 /// climbs to begin anew. `Err`: it cannot tell yet.
@@ -189,10 +206,7 @@ pub(super) fn safe_start(
     let Some(deck) = s.fresh_deck() else {
         return Err(());
     };
-    // At the tracking height it may stay, deck or not.
-    let low = deck.clearance_m < c.tracking_height_m - STEADY_HEIGHT_M;
-    let near = low && deck.distance_m < RESUME_DISTANCE_M;
-    if !near {
+    if !is_near(deck, c) {
         return Ok(None);
     }
     let why = Reason::new(ReasonCode::Restarted, deck.clearance_m, 0.0);

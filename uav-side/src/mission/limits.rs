@@ -24,6 +24,8 @@ pub(super) const DECISION_TIMEOUT_S: f64 = 8.0;
 pub(super) const RECOVER_S: f64 = 0.5;
 /// Hold resumes with Tracking within this horizontal distance of a detected deck, m.
 pub(super) const RESUME_DISTANCE_M: f64 = 10.0;
+/// A climb from the deck to the tracking height takes so long, s: 6 m at 1.5 m/s.
+pub(super) const CLIMB_S: f64 = 4.0;
 
 /// The reason when `value` is beyond `limit`; a NaN is beyond.
 pub(super) fn exceeds(code: ReasonCode, value: f64, limit: f64) -> Option<Reason> {

@@ -515,15 +515,20 @@ impl Mission {
         }
     }
 
-    /// What a mission without a checkpoint, or after a lapse, decides about a drone that it finds in flight.
-    fn safe_start(&mut self, s: &Situation) -> Option<Decision> {
-        if !self.unjudged || self.phase != MissionPhase::Idle {
+    /// What an idle mission decides about a drone in flight: one that it finds there, without a checkpoint or after a lapse,
+    /// and one that the vessel comes near to.
+    fn keeps_clear(&mut self, s: &Situation) -> Option<Decision> {
+        if self.phase != MissionPhase::Idle {
             self.unjudged = false;
             return None;
         }
-        let found = checkpoint::safe_start(s, self.progress.landing, &self.config);
-        self.unjudged = found.is_err();
-        let (phase, why) = found.ok().flatten()?;
+        let (phase, why) = if self.unjudged {
+            let found = checkpoint::safe_start(s, self.progress.landing, &self.config);
+            self.unjudged = found.is_err();
+            found.ok().flatten()?
+        } else {
+            checkpoint::gives_way(s, &self.config).filter(|_| !self.progress.landing)?
+        };
         Some(Decision {
             phase,
             progress: self.progress,
@@ -624,7 +629,7 @@ impl Node for Mission {
             at.get_or_insert(now + *after);
         }
         let decision = match order {
-            None => self.safe_start(&s),
+            None => self.keeps_clear(&s),
             Some(_) => None,
         };
         let decision = decision.unwrap_or_else(|| decide(self.phase, self.progress, order, &s, &self.config));

@@ -153,7 +153,10 @@ pub struct Fault {
 impl Fault {
     /// The fault, with its delay after the moment's beginning, and for how long it freezes, drawn from the seed.
     pub fn new(spec: FaultSpec, seed: u64) -> Fault {
-        let times = FaultTimes::drawn(spec.moment, seed);
+        Fault::at(spec, FaultTimes::drawn(spec.moment, seed))
+    }
+    /// The fault at these times.
+    pub fn at(spec: FaultSpec, times: FaultTimes) -> Fault {
         Fault {
             spec,
             delay_ns: (times.delay_s * 1e9) as i64,

@@ -6,7 +6,7 @@ use alight_uav::autopilot::modes::Firmware;
 use serde::Serialize;
 
 use super::kinds::{Effect, Takes};
-use super::watch::{Ending, Scene, Violation, Watch};
+use super::watch::{Ending, Scene, Violation, Watch, end, is_stuck};
 use super::{Fault, Kind, Mutant, Storm};
 use crate::harness::failing::Failing;
 use crate::harness::outcome::{FALSE_STOP_M, REST_S};
@@ -18,6 +18,8 @@ use crate::harness::tap::NoTap;
 const LIMIT_S: f64 = 300.0;
 /// Within this time after the last fault it has landed, or waits for a stated reason, s.
 const LIVELY_S: f64 = 120.0;
+/// What lasts longer is seen, s.
+const SEEN_S: f64 = 1.0;
 /// Given up for so long, after the last fault, it waits for the operator, s: longer than it climbs.
 const GIVEN_UP_S: f64 = 20.0;
 
@@ -67,7 +69,7 @@ pub fn fly_mutant(
         over: false,
     };
     let mut faults: Vec<Scheduled> = storm.faults.iter().map(pending).collect();
-    let mut watch = Watch::default();
+    let mut watches = vec![Watch::default(); storm.drones.into()];
     let mut flown = Flown {
         ending: Ending::Waits,
         violation: None,
@@ -86,9 +88,11 @@ pub fn fly_mutant(
         }
         let failing = failing(&faults, t_s);
         rig.world.fail(Failing { mutant, ..failing });
-        rig.tick(&mut NoTap);
+        rig.advance(&mut NoTap);
         let t_s = rig.t_s();
-        if let Some(violation) = watch.look(&rig, &scene_of(&faults, t_s)) {
+        let scene = scene_of(&faults, t_s);
+        let mut looks = watches.iter_mut().enumerate();
+        if let Some(violation) = looks.find_map(|(k, watch)| watch.look(&rig, k, &scene)) {
             show(t_s, &violation.to_string());
             flown.ending = Ending::Violated;
             flown.violation = Some(violation);
@@ -107,8 +111,8 @@ pub fn fly_mutant(
         }
         let given_up = rig.state(0) == State::GaveUp && t_s > rig.entered_s(0).max(last_s) + GIVEN_UP_S;
         if given_up || t_s > last_s + LIVELY_S {
-            flown.ending = watch.end(&rig);
-            if let Some(violation) = watch.is_stuck(&rig) {
+            flown.ending = end(&rig);
+            if let Some(violation) = is_stuck(&rig) {
                 show(t_s, &violation.to_string());
                 (flown.ending, flown.violation) = (Ending::Violated, Some(violation));
             }
@@ -184,6 +188,20 @@ fn failing(faults: &[Scheduled], t_s: f64) -> Failing {
     failing
 }
 
+/// The mission's process does not take what comes.
+const fn stops_mission(kind: Kind) -> bool {
+    matches!(
+        kind,
+        Kind::MissionKilled
+            | Kind::MissionFrozen
+            | Kind::ComputerKilled
+            | Kind::ComputerFrozen
+            | Kind::ComputerSuspended
+            | Kind::ComputerRebooted
+            | Kind::ComputerClockSteps
+    )
+}
+
 /// The faults as the rules see them.
 fn scene_of(faults: &[Scheduled], t_s: f64) -> Scene {
     let began = || faults.iter().filter_map(|f| Some((f, f.began_s?)));
@@ -198,21 +216,32 @@ fn scene_of(faults: &[Scheduled], t_s: f64) -> Scene {
     };
     let aborted = began().find(|(f, _)| f.fault.kind == Kind::Abort);
     let aborted_s = aborted.map(|(_, at)| at);
-    let is_mission = |f: &Scheduled| {
-        matches!(
-            f.fault.kind,
-            Kind::MissionKilled | Kind::MissionFrozen | Kind::ComputerKilled | Kind::ComputerFrozen
-        )
+    let took_over = began().find(|(f, _)| f.fault.kind == Kind::TakenOver && f.fault.lasts_s > SEEN_S);
+    let taken_s = took_over.map(|(f, at)| at + f.fault.lasts_s);
+    let meets = |f: &Scheduled, at: f64, from_s: f64, until_s: f64| {
+        at < until_s + SEEN_S && at + f.fault.lasts_s + SEEN_S > from_s
     };
+    // The mission was there to receive it, and the link to see who has the drone.
+    let received =
+        aborted_s.is_some_and(|a| !began().any(|(f, at)| stops_mission(f.fault.kind) && meets(f, at, a, a)));
+    let seen = took_over.is_some_and(|(taken, from_s)| {
+        let hides = |f: &Scheduled| {
+            f.fault.kind != Kind::TakenOver
+                && (stops_mission(f.fault.kind) || f.fault.kind.spec().takes == Takes::Command)
+        };
+        let until_s = from_s + taken.fault.lasts_s;
+        !began().any(|(f, at)| hides(f) && meets(f, at, from_s, until_s))
+    });
+    let withdrawn_s = aborted_s.filter(|_| received).or(taken_s.filter(|_| seen));
+    let orders = |f: &Scheduled| matches!(f.fault.kind, Kind::OrderedAgain | Kind::OrderedAshore);
     Scene {
         faults: began().count(),
         newest_s: newest_s.fold(f64::NEG_INFINITY, f64::max),
         uncommanded: takes(Takes::Command, super::watch::RESUME_S),
         without_power: takes(Takes::Power, 1.0),
         aborted_s,
-        received: !began()
-            .any(|(f, at)| is_mission(f) && aborted_s.is_some_and(|a| at + f.fault.lasts_s + 1.0 > a)),
-        ordered_again: began()
-            .any(|(f, at)| f.fault.kind == Kind::OrderedAgain && aborted_s.is_some_and(|a| at >= a)),
+        received,
+        withdrawn_s,
+        ordered_again: began().any(|(f, at)| orders(f) && withdrawn_s.is_some_and(|w| at >= w - SEEN_S)),
     }
 }
