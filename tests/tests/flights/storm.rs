@@ -83,7 +83,7 @@ fn mutants_that_a_short_list_shows() {
             Mutant::OldCheckpoint,
             1,
             vec![abort(State::Tracking), killed],
-            Rule::Unordered,
+            Rule::AbortIgnored,
         ),
     ];
     shown.into_par_iter().for_each(|(mutant, drones, faults, rule)| {

@@ -217,7 +217,7 @@ fn scene_of(faults: &[Scheduled], t_s: f64) -> Scene {
     let aborted = began().find(|(f, _)| f.fault.kind == Kind::Abort);
     let aborted_s = aborted.map(|(_, at)| at);
     let took_over = began().find(|(f, _)| f.fault.kind == Kind::TakenOver && f.fault.lasts_s > SEEN_S);
-    let taken_s = took_over.map(|(f, at)| at + f.fault.lasts_s);
+    let taken_s = took_over.map(|(_, at)| at);
     let meets = |f: &Scheduled, at: f64, from_s: f64, until_s: f64| {
         at < until_s + SEEN_S && at + f.fault.lasts_s + SEEN_S > from_s
     };
