@@ -16,13 +16,13 @@ use crate::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, ServiceArgs};
 use crate::process::shell;
 use crate::status::command as status;
 use crate::tools::playback::ForeignLaw;
-use crate::tools::{calibrate, check, command, config, estimate, flights, keys, replay, tag, view};
+use crate::tools::{calibrate, check, command, config, estimate, flights, init, keys, replay, tag, view};
 use crate::{drone, terminal, vessel};
 
 /// Lands a multirotor on the deck of a small boat that moves and rocks in waves.
 #[derive(Parser, Debug)]
 #[command(
-    version,
+    version = env!("ALIGHT_VERSION"),
     about,
     arg_required_else_help = true,
     max_term_width = 80,
@@ -52,6 +52,7 @@ const GROUPS: [(&str, &[&str]); 3] = [
     (
         "Install",
         &[
+            "init",
             "config",
             "keys",
             "check",
@@ -149,6 +150,8 @@ pub enum Command {
     #[cfg(feature = "lab")]
     #[command(flatten)]
     Lab(Box<lab::LabCommand>),
+    /// Ask an installer; write and check both configurations.
+    Init(init::InitArgs),
     /// Print a configuration, to start from.
     #[command(subcommand)]
     Config(ConfigCommand),
@@ -235,6 +238,7 @@ impl Command {
         match self {
             #[cfg(feature = "lab")]
             Command::Lab(c) => c.run(),
+            Command::Init(a) => init::run(a),
             Command::Config(c) => c.run(),
             Command::Estimate(a) => estimate::run(a),
             Command::Flights(a) => flights::run(a),

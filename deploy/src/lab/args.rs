@@ -441,9 +441,12 @@ pub struct EnvelopeArgs {
     /// Sea states (WMO code table 3700), separated by commas [default: 1,2,3,4; with --quick 2,3,4]
     #[arg(long, value_name = "1..5,..", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..=5))]
     pub sea_states: Vec<u8>,
-    /// Landings per cell [default: 10; with --quick 5]
+    /// Landings per cell [default: as many as show --rate, 35 for 90 %; with --quick 5]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub trials: Option<u32>,
+    /// Part of the landings, %, that must succeed up to the limit, by the lower end of the 95 % interval
+    #[arg(long, value_name = "PERCENT", default_value_t = 90, value_parser = clap::value_parser!(u8).range(50..=99))]
+    pub rate: u8,
     /// First seed
     #[arg(long, default_value_t = 1)]
     pub seed0: u64,

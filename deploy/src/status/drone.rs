@@ -12,7 +12,7 @@ use alight_uav::mission::MAX_VESSEL_DISTANCE_M;
 
 use super::finding::{Finding, Topic};
 use super::situation::Situation;
-use super::{ARMED_REMEDY, Figure, StateView, course, processes};
+use super::{ARMED_REMEDY, Figure, StateView, compass, course, go, processes};
 use crate::io::mavlink_key;
 use crate::process::snapshot::{minutes, time};
 
@@ -142,6 +142,7 @@ pub fn state(s: &Situation) -> Option<StateView> {
         since_s,
         entered: m.entered.to_string(),
         waiting: m.waiting.to_string(),
+        stages: go::stages(m.state),
         stale: s.seen.mission.is_old(s.now_ns),
     })
 }
@@ -278,7 +279,8 @@ fn wind(s: &Situation) -> Figure {
     match s.seen.mission.and_then(|m| m.wind) {
         None => Figure::unknown(NAME),
         Some(wind) => {
-            Figure::of(NAME, Wind::towards(wind).to_string(), "").stale(s.seen.mission.is_old(s.now_ns))
+            let text = compass::wind(Wind::towards(wind), s.known.knots);
+            Figure::of(NAME, text, "").stale(s.seen.mission.is_old(s.now_ns))
         }
     }
 }

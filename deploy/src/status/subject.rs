@@ -55,17 +55,37 @@ impl Computer {
             .find(readable)
             .map(Path::to_path_buf)
     }
-    /// The drone's processes of that name: a landing of all processes has the drone's file next to its memory.
     fn of_instance(name: &str) -> Result<Computer, CliError> {
-        let file = Instance::new(name)?.directory().join("drone.toml");
-        let mut drone: DroneComputer = if file.exists() {
-            config::load(&file)?
-        } else {
-            DroneComputer::default()
-        };
-        drone.instance = name.into();
-        Ok(Computer::Drone(Box::new(drone)))
+        drone_of_instance(name).map(|drone| Computer::Drone(Box::new(drone)))
     }
+}
+
+/// The drone whose processes have that name: a landing of all processes has the drone's file next to its memory.
+fn drone_of_instance(name: &str) -> Result<DroneComputer, CliError> {
+    let file = Instance::new(name)?.directory().join("drone.toml");
+    let mut drone: DroneComputer = if file.exists() {
+        config::load(&file)?
+    } else {
+        DroneComputer::default()
+    };
+    drone.instance = name.into();
+    Ok(drone)
+}
+
+/// The drone that a command on this computer is for. The installed one comes before a simulated landing, unless another
+/// name is given: an order must not go to a simulation while a drone flies.
+pub fn commanded_drone(config: Option<&Path>, instance: Option<&str>) -> Result<DroneComputer, CliError> {
+    if let Some(path) = config {
+        return Ok(config::load(path)?);
+    }
+    let [_, installed] = SHIPPED.map(Path::new);
+    if installed.exists() {
+        let drone: DroneComputer = config::load(installed)?;
+        if instance.is_none_or(|name| name == drone.instance) {
+            return Ok(drone);
+        }
+    }
+    drone_of_instance(instance.unwrap_or(LAND))
 }
 
 /// Whose processes are meant.

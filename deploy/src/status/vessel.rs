@@ -10,14 +10,14 @@ use alight_shared::transport::process::ProcessKind;
 use super::finding::{Finding, Level, Topic};
 use super::situation::{KnownVessel, Situation};
 use super::sources::{MISSING_S, estimator, remark, source};
-use super::{ARMED_REMEDY, Figure, StateView, certificate, course, processes};
+use super::{ARMED_REMEDY, Figure, StateView, certificate, course, go, processes};
 use crate::process::snapshot::time;
 use crate::vessel::{deck_inputs, helm_lamp};
 
 /// A drone reports at 2 Hz; without a report for this long it is out of reach, s.
 const LOST_CONTACT_S: f64 = 5.0;
 /// A turn that takes less than a tenth of the tilt away is not worth it.
-const WORTH_TURNING: f64 = 0.9;
+pub const WORTH_TURNING: f64 = 0.9;
 
 /// What a vessel's situation means.
 pub fn findings(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Vec<Finding> {
@@ -272,6 +272,7 @@ pub fn state(s: &Situation, status: &VesselStatus) -> Option<StateView> {
         since_s: 0.0,
         entered: d.status.entered.to_string(),
         waiting: d.status.waiting.to_string(),
+        stages: go::stages(d.status.state),
         stale: !s.reports(ProcessKind::Vessel) || d.age_s > LOST_CONTACT_S,
     })
 }

@@ -6,6 +6,7 @@ pub mod command;
 pub mod config;
 pub mod estimate;
 pub mod flights;
+pub mod init;
 pub mod keys;
 pub mod playback;
 pub mod replay;

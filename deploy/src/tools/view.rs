@@ -32,9 +32,11 @@ use crate::view::watcher::{Bodies, Watcher};
 #[derive(Args, Debug)]
 #[command(
     after_help = "Run it as the user that runs Alight: sudo -u alight alight view\n\
-Then open http://127.0.0.1:7450 in a browser on this computer. For a phone on board name an address of this\n\
-computer's network: alight view --listen 192.168.7.1:7450 (or view.listen); everybody there sees it.\n\
-Foxglove: alight view --foxglove, then Open connection, Foxglove WebSocket, ws://127.0.0.1:8765.\n\
+Then open http://127.0.0.1:7450 in a browser on this computer. For a phone on\n\
+board name an address of this computer's network (or view.listen), where\n\
+everybody sees it: alight view --listen 192.168.7.1:7450\n\
+Foxglove: alight view --foxglove, then Open connection, Foxglove WebSocket,\n\
+ws://127.0.0.1:8765.\n\
 It ends by Ctrl-C, and nothing in a flight waits for it."
 )]
 pub struct ViewCommand {

@@ -52,6 +52,16 @@ pub struct MotionView {
     pub heave_m: Vec<Option<f64>>,
 }
 
+/// Where drone and deck were over ground, one sample every two seconds, oldest first: metres to north and east of the newest
+/// place of the deck; None where it was not known.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct TrackView {
+    /// The drone.
+    pub drone: Vec<Option<[f64; 2]>>,
+    /// The deck's centre.
+    pub deck: Vec<Option<[f64; 2]>>,
+}
+
 /// A line of what happened.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LogLine {
@@ -93,10 +103,14 @@ pub struct Picture {
     pub scene: Option<SceneView>,
     /// The deck's motion.
     pub motion: MotionView,
+    /// Over ground.
+    pub track: TrackView,
     /// What happened in this run, the newest first.
     pub log: Vec<LogLine>,
     /// Flights that ended, the newest first.
     pub flights: Vec<FlightLine>,
+    /// The newest flight that ended while the server was looking on.
+    pub result: Option<FlightLine>,
     /// The order that the page may give.
     pub order: OrderView,
 }

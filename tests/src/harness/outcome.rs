@@ -218,6 +218,10 @@ impl Outcome {
         let out_of_time = self.outcome == Ending::GaveUp || self.reason.starts_with(NOT_AT_REST);
         out_of_time && self.unsafe_contacts == 0
     }
+    /// It neither landed nor was refused.
+    pub fn is_unsafe(&self) -> bool {
+        !self.success && !self.is_refused()
+    }
 }
 
 struct FirstContact {

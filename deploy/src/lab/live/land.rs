@@ -263,7 +263,11 @@ impl LandingSetup {
             uvdar: UltravioletSource::default(),
             supervision: Supervision::default(),
             recorder: RecorderConfig::default(),
-            view: ViewConfig::default(),
+            // A simulated landing may be broken off by whoever sees its page.
+            view: ViewConfig {
+                abort: true,
+                ..ViewConfig::default()
+            },
             drone: scene.nodes.settings(),
         };
         let world = SimulatedWorld {

@@ -93,8 +93,8 @@ pub fn rao(args: &RaoArgs) -> Result<Exit, CliError> {
         table.row(values.map(|(value, digits)| Cell::number(value, digits)));
     }
     terminal::line(format_args!(
-        "{}Waves from astern, drifting vessel. Surge and heave: amplitude over wave amplitude; pitch: amplitude over wave \
-         slope. A particle of the water has 1, 1 and 1.",
+        "{}Waves from astern, drifting vessel. Surge and heave: amplitude over wave\n\
+         amplitude; pitch: amplitude over wave slope. A particle of the water has 1, 1\nand 1.",
         table.text()
     ));
     Ok(Exit::Success)
