@@ -46,7 +46,7 @@ const GROUPS: [(&str, &[&str]); 3] = [
     (
         "Simulate",
         &[
-            "land", "trial", "trials", "storm", "study", "envelope", "rao", "rehearse", "link",
+            "land", "trial", "trials", "storm", "rare", "study", "envelope", "rao", "rehearse", "link",
         ],
     ),
     (

@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn splitting_of_what_never_happens_and_of_what_always_does() {
+    fn splitting_of_what_never_or_always_happens() {
         let never = split(20, 1, |_| Ok::<f64, ()>(0.3)).unwrap();
         assert_eq!((never.probability, never.landings), (0.0, 40));
         let always = split(20, 1, |_| Ok::<f64, ()>(1.7)).unwrap();
