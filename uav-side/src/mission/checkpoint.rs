@@ -169,20 +169,16 @@ pub(super) fn progress(m: &MissionCheckpoint) -> Progress {
     }
 }
 
-/// So low and near that the deck may rise or come into the drone. At the tracking height it may stay, deck or not.
-fn is_near(deck: &Deck, c: &MissionConfig) -> bool {
-    let low = deck.clearance_m < c.tracking_height_m - STEADY_HEIGHT_M;
-    low && deck.distance_m < RESUME_DISTANCE_M + CLIMB_S * deck.closing_mps.max(0.0)
-}
-
-/// What an idle mission does about a drone that hovers without an order where the vessel comes: it climbs out of her way.
+/// What an idle mission does about a drone that hovers without an order where the vessel comes, lower than her deck heaves:
+/// it climbs out of her way.
 pub(super) fn gives_way(s: &Situation, c: &MissionConfig) -> Option<(MissionPhase, Reason)> {
-    let deck = s.fresh_deck().filter(|deck| is_near(deck, c))?;
-    if s.flight != ControlState::Ours || s.motors_stopped || rests(s) {
+    let deck = s.fresh_deck()?;
+    let near_m = RESUME_DISTANCE_M + CLIMB_S * deck.closing_mps.max(0.0);
+    let comes = deck.clearance_m < STEADY_HEIGHT_M && deck.distance_m < near_m;
+    if !comes || s.flight != ControlState::Ours || s.motors_stopped || rests(s) {
         return None;
     }
-    let lowest_m = c.tracking_height_m - STEADY_HEIGHT_M;
-    let why = Reason::new(ReasonCode::TooNear, deck.clearance_m, lowest_m);
+    let why = Reason::new(ReasonCode::TooNear, deck.clearance_m, STEADY_HEIGHT_M);
     Some((gave_up(s, c), why))
 }
 
@@ -206,7 +202,9 @@ pub(super) fn safe_start(
     let Some(deck) = s.fresh_deck() else {
         return Err(());
     };
-    if !is_near(deck, c) {
+    // At the tracking height it may stay, deck or not.
+    let low = deck.clearance_m < c.tracking_height_m - STEADY_HEIGHT_M;
+    if !(low && deck.distance_m < RESUME_DISTANCE_M) {
         return Ok(None);
     }
     let why = Reason::new(ReasonCode::Restarted, deck.clearance_m, 0.0);

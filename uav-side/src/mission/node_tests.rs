@@ -496,7 +496,7 @@ fn drone_without_an_order_where_the_vessel_comes() {
     for (beside_m, height_m, wanted) in [
         (30.0, 1.0, State::Idle),
         (9.0, 1.0, State::GaveUp),
-        (9.0, 5.5, State::Idle),
+        (9.0, 3.0, State::Idle),
     ] {
         let mut m = node();
         let z = -1.3 - DroneGeometry::default().feet_below_m - height_m;
