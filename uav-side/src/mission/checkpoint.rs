@@ -169,12 +169,17 @@ pub(super) fn progress(m: &MissionCheckpoint) -> Progress {
     }
 }
 
+/// So far from the deck that a climb is over before the vessel comes.
+pub(super) fn is_away(s: &Situation) -> bool {
+    let away = |d: &Deck| d.distance_m >= RESUME_DISTANCE_M + CLIMB_S * d.closing_mps.max(0.0);
+    s.fresh_deck().is_some_and(away)
+}
+
 /// What an idle mission does about a drone that hovers without an order where the vessel comes, lower than her deck heaves:
 /// it climbs out of her way.
 pub(super) fn gives_way(s: &Situation, c: &MissionConfig) -> Option<(MissionPhase, Reason)> {
     let deck = s.fresh_deck()?;
-    let near_m = RESUME_DISTANCE_M + CLIMB_S * deck.closing_mps.max(0.0);
-    let comes = deck.clearance_m < STEADY_HEIGHT_M && deck.distance_m < near_m;
+    let comes = deck.clearance_m < STEADY_HEIGHT_M && !is_away(s);
     if !comes || s.flight != ControlState::Ours || s.motors_stopped || rests(s) {
         return None;
     }

@@ -150,6 +150,8 @@ pub struct Mission {
     beginning: Option<Beginning>,
     /// Began without a checkpoint or lost the drone to the autopilot's hold, and does not know yet that the drone is safe.
     unjudged: bool,
+    /// Without an order, and ours, it has been away from the deck.
+    was_away: bool,
     phase: MissionPhase,
     progress: Progress,
     previous: State,
@@ -518,7 +520,10 @@ impl Mission {
     /// What an idle mission decides about a drone in flight: one that it finds there, without a checkpoint or after a lapse,
     /// and one that the vessel comes near to.
     fn keeps_clear(&mut self, s: &Situation) -> Option<Decision> {
-        if self.phase != MissionPhase::Idle {
+        let waits = self.phase == MissionPhase::Idle;
+        // Whoever gives it a drone above the deck wants it there.
+        self.was_away &= waits && s.flight == ControlState::Ours;
+        if !waits {
             self.unjudged = false;
             return None;
         }
@@ -527,7 +532,9 @@ impl Mission {
             self.unjudged = found.is_err();
             found.ok().flatten()?
         } else {
-            checkpoint::gives_way(s, &self.config).filter(|_| !self.progress.landing)?
+            self.was_away |= s.flight == ControlState::Ours && checkpoint::is_away(s);
+            let gives_way = checkpoint::gives_way(s, &self.config);
+            gives_way.filter(|_| self.was_away && !self.progress.landing)?
         };
         Some(Decision {
             phase,
