@@ -34,7 +34,7 @@ pub enum LabCommand {
     Trials(TrialsArgs),
     /// Fly landings with several faults each; print what broke a rule.
     Storm(StormArgs),
-    /// Estimate how often a landing is unsafe where that is rare, by splitting.
+    /// Estimate how often a landing is unsafe, by splitting.
     Rare(Box<RareArgs>),
     /// Measure one thing over many seeds.
     Study(StudyArgs),
