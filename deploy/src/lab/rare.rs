@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use alight_shared::transport::wake::end_requested;
-use alight_sim::studies::splitting::{Estimate, Run, land, split};
+use alight_sim::studies::splitting::{End, Estimate, Run, land, split};
 use clap::Args;
 use indicatif::ProgressBar;
 
@@ -15,8 +15,8 @@ use crate::terminal;
 /// Arguments of `alight rare`.
 #[derive(Args, Debug)]
 #[command(
-    after_help = "Keeps the quarter of a population of landings that came nearest to a limit, draws some of their random\n\
-  streams anew, and so on until landings beyond a limit are no longer rare.\n\n  \
+    after_help = "Keeps the quarter of a population of landings that came nearest to a limit, moves their random\n\
+  numbers, and so on until landings beyond a limit are no longer rare.\n\n  \
   alight rare --sea moderate --wind 10 --population 60 --runs 4\n\n\
 Exit codes: 0 estimated, 1 interrupted, 2 bad input."
 )]
@@ -27,7 +27,7 @@ pub struct RareArgs {
     /// Landings in a population
     #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u16).range(8..=10_000))]
     population: u16,
-    /// Runs that know nothing of each other; their spread gives the interval
+    /// Independent runs; their spread gives the interval
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u8).range(1..=10))]
     runs: u8,
     /// Seed of the first run
@@ -56,15 +56,17 @@ pub fn run(args: &RareArgs) -> Result<Exit, CliError> {
         landed.map_err(Some)
     };
     let mut runs: Vec<Run> = Vec::new();
+    let population = usize::from(args.population);
     for k in 0..u64::from(args.runs) {
-        match split(usize::from(args.population), args.seed0.wrapping_add(k), near) {
+        let run = split(population, args.seed0.wrapping_add(k), near);
+        progress.finish_and_clear();
+        match run {
             Ok(run) => runs.push(run),
             Err(None) => return Ok(Exit::Failed),
             Err(Some(error)) => return Err(error),
         }
     }
-    progress.finish_and_clear();
-    let Some(estimate) = Estimate::of(runs) else {
+    let Some(estimate) = Estimate::of(runs, population) else {
         return Ok(Exit::Failed);
     };
     if args.json {
@@ -76,14 +78,43 @@ pub fn run(args: &RareArgs) -> Result<Exit, CliError> {
 }
 
 fn text(estimate: &Estimate) -> String {
-    let [low, high] = estimate.interval.map(|p| 100.0 * p);
-    let levels = estimate.runs.iter().map(|r| r.levels.len()).max();
+    let [low, high] = estimate.interval.map(|p| percent(100.0 * p));
+    let rate = if estimate.probability > 0.0 {
+        let mean = percent(100.0 * estimate.probability);
+        format!("{mean} % of landings ({low} to {high} % with 95 %)")
+    } else {
+        format!("at most {high} % of landings with 95 %")
+    };
+    let runs = estimate.runs.len();
+    let flat = estimate.runs.iter().filter(|r| r.end == End::Plateau).count();
+    let plateau = if flat > 0 {
+        format!("; in {flat} of them no landing came nearer than the others: more in a population may")
+    } else {
+        String::new()
+    };
     format!(
-        "unsafe: {:.3} % of landings ({low:.3} to {high:.3} % with 95 %)\n\
-         {} landings in {} runs, up to {} levels",
-        100.0 * estimate.probability,
-        estimate.landings,
-        estimate.runs.len(),
-        levels.unwrap_or(0)
+        "unsafe: {rate}\n{} landings in {runs} runs{plateau}",
+        estimate.landings
     )
+}
+
+/// With two digits.
+fn percent(p: f64) -> String {
+    let digits = if p > 0.0 {
+        (1.0 - p.log10().floor()).clamp(0.0, 9.0)
+    } else {
+        0.0
+    };
+    format!("{p:.*}", digits as usize)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn percent_with_two_digits() {
+        let of = [12.24, 4.078, 0.0123, 0.0, 100.0].map(percent);
+        assert_eq!(of, ["12", "4.1", "0.012", "0", "100"]);
+    }
 }

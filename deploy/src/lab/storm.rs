@@ -110,11 +110,12 @@ pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
     loop {
         let left = args
             .seconds
-            .map_or(args.trials.saturating_sub(next_of(&all)), |_| u32::MAX);
+            .map_or(args.trials.saturating_sub(flown_count(&all)), |_| u32::MAX);
         let batch = seeds(next, left.min(BATCH * workers))?;
         next = next.saturating_add(batch.len() as u64);
-        // What was seen least is flown next.
-        let batch: Vec<_> = batch.into_iter().zip(coverage.least()).collect();
+        // Pairs of kind and state that began seldom are flown next.
+        let aims = coverage.aims(batch.len());
+        let batch: Vec<_> = batch.into_iter().zip(aims).collect();
         let flown = in_parallel(args.jobs, "storms", &batch, |(seed, aim)| {
             fly_seed(args, *seed, *aim)
         })?;
@@ -123,7 +124,7 @@ pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
         all.extend(flown);
         let over = match args.seconds {
             Some(s) => elapsed() >= f64::from(s),
-            None => next_of(&all) >= args.trials,
+            None => flown_count(&all) >= args.trials,
         };
         if over || end_requested() {
             break;
@@ -138,30 +139,38 @@ pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
     Ok(Exit::of(summary.broken.is_empty() && summary.storms > 0))
 }
 
-/// Storms that were flown.
-fn next_of(all: &[StormEnd]) -> u32 {
+/// Storms that were flown so far.
+fn flown_count(all: &[StormEnd]) -> u32 {
     u32::try_from(all.len()).unwrap_or(u32::MAX)
 }
 
-/// How often each kind began in each state.
+/// How often each kind began in each state, and how often a storm was aimed at that.
 #[derive(Default)]
-struct Coverage(BTreeMap<(Kind, &'static str), usize>);
+struct Coverage {
+    begun: BTreeMap<(Kind, &'static str), usize>,
+    aimed: BTreeMap<(Kind, &'static str), usize>,
+}
 
 impl Coverage {
     fn add(&mut self, flown: &Flown) {
         for (kind, state, _) in &flown.began {
-            *self.0.entry((*kind, state.name())).or_default() += 1;
+            *self.begun.entry((*kind, state.name())).or_default() += 1;
         }
     }
-    fn of(&self, (kind, state): &Pair) -> usize {
-        self.0.get(&(*kind, state.name())).copied().unwrap_or(0)
-    }
-    /// The pairs, least seen first; none before anything was flown.
-    fn least(&self) -> impl Iterator<Item = Option<Pair>> {
+    /// The next `n` pairs to aim at: those that began and were aimed at least often; none before anything was flown.
+    fn aims(&mut self, n: usize) -> Vec<Option<Pair>> {
+        if self.begun.is_empty() {
+            return vec![None; n];
+        }
+        let name = |(kind, state): &Pair| (*kind, state.name());
+        let count = |of: &BTreeMap<_, usize>, pair: &Pair| of.get(&name(pair)).copied().unwrap_or(0);
         let mut all: Vec<Pair> = pairs().collect();
-        all.sort_by_key(|pair| self.of(pair));
-        let aims = !self.0.is_empty();
-        all.into_iter().cycle().map(move |pair| aims.then_some(pair))
+        all.sort_by_key(|pair| count(&self.begun, pair) + count(&self.aimed, pair));
+        let aims: Vec<Option<Pair>> = all.into_iter().cycle().take(n).map(Some).collect();
+        for pair in aims.iter().flatten() {
+            *self.aimed.entry(name(pair)).or_default() += 1;
+        }
+        aims
     }
 }
 
@@ -272,8 +281,8 @@ impl Summary {
             summary.faults_begun += flown.began.len();
             summary.broken.extend(broken.map(|b| *b));
         }
-        summary.pairs_begun = coverage.0.len();
-        let kinds: BTreeSet<Kind> = coverage.0.keys().map(|(kind, _)| *kind).collect();
+        summary.pairs_begun = coverage.begun.len();
+        let kinds: BTreeSet<Kind> = coverage.begun.keys().map(|(kind, _)| *kind).collect();
         summary.kinds_begun = kinds.len();
         summary
     }
@@ -296,5 +305,24 @@ impl Summary {
              {storms_per_s:.1} storms/s",
             self.broken.len()
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn aims_go_through_all_pairs() {
+        let mut coverage = Coverage::default();
+        assert!(coverage.aims(3).iter().all(Option::is_none));
+        // One began; the others never do, as of a state that is not reached.
+        let (kind, state) = pairs().next().unwrap();
+        coverage.begun.insert((kind, state.name()), 1);
+        let all = pairs().count();
+        let mut aimed: Vec<Pair> = (0..all).flat_map(|_| coverage.aims(1)).flatten().collect();
+        aimed.sort_by_key(|(kind, state)| (*kind, state.name()));
+        aimed.dedup();
+        assert!(aimed.len() + 1 >= all, "{} of {all}", aimed.len());
     }
 }

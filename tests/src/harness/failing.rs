@@ -28,7 +28,7 @@ pub struct Failing {
     pub autopilot: AutopilotFaults,
     /// A defect of the drone's nodes.
     pub mutant: Option<Mutant>,
-    /// Fraction of its thrust that the first rotor lacks, and that all lack; negative where the drone has become lighter.
+    /// Fraction of its thrust that the first rotor lacks, and that all lack, 0 to 1.
     pub weak: [f64; 2],
     /// So much faster than true time the steady clocks run, the vessel's and the drone's, s/s; -1: one stands still.
     pub clock_rates: [f64; 2],
@@ -80,7 +80,7 @@ pub struct VesselSensorFaults {
     pub gyro_off_radps: f64,
     /// Specific force is not measured beyond this, m/s2; 0: no bound.
     pub clip_mps2: f64,
-    /// Measurements are stamped so late, s.
+    /// Measurements arrive so late, s, and are stamped then.
     pub late_s: f64,
     /// The inertial sensor was turned about the vessel's x, rad.
     pub mounting_rad: f64,
@@ -167,7 +167,7 @@ pub struct DroneSensorFaults {
     pub range_stuck: bool,
     /// Ranges are so much too long, m.
     pub range_off_m: f64,
-    /// Ranges are 0, as of a device that sees nothing and does not say so.
+    /// Ranges are 0, as of a device that measures nothing and does not report that.
     pub range_zero: bool,
     /// Fraction of detections that is lost.
     pub lost: f64,

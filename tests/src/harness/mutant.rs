@@ -38,7 +38,7 @@ pub enum Mutant {
     ReserveWaived,
     /// Whoever has the deck, each drone takes it for its own.
     TwoOwners,
-    /// A vessel that is silent has released her deck.
+    /// A vessel that is silent has released its deck.
     DeckReleased,
     /// The offset of the two clocks stays as it was learnt first.
     ClockKept,

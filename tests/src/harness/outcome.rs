@@ -26,6 +26,8 @@ pub const ON_DECK_M: f64 = 0.02;
 pub const FAST_CONTACT_MPS: f64 = 2.0;
 /// Motors stopped with the lowest foot higher than this are a stop in the air, m.
 pub const FALSE_STOP_M: f64 = 0.10;
+/// The ratio of what was not unsafe, at most.
+const BELOW_LIMIT: f64 = 1.0 - 1e-9;
 /// The first words of a reason: nothing else had gone wrong when the time was over.
 const NOT_AT_REST: &str = "not at rest on the deck";
 
@@ -160,7 +162,8 @@ pub struct Outcome {
     /// Contacts at more than [`FAST_CONTACT_MPS`].
     #[serde(default)]
     pub contacts_above_2_mps: u32,
-    /// How near to a limit the contacts came: the greatest figure over its limit, unsafe from 1 on; 0 without a contact.
+    /// How near to a limit the contacts came: the maximum of each metric over its limit; 1 and more exactly where the trial
+    /// was unsafe; 0 without a contact.
     #[serde(default)]
     pub limit_ratio: f64,
     /// How often the drone entered a keep-out volume; absent where there is none.
@@ -244,7 +247,7 @@ pub struct Judge {
     unsafe_contacts: u32,
     water_contacts: u32,
     fast_contacts: u32,
-    /// Greatest figure of a contact over its limit.
+    /// Maximum of a contact's metrics over their limits.
     nearest: f64,
     /// Entries into keep-out volumes, the least distance from one, and whether it is within one, m.
     keep_out: Option<(u32, f64, bool)>,
@@ -424,11 +427,6 @@ impl Judge {
         self.failure.get_or_insert((ending, reason));
     }
 
-    /// What is unsafe is at a limit, also where it is no ratio: something else than a foot, the water, another drone.
-    fn limit_ratio(&self) -> f64 {
-        let beyond = self.unsafe_contacts + self.water_contacts + self.collisions > 0;
-        self.nearest.max(if beyond { 1.0 } else { 0.0 })
-    }
     /// Time of first contact since the start, s.
     pub fn first_contact_s(&self) -> Option<f64> {
         self.first.as_ref().map(|f| f.t_s)
@@ -443,7 +441,7 @@ impl Judge {
         };
         let first = self.first.as_ref();
         let deg = |f: fn(&FirstContact) -> f64| first.map(|c| f(c).to_degrees());
-        Outcome {
+        let mut outcome = Outcome {
             outcome: ending,
             success: ending == Ending::Success,
             reason,
@@ -455,7 +453,7 @@ impl Judge {
             water_contacts: self.water_contacts,
             collisions: self.collisions,
             contacts_above_2_mps: self.fast_contacts,
-            limit_ratio: self.limit_ratio(),
+            limit_ratio: self.nearest,
             keep_out_collisions: self.keep_out.map(|(entries, ..)| entries),
             keep_out_gap_m: self.keep_out.map(|(_, nearest, _)| nearest),
             position_error_m: first.map(|c| c.position_error),
@@ -476,7 +474,14 @@ impl Judge {
             sim_time_s,
             wall_time_s: 0.0,
             digest: String::new(),
-        }
+        };
+        // Also what is no ratio is at its limit: motors that stop in the air or go on, the water, an edge, another drone.
+        outcome.limit_ratio = if outcome.is_unsafe() {
+            outcome.limit_ratio.max(1.0)
+        } else {
+            outcome.limit_ratio.min(BELOW_LIMIT)
+        };
+        outcome
     }
 }
 
@@ -562,6 +567,17 @@ mod tests {
         let mut up = DOWN;
         up[0][2] = 0.1;
         assert_eq!(run(touch(0.4, 0.0), 0.0, 0.5, up).outcome, Ending::Tipped);
+        // What is unsafe is at a limit, also where no ratio is.
+        let ratio = |o: Outcome| o.limit_ratio;
+        assert!((ratio(run(touch(0.4, 0.2), 0.05, 0.5, DOWN)) - 0.4).abs() < 1e-9);
+        assert!((ratio(run(touch(1.1, 0.0), 0.0, 0.5, DOWN)) - 1.1).abs() < 1e-9);
+        for unsafe_ in [
+            run(touch(0.4, 0.0), 0.0, 2.5, DOWN),
+            run(touch(0.4, 0.0), 0.0, 0.5, off),
+            run(touch(0.4, 0.0), 0.0, 0.5, up),
+        ] {
+            assert!(unsafe_.is_unsafe() && ratio(unsafe_) >= 1.0);
+        }
         let other = ContactEvent {
             foot: false,
             ..touch(0.1, 0.0)

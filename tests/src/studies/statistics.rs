@@ -85,6 +85,25 @@ pub fn at_most_95(events: usize, trials: usize) -> f64 {
     high
 }
 
+/// Student's two-sided 95 % interval of the mean of independent values; from minus to plus infinity of one, none without any.
+pub fn student_95(values: &[f64]) -> Option<[f64; 2]> {
+    // Quantiles by the degrees of freedom from 1 on.
+    const STUDENT: [f64; 9] = [12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262];
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    match values.len() {
+        0 => None,
+        1 => Some([f64::NEG_INFINITY, f64::INFINITY]),
+        count => {
+            let squares = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
+            // More degrees of freedom than these have a smaller one.
+            let student = STUDENT.get(count - 2).copied().unwrap_or(2.262);
+            let half = student * (squares / (n - 1.0) / n).sqrt();
+            Some([mean - half, mean + half])
+        }
+    }
+}
+
 /// Percentile bootstrap (Efron 1979) of the mean: its 95 % interval from 1000 resamples of a fixed
 /// stream, so that a report is reproducible. None without values.
 pub fn bootstrap_mean(values: &[f64]) -> Option<[f64; 2]> {
@@ -333,6 +352,18 @@ mod tests {
         }
         // Far out of the range of (1 - p)^n: close to the normal one.
         assert!((at_most_95(20_000, 40_000) - (0.5 + 1.645 * 0.5 / 200.0)).abs() < 1e-4);
+    }
+
+    #[test]
+    fn student_interval_of_four_values() {
+        // Mean 2.5, standard deviation 1.2910, 3.182 of its half.
+        let [low, high] = student_95(&[1.0, 2.0, 3.0, 4.0]).unwrap();
+        assert!(
+            (low - 0.446).abs() < 1e-3 && (high - 4.554).abs() < 1e-3,
+            "{low} {high}"
+        );
+        assert_eq!(student_95(&[]), None);
+        assert_eq!(student_95(&[1.0]), Some([f64::NEG_INFINITY, f64::INFINITY]));
     }
 
     #[test]

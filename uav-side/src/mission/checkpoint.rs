@@ -9,7 +9,7 @@ use alight_shared::time::Span;
 use alight_shared::topics;
 
 use super::config::MissionConfig;
-use super::limits::{CLIMB_S, LOST_OUTSIDE_M, RESUME_DISTANCE_M, STEADY_HEIGHT_M};
+use super::limits::{AWAY_M, CLIMB_S, HEAVE_M, LOST_OUTSIDE_M, RESUME_DISTANCE_M, STEADY_HEIGHT_M};
 use super::phase::{DroneTime, HoldCause, MissionPhase, Progress, gave_up, holding};
 use super::situation::{ControlState, Deck, Situation};
 use alight_shared::checkpoint::{CheckpointRejection, Recovery, validate};
@@ -169,21 +169,20 @@ pub(super) fn progress(m: &MissionCheckpoint) -> Progress {
     }
 }
 
-/// So far from the deck that a climb is over before the vessel comes.
+/// Away from the vessel.
 pub(super) fn is_away(s: &Situation) -> bool {
-    let away = |d: &Deck| d.distance_m >= RESUME_DISTANCE_M + CLIMB_S * d.closing_mps.max(0.0);
-    s.fresh_deck().is_some_and(away)
+    s.fresh_deck().is_some_and(|d| d.distance_m >= AWAY_M)
 }
 
-/// What an idle mission does about a drone that hovers without an order where the vessel comes, lower than her deck heaves:
-/// it climbs out of her way.
+/// An idle mission's way out where the vessel comes to a drone that hovers without an order, lower than the deck heaves.
 pub(super) fn gives_way(s: &Situation, c: &MissionConfig) -> Option<(MissionPhase, Reason)> {
     let deck = s.fresh_deck()?;
-    let comes = deck.clearance_m < STEADY_HEIGHT_M && !is_away(s);
+    let near_m = RESUME_DISTANCE_M + CLIMB_S * deck.closing_mps.max(0.0);
+    let comes = deck.clearance_m < HEAVE_M && deck.distance_m < near_m;
     if !comes || s.flight != ControlState::Ours || s.motors_stopped || rests(s) {
         return None;
     }
-    let why = Reason::new(ReasonCode::TooNear, deck.clearance_m, STEADY_HEIGHT_M);
+    let why = Reason::new(ReasonCode::TooNear, deck.clearance_m, HEAVE_M);
     Some((gave_up(s, c), why))
 }
 

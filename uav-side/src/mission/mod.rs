@@ -517,11 +517,11 @@ impl Mission {
         }
     }
 
-    /// What an idle mission decides about a drone in flight: one that it finds there, without a checkpoint or after a lapse,
-    /// and one that the vessel comes near to.
+    /// An idle mission's decision about a drone in flight: one that it finds there, without a checkpoint or after a loss of
+    /// set-points, and one that the vessel comes near to.
     fn keeps_clear(&mut self, s: &Situation) -> Option<Decision> {
         let waits = self.phase == MissionPhase::Idle;
-        // Whoever gives it a drone above the deck wants it there.
+        // A drone that is handed over above the deck stays there.
         self.was_away &= waits && s.flight == ControlState::Ours;
         if !waits {
             self.unjudged = false;

@@ -78,9 +78,7 @@ pub struct LandArgs {
     #[arg(long, value_name = "FAULT")]
     pub fault: Option<FaultSpec>,
     /// Fly this list of faults (TOML, as `alight storm --list`) on real processes: its scene, seed and faults
-    #[arg(long, value_name = "LIST.toml", conflicts_with_all = ["fault", "trials", "seed", "sea", "sea_state", "hull",
-        "planner", "autopilot", "vessel", "speed", "wind", "draws", "outage_at", "begin_anyway", "scenario",
-        "vessel_config", "drone_config", "deck_motion"])]
+    #[arg(long, value_name = "LIST.toml", conflicts_with_all = ["fault", "trials", "seed", "SceneArgs"])]
     pub faults: Option<PathBuf>,
     /// Whether and where people look on.
     #[command(flatten)]

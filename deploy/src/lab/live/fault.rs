@@ -73,7 +73,10 @@ impl FromStr for FaultSpec {
 impl fmt::Display for FaultSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let moment = match self.moment {
-            Moment::In(state) => PHASES.iter().find(|p| p.1 == state).map_or("?", |p| p.0),
+            Moment::In(state) => {
+                let phase = PHASES.iter().find(|p| p.1 == state);
+                phase.map_or(state.name(), |p| p.0)
+            }
             Moment::Contact => CONTACT,
         };
         write!(f, "{}:{}:{moment}", self.process.name(), self.kind.name())

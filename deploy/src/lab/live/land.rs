@@ -69,10 +69,11 @@ const COMMAND_REPEAT_S: f64 = 1.0;
 
 /// What is flown, with the flags of the live system over it.
 pub fn scene(args: &LandArgs) -> Result<Scene, CliError> {
-    let mut scene = match &args.faults {
-        Some(path) => LiveList::read(path)?.scene(),
-        None => Scene::of(&args.scene)?,
-    };
+    Ok(with_flags(args, Scene::of(&args.scene)?))
+}
+
+/// The flags of the live system over a scene.
+fn with_flags(args: &LandArgs, mut scene: Scene) -> Scene {
     if let Some(warm_up_s) = args.warm_up {
         scene.scenario.start.warm_up_s = warm_up_s;
         scene.scenario.start.hover_s = scene.scenario.start.hover_s.min(warm_up_s);
@@ -84,13 +85,16 @@ pub fn scene(args: &LandArgs) -> Result<Scene, CliError> {
             among.push(AT_SEA);
         }
     }
-    Ok(scene)
+    scene
 }
 
 /// One landing.
 pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
-    let scene = scene(args)?;
     let list = args.faults.as_deref().map(LiveList::read).transpose()?;
+    let scene = match &list {
+        Some(list) => with_flags(args, list.scene()),
+        None => scene(args)?,
+    };
     let args = &LandArgs {
         seed: list.as_ref().map_or(args.seed, LiveList::seed),
         ..args.clone()

@@ -14,8 +14,8 @@ use crate::lab::live::fault::FaultSpec;
 use crate::lab::scene::Scene;
 use crate::lab::storm::read_list;
 
-/// What is done to a process; a supervisor starts a killed one again when it likes.
-const PROCESSES: [(Kind, ProcessKind, FaultKind); 14] = [
+/// What is done to a process. A killed one is started again by its supervisor, not after `lasts_s`.
+const SIGNALS: [(Kind, ProcessKind, FaultKind); 14] = [
     (Kind::PredictorKilled, ProcessKind::Predictor, FaultKind::Kill),
     (Kind::MissionKilled, ProcessKind::Mission, FaultKind::Kill),
     (Kind::PlannerKilled, ProcessKind::Planner, FaultKind::Kill),
@@ -100,7 +100,7 @@ impl LiveList {
 
     fn add(&mut self, fault: &Fault) -> Result<(), String> {
         let kind = fault.kind;
-        if let Some((_, process, what)) = PROCESSES.iter().find(|(k, ..)| *k == kind) {
+        if let Some((_, process, what)) = SIGNALS.iter().find(|(k, ..)| *k == kind) {
             if *what == FaultKind::Kill && fault.size != 0.0 {
                 return Err(format!(
                     "{}, size {}: a process that was killed has its checkpoint here",
@@ -134,7 +134,7 @@ impl LiveList {
                 duration_s: fault.lasts_s,
             });
         } else {
-            let possible = PROCESSES.iter().map(|p| p.0).chain(ORDERS.iter().map(|o| o.0));
+            let possible = SIGNALS.iter().map(|p| p.0).chain(ORDERS.iter().map(|o| o.0));
             let names: Vec<&str> = possible.map(Kind::name).collect();
             return Err(format!(
                 "{}: real processes have {} and radio-lost once",
@@ -187,7 +187,7 @@ mod tests {
     #[test]
     fn faults_of_a_list_that_processes_can_have() {
         let possible = Kind::ALL.iter().filter(|k| with(**k, 0.0).is_ok());
-        assert_eq!(possible.count(), PROCESSES.len() + ORDERS.len() + 1);
+        assert_eq!(possible.count(), SIGNALS.len() + ORDERS.len() + 1);
         assert!(with(Kind::MissionKilled, 1.0).unwrap_err().contains("checkpoint"));
         assert!(
             with(Kind::RangeStuck, 0.0)

@@ -63,6 +63,7 @@ pub fn fly_mutant(
     let (scenario, nodes) = storm.scene();
     let mut rig = Rig::landing(&scenario, &nodes, storm.seed)?;
     set_up(&mut rig);
+    rig.world.share_deck();
     let pending = |fault: &Fault| Scheduled {
         fault: *fault,
         began_s: None,
@@ -77,7 +78,7 @@ pub fn fly_mutant(
         lasted_s: 0.0,
     };
     let (mut last_s, mut rested_s, mut state) = (0.0_f64, 0.0_f64, State::Idle);
-    while rig.t_s() < LIMIT_S {
+    loop {
         let t_s = rig.t_s();
         if rig.state(0) != state {
             state = rig.state(0);
@@ -110,7 +111,7 @@ pub fn fly_mutant(
             break;
         }
         let given_up = rig.state(0) == State::GaveUp && t_s > rig.entered_s(0).max(last_s) + GIVEN_UP_S;
-        if given_up || t_s > last_s + LIVELY_S {
+        if given_up || t_s > last_s + LIVELY_S || t_s > LIMIT_S {
             flown.ending = end(&rig);
             if let Some(violation) = is_stuck(&rig) {
                 show(t_s, &violation.to_string());
@@ -188,60 +189,48 @@ fn failing(faults: &[Scheduled], t_s: f64) -> Failing {
     failing
 }
 
-/// The mission's process does not take what comes.
-const fn stops_mission(kind: Kind) -> bool {
-    matches!(
-        kind,
-        Kind::MissionKilled
-            | Kind::MissionFrozen
-            | Kind::ComputerKilled
-            | Kind::ComputerFrozen
-            | Kind::ComputerSuspended
-            | Kind::ComputerRebooted
-            | Kind::ComputerClockSteps
-    )
-}
-
 /// The faults as the rules see them.
 fn scene_of(faults: &[Scheduled], t_s: f64) -> Scene {
     let began = || faults.iter().filter_map(|f| Some((f, f.began_s?)));
     let newest_s = began().map(|(f, at)| if f.over { at + f.fault.lasts_s } else { at });
-    // What happens at once, as a battery that is empty, is not over.
     let until_s = |f: &Fault, at: f64| {
-        let once = matches!(f.kind.spec().effect, Effect::Events(..)) && f.lasts_s == 0.0;
-        if once { f64::INFINITY } else { at + f.lasts_s }
+        if f.kind.empties() {
+            f64::INFINITY
+        } else {
+            at + f.lasts_s
+        }
     };
     let takes = |what: Takes, after_s: f64| {
         began().any(|(f, at)| f.fault.kind.spec().takes == what && t_s < until_s(&f.fault, at) + after_s)
     };
-    let aborted = began().find(|(f, _)| f.fault.kind == Kind::Abort);
-    let aborted_s = aborted.map(|(_, at)| at);
-    let took_over = began().find(|(f, _)| f.fault.kind == Kind::TakenOver && f.fault.lasts_s > SEEN_S);
-    let taken_s = took_over.map(|(_, at)| at);
-    let meets = |f: &Scheduled, at: f64, from_s: f64, until_s: f64| {
-        at < until_s + SEEN_S && at + f.fault.lasts_s + SEEN_S > from_s
-    };
-    // The mission was there to receive it, and the link to see who has the drone.
-    let received =
-        aborted_s.is_some_and(|a| !began().any(|(f, at)| stops_mission(f.fault.kind) && meets(f, at, a, a)));
-    let seen = took_over.is_some_and(|(taken, from_s)| {
-        let hides = |f: &Scheduled| {
-            f.fault.kind != Kind::TakenOver
-                && (stops_mission(f.fault.kind) || f.fault.kind.spec().takes == Takes::Command)
-        };
-        let until_s = from_s + taken.fault.lasts_s;
-        !began().any(|(f, at)| hides(f) && meets(f, at, from_s, until_s))
-    });
-    let withdrawn_s = aborted_s.filter(|_| received).or(taken_s.filter(|_| seen));
+    let (aborted_s, withdrawn_s) = withdrawn(faults);
     let orders = |f: &Scheduled| matches!(f.fault.kind, Kind::OrderedAgain | Kind::OrderedAshore);
+    let ordered_again = began().any(|(f, at)| orders(f) && withdrawn_s.is_some_and(|w| at >= w - SEEN_S));
     Scene {
         faults: began().count(),
         newest_s: newest_s.fold(f64::NEG_INFINITY, f64::max),
         uncommanded: takes(Takes::Command, super::watch::RESUME_S),
         without_power: takes(Takes::Power, 1.0),
         aborted_s,
-        received,
-        withdrawn_s,
-        ordered_again: began().any(|(f, at)| orders(f) && withdrawn_s.is_some_and(|w| at >= w - SEEN_S)),
+        withdrawn_s: withdrawn_s.filter(|_| !ordered_again),
     }
+}
+
+/// When the mission received an abort, and when it lost its order by that or by a take-over that the link reported, s.
+fn withdrawn(faults: &[Scheduled]) -> (Option<f64>, Option<f64>) {
+    let began = || faults.iter().filter_map(|f| Some((f, f.began_s?)));
+    let stopped = |from_s: f64, until_s: f64, hides: &dyn Fn(Kind) -> bool| {
+        began().any(|(f, at)| {
+            hides(f.fault.kind) && at < until_s + SEEN_S && at + f.fault.lasts_s + SEEN_S > from_s
+        })
+    };
+    let abort = began().find(|(f, _)| f.fault.kind == Kind::Abort);
+    let aborted_s = abort.map(|(_, at)| at);
+    let aborted_s = aborted_s.filter(|at| !stopped(*at, *at, &Kind::stops_mission));
+    let hides = |k: Kind| k != Kind::TakenOver && (k.stops_mission() || k.spec().takes == Takes::Command);
+    let taken = began().find(|(f, at)| {
+        let lasts_s = f.fault.lasts_s;
+        f.fault.kind == Kind::TakenOver && lasts_s > SEEN_S && !stopped(*at, at + lasts_s, &hides)
+    });
+    (aborted_s, aborted_s.or(taken.map(|(_, at)| at)))
 }

@@ -65,6 +65,27 @@ macro_rules! kinds {
             pub const fn name(self) -> &'static str {
                 match self { $(Kind::$kind => $name,)* }
             }
+            /// Half of its size is a milder fault: not of a number that is a name, nor of a bound.
+            pub const fn is_milder_by_half(self) -> bool {
+                !matches!(self, Kind::StreamStops | Kind::VesselImuClipped | Kind::BatteryAt)
+            }
+            /// The mission's process does not take what comes.
+            pub const fn stops_mission(self) -> bool {
+                matches!(
+                    self,
+                    Kind::MissionKilled
+                        | Kind::MissionFrozen
+                        | Kind::ComputerKilled
+                        | Kind::ComputerFrozen
+                        | Kind::ComputerSuspended
+                        | Kind::ComputerRebooted
+                        | Kind::ComputerClockSteps
+                )
+            }
+            /// It has emptied the battery for good.
+            pub const fn empties(self) -> bool {
+                matches!(self, Kind::BatteryAt | Kind::BatterySags)
+            }
             /// How it is drawn, and what it excuses.
             pub const fn spec(self) -> Spec {
                 match self {
@@ -110,7 +131,7 @@ fn kept(size: f64) -> Checkpoints {
         Checkpoints::Kept
     }
 }
-/// The pilot moves the switch of the mode.
+/// The mode is chosen by the pilot's switch or the ground station.
 fn choose(rig: &mut Rig, mode: AutopilotMode) {
     if let Some(linked) = rig.world.linked(0) {
         let autopilot = &mut linked.autopilot;
@@ -118,7 +139,7 @@ fn choose(rig: &mut Rig, mode: AutopilotMode) {
     }
 }
 
-/// The deck's sensor reports somebody, or nobody.
+/// The deck's sensor reports something on it, or nothing.
 fn occupy(rig: &mut Rig, occupied: bool) {
     rig.world.deck_inputs(DeckInputs {
         occupied: Some(occupied),
@@ -150,7 +171,10 @@ kinds! {
         Events(|r, _| r.world.kill_bridge(0), |r, _| r.world.start_bridge(0));
     /// The drone's computer loses its supply and starts again, with what its memory had lost.
     ComputerRebooted, "computer-rebooted", "", NONE, [5.0, 20.0], Command,
-        Events(|r, _| r.fail(Part::Supervisor), |r, _| r.restore(Part::Supervisor, Checkpoints::Lost));
+        Events(|r, _| r.fail(Part::Supervisor), |r, _| {
+            r.world.restart_clock(0);
+            r.restore(Part::Supervisor, Checkpoints::Lost);
+        });
     /// The predictor stands still.
     PredictorFrozen, "predictor-frozen", "", NONE, FREEZE, Nothing,
         Lasting(|f, _| f.frozen.parts.push(Part::Predictor));
@@ -256,22 +280,22 @@ kinds! {
     /// Its accelerometer clips.
     VesselImuClipped, "vessel-imu-clipped", "at, m/s2", [8.0, 10.5], WRONG, Nothing,
         Lasting(|f, size| f.vessel.clip_mps2 = size);
-    /// Its measurements are stamped late.
+    /// Its measurements arrive late, and are stamped then.
     VesselStampedLate, "vessel-stamped-late", "s", [0.02, 0.5], WRONG, Nothing,
         Lasting(|f, size| f.vessel.late_s = size);
     /// Its inertial sensor was knocked about the bow's axis.
     VesselMountingOff, "vessel-mounting-off", "deg", [-5.0, 5.0], WRONG, Nothing,
         Lasting(|f, size| f.vessel.mounting_rad = size.to_radians());
-    /// A person leans over a gunwale.
+    /// The weight of a person heels it.
     VesselHeels, "vessel-heels", "Nm", [-900.0, 900.0], PUSH, Nothing,
         Lasting(|f, size| f.push[3] += size);
-    /// She is turned.
+    /// Something turns it.
     VesselTurns, "vessel-turns", "Nm", [-300.0, 300.0], PUSH, Nothing,
         Lasting(|f, size| f.push[5] += size);
-    /// She is pushed ahead or astern.
+    /// Something pushes it ahead or astern.
     VesselPushed, "vessel-pushed", "N", [-300.0, 300.0], PUSH, Nothing,
         Lasting(|f, size| f.push[0] += size);
-    /// Another ship's wake rolls her.
+    /// Another ship's wake rolls it with a period of 2.5 s.
     VesselInWake, "vessel-in-wake", "Nm", [200.0, 900.0], PUSH, Nothing,
         Lasting(|f, size| f.wake_nm = size);
     /// The drone's camera sees nothing.
@@ -301,7 +325,7 @@ kinds! {
     /// It measures too long.
     RangeOff, "range-off", "m too long", [-2.0, 2.0], GAP, Nothing,
         Lasting(|f, size| f.drone.range_off_m = size);
-    /// It gives 0, and does not say that it measures nothing.
+    /// It gives 0 where it measures nothing.
     RangeZero, "range-zero", "", NONE, GAP, Nothing,
         Lasting(|f, _| f.drone.range_zero = true);
     /// The autopilot's position jumps to the north, and it counts that.
@@ -364,9 +388,9 @@ kinds! {
     /// All rotors do.
     ThrustWeak, "thrust-weak", "fraction lost", [0.05, 0.2], [1.0, 60.0], Power,
         Lasting(|f, size| f.weak[1] = f.weak[1].max(size));
-    /// The drone's load falls off: it is lighter.
-    PayloadDropped, "payload-dropped", "fraction of its weight", [0.03, 0.2], [60.0, 60.0], Nothing,
-        Lasting(|f, size| f.weak[1] -= size.max(0.0));
+    /// The drone's load falls off.
+    PayloadDropped, "payload-dropped", "fraction of its weight", [0.03, 0.2], NONE, Nothing,
+        Events(|r, size| r.world.lighten(size), nothing);
     /// The ground station commands the autopilot's hold for so long.
     HeldByStation, "held-by-station", "", NONE, [0.5, 10.0], Command,
         Events(|r, _| choose(r, AutopilotMode::Hold), |r, _| choose(r, AutopilotMode::Offboard));
@@ -378,23 +402,23 @@ kinds! {
         Events(|r, _| choose(r, AutopilotMode::Other), |r, _| choose(r, AutopilotMode::Offboard));
     /// The operator aborts on the drone's computer.
     Abort, "abort", "", NONE, NONE, Nothing,
-        Events(|r, _| r.world.command(CommandKind::Abort), nothing);
+        Events(|r, _| r.world.command_to(0, CommandKind::Abort), nothing);
     /// The operator aborts from ashore.
     AbortAshore, "abort-ashore", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.operator_command(0, CommandKind::Abort), nothing);
     /// The operator commands a hold.
     Hold, "hold", "", NONE, NONE, Nothing,
-        Events(|r, _| r.world.command(CommandKind::Hold), nothing);
+        Events(|r, _| r.world.command_to(0, CommandKind::Hold), nothing);
     /// The operator orders the landing again.
     OrderedAgain, "ordered-again", "", NONE, NONE, Nothing,
-        Events(|r, _| r.world.command(CommandKind::Land), nothing);
+        Events(|r, _| r.world.command_to(0, CommandKind::Land), nothing);
     /// The operator orders a landing from ashore.
     OrderedAshore, "ordered-ashore", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.operator_command(0, CommandKind::Land), nothing);
     /// The operator orders another drone than there is.
     OrderedOther, "ordered-other", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.operator_command(7, CommandKind::Land), nothing);
-    /// Somebody stands on the deck for so long.
+    /// The deck's sensor reports something on it for so long.
     DeckOccupied, "deck-occupied", "", NONE, [1.0, 20.0], Nothing,
         Events(|r, _| occupy(r, true), |r, _| occupy(r, false));
     /// The crew closes the deck for so long.

@@ -72,7 +72,7 @@ pub struct Storm {
     /// Drones that are ordered to land, 1 or 2; faults meet the first.
     #[serde(default = "one")]
     pub drones: u8,
-    /// A mast and an A-frame stand beside the deck, and the vessel's surroundings say so.
+    /// A mast forward of the deck and an A-frame abeam of it, known to the vessel's surroundings.
     #[serde(default)]
     pub mast: bool,
     /// The faults.

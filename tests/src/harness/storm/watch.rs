@@ -19,7 +19,7 @@ const CARRY_S: f64 = 3.0;
 /// An abort is taken within this time, s.
 const ABORT_S: f64 = 1.0;
 
-/// Armed on the deck for longer than this, somebody is told, s.
+/// Armed on the deck for longer than this, the status reports it, s.
 const ARMED_S: f64 = 10.0;
 /// In a state that does not descend it is lower than this above the deck, and nearer than this to its middle, m ...
 const LOW_M: f64 = 1.5;
@@ -66,7 +66,7 @@ pub enum Rule {
     TwoAtDeck,
     /// Two drones met.
     Collision,
-    /// Armed on the deck, and nobody is told.
+    /// Armed on the deck, and the status does not report it.
     StillArmed,
     /// A set-point is not finite.
     NotFinite,
@@ -103,7 +103,7 @@ impl fmt::Display for Violation {
             Rule::KeepOut => write!(f, "{:.2} m within a keep-out volume", -figure),
             Rule::TwoAtDeck => write!(f, "{figure} drones are at the deck"),
             Rule::Collision => write!(f, "two drones met"),
-            Rule::StillArmed => write!(f, "armed on the deck for {figure:.1} s, and nobody is told"),
+            Rule::StillArmed => write!(f, "armed on the deck for {figure:.1} s, and no status reports it"),
             Rule::NotFinite => write!(f, "a set-point was not finite"),
             Rule::Stuck => write!(f, "neither landed nor states a reason to wait"),
         }?;
@@ -122,14 +122,10 @@ pub struct Scene {
     pub uncommanded: bool,
     /// Thrust or battery was taken.
     pub without_power: bool,
-    /// When an abort was given aboard, s.
+    /// When the mission received an abort from aboard, s.
     pub aborted_s: Option<f64>,
-    /// The mission's process was there to receive it.
-    pub received: bool,
-    /// When the order to land was withdrawn: by an abort or a person who took over, s.
+    /// When the order to land was withdrawn, by an abort or a take-over, and none followed, s.
     pub withdrawn_s: Option<f64>,
-    /// A landing was ordered after that.
-    pub ordered_again: bool,
 }
 
 impl Scene {
@@ -141,9 +137,7 @@ impl Scene {
             uncommanded: false,
             without_power: false,
             aborted_s: None,
-            received: false,
             withdrawn_s: None,
-            ordered_again: true,
         }
     }
 }
@@ -159,7 +153,7 @@ pub struct Watch {
     carries_since_s: Option<f64>,
     /// Since when it is low over the deck in a state that does not descend, s.
     low_since_s: Option<f64>,
-    /// Since when it is armed on the deck without anybody's being told, s.
+    /// Since when it is armed on the deck and no status reports it, s.
     armed_since_s: Option<f64>,
 }
 
@@ -210,7 +204,7 @@ impl Watch {
         (o.in_water && !self.struck).then(|| (Rule::Water, o.feet_height_m()))
     }
 
-    /// On the deck: rotors that carry, and arms that nobody is told of.
+    /// On the deck: rotors that carry, and a drone that is armed without a report.
     fn standing(&mut self, rig: &Rig, k: usize, scene: &Scene) -> Option<(Rule, f64)> {
         let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
         let carries = state == State::Landed && o.motors_on && rig.thrust(k) > 0.5 * rig.hover_thrust(k);
@@ -219,16 +213,16 @@ impl Watch {
             return Some((Rule::CarriesLanded, carried_s));
         }
         let stands = o.motors_on && o.feet_height_m().abs() < FALSE_STOP_M && state != State::Flare;
-        let told = rig
+        let reported = rig
             .world
             .drones()
             .get(k)
             .is_some_and(|d| d.still_armed_s().is_some());
-        let armed_s = lasts(&mut self.armed_since_s, stands && !told, t_s);
+        let armed_s = lasts(&mut self.armed_since_s, stands && !reported, t_s);
         (armed_s > ARMED_S && !scene.uncommanded).then_some((Rule::StillArmed, armed_s))
     }
 
-    /// Where it may not be, and what it is told to fly.
+    /// Where it may not be, and the set-points that it flies.
     fn places(&mut self, rig: &Rig, k: usize, scene: &Scene) -> Option<(Rule, f64)> {
         let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
         let at_deck = rig.using_the_deck().len();
@@ -283,15 +277,13 @@ pub fn is_stuck(rig: &Rig) -> Option<Violation> {
 /// An abort that is not taken, a descent whose order was withdrawn.
 fn orders(rig: &Rig, k: usize, scene: &Scene) -> Option<(Rule, f64)> {
     let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
-    if let Some(at) = scene.aborted_s.filter(|_| scene.received && o.motors_on) {
+    if let Some(at) = scene.aborted_s.filter(|_| o.motors_on) {
         let taken = rig.mission(k).abort.is_some() || state == State::Landed;
         if !taken && t_s > at + ABORT_S {
             return Some((Rule::AbortIgnored, t_s - at));
         }
     }
-    let at = scene
-        .withdrawn_s
-        .filter(|_| o.motors_on && !scene.ordered_again)?;
+    let at = scene.withdrawn_s.filter(|_| o.motors_on)?;
     let descends = state == State::Descent && rig.entered_s(k) > at + ABORT_S;
     descends.then_some((Rule::Unordered, t_s - at))
 }

@@ -75,7 +75,7 @@ pub struct Vessel {
     /// Surge and sway (N) and yaw (Nm) by engines, or by what holds it in place.
     steering: Vector3<f64>,
     pushes: Vec<Push>,
-    /// What pushes it besides, surge, sway, heave, roll, pitch, yaw, N and Nm.
+    /// What pushes it by [`Vessel::push`], surge, sway, heave, roll, pitch, yaw, N and Nm.
     pushed: Vector6<f64>,
     /// Force of the pushes now.
     pushing: Vector6<f64>,
