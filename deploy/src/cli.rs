@@ -150,7 +150,7 @@ pub enum Command {
     #[cfg(feature = "lab")]
     #[command(flatten)]
     Lab(Box<lab::LabCommand>),
-    /// Ask an installer; write and check both configurations.
+    /// Ask for boat and drone; write and check both configurations.
     Init(init::InitArgs),
     /// Print a configuration, to start from.
     #[command(subcommand)]

@@ -30,7 +30,11 @@ pub fn findings(s: &Situation) -> Vec<Finding> {
         && a.rejection.code != ReasonCode::None
     {
         let found = format!("no landing: {}", a.rejection);
-        all.push(Topic("autopilot").warning(found, "docs/troubleshooting.md names each reason"));
+        all.push(
+            Topic("autopilot")
+                .warning(found, "docs/troubleshooting.md names each reason")
+                .stopping(),
+        );
     }
     if let Some(p) = s.process(ProcessKind::Autopilot)
         && let Some((signatures, remedy_of_signatures)) = mavlink_key::counts(&p.metrics).finding()
@@ -45,7 +49,8 @@ pub fn findings(s: &Situation) -> Vec<Finding> {
         .is_some_and(|g| g.owner == DECK_CLOSED)
     {
         let remedy = "its crew opens it: alight command deck open";
-        all.push(Topic("deck").warning("the vessel has closed it: nothing descends", remedy));
+        let closed = Topic("deck").warning("the vessel has closed it: nothing descends", remedy);
+        all.push(closed.stopping());
     }
     all.extend(s.seen.frame().map(frame));
     all
@@ -65,10 +70,10 @@ fn mission(s: &Situation, m: &MissionState) -> Vec<Finding> {
     if m.state == State::GaveUp {
         all.push(TOPIC.broken(entered, REMEDY));
     } else if m.was_entered_in_trouble() {
-        all.push(TOPIC.warning(entered, REMEDY));
+        all.push(TOPIC.warning(entered, REMEDY).stopping());
     }
     if m.waits_in_trouble() {
-        all.push(TOPIC.warning(format!("waits: {}", m.waiting), REMEDY));
+        all.push(TOPIC.warning(format!("waits: {}", m.waiting), REMEDY).stopping());
     }
     all
 }
@@ -83,7 +88,7 @@ fn link(s: &Situation) -> Vec<Finding> {
     let found = format!("the vessel's newest estimate is {} old", time(age_s));
     let remedy = "is alight-vessel running, its radio in reach, its certificate admitted?";
     let mut all = vec![if age_s.is_infinite() {
-        TOPIC.warning("no vessel received yet", remedy)
+        TOPIC.warning("no vessel received yet", remedy).stopping()
     } else if age_s > limit_s {
         TOPIC.broken(found, remedy)
     } else if age_s > OLD_LINK * limit_s {
@@ -122,9 +127,23 @@ pub fn frame((origin, deck_m): (Datum, Option<f64>)) -> Finding {
         Some(m) if m > MAX_VESSEL_DISTANCE_M => TOPIC.warning(
             format!("{begins}, the vessel is {m:.0} m away"),
             "the mission flies to none beyond 5 km: compare what the autopilot and her receiver report with a chart",
-        ),
+        ).stopping(),
         Some(m) => TOPIC.fine(format!("{begins}, the vessel is {m:.0} m away")),
         None => TOPIC.fine(format!("{begins}; no vessel is known")),
+    }
+}
+
+/// What is not known that a landing needs.
+pub fn unknown(s: &Situation) -> Option<&'static str> {
+    let seen = &s.seen;
+    if seen.mission.fresh(s.now_ns).is_none() {
+        Some("no mission reports")
+    } else if seen.autopilot.fresh(s.now_ns).is_none() {
+        Some("the autopilot is not heard")
+    } else if seen.forecast.fresh(s.now_ns).is_none() {
+        Some("no forecast of the deck")
+    } else {
+        None
     }
 }
 

@@ -52,6 +52,8 @@ pub struct Finding {
     pub topic: &'static str,
     /// How bad.
     pub level: Level,
+    /// No landing goes on while it stands.
+    pub stops: bool,
     /// What was found.
     pub found: String,
     /// What to do; empty when fine.
@@ -70,6 +72,10 @@ impl fmt::Display for Finding {
 }
 
 impl Finding {
+    /// The same, of something that no landing goes on with, though it is no more than a warning.
+    pub fn stopping(self) -> Finding {
+        Finding { stops: true, ..self }
+    }
     /// In the lines of `alight check`, of at most [`WIDTH`] columns where no single word is longer.
     pub fn lines(&self) -> String {
         let mark = match self.level {
@@ -113,6 +119,7 @@ impl Topic {
         Finding {
             topic: self.0,
             level,
+            stops: level == Level::Broken,
             found: found.into(),
             remedy: remedy.into(),
         }

@@ -5,8 +5,6 @@ use serde::Serialize;
 
 use super::finding::{Finding, Level};
 
-/// Topics of which a warning is enough to stop a landing: nothing descends while it stands.
-const STOPPING: [&str; 3] = ["mission", "autopilot", "deck"];
 /// Stages of a landing in their order; hold, idle and giving up are none of them.
 const STAGES: [State; 7] = [
     State::GetAltitude,
@@ -28,13 +26,10 @@ pub struct Go {
 }
 
 impl Go {
-    /// By what was found: anything broken stops a landing, and so does a warning of the mission, the autopilot or the deck.
-    /// `unknown` says what is missing for a judgement.
+    /// By what was found; `unknown` says what is missing for a judgement.
     pub fn of(findings: &[Finding], unknown: Option<&str>) -> Go {
-        let stops =
-            |f: &&Finding| f.level == Level::Broken || f.level > Level::Fine && STOPPING.contains(&f.topic);
         // Of several the worst; of equals the first.
-        let worst = findings.iter().filter(stops).rev().max_by_key(|f| f.level);
+        let worst = findings.iter().filter(|f| f.stops).rev().max_by_key(|f| f.level);
         if let Some(f) = worst {
             return Go {
                 go: Some(false),
@@ -99,7 +94,7 @@ mod tests {
     #[test]
     fn go_and_what_stops_it() {
         let lamp = Topic("course").warning("the lamp is broken", "mend it");
-        let closed = Topic("deck").warning("closed by the crew", "open it");
+        let closed = Topic("deck").warning("closed by the crew", "open it").stopping();
         let link = Topic("link").broken("the estimate is 3 s old", "is it in reach?");
         let fine = Topic("battery").fine("at 80 %");
         let go = |all: &[&Finding], unknown| {

@@ -167,8 +167,11 @@ impl Status {
             }
         };
         // A vessel is judged without a drone, too.
-        let lands = state.is_some() || situation.known.vessel.is_some();
-        let go = Go::of(&findings, (!lands).then_some("no mission reports"));
+        let unknown = match situation.vessel() {
+            Some(_) => None,
+            None => drone::unknown(&situation),
+        };
+        let go = Go::of(&findings, unknown);
         // Of several drones each has a figure, which judges itself.
         for figure in figures.iter_mut().filter(|f| f.name != DRONES) {
             let own = findings.iter().filter(|f| f.topic == figure.name);

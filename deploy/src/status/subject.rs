@@ -56,20 +56,28 @@ impl Computer {
             .map(Path::to_path_buf)
     }
     fn of_instance(name: &str) -> Result<Computer, CliError> {
-        drone_of_instance(name).map(|drone| Computer::Drone(Box::new(drone)))
+        let drone = drone_of_instance(name)?.unwrap_or_else(|| unconfigured(name));
+        Ok(Computer::Drone(Box::new(drone)))
     }
 }
 
 /// The drone whose processes have that name: a landing of all processes has the drone's file next to its memory.
-fn drone_of_instance(name: &str) -> Result<DroneComputer, CliError> {
+fn drone_of_instance(name: &str) -> Result<Option<DroneComputer>, CliError> {
     let file = Instance::new(name)?.directory().join("drone.toml");
-    let mut drone: DroneComputer = if file.exists() {
-        config::load(&file)?
-    } else {
-        DroneComputer::default()
-    };
+    if !file.exists() {
+        return Ok(None);
+    }
+    let mut drone: DroneComputer = config::load(&file)?;
     drone.instance = name.into();
-    Ok(drone)
+    Ok(Some(drone))
+}
+
+/// A drone of which no more is known than the name of its processes.
+fn unconfigured(name: &str) -> DroneComputer {
+    DroneComputer {
+        instance: name.into(),
+        ..DroneComputer::default()
+    }
 }
 
 /// The drone that a command on this computer is for. The installed one comes before a simulated landing, unless another
@@ -85,7 +93,15 @@ pub fn commanded_drone(config: Option<&Path>, instance: Option<&str>) -> Result<
             return Ok(drone);
         }
     }
-    drone_of_instance(instance.unwrap_or(LAND))
+    let name = instance.unwrap_or(LAND);
+    match drone_of_instance(name)? {
+        Some(drone) => Ok(drone),
+        // An order to a wrong number is none.
+        None if is_running(&Instance::new(name)?) => Err(CliError(format!(
+            "the processes {name} have no configuration beside their memory: name it with --config"
+        ))),
+        None => Ok(unconfigured(name)),
+    }
 }
 
 /// Whose processes are meant.

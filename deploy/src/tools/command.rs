@@ -151,16 +151,17 @@ fn on_board(args: &CommandArgs, what: &str) -> Result<VesselComputer, CliError> 
 /// Gives an order to the vessel's process on this computer; the status that names it, None where it did not take it.
 fn order_aboard(args: &CommandArgs, what: &str, order: DeckOrder) -> Result<Option<VesselStatus>, CliError> {
     let computer = on_board(args, what)?;
-    let memory = join(&computer.instance, "alight-vessel")?;
+    let other = "name its configuration with --config";
+    let memory = join(&computer.instance, "alight-vessel", other)?;
     Ok(OrderOnItsWay::give(&memory, &computer, order)?.wait(&memory))
 }
 
-/// The memory of the set of processes `name`, which `unit` runs.
-fn join(name: &str, unit: &str) -> Result<Memory, CliError> {
+/// The memory of the set of processes `name`, which `unit` runs; `other` says how another is named.
+fn join(name: &str, unit: &str, other: &str) -> Result<Memory, CliError> {
     let instance = Instance::new(name)?;
     if !is_running(&instance) {
         return Err(CliError(format!(
-            "nothing runs under the name {name}: systemctl status {unit}, or name a landing's with --instance"
+            "nothing runs under the name {name}: systemctl status {unit}, or {other}"
         )));
     }
     Ok(Memory::join(&instance, "command")?)
@@ -250,7 +251,7 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
         )));
     }
     let name = args.instance.as_ref().unwrap_or(&computer.instance);
-    let memory = join(name, "alight-drone")?;
+    let memory = join(name, "alight-drone", "name a landing's with --instance")?;
     let mut missions: Subscriber<MissionState> = memory.subscriber()?;
     let mut commands: Publisher<Command> = memory.publisher()?;
     let mut command = LocalCommand::new(&computer, args.order.kind(), steady_ns());

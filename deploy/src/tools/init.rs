@@ -168,13 +168,19 @@ impl Boat {
             let value = boat.value((Of::Drone, table, key));
             value.and_then(|v| v.parse::<f64>().ok()).unwrap_or_default()
         };
-        let mass_kg = number(self, "drone.airframe", "mass_kg");
-        let hover = number(self, "autopilot", "hover_thrust");
-        let thrust_n = (10.0 * mass_kg * GRAVITY / hover).round() / 10.0;
-        self.set(
-            (Of::Drone, "drone.airframe", "max_thrust_n"),
-            &format!("{thrust_n:?}"),
-        );
+        let hovers = |boat: &mut Boat| {
+            let mass_kg = number(boat, "drone.airframe", "mass_kg");
+            [mass_kg, number(boat, "autopilot", "hover_thrust")]
+        };
+        // As shipped it is as measured.
+        let [mass_kg, hover] = hovers(self);
+        if [mass_kg, hover] != hovers(&mut Boat::shipped()) {
+            let thrust_n = (10.0 * mass_kg * GRAVITY / hover).round() / 10.0;
+            self.set(
+                (Of::Drone, "drone.airframe", "max_thrust_n"),
+                &format!("{thrust_n:?}"),
+            );
+        }
         let size = ["length_m", "width_m"].map(|side| number(self, "drone.deck", side));
         let tags: String = suggested(size[0], size[1]).iter().map(tag::row).collect();
         self.set((Of::Drone, "drone.deck", "tags"), &format!("[\n{tags}]"));
@@ -214,8 +220,10 @@ fn lines(text: &str) -> impl Iterator<Item = ((&str, &str), &str)> {
 /// An answer as a value of the same kind as `before`, both as the file has them.
 fn written(answer: &str, before: &str) -> Result<String, String> {
     let number = |text: &str| {
-        let number = text.parse::<f64>().map(|x| format!("{x:?}"));
-        number.map_err(|_| format!("{text}: a number is needed, such as 1.5"))
+        let number = text.parse::<f64>().ok().filter(|x| x.is_finite());
+        number
+            .map(|x| format!("{x:?}"))
+            .ok_or_else(|| format!("{text}: a number is needed, such as 1.5"))
     };
     if before.starts_with('"') {
         let text = if answer == "-" { "" } else { answer };
@@ -388,14 +396,20 @@ pub fn run(args: &InitArgs) -> Result<Exit, CliError> {
     std::fs::create_dir_all(&args.out).doing(format_args!("making {}", args.out.display()))?;
     let (vessel, drone) = boat.check()?;
     let mut worst = Level::Fine;
-    for (path, text) in files.iter().zip([&boat.vessel, &boat.drone]) {
-        write_new(path, text)?;
+    let [first, second] = &files;
+    write_new(first, &boat.vessel)?;
+    write_new(second, &boat.drone).inspect_err(|_| {
+        // Both or none: with one of them the next try would be refused.
+        let _stays = std::fs::remove_file(first);
+    })?;
+    for path in &files {
         terminal::line(format_args!("\nwritten: {}", path.display()));
         worst = worst.max(check::print(path));
     }
     terminal::line(format_args!(
-        "\nNext: alight keys vessel {} and alight keys drone {} (docs/radio.md); copy each file to /etc/alight of its \
-         computer, and there: sudo -u alight alight check",
+        "\nNext: alight keys vessel {} and alight keys drone {} (docs/radio.md);\n\
+         copy each file to /etc/alight of its computer, and there:\n\
+         sudo -u alight alight check",
         vessel.vessel_id, drone.bridge.drone_id
     ));
     Ok(worst.exit())
@@ -423,6 +437,8 @@ mod tests {
             config::parse(include_str!("../../vessel/vessel.toml"), "").unwrap()
         );
         assert_eq!(drone.bridge.drone_id, 1);
+        let shipped: DroneComputer = config::parse(include_str!("../../drone/drone.toml"), "").unwrap();
+        assert_eq!(drone.drone.airframe, shipped.drone.airframe);
         assert!(
             asked.contains("Length of the deck along the vessel, m [2.5]"),
             "{asked}"
@@ -482,7 +498,12 @@ mod tests {
         }));
         let (boat, _) = answered(&"x\n".repeat(20));
         assert!(boat.is_err_and(|e| e.to_string().contains("has no valid answer")));
-        let (_, asked) = answered("1\n1\n-2\n");
-        assert!(asked.contains("length_m"), "{asked}");
+        let (_, asked) = answered("1\n1\n-2\nnan\n");
+        assert!(
+            asked.contains("length_m") && asked.contains("nan: a number is needed"),
+            "{asked}"
+        );
+        let (_, asked) = answered(&("\n".repeat(12) + "the boat\n"));
+        assert!(asked.contains("quic/the boat:7447"), "{asked}");
     }
 }

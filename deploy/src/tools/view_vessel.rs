@@ -9,13 +9,12 @@ use alight_shared::transport::process::ProcessKind;
 use crate::config::VesselComputer;
 use crate::exit::CliError;
 use crate::process::observer::Follower;
-use crate::process::snapshot::minutes;
 use crate::status::Status;
 use crate::status::situation::{Known, Situation};
 use crate::tools::flights;
 use crate::vessel::crew::OrderOnItsWay;
 use crate::view::motion::MotionHistory;
-use crate::view::picture::{FlightLine, LogLine, OrderView, Picture, TrackView};
+use crate::view::picture::{FlightLine, LogLine, OrderView, Picture, ResultView, TrackView};
 use crate::view::server::Order;
 
 /// Changes of drones' states that are kept.
@@ -131,11 +130,11 @@ impl<'a> Look<'a> {
         }
     }
 
-    fn result(&self, now_ns: i64) -> Option<FlightLine> {
+    fn result(&self, now_ns: i64) -> Option<ResultView> {
         let (at, outcome, text) = self.result.as_ref()?;
-        Some(FlightLine {
-            when: format!("{} ago", minutes(now_ns.saturating_sub(*at) as f64 * 1e-9)),
-            outcome: (*outcome).into(),
+        Some(ResultView {
+            ago_s: now_ns.saturating_sub(*at) as f64 * 1e-9,
+            outcome,
             text: text.clone(),
         })
     }
@@ -167,20 +166,8 @@ impl<'a> Look<'a> {
             let known = self.states.len() < DRONES || self.states.contains_key(&number);
             let before = self.states.get(&number).copied();
             if known && self.states.insert(number, state) != Some(state) {
-                let ended = match state {
-                    State::Landed => Some("landed"),
-                    State::GaveUp => Some("gave up"),
-                    State::Idle
-                    | State::GetAltitude
-                    | State::Approach
-                    | State::Tracking
-                    | State::TrackingStable
-                    | State::Descent
-                    | State::Flare
-                    | State::Hold => None,
-                };
                 // Whoever looks on since it stood on the deck has seen no flight.
-                if let (Some(ended), Some(_)) = (ended, before) {
+                if let (Some(ended), Some(_)) = (state.ending(), before) {
                     self.result = Some((at_ns, ended, format!("drone {number}: {}", drone.status.entered)));
                 }
                 let entered = drone.status.state.because(&drone.status.entered);

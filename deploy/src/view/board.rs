@@ -18,7 +18,9 @@ use crate::process::snapshot::minutes;
 use crate::status::Status;
 use crate::status::situation::{Known, Situation};
 use crate::view::motion::MotionHistory;
-use crate::view::picture::{DroneView, FlightLine, LogLine, OrderView, Picture, Place, SceneView};
+use crate::view::picture::{
+    DroneView, FlightLine, LogLine, OrderView, Picture, Place, ResultView, SceneView,
+};
 use crate::view::track::Track;
 
 /// Changes of state that are kept.
@@ -38,6 +40,13 @@ struct Ended {
 }
 
 impl Ended {
+    fn result(&self, t: Time<TrueTime>) -> ResultView {
+        ResultView {
+            ago_s: (t - self.at).secs(),
+            outcome: self.outcome,
+            text: self.text.clone(),
+        }
+    }
     fn line(&self, t: Time<TrueTime>) -> FlightLine {
         FlightLine {
             when: format!("{} ago", minutes((t - self.at).secs())),
@@ -179,24 +188,18 @@ impl Board {
             return;
         }
         keep(&mut self.log, (t, m.state.because(&m.entered)), LOG_LINES);
-        let outcome = match m.state {
-            State::Idle => None,
-            State::Landed => Some("landed"),
-            State::GaveUp => Some("gave up"),
-            _ => {
-                self.begun.get_or_insert(t);
-                None
-            }
-        };
+        if m.state.is_landing() {
+            self.begun.get_or_insert(t);
+        }
         // Who looks on since the drone stood on the deck has seen no flight.
-        if let (Some(outcome), Some(_)) = (outcome, before) {
+        if let (Some(outcome), Some(_)) = (m.state.ending(), before) {
             let took = self.begun.take().map(|at| (t - at).secs());
             let took = took.map_or(String::new(), |s| format!(", after {}", minutes(s)));
             let plural = if m.attempts == 1 { "" } else { "s" };
             let text = format!("{}; {} descent{plural}{took}", m.entered, m.attempts);
             keep(&mut self.flights, Ended { at: t, outcome, text }, FLIGHTS);
         }
-        if matches!(m.state, State::Idle | State::Landed | State::GaveUp) {
+        if !m.state.is_landing() {
             self.begun = None;
         }
     }
@@ -220,7 +223,7 @@ impl Board {
                     text: text.clone(),
                 })
                 .collect(),
-            result: self.flights.back().map(|f| f.line(t)),
+            result: self.flights.back().map(|f| f.result(t)),
             flights: self
                 .flights
                 .iter()

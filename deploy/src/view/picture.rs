@@ -71,10 +71,21 @@ pub struct LogLine {
     pub text: String,
 }
 
+/// The flight that ended last.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ResultView {
+    /// So long ago, s.
+    pub ago_s: f64,
+    /// How: landed, gave up.
+    pub outcome: &'static str,
+    /// Why, and its figures.
+    pub text: String,
+}
+
 /// A flight that ended.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FlightLine {
-    /// When it ended: so long ago (s), or in words.
+    /// When it ended: so long ago, or a date.
     pub when: String,
     /// How: landed, gave up.
     pub outcome: String,
@@ -110,7 +121,7 @@ pub struct Picture {
     /// Flights that ended, the newest first.
     pub flights: Vec<FlightLine>,
     /// The newest flight that ended while the server was looking on.
-    pub result: Option<FlightLine>,
+    pub result: Option<ResultView>,
     /// The order that the page may give.
     pub order: OrderView,
 }

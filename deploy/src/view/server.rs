@@ -294,7 +294,7 @@ fn headers(content: &'static str) -> [(HeaderName, &'static str); 4] {
         (CACHE_CONTROL, "no-store"),
         (
             CONTENT_SECURITY_POLICY,
-            "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'",
+            "default-src 'self'; frame-ancestors 'none'",
         ),
         (HeaderName::from_static("x-content-type-options"), "nosniff"),
     ]

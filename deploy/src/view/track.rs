@@ -36,9 +36,14 @@ impl Track {
         if !due || drone.is_none() && deck.is_none() {
             return;
         }
+        // Between places that are further apart in time nobody knows the way.
+        let gap = self
+            .newest
+            .is_some_and(|at| t - at > Span::from_secs(2.0 * STEP_S));
         self.newest = Some(t);
+        self.samples.extend(gap.then_some([None, None]));
         self.samples.push_back([drone, deck]);
-        if self.samples.len() > SAMPLES {
+        while self.samples.len() > SAMPLES {
             self.samples.pop_front();
         }
     }

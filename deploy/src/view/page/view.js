@@ -53,12 +53,13 @@ function showGo(go, state) {
 }
 
 // It stays until the next flight ends, without data, too.
-function showResult(result) {
+let result = null;
+function showResult() {
   if (!result) return;
   $("result").hidden = false;
   text("outcome", result.outcome);
   text("how", result.text);
-  text("when", result.when);
+  text("when", `${ago(result.ago_s + seconds() - result.receivedAt)} ago`);
 }
 
 function showState(state) {
@@ -215,7 +216,7 @@ function say(pen, content, x, y, name, align) {
 }
 
 const STEPS = [3, 5, 8, 12, 20, 30, 50, 80, 120, 200, 300, 500, 800, 1200, 2000];
-const nice = (x) => STEPS.find((s) => s >= x) || STEPS[STEPS.length - 1];
+const nice = (x) => STEPS.find((s) => s >= x) || 10 ** Math.ceil(Math.log10(x));
 
 function path(pen, points, name, old, width) {
   if (points.length < 2) return;
@@ -478,6 +479,7 @@ $("yes").addEventListener("click", async () => {
 // ---- pictures ----
 
 function connection() {
+  showResult();
   const silence = seconds() - receivedAt;
   const dead = silence > DEAD_S;
   document.body.classList.toggle("dead", dead);
@@ -503,7 +505,8 @@ function show(data) {
   late = difference - fastest;
   text("title", picture.title);
   showGo(picture.go, picture.state);
-  showResult(picture.result);
+  if (picture.result) result = { ...picture.result, receivedAt };
+  showResult();
   showState(picture.state);
   showAlarms(alarmsOf(picture.findings));
   showFigures(picture.figures);
@@ -515,14 +518,14 @@ function show(data) {
 
 // ---- one connection for all tabs: a browser opens six to a computer, and an order needs one, too ----
 
-const HEARD_S = 1.2; // a tab that has the connection is heard five times a second
+const SILENT_S = 1.2; // a tab that has the connection is heard five times a second
 const tabs = "BroadcastChannel" in window ? new BroadcastChannel("alight") : null;
 const me = Math.random();
 let source = null;
 let newest = null;
-let heardTabAt = seconds() - HEARD_S + 0.3; // whoever opens the page first listens for others for so long
+let heardTabAt = seconds() - SILENT_S + 0.3; // whoever opens the page first listens for others for so long
 
-function tell(message) {
+function post(message) {
   if (tabs) tabs.postMessage({ from: me, ...message });
 }
 
@@ -530,8 +533,14 @@ function connect() {
   source = new EventSource("/events");
   source.addEventListener("message", (event) => {
     newest = event.data;
-    tell({ data: newest });
+    post({ data: newest });
     show(newest);
+  });
+  // A browser tries again by itself, but not where the answer was no stream of events: another tab may.
+  source.addEventListener("error", () => {
+    if (!source || source.readyState !== EventSource.CLOSED) return;
+    disconnect();
+    heardTabAt = seconds();
   });
 }
 
@@ -541,18 +550,19 @@ function disconnect() {
 }
 
 function takeTurns() {
-  if (source) tell({});
-  else if (seconds() - heardTabAt > HEARD_S + 0.4 * me) connect();
+  if (source) post({});
+  else if (seconds() - heardTabAt > SILENT_S + 0.4 * me) connect();
 }
 
 if (tabs) {
   tabs.addEventListener("message", ({ data: message }) => {
     if (message.asks) {
-      if (source) tell({ data: newest });
+      // An old picture is none: whoever asks would take it for what is now.
+      if (source) post(seconds() - receivedAt < DEAD_S ? { data: newest } : {});
       return;
     }
     if (message.leaves) {
-      heardTabAt = -Infinity;
+      heardTabAt = seconds() - SILENT_S; // the others take turns in their order
       return;
     }
     heardTabAt = seconds();
@@ -561,10 +571,10 @@ if (tabs) {
     if (!source && message.data) show(message.data);
   });
   addEventListener("pagehide", () => {
-    if (source) tell({ leaves: true });
+    if (source) post({ leaves: true });
     disconnect();
   });
-  tell({ asks: true });
+  post({ asks: true });
 }
 const turns = setInterval(takeTurns, 250);
 setInterval(connection, 500);
