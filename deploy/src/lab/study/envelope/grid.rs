@@ -62,6 +62,8 @@ pub struct Cell {
     pub landed: usize,
     /// No landing in time, and no contact beyond its limits.
     pub refused: usize,
+    /// Seeds of those that were unsafe.
+    pub unsafe_seeds: Vec<u64>,
     /// The most frequent reason of those that did not land.
     pub reason: String,
 }
@@ -75,7 +77,8 @@ impl Cell {
     pub fn class(&self, rate: f64) -> Class {
         if self.unsafe_count() > 0 {
             Class::Unsafe
-        } else if self.landed as f64 >= rate * self.trials as f64 {
+        // 0.55 of 20 is a little more than 11 in binary digits.
+        } else if self.landed as f64 >= rate * self.trials as f64 - 1e-6 {
             Class::Landed
         } else {
             Class::Refused

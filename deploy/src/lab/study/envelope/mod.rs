@@ -4,11 +4,12 @@
 mod grid;
 mod polar;
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::physics::sea::SeaConfig;
-use alight_sim::studies::statistics::{FailureCount, Summary, wilson};
+use alight_sim::studies::statistics::{FailureCount, Summary, at_most_95, wilson};
 use serde_json::json;
 
 use super::report::replay_command;
@@ -16,7 +17,6 @@ use super::rows::Row;
 use super::run::{self, GridRun};
 use crate::exit::{CliError, Exit};
 use crate::lab::args::EnvelopeArgs;
-use crate::lab::outcome_table::unsafe_bound;
 use crate::lab::report::document::{Block, Chart, Document, write_files};
 use crate::lab::scene::Scene;
 use crate::table::{Cell as TableCell, Table};
@@ -68,6 +68,11 @@ fn cells(grid: &Grid, outcomes: &[Outcome]) -> Vec<Cell> {
             trials: summary.trials,
             landed: summary.successes,
             refused: set.iter().filter(|o| o.is_refused()).count(),
+            unsafe_seeds: set
+                .iter()
+                .filter(|o| !o.success && !o.is_refused())
+                .map(|o| o.seed)
+                .collect(),
             reason: summary.failures.first().map(waits_for).unwrap_or_default(),
         }
     };
@@ -120,6 +125,7 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
         jobs: args.jobs,
         out: Some(&args.out),
         shard: None,
+        within: None,
         records_failed: false,
         json: args.json,
     };
@@ -170,10 +176,19 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// What can be said of unsafe landings over the whole grid.
+/// What can be said of unsafe landings over the whole grid. All cells are flown with the same seeds: only these are
+/// independent of each other.
 fn bound(cells: &[Cell]) -> String {
-    let of = |count: fn(&Cell) -> usize| cells.iter().map(count).sum();
-    unsafe_bound(of(Cell::unsafe_count), of(|c| c.trials))
+    let seeds: BTreeSet<u64> = cells.iter().flat_map(|c| &c.unsafe_seeds).copied().collect();
+    let draws = cells.iter().map(|c| c.trials).max().unwrap_or_default();
+    format!(
+        "unsafe: {} of {} landings, in {} of {draws} draws of sea and wind; of all draws, with 95 % confidence, at most \
+         {:.1} % are unsafe in a cell",
+        cells.iter().map(Cell::unsafe_count).sum::<usize>(),
+        cells.iter().map(|c| c.trials).sum::<usize>(),
+        seeds.len(),
+        100.0 * at_most_95(seeds.len(), draws)
+    )
 }
 
 /// The limit by direction (a row each) and sea state.
@@ -309,6 +324,7 @@ mod tests {
             trials: 4,
             landed,
             refused,
+            unsafe_seeds: (0..(4_usize.saturating_sub(landed + refused)) as u64).collect(),
             reason: String::new(),
         }
     }
@@ -358,6 +374,11 @@ mod tests {
         let class = |landed, refused| cell(4.0, landed, refused).class(0.75);
         assert_eq!([class(4, 0), class(3, 1)], [Class::Landed; 2]);
         assert_eq!([class(2, 2), class(0, 4)], [Class::Refused; 2]);
+        let exact = Cell {
+            trials: 20,
+            ..cell(4.0, 11, 9)
+        };
+        assert_eq!(exact.class(0.55), Class::Landed);
         // One unsafe landing of four outweighs the three that landed.
         assert_eq!(class(3, 0), Class::Unsafe);
     }
@@ -396,7 +417,7 @@ mod tests {
         let page = document(&grid, &cells, limits(&grid, &cells), ("E", "h"), &svg, &[]).html();
         assert!(page.contains("<svg") && page.contains("51-100 %") && !page.contains("src="));
         assert!(
-            page.contains("unsafe: 1 of 8 landings; with 95 % confidence at most 47.1 %"),
+            page.contains("unsafe: 1 of 8 landings, in 1 of 4 draws of sea and wind; of all draws, with 95 % confidence, at most 75.1 %"),
             "{page}"
         );
     }
