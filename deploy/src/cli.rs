@@ -190,7 +190,7 @@ pub enum Command {
     /// Process of the vessel: estimator, deck arbiter and broadcast.
     #[command(hide = true)]
     Estimator(ProcessArgs),
-    /// Process of the vessel: its real sensors (NMEA 0183, UBX, MAVLink).
+    /// Process of the vessel: its real sensors (NMEA 0183 and 2000, UBX, MAVLink).
     #[command(hide = true)]
     Sensors(ProcessArgs),
     /// Process of the drone: the link to a real autopilot (PX4, ArduCopter) by MAVLink.

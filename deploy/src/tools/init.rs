@@ -332,7 +332,7 @@ impl<R: BufRead, W: Write> Installer<R, W> {
             if connect.is_empty() {
                 break;
             }
-            self.until("  its format: nmea, ubx or mavlink", "nmea", |answer| {
+            self.until("  its format: nmea, n2k, ubx or mavlink", "nmea", |answer| {
                 let format = if answer.is_empty() { "nmea" } else { answer };
                 let [connect, format] =
                     [connect.as_str(), format].map(|text| toml::Value::String(text.into()));

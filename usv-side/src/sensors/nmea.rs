@@ -7,9 +7,9 @@
 //! which has no arrivals, attitudes are spread evenly to the next time. Position and velocity of an epoch make one fix,
 //! heading and rate of turn one heading.
 
-mod account;
+pub(super) mod account;
 mod attribution;
-mod sentences;
+pub(super) mod sentences;
 
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, NOT_MEASURED_SD};
