@@ -14,6 +14,8 @@ from ._lazy import pandas
 from ._program import AlightError
 
 DAY_S = 86_400.0
+# Columns of rows.csv whose values are texts, whatever they look like.
+TEXTS = {"outcome", "reason", "sea", "planner", "digest"}
 
 
 @dataclasses.dataclass
@@ -158,18 +160,24 @@ def _unread(path: str, error: Exception) -> AlightError:
 def _rows(path: str):
     """Rows of a CSV file: a DataFrame, without pandas dicts with the same values."""
     try:
-        if pandas.is_there():
-            # An outcome may be named like what pandas takes for no value.
-            return pandas.read_csv(path, keep_default_na=False, na_values=[""])
         with open(path, newline="", encoding="utf-8") as file:
-            return [{key: _value(text) for key, text in row.items()} for row in csv.DictReader(file)]
-    except OSError as error:
+            # Not read by pandas, which would take a digest of digits for a number.
+            rows = [{key: _value(key, text) for key, text in row.items()} for row in csv.DictReader(file)]
+    except (OSError, ValueError) as error:
         raise _unread(path, error) from None
+    if not pandas.is_there():
+        return rows
+    frame = pandas.DataFrame(rows)
+    # A metric that no landing has is a column of numbers all the same.
+    nothing = [name for name in frame if name not in TEXTS and frame[name].isna().all()]
+    return frame.astype({name: float for name in nothing})
 
 
-def _value(text: Optional[str]):
+def _value(name: Optional[str], text: Optional[str]):
     if not text:
         return None
+    if name in TEXTS:
+        return text
     if text in ("true", "false"):
         return text == "true"
     for kind in (int, float):

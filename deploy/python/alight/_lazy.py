@@ -45,5 +45,4 @@ class Lazy:
 numpy = Lazy("numpy")
 pandas = Lazy("pandas")
 mcap_reader = Lazy("mcap.reader")
-mcap_exceptions = Lazy("mcap.exceptions")
 mcap_decoder = Lazy("mcap_protobuf.decoder")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 import tempfile
@@ -10,7 +11,7 @@ from typing import Any, Dict, Iterable, Optional
 from . import _program
 from ._columns import Columns
 from ._folders import Envelope, Study
-from ._lazy import mcap_decoder, mcap_exceptions, mcap_reader
+from ._lazy import mcap_decoder, mcap_reader
 from ._program import AlightError
 from ._run import Run
 
@@ -105,13 +106,16 @@ def read_recording(
         with open(path, "rb") as file:
             reader = mcap_reader.make_reader(file, decoder_factories=[mcap_decoder.DecoderFactory()])
             return _read(reader, path, topics, start_s, end_s, max_messages)
+    except (AlightError, ImportError):
+        raise
     except OSError as error:
         raise AlightError(f"reading {path}: {error.strerror or error}") from None
-    except mcap_exceptions.McapError as error:
+    except Exception as error:
+        # A damaged file fails in whatever part of the reader meets it: framing, compression, protobuf, text.
         raise AlightError(
-            f"reading {path}: {error or type(error).__name__}; is it a whole recording (.mcap)? One that a kill cut off "
-            "gets its end by alight flights --mend"
-        ) from None
+            f"reading {path}: {str(error) or type(error).__name__}; is it a whole recording (.mcap)? One that a kill cut "
+            "off gets its end by alight flights --mend"
+        ) from error
 
 
 def _read(reader, path, topics, start_s, end_s, max_messages) -> Run:
@@ -131,8 +135,7 @@ def _read(reader, path, topics, start_s, end_s, max_messages) -> Run:
         if unknown:
             raise AlightError(f"no {', '.join(unknown)} in {path}; there are: {', '.join(there)}")
     found: Dict[str, Columns] = {}
-    span = {"start_time": _ns(start_s), "end_time": _ns(end_s)}
-    messages = reader.iter_decoded_messages(topics=wanted, **span) if wanted else ()
+    messages = reader.iter_decoded_messages(topics=wanted, **_span(reader, start_s, end_s)) if wanted else ()
     for count, (_, channel, message, decoded) in enumerate(messages):
         if count >= max_messages:
             raise AlightError(
@@ -155,5 +158,8 @@ def _read(reader, path, topics, start_s, end_s, max_messages) -> Run:
     return Run(outcome, {name: columns.arrays() for name, columns in found.items()}, files, path=path)
 
 
-def _ns(time_s: Optional[float]) -> Optional[int]:
-    return None if time_s is None else round(time_s * 1e9)
+def _span(reader, start_s: Optional[float], end_s: Optional[float]) -> Dict[str, int]:
+    """From `start_s` on, before `end_s`: newer readers have other names for both and warn of the older ones."""
+    newer = "starting_at" in inspect.signature(reader.iter_decoded_messages).parameters
+    names = ("starting_at", "ending_before") if newer else ("start_time", "end_time")
+    return {name: round(time_s * 1e9) for name, time_s in zip(names, (start_s, end_s)) if time_s is not None}

@@ -90,12 +90,16 @@ def landing(run: Run, before_s: float = 15.0, after_s: float = 0.0):
         if axis is not axes[-1]:
             axis.tick_params(labelbottom=False)
     for axis in axes[:3]:
-        # Above the panel: nothing is covered.
-        place = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 6, "borderpad": 0.1}
-        axis.legend(**place, fontsize="x-small", frameon=False)
+        _legend_above(axis)
     axes[-1].set_xlabel("time to touchdown, s" if landed else "time to the end of the recording, s")
     drawn.suptitle(_title(run, r["source"]), wrap=True, fontsize="medium")
     return drawn
+
+
+def _legend_above(axis, **names) -> None:
+    # Above the panel: nothing is covered.
+    place = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 6, "borderpad": 0.1}
+    axis.legend(**names, **place, fontsize="x-small", frameon=False)
 
 
 def _path(axis, r: Dict[str, Any], time, landed: bool) -> None:
@@ -153,11 +157,12 @@ def table2(study: Study):
     pair = all(len(scene.split(",")) == 2 for scene in scenes)
     axes[-1].set_xlabel("sea: amplitude, m, and period, s" if pair else "row of the study")
     handles, labels = axes[1].get_legend_handles_labels()
-    axes[0].legend(handles, labels, ncols=len(labels), fontsize="small", loc="lower left")
+    _legend_above(axes[0], handles=handles, labels=labels)
     trials = sorted({row["trials"] for row in study.summary})
     flown = f"{trials[0]}" if len(trials) == 1 else f"{trials[0]} to {trials[-1]}"
+    flown += " landing" if trials[-1] == 1 else " landings"
     drawn.suptitle(
-        f"Study {study.name}: mean and 95th percentile of {flown} landings a row, landed with its 95 % interval",
+        f"Study {study.name}: mean and 95th percentile of {flown} a row, landed with its 95 % interval",
         fontsize="medium",
         wrap=True,
     )

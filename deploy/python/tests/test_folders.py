@@ -52,6 +52,15 @@ class Trials(unittest.TestCase):
         self.assertIsNone(plain[0]["stay_position_error_m"])
 
 
+    def test_text_that_looks_like_a_number(self):
+        path = FILES / "texts.csv"
+        rows = "seed,sea,success,digest,likelihood\n2,5,true,12e4567890123456,\n1,nan,false,0012,\n"
+        path.write_text(rows, encoding="utf-8")
+        rows = records(_folders._by_seed(_folders._rows(path)))
+        texts = [(row["seed"], row["sea"], row["digest"], row["success"]) for row in rows]
+        self.assertEqual(texts, [(1, "nan", "0012", False), (2, "5", "12e4567890123456", True)])
+
+
 class Studies(unittest.TestCase):
     @classmethod
     def setUpClass(cls):

@@ -128,6 +128,25 @@ class Recordings(unittest.TestCase):
                 with self.assertRaisesRegex(alight.AlightError, name):
                     alight.read(path)
 
+    def test_bytes_that_are_others(self):
+        # Either nothing is noticed, or it is said; no other exception comes out.
+        path, random = FILES / "damaged.mcap", np.random.default_rng(1)
+        whole = np.frombuffer(landing()[1].read_bytes(), dtype=np.uint8)
+        refused = 0
+        for k in range(12):
+            damaged = whole.copy()
+            # The second half of them in the index at the end, which everything else is found by.
+            begin = 0 if k < 6 else len(whole) - 20_000
+            places = random.integers(begin, len(whole), 2_000 if k < 6 else 20)
+            damaged[places] = random.integers(0, 256, len(places))
+            path.write_bytes(damaged.tobytes())
+            try:
+                alight.read(path, topics=["/mission", "/tf"])
+            except alight.AlightError as error:
+                self.assertIn("damaged.mcap", str(error))
+                refused += 1
+        self.assertGreater(refused, 0)
+
     def test_path_without_a_recording(self):
         with self.assertRaisesRegex(alight.AlightError, "nothing.mcap"):
             alight.read(FILES / "nothing.mcap")

@@ -138,7 +138,7 @@ class Envelopes(unittest.TestCase):
         envelope.too_few = "5 landings a cell are too few"
         figure = alight.plots.envelope(envelope)
         self.assertEqual(len(figure.axes[0].get_lines()), 0)
-        self.assertIn("too few", figure.get_suptitle())
+        self.assertIn("too few", figure._suptitle.get_text())
 
     def test_bow_up_and_clockwise(self):
         axis = alight.plots.envelope(drawn_by_hand()).axes[0]
