@@ -127,6 +127,11 @@ def _read(reader, path, topics, start_s, end_s, max_messages) -> Run:
         for channel in summary.channels.values()
         if channel.message_encoding == "protobuf" and channel.schema_id in summary.schemas
     )
+    if not there:
+        raise AlightError(
+            f"{path} has no topic that can be read; a file of one process of a flight holds its inputs alone: read the "
+            "flight's directory"
+        )
     if topics is None:
         wanted = [topic for topic in there if not topic.startswith(FOR_VIEWERS)]
     else:

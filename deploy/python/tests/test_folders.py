@@ -27,15 +27,15 @@ def records(rows):
 
 class Trials(unittest.TestCase):
     def test_rate_is_the_programs(self):
-        flown = alight.trials(3, seed0=100)
-        own = printed("trials", "--trials", "3", "--seed0", "100")
+        # A baseline in a sea beyond it: one of the two lands, and the program's exit code is 1.
+        flown = alight.trials(2, seed0=1, planner="mpc-ne", sea="very-rough")
+        own = printed("trials", "--trials", "2", "--seed0", "1", "--planner", "mpc-ne", "--sea", "very-rough")
         self.assertEqual(flown.rate, own["successes"] / own["trials"])
         self.assertEqual(list(flown.interval), own["success_rate_95"])
         rows = records(flown.rows)
-        self.assertEqual([row["seed"] for row in rows], [100, 101, 102])
-        self.assertEqual(sum(row["success"] for row in rows) / 3, flown.rate)
-        mean = sum(row["position_error_m"] for row in rows) / 3
-        self.assertAlmostEqual(mean, own["position_error_m"]["mean"], places=12)
+        self.assertEqual([row["seed"] for row in rows], [1, 2])
+        self.assertEqual(sum(row["success"] for row in rows) / 2, flown.rate)
+        self.assertEqual(len(flown.summary["failures"]) > 0, flown.rate < 1.0)
 
     def test_rows_with_and_without_pandas(self):
         path = FILES / "rows.csv"
@@ -56,9 +56,12 @@ class Trials(unittest.TestCase):
         path = FILES / "texts.csv"
         rows = "seed,sea,success,digest,likelihood\n2,5,true,12e4567890123456,\n1,nan,false,0012,\n"
         path.write_text(rows, encoding="utf-8")
-        rows = records(_folders._by_seed(_folders._rows(path)))
-        texts = [(row["seed"], row["sea"], row["digest"], row["success"]) for row in rows]
-        self.assertEqual(texts, [(1, "nan", "0012", False), (2, "5", "12e4567890123456", True)])
+        tables = [_folders._by_seed(_folders._rows(path))]
+        with mock.patch.object(_folders.pandas, "is_there", lambda: False):
+            tables.append(_folders._by_seed(_folders._rows(path)))
+        for rows in map(records, tables):
+            texts = [(row["seed"], row["sea"], row["digest"], row["success"]) for row in rows]
+            self.assertEqual(texts, [(1, "nan", "0012", False), (2, "5", "12e4567890123456", True)])
 
 
 class Studies(unittest.TestCase):

@@ -4,8 +4,23 @@ import os
 import unittest
 from unittest import mock
 
+import mcap.writer
 import numpy as np
 from source import FILES, alight, landing, printed, stand_in
+
+
+def angles(truth, of):
+    """Roll, pitch and yaw of drone or deck, deg."""
+    return [truth[f"{of}_{name}_deg"] for name in ("roll", "pitch", "yaw")]
+
+
+def turned(roll, pitch, yaw):
+    """Matrix from the body's axes to the frame's: first roll, then pitch, then yaw, deg."""
+    (a, b, c), (p, q, r) = np.sin(np.radians([roll, pitch, yaw])), np.cos(np.radians([roll, pitch, yaw]))
+    about_x = np.array([[1, 0, 0], [0, p, -a], [0, a, p]])
+    about_y = np.array([[q, 0, b], [0, 1, 0], [-b, 0, q]])
+    about_z = np.array([[r, -c, 0], [c, r, 0], [0, 0, 1]])
+    return about_z @ about_y @ about_x
 
 
 class Landing(unittest.TestCase):
@@ -48,6 +63,15 @@ class Landing(unittest.TestCase):
         w, x, y, z = run.series["/tf/drone"]["quaternion_wxyz"].T
         heading = np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
         np.testing.assert_allclose(heading, truth["drone_yaw_deg"], atol=1e-6)
+
+    def test_difference_of_attitudes(self):
+        # The same from the angles of both, by matrices, over the whole approach: 20 deg of tilt, half a turn of yaw.
+        run, _ = landing()
+        truth, r = run.series["/truth"], alight.relative(run)
+        drone, deck = (np.array([turned(*a) for a in zip(*angles(truth, of))]) for of in ("drone", "deck"))
+        between = np.swapaxes(deck, 1, 2) @ drone
+        for own, (roll, pitch, yaw) in zip(between, zip(r["roll_deg"], r["pitch_deg"], r["yaw_deg"])):
+            np.testing.assert_allclose(own, turned(roll, pitch, yaw), atol=1e-6)
 
     def test_velocity_is_that_of_the_places(self):
         r = alight.relative(landing()[0])
@@ -146,6 +170,18 @@ class Recordings(unittest.TestCase):
                 self.assertIn("damaged.mcap", str(error))
                 refused += 1
         self.assertGreater(refused, 0)
+
+    def test_file_of_one_process(self):
+        # As the flight recorder writes it: steps without a schema.
+        path = FILES / "mission-00000001-001.mcap"
+        with open(path, "wb") as file:
+            part = mcap.writer.Writer(file)
+            part.start()
+            channel = part.register_channel("/node/mission", "alight-step", 0)
+            part.add_message(channel, log_time=1, data=b"step", publish_time=1)
+            part.finish()
+        with self.assertRaisesRegex(alight.AlightError, "directory"):
+            alight.read(path)
 
     def test_path_without_a_recording(self):
         with self.assertRaisesRegex(alight.AlightError, "nothing.mcap"):

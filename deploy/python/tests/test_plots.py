@@ -89,6 +89,11 @@ class Landing(unittest.TestCase):
         truth = alight.relative(self.run_)
         true = [np.interp(0.0, truth["to_touchdown_s"], column) for column in truth["displacement_m"].T]
         np.testing.assert_allclose(last, true, atol=0.1)
+        # In the air both velocities are in NED, whatever the drone's heading is.
+        air = (r["to_touchdown_s"] > -10.0) & (r["to_touchdown_s"] < 0.0)
+        for part in range(3):
+            own = np.interp(r["time_s"][air], truth["time_s"], truth["drone_mps"][:, part])
+            self.assertLess(np.abs(r["drone_mps"][air, part] - own).max(), 0.5)
         written(alight.plots.landing(run))
 
 
