@@ -21,6 +21,10 @@ if not os.environ.get("ALIGHT_TEST_INSTALLED"):
 
 import alight
 
+# Some tests run elsewhere: a path from here would not be found there.
+if os.environ.get("ALIGHT"):
+    os.environ["ALIGHT"] = alight.program()
+
 _kept = tempfile.TemporaryDirectory(prefix="alight-tests-")
 atexit.register(_kept.cleanup)
 FILES = pathlib.Path(_kept.name)
