@@ -208,9 +208,11 @@ fn landing_and_abort_by_rc_switch() {
 
 /// What a ground station orders of the companion.
 fn order(number: u16) -> Message {
-    Message::Command(CommandLong::new(Address::new(1, 191), number, []))
+    Message::Command(CommandLong::new(Address::new(VEHICLE, 191), number, []))
 }
 const STATION: Address = Address::new(255, 190);
+/// The simulated vehicle's system.
+const VEHICLE: u8 = 3;
 
 #[test]
 fn orders_of_a_ground_station() {
@@ -251,7 +253,7 @@ fn orders_of_a_ground_station() {
         // What is not ours is answered, what is another's is not.
         (p.answers, p.orders) = Default::default();
         p.inject(STATION, &order(command::REQUEST_MESSAGE));
-        let elsewhere = CommandLong::new(Address::new(1, 154), command::USER_2, []);
+        let elsewhere = CommandLong::new(Address::new(VEHICLE, 154), command::USER_2, []);
         p.inject(STATION, &Message::Command(elsewhere));
         p.run(1.0);
         assert_eq!(

@@ -47,8 +47,7 @@ impl Line {
         let words: Vec<&str> = text.split_whitespace().take(FRAME + 5).collect();
         let (first, rest) = words.split_first()?;
         if let Some(seconds) = first.strip_prefix('(') {
-            let seconds: f64 = seconds.strip_suffix(')')?.parse().ok()?;
-            return candump(Stamp::Unix((seconds * 1e9) as i64), rest);
+            return candump(Stamp::Unix(unix_ns(seconds.strip_suffix(')')?)?), rest);
         }
         if first.starts_with('A') && words.len() == 4 {
             return actisense(&words);
@@ -139,6 +138,16 @@ fn plain(text: &str) -> Option<Line> {
         data,
     })
 }
+/// Seconds since 1970 with a fraction, to nanoseconds.
+fn unix_ns(text: &str) -> Option<i64> {
+    let (seconds, fraction) = text.split_once('.').unwrap_or((text, ""));
+    let digits = |t: &str| t.len() <= 10 && t.bytes().all(|b| b.is_ascii_digit());
+    if !digits(seconds) || !digits(fraction) || fraction.len() > 9 {
+        return None;
+    }
+    let fraction: i64 = format!("{fraction:0<9}").parse().ok()?;
+    Some(seconds.parse::<i64>().ok()? * 1_000_000_000 + fraction)
+}
 /// `hh:mm:ss` with a fraction, to nanoseconds of the day.
 fn of_day_ns(text: &str) -> Option<i64> {
     let mut parts = text.split(':');
@@ -147,7 +156,7 @@ fn of_day_ns(text: &str) -> Option<i64> {
     let seconds: f64 = seconds.parse().ok()?;
     let valid = (0..24).contains(&hours) && (0..60).contains(&minutes) && (0.0..61.0).contains(&seconds);
     (valid && parts.next().is_none())
-        .then(|| (hours * 60 + minutes) * 60_000_000_000 + (seconds * 1e9) as i64)
+        .then(|| (hours * 60 + minutes) * 60_000_000_000 + (seconds * 1e9).round() as i64)
 }
 
 #[cfg(test)]
