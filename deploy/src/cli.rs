@@ -16,7 +16,9 @@ use crate::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, ServiceArgs};
 use crate::process::shell;
 use crate::status::command as status;
 use crate::tools::playback::ForeignLaw;
-use crate::tools::{calibrate, check, command, config, estimate, flights, init, keys, replay, tag, view};
+use crate::tools::{
+    calibrate, check, command, config, estimate, flights, init, keys, replay, ros2, tag, view,
+};
 use crate::{drone, terminal, vessel};
 
 /// Lands a multirotor on the deck of a small boat that moves and rocks in waves.
@@ -64,7 +66,10 @@ const GROUPS: [(&str, &[&str]); 3] = [
             "completions",
         ],
     ),
-    ("Operate", &["status", "view", "command", "flights", "replay"]),
+    (
+        "Operate",
+        &["status", "view", "command", "ros2", "flights", "replay"],
+    ),
 ];
 
 impl Cli {
@@ -165,6 +170,8 @@ pub enum Command {
     Status(status::StatusArgs),
     /// Show what runs in a browser or in Foxglove: deck, drone, alarms.
     View(view::ViewCommand),
+    /// Be a node of ROS 2: poses, diagnostics, orders to land and abort.
+    Ros2(ros2::Ros2Args),
     /// All processes of the vessel's computer, as its service runs them.
     Vessel(ServiceArgs),
     /// All processes of the drone's computer, as its service runs them.
@@ -245,6 +252,7 @@ impl Command {
             Command::Replay(a) => replay::run(a, FOREIGN_LAW),
             Command::Status(a) => status::run(a),
             Command::View(a) => view::run(a),
+            Command::Ros2(a) => ros2::run(a),
             Command::Vessel(a) => vessel::run(a),
             Command::Drone(a) => drone::run(a),
             Command::Operate(a) => command::run(a),

@@ -105,7 +105,7 @@ pub fn commanded_drone(config: Option<&Path>, instance: Option<&str>) -> Result<
 }
 
 /// Whose processes are meant.
-#[derive(Args, Debug, Default)]
+#[derive(Args, Clone, Debug, Default)]
 pub struct Subject {
     /// Name of the set of processes [default: the configuration's; without one: land]
     #[arg(long)]
@@ -119,14 +119,23 @@ pub struct Subject {
 impl Subject {
     /// Its configuration: of a landing of this computer before what is installed on it.
     pub fn computer(&self) -> Result<Computer, CliError> {
-        match (&self.instance, &self.config) {
+        let fixed = self.fixed()?;
+        match (&fixed.instance, &fixed.config) {
             (Some(name), _) => Computer::of_instance(name),
             (None, Some(path)) => Computer::read(path),
-            (None, None) if is_running(&Instance::new(LAND)?) => Computer::of_instance(LAND),
-            (None, None) => match Computer::shipped() {
-                Some(path) => Computer::read(&path),
-                None => Computer::of_instance(LAND),
-            },
+            (None, None) => Computer::of_instance(LAND),
         }
+    }
+    /// The same by its name or its file, whatever runs later.
+    pub fn fixed(&self) -> Result<Subject, CliError> {
+        if self.instance.is_some() || self.config.is_some() {
+            return Ok(self.clone());
+        }
+        let lands = is_running(&Instance::new(LAND)?);
+        let config = if lands { None } else { Computer::shipped() };
+        Ok(Subject {
+            instance: config.is_none().then(|| LAND.into()),
+            config,
+        })
     }
 }

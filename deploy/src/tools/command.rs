@@ -18,7 +18,7 @@ use serde_json::json;
 use crate::config::VesselComputer;
 use crate::exit::{CliError, Exit};
 use crate::process::instance::is_running;
-use crate::process::local_command::LocalCommand;
+use crate::process::local_command::{LocalCommand, answer};
 use crate::status::subject::{SHIPPED, commanded_drone};
 use crate::terminal;
 use crate::vessel::crew::OrderOnItsWay;
@@ -281,18 +281,6 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
         }
     }
     Ok(Exit::of(taken))
-}
-
-/// The answer of drone `drone`'s mission, for a person.
-fn answer(drone: u32, mission: &MissionState, taken: bool) -> Vec<String> {
-    let mut lines = vec![
-        format!("drone {drone}: {}", mission.state.because(&mission.entered)),
-        format!("waiting: {}", mission.waiting),
-    ];
-    if !taken {
-        lines.push(format!("the mission of drone {drone} did not take the command"));
-    }
-    lines
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ pub mod init;
 pub mod keys;
 pub mod playback;
 pub mod replay;
+pub mod ros2;
 pub mod tag;
 pub mod view;
 mod view_vessel;

@@ -19,6 +19,7 @@ use crate::process::instance::{EDITED_FILE, is_running, owner, said};
 use crate::process::life::{Life, draw_boot, end_with_supervisor};
 use crate::process::local_command::LocalCommand;
 use crate::process::supervisor::pause;
+use crate::process::wall::wall_ns;
 use crate::status::Status;
 use crate::status::situation::Known;
 use crate::status::subject::{Computer, Subject};
@@ -265,11 +266,8 @@ impl Joined {
 }
 
 /// The time of day less the steady clock, ns: messages for Foxglove bear the time of day.
-#[allow(clippy::disallowed_methods)]
 fn wall_offset_ns() -> i64 {
-    let wall = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
-    let wall_ns = wall.map_or(0, |d| i64::try_from(d.as_nanos()).unwrap_or(0));
-    wall_ns - steady_ns()
+    wall_ns() - steady_ns()
 }
 
 #[cfg(test)]

@@ -137,13 +137,17 @@ mod tests {
         );
         let attitude = read(127_257, &[0x00, 0xff, 0x7f, 0x52, 0x00, 0x21, 0xfe, 0xff]);
         assert_eq!(attitude, Some(Content::Attitude([-479.0 * 1e-4, 82.0 * 1e-4])));
-        // Nothing available, and too short.
-        for pgn in [127_250, 127_251, 127_252, 127_257, 127_258, 129_025, 129_026] {
-            assert_eq!(
-                read(pgn, &[0xff; 8]).filter(|c| !matches!(c, Content::Rate(_))),
-                None,
-                "{pgn}"
-            );
+        // Not available: the greatest number of a field, with or without a sign.
+        for (pgn, data) in [
+            (127_250, [0, 0xff, 0xff, 0, 0, 0, 0, 0]),
+            (127_251, [0, 0xff, 0xff, 0xff, 0x7f, 0, 0, 0]),
+            (127_252, [0, 0xff, 0x7f, 0, 0, 0, 0, 0]),
+            (127_257, [0, 0, 0, 0xff, 0x7f, 0, 0, 0]),
+            (127_258, [0, 0, 0, 0, 0xff, 0x7f, 0, 0]),
+            (129_025, [0, 0, 0, 0, 0xff, 0xff, 0xff, 0x7f]),
+            (129_026, [0, 0, 0, 0, 0xff, 0xff, 0, 0]),
+        ] {
+            assert_eq!(read(pgn, &data), None, "{pgn}");
             assert_eq!(read(pgn, &[0; 2]), None, "{pgn}");
         }
         assert_eq!(read(129_029, &[0xff; 30]), None);
