@@ -89,7 +89,11 @@ impl Diagnostics {
     }
     /// All findings about a topic: the worst in the message, their remedies as values.
     fn topic(&self, status: &Status, topic: &str) -> DiagnosticStatus {
-        if !status.running {
+        // What is silent has no findings any more, and is not fine by that.
+        let ended = |f: &Finding| f.topic == "processes" && f.level == Level::Broken;
+        let old = status.state.as_ref().is_some_and(|s| s.stale);
+        let is_silent = topic != "processes" && (old || status.findings.iter().any(ended));
+        if !status.running || is_silent {
             return self.status(topic, level::STALE, status.headline.clone(), status);
         }
         let all: Vec<&Finding> = status.findings.iter().filter(|f| f.topic == topic).collect();

@@ -71,7 +71,7 @@ pub struct Motion {
     pub velocity: [[f64; 3]; 2],
     /// In FRD, rad/s.
     pub rates: Vector3<f64>,
-    /// Covariance of `rates`, (rad/s)²; zeros where it is not known.
+    /// Covariance of `rates`, (rad/s)².
     pub rates_covariance: Matrix3<f64>,
 }
 

@@ -86,12 +86,14 @@ impl Poses {
     }
 }
 
+/// Variance of what no autopilot states, (rad/s)²: so large that no filter rests on it.
+const NOT_KNOWN: f64 = 1e6;
+
 fn of_drone(drone: &DroneState, header: Header, child: &str) -> Odometry {
     let motion = Motion {
         velocity: [drone.velocity, drone.velocity_sd],
         rates: Vector3::from(drone.rates),
-        // No autopilot states it.
-        rates_covariance: Matrix3::zeros(),
+        rates_covariance: Matrix3::from_diagonal_element(NOT_KNOWN),
     };
     let pose_sd = (drone.position_sd, drone.euler_sd);
     odometry(header, child, drone.position, pose_sd, &drone.attitude(), &motion)

@@ -322,7 +322,8 @@ impl Request {
         match inbox.try_send(request) {
             Ok(()) => {}
             Err(TrySendError::Full(r) | TrySendError::Disconnected(r)) => {
-                refuse(&r.query, "too many requests wait");
+                // A client of ROS waits for ever for what it takes for no response.
+                r.reply(false, "not ordered: too many requests wait");
             }
         }
     }

@@ -82,7 +82,11 @@ fn unconfigured(name: &str) -> DroneComputer {
 
 /// The drone that a command on this computer is for. The installed one comes before a simulated landing, unless another
 /// name is given: an order must not go to a simulation while a drone flies.
-pub fn commanded_drone(config: Option<&Path>, instance: Option<&str>) -> Result<DroneComputer, CliError> {
+pub fn commanded_drone(
+    config: Option<&Path>,
+    instance: Option<&str>,
+    is_abort: bool,
+) -> Result<DroneComputer, CliError> {
     if let Some(path) = config {
         return Ok(config::load(path)?);
     }
@@ -96,8 +100,8 @@ pub fn commanded_drone(config: Option<&Path>, instance: Option<&str>) -> Result<
     let name = instance.unwrap_or(LAND);
     match drone_of_instance(name)? {
         Some(drone) => Ok(drone),
-        // An order to a wrong number is none.
-        None if is_running(&Instance::new(name)?) => Err(CliError(format!(
+        // An order to a wrong number is none; an abort is tried.
+        None if !is_abort && is_running(&Instance::new(name)?) => Err(CliError(format!(
             "the processes {name} have no configuration beside their memory: name it with --config"
         ))),
         None => Ok(unconfigured(name)),
@@ -124,6 +128,26 @@ impl Subject {
             (Some(name), _) => Computer::of_instance(name),
             (None, Some(path)) => Computer::read(path),
             (None, None) => Computer::of_instance(LAND),
+        }
+    }
+    /// Whose orders are passed on: as [`commanded_drone`], what is installed comes before a simulated landing.
+    pub fn ordered(&self) -> Result<Subject, CliError> {
+        let [_, installed] = SHIPPED;
+        let is_open = self.instance.is_none() && self.config.is_none();
+        if is_open && Path::new(installed).exists() {
+            return Ok(Subject {
+                instance: None,
+                config: Some(installed.into()),
+            });
+        }
+        self.fixed()
+    }
+    /// Its processes are those of a configuration that was read, not of one that is guessed.
+    pub fn is_configured(&self) -> bool {
+        let file = |name: &String| Instance::new(name).map(|i| i.directory().join("drone.toml"));
+        match &self.instance {
+            Some(name) => file(name).is_ok_and(|f| f.exists()),
+            None => true,
         }
     }
     /// The same by its name or its file, whatever runs later.

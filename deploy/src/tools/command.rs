@@ -243,7 +243,8 @@ fn kept_by(unheard: &Unheard) -> String {
 
 /// Through the shared memory of the drone's computer.
 fn here(args: &CommandArgs) -> Result<Exit, CliError> {
-    let computer = commanded_drone(args.config.as_deref(), args.instance.as_deref())?;
+    let is_abort = args.order == Order::Abort;
+    let computer = commanded_drone(args.config.as_deref(), args.instance.as_deref(), is_abort)?;
     let own = computer.bridge.drone_id;
     if let Some(drone) = args.drone.filter(|drone| *drone != own) {
         return Err(CliError(format!(

@@ -32,8 +32,8 @@ use crate::terminal;
 ROS's side needs its router and RMW_IMPLEMENTATION=rmw_zenoh_cpp:\n  \
 ros2 run rmw_zenoh_cpp rmw_zenohd\n  \
 ros2 topic echo /alight/drone_1/odometry\n  \
-ros2 service call /alight/drone_1/abort std_srvs/srv/Trigger\n\
-Whoever reaches that router may order: --observe offers no service.\n\
+alight ros2 --orders; ros2 service call /alight/drone_1/abort std_srvs/srv/Trigger\n\
+With --orders whoever reaches that router may order.\n\
 It ends by Ctrl-C, and nothing in a flight waits for it. docs/ros2.md"
 )]
 pub struct Ros2Args {
@@ -54,11 +54,15 @@ pub struct Ros2Args {
     /// Begin the names of frames so, such as drone_1/
     #[arg(long, value_name = "PREFIX", default_value = "")]
     frame_prefix: String,
-    /// Publish only: no services, so no orders
+    /// Offer the services land and abort to whoever reaches the router
     #[arg(long)]
-    observe: bool,
+    orders: bool,
 }
 
+/// Why an order is not passed on.
+const ABSENT: &str = "not ordered: no process reports on this computer (systemctl status alight-drone)";
+const UNKNOWN: &str = "not ordered: these processes have no configuration beside their memory (--config)";
+const ENDS: &str = "not ordered: alight ros2 ends";
 /// Looks at the computer's messages this often, and publishes no more often: 20 Hz.
 const PERIOD: Duration = Duration::from_millis(50);
 /// Diagnostics are published this often, ns.
@@ -79,7 +83,12 @@ pub fn run(args: &Ros2Args) -> Result<Exit, CliError> {
             "--frame-prefix: {MAX_PREFIX} characters at most"
         )));
     }
-    let mut look = Look::at(args.subject.fixed()?)?;
+    let subject = if args.orders {
+        args.subject.ordered()?
+    } else {
+        args.subject.fixed()?
+    };
+    let mut look = Look::at(subject)?;
     let node = RosNode::new(args.domain, &args.namespace, name(&look.computer))?;
     let place = match &args.listen {
         Some(here) => Place::Here(here.clone()),
@@ -101,7 +110,7 @@ pub fn run(args: &Ros2Args) -> Result<Exit, CliError> {
         if let Some(drone) = &mut drone {
             match seen {
                 Some((Computer::Drone(computer), ports)) => drone.step(computer, ports, &mut session),
-                Some((Computer::Vessel(_), _)) | None => drone.refuse(&session),
+                Some((Computer::Vessel(_), _)) | None => drone.refuse(&session, ABSENT),
             }
         }
         if steady_ns().saturating_sub(judged_ns) >= DIAGNOSTICS_NS {
@@ -110,6 +119,9 @@ pub fn run(args: &Ros2Args) -> Result<Exit, CliError> {
             session.publish(&to_diagnostics, &all);
         }
         pause(PERIOD);
+    }
+    if let Some(drone) = &mut drone {
+        drone.refuse(&session, ENDS);
     }
     Ok(Exit::Success)
 }
@@ -137,6 +149,8 @@ struct Ports {
     since_ns: i64,
     /// The configuration is what these processes run by.
     is_configured: bool,
+    /// Its configuration was found, so that orders have the right number.
+    is_known: bool,
     /// Goes last: the others lie in it.
     _memory: Memory,
 }
@@ -149,6 +163,7 @@ impl Ports {
             commands: memory.publisher()?,
             since_ns: steady_ns(),
             is_configured: false,
+            is_known: false,
             _memory: memory,
         })
     }
@@ -202,6 +217,7 @@ impl Look {
             self.known = known(&newest);
             self.computer = newest;
             ports.is_configured = true;
+            ports.is_known = self.subject.is_configured();
         }
         Ok(Some((&self.computer, ports)))
     }
@@ -234,7 +250,7 @@ struct Drone {
 
 impl Drone {
     fn of(node: &RosNode, args: &Ros2Args, session: &mut Session) -> Drone {
-        if !args.observe {
+        if args.orders {
             session.service(node.private("land"), CommandKind::Land);
             session.service(node.private("abort"), CommandKind::Abort);
         }
@@ -248,23 +264,23 @@ impl Drone {
         }
     }
     /// Answers every order where there is nobody to give it to.
-    fn refuse(&mut self, session: &Session) {
-        const ABSENT: &str =
-            "not ordered: no process reports on this computer (systemctl status alight-drone)";
-        self.orders.answer(false, ABSENT);
+    fn refuse(&mut self, session: &Session, why: &str) {
+        self.orders.answer(false, why);
         while let Some(request) = session.request() {
-            request.reply(false, ABSENT);
+            request.reply(false, why);
         }
     }
     /// Passes on what is ordered, and publishes what is new.
     fn step(&mut self, computer: &DroneComputer, ports: &mut Ports, session: &mut Session) {
+        if !ports.is_known {
+            self.refuse(session, UNKNOWN);
+        }
         while let Some(request) = session.request() {
             self.orders.take(request.kind, request, computer, steady_ns());
         }
         let seen = &ports.observer.snapshot;
-        let due = self
-            .orders
-            .poll(computer.bridge.drone_id, seen.mission.as_ref(), steady_ns());
+        let mission = seen.mission.fresh(steady_ns());
+        let due = self.orders.poll(computer.bridge.drone_id, mission, steady_ns());
         ports.commands.send_any(due.as_ref());
         // The drone's clock against the system's, which may be set at any time.
         let ahead_ns = wall_ns() - computer.clock.now::<DroneClock>().nanos();

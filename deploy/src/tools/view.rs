@@ -95,9 +95,13 @@ pub fn run(args: &ViewCommand) -> Result<Exit, CliError> {
         view
     };
     let ends = || end_requested() || told_to_end.load(Ordering::Relaxed);
-    match args.subject.computer()? {
+    let subject = args.subject.fixed()?;
+    match subject.computer()? {
         Computer::Vessel(v) => vessel(&v, &over(v.view.clone()), &ends),
-        Computer::Drone(d) => drone(&d, &over(d.view.clone()), &ends, &told_to_end),
+        Computer::Drone(d) => {
+            let view = over(d.view.clone());
+            drone(*d, &subject, &view, &ends, &told_to_end)
+        }
     }
 }
 
@@ -120,12 +124,13 @@ fn vessel(computer: &VesselComputer, view: &ViewConfig, ends: &dyn Fn() -> bool)
 }
 
 fn drone(
-    computer: &DroneComputer,
+    mut computer: DroneComputer,
+    subject: &Subject,
     view: &ViewConfig,
     ends: &dyn Fn() -> bool,
     told_to_end: &AtomicBool,
 ) -> Result<Exit, CliError> {
-    let known = Known::drone(computer);
+    let known = Known::drone(&computer);
     let bodies: Bodies = Some((computer.drone.deck, computer.drone.airframe));
     let served = served(view, &computer.instance)?;
     let is_live = served.foxglove.is_some();
@@ -145,11 +150,22 @@ fn drone(
             pause(ABSENT_PAUSE);
             continue;
         };
+        // Processes that were started since may have another number and another clock.
+        if let Ok(Computer::Drone(newest)) = subject.computer() {
+            computer = *newest;
+            watcher.board.situation.known = Known::drone(&computer);
+        }
         watcher.reset(Span::from_nanos(wall_ns));
         watcher.board.earlier = flights::earlier(&computer.recorder.directory);
         watcher.board.order.label = view.abort.then_some("ABORT");
         let is_there = || owner(&instance) == Some(pid);
-        if !joined.show(computer, &mut watcher, (is_live, wall_ns), &is_there, told_to_end) {
+        if !joined.show(
+            &computer,
+            &mut watcher,
+            (is_live, wall_ns),
+            &is_there,
+            told_to_end,
+        ) {
             break;
         }
     }

@@ -43,7 +43,7 @@ struct Node(Child, Receiver<String>);
 
 impl Node {
     fn start(instance: &str, port: u16) -> Node {
-        let words = format!("ros2 --instance {instance} --connect tcp/127.0.0.1:{port} --domain 7");
+        let words = format!("ros2 --orders --instance {instance} --connect tcp/127.0.0.1:{port} --domain 7");
         let mut child = alight(words)
             .stdin(Stdio::null())
             .stdout(Stdio::piped())

@@ -214,6 +214,9 @@ impl AutopilotLink {
     fn command_by_switch(&mut self, now: DroneTime, kind: CommandKind, out: &mut AutopilotOut) {
         let header = self.header(Output::Command, now);
         self.switch.give(header, kind);
+        if kind == CommandKind::Abort {
+            self.station.stopped(now);
+        }
         let (severity, order) = named(kind);
         out.alarm(severity, format!("the remote control commands {order}"));
     }
@@ -221,11 +224,14 @@ impl AutopilotLink {
     /// A command to us: an order to the mission, or none of ours.
     fn command_by_station(&mut self, now: DroneTime, from: Address, c: &CommandLong, out: &mut AutopilotOut) {
         let answer = |command, result| Message::CommandAck { command, result };
-        match self.station.received(from, c) {
+        match self.station.received(now, c, self.switch.bars()) {
             Received::Answered(result) => out.messages.push(answer(c.command, result)),
             Received::Order(kind) => {
                 let header = self.header(Output::Command, now);
-                let replaced = self.station.give(from, c.command, header);
+                let replaced = self.station.give(c.command, header);
+                if kind == CommandKind::Abort {
+                    self.station.stopped(now);
+                }
                 out.messages
                     .extend(replaced.map(|number| answer(number, CommandResult::Other)));
                 out.messages.push(answer(c.command, CommandResult::InProgress));

@@ -463,10 +463,14 @@ impl Node for AutopilotLink {
         }
         let peer = self.peer.as_ref().map(|p| p.address);
         let received = input.received.iter().any(|f| Some(f.from) == peer);
+        let aborted = self.mission.get().and_then(|m| m.abort);
         if let Some(m) = &input.mission
             && self.mission.offer(now, m)
         {
             self.mode = Some(m.mode);
+            if m.abort.is_some() && m.abort != aborted {
+                self.station.stopped(now);
+            }
         }
         if let Some(f) = &input.forecast {
             self.forecast.offer(now, f);
@@ -495,6 +499,9 @@ impl Node for AutopilotLink {
 
         let after = (self.mode(now), self.control_authority());
         if after.1 != before.1 {
+            if matches!(after.1, ControlAuthority::TakenOver { .. }) {
+                self.station.stopped(now);
+            }
             out.texts.push(after.1.to_string());
         }
         let peer = &mut self.peer;

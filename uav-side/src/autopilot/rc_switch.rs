@@ -137,6 +137,10 @@ impl RcSwitch {
     fn forget(&mut self) {
         (self.position, self.candidate, self.received_at) = (None, None, None);
     }
+    /// It aborts, or stands where it does: nobody's landing counts.
+    pub(super) fn bars(&self) -> bool {
+        self.position == Some(Position::Low) || self.given.is_some_and(|o| o.kind() == CommandKind::Abort)
+    }
     /// A command that the switch gave.
     pub(super) fn give(&mut self, header: Header<DroneClock>, kind: CommandKind) {
         self.given = Some(Order::new(header, kind));

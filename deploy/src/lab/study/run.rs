@@ -295,7 +295,9 @@ const LOOKED_AT: usize = 20;
 fn is_known(row: &Row, done: &[Outcome], within: f64) -> bool {
     let own = || done.iter().filter(|o| row.is_of(o));
     let (low, high) = wilson(own().filter(|o| o.success).count(), own().count());
-    own().count() >= LOOKED_AT && 0.5 * (high - low) <= within
+    let count = own().count().max(1) as f64;
+    let rate = own().filter(|o| o.success).count() as f64 / count;
+    own().count() >= LOOKED_AT && (rate - low).max(high - rate) <= within
 }
 
 /// Failed trials that are flown again and recorded.

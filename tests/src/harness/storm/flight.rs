@@ -113,7 +113,9 @@ pub fn fly_mutant(
         let given_up = rig.state(0) == State::GaveUp && t_s > rig.entered_s(0).max(last_s) + GIVEN_UP_S;
         if given_up || t_s > last_s + LIVELY_S || t_s > LIMIT_S {
             flown.ending = end(&rig);
-            if let Some(violation) = is_stuck(&rig) {
+            // A storm that is cut off has not been left alone for long enough to be asked.
+            let is_cut = !given_up && t_s <= last_s + LIVELY_S;
+            if let Some(violation) = is_stuck(&rig).filter(|_| !is_cut) {
                 show(t_s, &violation.to_string());
                 (flown.ending, flown.violation) = (Ending::Violated, Some(violation));
             }
@@ -224,9 +226,9 @@ fn withdrawn(faults: &[Scheduled]) -> (Option<f64>, Option<f64>) {
             hides(f.fault.kind) && at < until_s + SEEN_S && at + f.fault.lasts_s + SEEN_S > from_s
         })
     };
-    let abort = began().find(|(f, _)| f.fault.kind == Kind::Abort);
-    let aborted_s = abort.map(|(_, at)| at);
-    let aborted_s = aborted_s.filter(|at| !stopped(*at, *at, &Kind::stops_mission));
+    let received = |at: &f64| !stopped(*at, *at, &Kind::stops_mission);
+    let mut aborts = began().filter(|(f, _)| f.fault.kind == Kind::Abort);
+    let aborted_s = aborts.find(|(_, at)| received(at)).map(|(_, at)| at);
     let hides = |k: Kind| k != Kind::TakenOver && (k.stops_mission() || k.spec().takes == Takes::Command);
     let taken = began().find(|(f, at)| {
         let lasts_s = f.fault.lasts_s;

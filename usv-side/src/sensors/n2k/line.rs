@@ -10,6 +10,8 @@
 
 /// Longest message, bytes: 6 in the first and 7 in each of 31 further frames.
 pub(super) const MAX_MESSAGE: usize = 223;
+/// A time before 2001 is none since 1970, ns.
+const EPOCH_NS: i64 = 1_000_000_000_000_000_000;
 /// Bytes of a CAN frame.
 pub(super) const FRAME: usize = 8;
 
@@ -47,7 +49,14 @@ impl Line {
         let words: Vec<&str> = text.split_whitespace().take(FRAME + 5).collect();
         let (first, rest) = words.split_first()?;
         if let Some(seconds) = first.strip_prefix('(') {
-            return candump(Stamp::Unix(unix_ns(seconds.strip_suffix(')')?)?), rest);
+            let at_ns = unix_ns(seconds.strip_suffix(')')?)?;
+            // candump counts from 1970, or (-td, -tz) from another line.
+            let at = if at_ns < EPOCH_NS {
+                Stamp::None
+            } else {
+                Stamp::Unix(at_ns)
+            };
+            return candump(at, rest);
         }
         if first.starts_with('A') && words.len() == 4 {
             return actisense(&words);
@@ -146,7 +155,8 @@ fn unix_ns(text: &str) -> Option<i64> {
         return None;
     }
     let fraction: i64 = format!("{fraction:0<9}").parse().ok()?;
-    Some(seconds.parse::<i64>().ok()? * 1_000_000_000 + fraction)
+    let whole = seconds.parse::<i64>().ok()?.checked_mul(1_000_000_000)?;
+    whole.checked_add(fraction)
 }
 /// `hh:mm:ss` with a fraction, to nanoseconds of the day.
 fn of_day_ns(text: &str) -> Option<i64> {
@@ -182,6 +192,7 @@ mod tests {
                 Stamp::Unix(1_436_509_052_250_000_000),
             ),
             ("can0  09F80115   [8]  A0 7D E6 18 C0 05 FB D5", Stamp::None),
+            ("(000.001234) can0 09F80115#A07DE618C005FBD5", Stamp::None),
         ] {
             let line = Line::parse(text).unwrap();
             assert_eq!(
@@ -215,6 +226,7 @@ mod tests {
             "17:33:21.141 R FFFFFFFF A0",
             "25:33:21.141 R 09F80115 A0",
             "(x) can0 09F80115#A0",
+            "(9999999999.0) can0 09F80115#A0",
             "can0 09F80115 [9] A0",
             "can0 09F80115#A0Z",
             "A173321.107 23FF7 1F513 012",

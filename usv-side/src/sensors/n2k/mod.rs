@@ -1,7 +1,7 @@
 //! NMEA 2000 as text of a gateway or a logger ([`line`]): heading, rate of turn, attitude, heave, position and velocity.
 //!
 //! The bus has no clock that all share: a message's time is that of its line, else of its arrival. Where several devices send
-//! one group, the first is kept to until it is silent. Positions come ten times a second without a height, and once a second
+//! one group, the first that gives something is kept to until it is silent, and what belongs together is of one device. Positions come ten times a second without a height, and once a second
 //! with one: the height goes with the next quick position, which is the newer one.
 
 mod line;
@@ -30,8 +30,9 @@ const BESIDE_NS: i64 = 300_000_000;
 const FIX_NS: i64 = 2_500_000_000;
 /// Messages of several frames that are open at a time.
 const OPEN: usize = 8;
-/// Heights of an antenna above the water, m: between a wave's crest over the bow and a mast.
-const ANTENNA_M: core::ops::Range<f64> = -3.0..40.0;
+/// Heights of an antenna above the mean sea, m: between a low water (and a geoid that is off by some metres) and a mast at
+/// high water.
+const ANTENNA_M: core::ops::Range<f64> = -10.0..45.0;
 
 /// Something of the newest message of a group, and when it was sent, ns.
 type Newest<T> = Option<(T, i64)>;
@@ -64,12 +65,13 @@ pub struct N2kDecoder {
     variation: Option<f64>,
     rate: Newest<f64>,
     heave: Newest<f64>,
-    velocity: Newest<[f64; 2]>,
-    fix: Newest<Gnss>,
+    /// With their device.
+    velocity: Newest<([f64; 2], u8)>,
+    fix: Newest<(Gnss, u8)>,
     /// That fix's height has not gone with a position yet.
     height_due: bool,
-    /// When the last position without a height came.
-    quick_ns: Option<i64>,
+    /// When the last position without a height came, ns, and from which device.
+    quick_ns: Option<(i64, u8)>,
     geoid: LocalGeoid,
     /// Heights that can only be above the sea, and all.
     above_sea: u64,
@@ -130,7 +132,7 @@ impl N2kDecoder {
             line.data
         };
         self.decoded.good += 1;
-        if !self.is_of_device(k, source, at_ns) {
+        if self.is_of_another(k, source, at_ns) {
             self.left_out(name, Why::Spare);
             return;
         }
@@ -138,7 +140,13 @@ impl N2kDecoder {
             self.left_out(name, Why::Empty);
             return;
         };
-        match self.measurement(name, at_ns, content) {
+        let given = self.measurement((name, source), at_ns, content);
+        if given.is_ok()
+            && let Some(device) = self.devices.get_mut(k)
+        {
+            *device = Some((source, at_ns));
+        }
+        match given {
             Ok(Some(m)) if is_stamped => out.push(SourceMeasurement::new(at_ns, m)),
             Ok(Some(m)) if self.now_ns.is_some() => {
                 self.decoded.by_arrival += 1;
@@ -153,22 +161,10 @@ impl N2kDecoder {
         self.decoded.left_out += 1;
         self.account.leave_out(name, why);
     }
-    /// Whether group `k` is taken of this device.
-    fn is_of_device(&mut self, k: usize, source: u8, at_ns: i64) -> bool {
-        let Some(device) = self.devices.get_mut(k) else {
-            return false;
-        };
-        match device {
-            Some((known, newest))
-                if *known != source && at_ns.abs_diff(*newest) < SILENT_NS.unsigned_abs() =>
-            {
-                false
-            }
-            device => {
-                *device = Some((source, at_ns));
-                true
-            }
-        }
+    /// Whether group `k` is another device's, which has given something of late.
+    fn is_of_another(&self, k: usize, source: u8, at_ns: i64) -> bool {
+        let device = self.devices.get(k).copied().flatten();
+        device.is_some_and(|(known, newest)| known != source && is_beside(at_ns, newest, SILENT_NS))
     }
 
     /// The whole message that this frame completes. Frames of one message have one sequence and count from 0; the first has
@@ -212,8 +208,17 @@ impl N2kDecoder {
     }
 
     /// What a message gives, alone or with those before it.
-    fn measurement(&mut self, name: &str, at_ns: i64, content: Content) -> Result<Option<Measurement>, Why> {
-        let beside = |newest: Newest<f64>| newest.filter(|(_, at)| at_ns - at <= BESIDE_NS).map(|(x, _)| x);
+    fn measurement(
+        &mut self,
+        (name, source): (&str, u8),
+        at_ns: i64,
+        content: Content,
+    ) -> Result<Option<Measurement>, Why> {
+        let beside = |newest: Newest<f64>| {
+            newest
+                .filter(|(_, at)| is_beside(at_ns, *at, BESIDE_NS))
+                .map(|(x, _)| x)
+        };
         match content {
             Content::Rate(rate) => self.rate = Some((rate, at_ns)),
             Content::Heave(heave) => self.heave = Some((heave, at_ns)),
@@ -257,20 +262,23 @@ impl N2kDecoder {
                     false => 0.0,
                 };
                 let (sin, cos) = (course + north).sin_cos();
-                self.velocity = Some(([speed * cos, speed * sin], at_ns));
+                self.velocity = Some((([speed * cos, speed * sin], source), at_ns));
             }
             Content::Position(place) => {
-                self.quick_ns = Some(at_ns);
-                return self.position(at_ns, place).map(Some);
+                self.quick_ns = Some((at_ns, source));
+                return self.position(at_ns, place, source).map(Some);
             }
             Content::Gnss(fix) => {
-                (self.fix, self.height_due) = (Some((fix, at_ns)), true);
+                (self.fix, self.height_due) = (Some(((fix, source), at_ns)), true);
                 // Quick positions carry it on where there are any.
-                if self.quick_ns.is_some_and(|at| at_ns - at <= BESIDE_NS) {
+                if self
+                    .quick_ns
+                    .is_some_and(|(at, of)| of == source && is_beside(at_ns, at, BESIDE_NS))
+                {
                     accuracy(fix.quality)?;
                     return Ok(None);
                 }
-                return self.position(at_ns, fix.place).map(Some);
+                return self.position(at_ns, fix.place, source).map(Some);
             }
         }
         self.account.stamp(name, at_ns);
@@ -278,11 +286,14 @@ impl N2kDecoder {
     }
 
     /// A fix with the velocity, the quality and, once, the height that belong to it.
-    fn position(&mut self, at_ns: i64, [latitude, longitude]: [f64; 2]) -> Result<Measurement, Why> {
-        let fix = self
-            .fix
-            .filter(|(_, at)| at_ns - at <= FIX_NS)
-            .map(|(fix, _)| fix);
+    fn position(
+        &mut self,
+        at_ns: i64,
+        [latitude, longitude]: [f64; 2],
+        source: u8,
+    ) -> Result<Measurement, Why> {
+        let own = |((_, of), at): &((Gnss, u8), i64)| *of == source && is_beside(at_ns, *at, FIX_NS);
+        let fix = self.fix.filter(own).map(|((fix, _), _)| fix);
         let quality = fix.map_or(1, |f| f.quality);
         let dilution = fix.and_then(|f| f.hdop).unwrap_or(1.0).clamp(0.5, 50.0);
         let sd = accuracy(quality)? * dilution;
@@ -297,8 +308,9 @@ impl N2kDecoder {
             }
             None => (0.0, NOT_MEASURED_SD, 0.0),
         };
-        let velocity = self.velocity.filter(|(_, at)| at_ns - at <= BESIDE_NS);
-        let [north, east] = velocity.map_or([0.0; 2], |(v, _)| v);
+        let own = |((_, of), at): &(([f64; 2], u8), i64)| *of == source && is_beside(at_ns, *at, BESIDE_NS);
+        let velocity = self.velocity.filter(own).map(|((v, _), _)| v);
+        let [north, east] = velocity.unwrap_or_default();
         let velocity_sd = velocity.map_or(NOT_MEASURED_SD, |_| VELOCITY_SD);
         let datum = Datum { height_m, ..place };
         if !datum.is_on_earth() {
@@ -312,9 +324,9 @@ impl N2kDecoder {
         );
         Ok(Measurement::Gnss(GnssFix { height_spread, ..fix }))
     }
-    /// Height above the ellipsoid of what a receiver gives as its altitude, and its spread, m. The standard means the
-    /// ellipsoid; receivers that send the height above the sea are known by that an antenna is above the water and below
-    /// the top of a mast. Where both would be so, the difference is the spread.
+    /// Height above the ellipsoid of what a receiver gives as its altitude, and its spread, m. It is to be above the
+    /// ellipsoid, and some receivers send that above the sea: at sea an antenna is above the water and below the top of a
+    /// mast by the one and not by the other. Where that decides nothing, the difference is the spread.
     fn height(&mut self, place: &Datum, altitude: f64) -> (f64, f64) {
         let geoid = self.geoid.at(place);
         let by = [altitude - geoid.height_m, altitude].map(|above| ANTENNA_M.contains(&above));
@@ -324,10 +336,16 @@ impl N2kDecoder {
                 self.above_sea += 1;
                 (altitude + geoid.height_m, geoid.sigma_m)
             }
-            [true, true] => (altitude, geoid.height_m.abs()),
-            [_, false] => (altitude, 0.0),
+            [true, false] => (altitude, 0.0),
+            // On a lake nothing decides it.
+            [true, true] | [false, false] => (altitude, geoid.height_m.abs()),
         }
     }
+}
+
+/// Whether two times lie within `limit_ns`, ns.
+fn is_beside(a_ns: i64, b_ns: i64, limit_ns: i64) -> bool {
+    a_ns.abs_diff(b_ns) <= limit_ns.unsigned_abs()
 }
 
 impl Decoder for N2kDecoder {

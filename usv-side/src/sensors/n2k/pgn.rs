@@ -39,6 +39,9 @@ pub(super) struct Gnss {
     pub(super) hdop: Option<f64>,
 }
 
+/// Below this speed a course is noise, m/s.
+const STILL_MPS: f64 = 0.3;
+
 /// The groups that are used: number, name, and whether a message is longer than a frame.
 const USED: [(u32, &str, bool); 8] = [
     (127_250, "127250", false),
@@ -92,7 +95,12 @@ pub(super) fn read(pgn: u32, data: &[u8]) -> Option<Content> {
     let f = Fields(data);
     /// A step of an angle, rad.
     const ANGLE: f64 = 1e-4;
-    let magnetic = |at| f.u8(at).map(|b| b & 3 == 1);
+    // From the north or magnetic; where that is in error or not stated the angle is none.
+    let magnetic = |at| match f.u8(at)? & 3 {
+        0 => Some(false),
+        1 => Some(true),
+        _ => None,
+    };
     Some(match pgn {
         127_250 => Content::Heading {
             heading: f.u16(1)? * ANGLE,
@@ -105,11 +113,16 @@ pub(super) fn read(pgn: u32, data: &[u8]) -> Option<Content> {
         127_257 => Content::Attitude([f.i16(5)? * ANGLE, f.i16(3)? * ANGLE]),
         127_258 => Content::Variation(f.i16(4)? * ANGLE),
         129_025 => Content::Position([f.i32(0)? * 1e-7, f.i32(4)? * 1e-7]),
-        129_026 => Content::Velocity {
-            magnetic: magnetic(1)?,
-            course: f.u16(2)? * ANGLE,
-            speed: f.u16(4)? * 0.01,
-        },
+        129_026 => {
+            let speed = f.u16(4)? * 0.01;
+            // A vessel at rest has no course, and a velocity.
+            let still = speed < STILL_MPS;
+            Content::Velocity {
+                magnetic: !still && magnetic(1)?,
+                course: if still { 0.0 } else { f.u16(2)? * ANGLE },
+                speed,
+            }
+        }
         129_029 => Content::Gnss(Gnss {
             place: [f.i64(7)? * 1e-16, f.i64(15)? * 1e-16],
             altitude_m: f.i64(23).map(|x| x * 1e-6),
@@ -146,6 +159,8 @@ mod tests {
             (127_258, [0, 0, 0, 0, 0xff, 0x7f, 0, 0]),
             (129_025, [0, 0, 0, 0, 0xff, 0xff, 0xff, 0x7f]),
             (129_026, [0, 0, 0, 0, 0xff, 0xff, 0, 0]),
+            (127_250, [0, 0x10, 0x27, 0, 0, 0, 0, 0xff]),
+            (127_250, [0, 0x10, 0x27, 0, 0, 0, 0, 0xfe]),
         ] {
             assert_eq!(read(pgn, &data), None, "{pgn}");
             assert_eq!(read(pgn, &[0; 2]), None, "{pgn}");
