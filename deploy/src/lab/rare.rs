@@ -92,8 +92,14 @@ fn text(estimate: &Estimate) -> String {
     } else {
         String::new()
     };
+    let rarer = estimate.runs.iter().filter(|r| r.end == End::Levels).count();
+    let levels = if rarer > 0 {
+        format!("; in {rarer} of them it is rarer than ten levels reach")
+    } else {
+        String::new()
+    };
     format!(
-        "unsafe: {rate}\n{} landings in {runs} runs{plateau}",
+        "unsafe: {rate}\n{} landings in {runs} runs{plateau}{levels}",
         estimate.landings
     )
 }

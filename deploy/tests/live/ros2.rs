@@ -2,6 +2,7 @@
 //! after it, as rmw_zenohd may be.
 
 use std::io::{BufRead, BufReader};
+use std::net::TcpListener;
 use std::process::{Child, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
@@ -12,7 +13,7 @@ use serde::de::DeserializeOwned;
 use zenoh::Wait;
 use zenoh::sample::Sample;
 
-use crate::common::{alight, free_port, instance, scratch, signal};
+use crate::common::{alight, instance, scratch, signal};
 use crate::landing::{land, status_when};
 
 /// Stamp and frame.
@@ -34,6 +35,12 @@ const REQUEST: [u8; 5] = [0, 1, 0, 0, 0];
 
 /// The drone is there 60 s before the landing is commanded.
 const HOVER: &str = "[start]\nhover_s = 60.0\n";
+
+/// A port of TCP that nobody has.
+fn free_tcp_port() -> u16 {
+    let socket = TcpListener::bind("127.0.0.1:0").expect("a socket");
+    socket.local_addr().expect("an address").port()
+}
 
 /// A bound against a test that never ends.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -184,7 +191,7 @@ fn assert_orders(client: &zenoh::Session, name: &str, instance: &str) {
 
 #[test]
 fn ros2_node_of_a_landing() {
-    let (instance, port) = (instance("ros2"), free_port());
+    let (instance, port) = (instance("ros2"), free_tcp_port());
     // It comes before everything that it needs.
     let node = Node::start(&instance, port);
     node.prints("no router at");

@@ -1,8 +1,8 @@
 //! How often a landing is unsafe where that is rare: splitting by how near to a limit a landing comes.
 //!
-//! A population of landings is flown; the quarter that came nearest to a limit is kept, and each of it goes on as a chain:
-//! all its random numbers are moved, by much or by little, and the landing that follows takes the place of the one before
-//! where it comes at least as near. After `k` levels the probability is the product of the fractions that were kept, times the
+//! A population of landings is flown; the quarter that came nearest to a limit is kept, and each of it is moved some times:
+//! all its random numbers change, by much or by little, and the landing that follows takes its place where it comes at least
+//! as near. After `k` levels the probability is the product of the fractions that were kept, times the
 //! fraction of the last population that is beyond a limit:
 //! `P = p_1 p_2 ... p_k p_last` (Kahn and Harris 1951; subset simulation, Au and Beck 2001). Each population is flown from
 //! the beginning: no state of a flight is copied. Independent runs give mean and interval. The estimate has a bias of the

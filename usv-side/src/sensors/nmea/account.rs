@@ -47,7 +47,7 @@ impl Why {
             Why::NoFix => Some("the receiver has no fix: see to its antenna and its view of the sky"),
             Why::Simulated => Some("end the device's demonstration mode, or its position set by hand"),
             Why::Magnetic => Some(
-                "let the device send HDT, or RMC or HDG with the variation; a heading from the north is needed",
+                "a heading from the north is needed: HDT, or RMC or HDG with the variation; on NMEA 2000 one from the north, or 127258",
             ),
         }
     }
