@@ -120,13 +120,13 @@ def _path(axis, r: Dict[str, Any], time, landed: bool) -> None:
 
 def _title(run: Run, source: str) -> str:
     of = run.outcome
-    said = [f"sea {of['sea']}" if "sea" in of else "", f"seed {of['seed']}" if "seed" in of else ""]
-    said += [f"planner {of['planner']}" if "planner" in of else "", str(of.get("outcome", ""))]
+    parts = [f"sea {of['sea']}" if "sea" in of else "", f"seed {of['seed']}" if "seed" in of else ""]
+    parts += [f"planner {of['planner']}" if "planner" in of else "", str(of.get("outcome", ""))]
     if source == "belief":
-        said.append("as the drone believed it")
+        parts.append("as the drone believed it")
     if of.get("position_error_m") is not None:
-        said.append(f"{of['position_error_m']:.2f} m off the centre at {of['touchdown_speed_mps']:.2f} m/s")
-    return "Landing: " + (", ".join(part for part in said if part) or "one recording")
+        parts.append(f"{of['position_error_m']:.2f} m off the centre at {of['touchdown_speed_mps']:.2f} m/s")
+    return "Landing: " + (", ".join(part for part in parts if part) or "one recording")
 
 
 def table2(study: Study):

@@ -1,7 +1,7 @@
 //! What `alight status` found, as ROS's diagnostics: one status a topic of findings, and a summary.
 //!
-//! A viewer of diagnostics keeps what it once was told. So a topic that was found and is not any more is reported as fine,
-//! and while nothing runs every one of them is stale.
+//! A viewer of diagnostics keeps the last status of a name. So a topic without findings any more is reported as OK, and every
+//! topic is STALE while nothing runs, the mission is silent or a process has ended.
 
 use std::collections::BTreeSet;
 

@@ -219,7 +219,7 @@ pub struct DiagnosticArray {
 pub struct TriggerResponse {
     /// Whether it was done.
     pub success: bool,
-    /// The answer in words.
+    /// The answer's text.
     pub message: String,
 }
 

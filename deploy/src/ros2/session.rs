@@ -229,7 +229,7 @@ impl Session {
         let Some(bytes) = cdr::encode(message) else { return };
         to.number += 1;
         let put = to.port.put(bytes);
-        // Nobody is told of a message that is lost: the next one is newer.
+        // A lost message is not reported: the next one is newer.
         let _sent = put.attachment(attachment(to.number, wall_ns(), to.gid)).wait();
     }
     /// The next request that waits.
@@ -303,7 +303,7 @@ pub struct Request {
 }
 
 impl Request {
-    /// Puts a client's request into the queue; whoever finds no room there, or is no client of ROS, is told so.
+    /// Puts a client's request into the queue. One that finds no room, or is invalid, is rejected with the reason.
     fn receive(query: Query, kind: CommandKind, inbox: &SyncSender<Request>) {
         let attachment = query.attachment().map(|a| a.to_bytes().into_owned());
         let is_client = attachment

@@ -139,7 +139,7 @@ pub fn unknown(s: &Situation) -> Option<&'static str> {
     if seen.mission.fresh(s.now_ns).is_none() {
         Some("no mission reports")
     } else if seen.autopilot.fresh(s.now_ns).is_none() {
-        Some("the autopilot is not heard")
+        Some("no message of the autopilot")
     } else if seen.forecast.fresh(s.now_ns).is_none() {
         Some("no forecast of the deck")
     } else {

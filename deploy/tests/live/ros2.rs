@@ -173,7 +173,7 @@ fn assert_published(client: &zenoh::Session, name: &str) {
     assert!((judged.0.0 - header.0.0).abs() < 100, "{judged:?} {header:?}");
 }
 
-/// A client's request is answered by what the mission shows; what is no client of ROS is told so.
+/// A client's request is answered by what the mission shows; an invalid request is rejected with the reason.
 fn assert_orders(client: &zenoh::Session, name: &str, instance: &str) {
     let abort = format!("{name}/abort/{TRIGGER}");
     assert!(call(client, &abort, &[1, 2, 3]).is_err());

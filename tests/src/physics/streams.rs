@@ -51,8 +51,8 @@ impl Streams {
         };
         Streams { prefix, ..*self }
     }
-    /// The same with every number moved by a step drawn from `seed`, uniform over `2^-bits` of the range: 0 draws all
-    /// anew, 6 changes each by 0.8 % at most. After [`MOVES`] moves they stay.
+    /// The same with every number moved by a step drawn from `seed`, uniform over `2^-bits` of the range: 0 redraws
+    /// all, 6 changes each by 0.8 % at most. After [`MOVES`] moves they stay.
     #[must_use]
     pub fn moved(&self, seed: u64, bits: u32) -> Self {
         let mut moved = *self;

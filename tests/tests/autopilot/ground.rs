@@ -219,7 +219,7 @@ fn orders_of_a_ground_station() {
     for firmware in BOTH {
         let mut p = LinkRig::new(firmware, 5.0, &config());
         p.run(3.0);
-        // Nobody shows that it was taken: it is repeated as one command, refused after 5 s, and the reason told.
+        // Nobody shows that it was taken: it is repeated as one command, rejected after 5 s, and the reason reported.
         p.waits_for_flight = false;
         p.inject(STATION, &order(command::USER_1));
         p.run(0.5);

@@ -61,7 +61,7 @@ impl Order {
     }
 }
 
-/// An order in words, and how much a ground station makes of it.
+/// Severity (`MAV_SEVERITY`) and name of an order, for people.
 pub(super) fn named(kind: CommandKind) -> (u8, &'static str) {
     use super::message::severity;
     match kind {

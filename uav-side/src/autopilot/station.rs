@@ -28,7 +28,7 @@ const fn ordered(number: u16) -> Option<CommandKind> {
 
 /// A station repeats an order for no longer than this.
 const REPEATED: Span = Span::from_millis(15_000);
-/// An order under way is answered again at this period: a station gives up what it hears nothing of.
+/// An order under way is answered again at this period: a station gives up a command without an answer.
 const ANSWERED: Span = Span::from_millis(1000);
 
 /// The order of a station under way.
@@ -264,7 +264,7 @@ mod tests {
                 published += usize::from(command.is_some());
                 answers.extend(a);
             }
-            // A station hears of it each second.
+            // It is answered each second.
             let answer = answers.pop().unwrap();
             let under_way = answers.iter().all(|a| a.result == CommandResult::InProgress);
             assert!(under_way && answers.len() == published.min(5), "{answers:?}");

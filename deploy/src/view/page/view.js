@@ -518,12 +518,12 @@ function show(data) {
 
 // ---- one connection for all tabs: a browser opens six to a computer, and an order needs one, too ----
 
-const SILENT_S = 1.2; // a tab that has the connection is heard five times a second
+const SILENT_S = 1.2; // a tab that has the connection posts five times a second
 const tabs = "BroadcastChannel" in window ? new BroadcastChannel("alight") : null;
 const me = Math.random();
 let source = null;
 let newest = null;
-let heardTabAt = seconds() - SILENT_S + 0.3; // whoever opens the page first listens for others for so long
+let otherTabAt = seconds() - SILENT_S + 0.3; // whoever opens the page first listens for others for so long
 
 function post(message) {
   if (tabs) tabs.postMessage({ from: me, ...message });
@@ -540,7 +540,7 @@ function connect() {
   source.addEventListener("error", () => {
     if (!source || source.readyState !== EventSource.CLOSED) return;
     disconnect();
-    heardTabAt = seconds();
+    otherTabAt = seconds();
   });
 }
 
@@ -551,7 +551,7 @@ function disconnect() {
 
 function takeTurns() {
   if (source) post({});
-  else if (seconds() - heardTabAt > SILENT_S + 0.4 * me) connect();
+  else if (seconds() - otherTabAt > SILENT_S + 0.4 * me) connect();
 }
 
 if (tabs) {
@@ -562,10 +562,10 @@ if (tabs) {
       return;
     }
     if (message.leaves) {
-      heardTabAt = seconds() - SILENT_S; // the others take turns in their order
+      otherTabAt = seconds() - SILENT_S; // the others take turns in their order
       return;
     }
-    heardTabAt = seconds();
+    otherTabAt = seconds();
     // Two have the connection: the one with the larger number gives it up.
     if (source && message.from < me) disconnect();
     if (!source && message.data) show(message.data);

@@ -1,7 +1,7 @@
 //! Fields of the parameter groups that are used. Numbers, resolutions and signs: canboat's database of NMEA 2000
 //! (`docs/canboat.json`); numbers of all ones are "not available", the two below them "out of range" and "reserved".
 
-/// What a message says.
+/// Content of a message.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Content {
     /// 127250: from the north or magnetic (rad), and the compass's own variation and deviation.
@@ -90,7 +90,7 @@ impl Fields<'_> {
     }
 }
 
-/// What a message of a group that is used says; None where its fields are not available.
+/// Content of a message of a group that is used; None where its fields are not available.
 pub(super) fn read(pgn: u32, data: &[u8]) -> Option<Content> {
     let f = Fields(data);
     /// A step of an angle, rad.
@@ -150,7 +150,7 @@ mod tests {
         );
         let attitude = read(127_257, &[0x00, 0xff, 0x7f, 0x52, 0x00, 0x21, 0xfe, 0xff]);
         assert_eq!(attitude, Some(Content::Attitude([-479.0 * 1e-4, 82.0 * 1e-4])));
-        // Not available: the greatest number of a field, with or without a sign.
+        // Not available: the maximum of a field, with or without a sign.
         for (pgn, data) in [
             (127_250, [0, 0xff, 0xff, 0, 0, 0, 0, 0]),
             (127_251, [0, 0xff, 0xff, 0xff, 0x7f, 0, 0, 0]),
