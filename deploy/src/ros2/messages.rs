@@ -6,7 +6,7 @@
 //! 0.1.0 stands, computes the same. (The `cydr` half of ros2_pyterfaces has another one for `DiagnosticArray`: it leaves
 //! the fields out that it cannot write.)
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 /// A type as keys and tokens name it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,7 +30,7 @@ pub const TRIGGER: RosType = RosType {
 };
 
 /// `builtin_interfaces/msg/Time`, of the system's clock.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Stamp {
     /// Whole seconds since 1970.
     pub sec: i32,
@@ -56,7 +56,7 @@ impl Stamp {
 }
 
 /// `std_msgs/msg/Header`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Header {
     /// Time of validity.
     pub stamp: Stamp,
@@ -65,7 +65,7 @@ pub struct Header {
 }
 
 /// `geometry_msgs/msg/Point` and `Vector3`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Vector3 {
     /// Along x.
     pub x: f64,
@@ -76,7 +76,7 @@ pub struct Vector3 {
 }
 
 /// `geometry_msgs/msg/Quaternion`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Quaternion {
     /// i.
     pub x: f64,
@@ -89,7 +89,7 @@ pub struct Quaternion {
 }
 
 /// `geometry_msgs/msg/Pose`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Pose {
     /// m.
     pub position: Vector3,
@@ -101,7 +101,7 @@ pub struct Pose {
 pub type Covariance = [[f64; 6]; 6];
 
 /// `geometry_msgs/msg/PoseWithCovariance`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PoseWithCovariance {
     /// The pose.
     pub pose: Pose,
@@ -110,7 +110,7 @@ pub struct PoseWithCovariance {
 }
 
 /// `geometry_msgs/msg/Twist`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Twist {
     /// m/s.
     pub linear: Vector3,
@@ -119,7 +119,7 @@ pub struct Twist {
 }
 
 /// `geometry_msgs/msg/TwistWithCovariance`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct TwistWithCovariance {
     /// The twist.
     pub twist: Twist,
@@ -128,7 +128,7 @@ pub struct TwistWithCovariance {
 }
 
 /// `geometry_msgs/msg/PoseWithCovarianceStamped`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PoseWithCovarianceStamped {
     /// Time and frame.
     pub header: Header,
@@ -137,7 +137,7 @@ pub struct PoseWithCovarianceStamped {
 }
 
 /// `nav_msgs/msg/Odometry`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Odometry {
     /// Time, and frame of the pose.
     pub header: Header,
@@ -150,7 +150,7 @@ pub struct Odometry {
 }
 
 /// `geometry_msgs/msg/TransformStamped`, its transform written out.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TransformStamped {
     /// Time, and the parent's frame.
     pub header: Header,
@@ -163,14 +163,14 @@ pub struct TransformStamped {
 }
 
 /// `tf2_msgs/msg/TFMessage`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct TfMessage {
     /// Transforms.
     pub transforms: Vec<TransformStamped>,
 }
 
 /// `diagnostic_msgs/msg/KeyValue`.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct KeyValue {
     /// What it is.
     pub key: String,
@@ -191,7 +191,7 @@ pub mod level {
 }
 
 /// `diagnostic_msgs/msg/DiagnosticStatus`.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct DiagnosticStatus {
     /// One of [`level`].
     pub level: u8,
@@ -206,7 +206,7 @@ pub struct DiagnosticStatus {
 }
 
 /// `diagnostic_msgs/msg/DiagnosticArray`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct DiagnosticArray {
     /// When it was judged.
     pub header: Header,
@@ -215,7 +215,7 @@ pub struct DiagnosticArray {
 }
 
 /// Response of `std_srvs/srv/Trigger`.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct TriggerResponse {
     /// Whether it was done.
     pub success: bool,

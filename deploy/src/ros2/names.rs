@@ -12,8 +12,6 @@ use crate::ros2::messages::RosType;
 pub const MAX_DOMAIN: u32 = 232;
 /// Length of a namespace, at most.
 const MAX_NAMESPACE: usize = 64;
-/// What rmw_zenoh takes for the length of a history that a token leaves out.
-const DEFAULT_DEPTH: u32 = 42;
 
 /// What a token stands for beside a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -102,11 +100,7 @@ impl RosNode {
     }
     /// The token of what the node has, as its entity `number`.
     pub fn token_of(&self, zid: &str, number: usize, at: &Endpoint) -> String {
-        let depth = if at.depth == DEFAULT_DEPTH {
-            String::new()
-        } else {
-            at.depth.to_string()
-        };
+        let depth = at.depth;
         format!(
             "{}/{number}/{}/{}/{}/{}/{}/::,{depth}:,:,:,,",
             self.of_session(zid),

@@ -30,11 +30,7 @@ pub fn findings(s: &Situation) -> Vec<Finding> {
         && a.rejection.code != ReasonCode::None
     {
         let found = format!("no landing: {}", a.rejection);
-        all.push(
-            Topic("autopilot")
-                .warning(found, "docs/troubleshooting.md names each reason")
-                .stopping(),
-        );
+        all.push(Topic("autopilot").stopping(found, "docs/troubleshooting.md names each reason"));
     }
     if let Some(p) = s.process(ProcessKind::Autopilot)
         && let Some((signatures, remedy_of_signatures)) = mavlink_key::counts(&p.metrics).finding()
@@ -49,8 +45,7 @@ pub fn findings(s: &Situation) -> Vec<Finding> {
         .is_some_and(|g| g.owner == DECK_CLOSED)
     {
         let remedy = "its crew opens it: alight command deck open";
-        let closed = Topic("deck").warning("the vessel has closed it: nothing descends", remedy);
-        all.push(closed.stopping());
+        all.push(Topic("deck").stopping("the vessel has closed it: nothing descends", remedy));
     }
     all.extend(s.seen.frame().map(frame));
     all
@@ -70,10 +65,10 @@ fn mission(s: &Situation, m: &MissionState) -> Vec<Finding> {
     if m.state == State::GaveUp {
         all.push(TOPIC.broken(entered, REMEDY));
     } else if m.was_entered_in_trouble() {
-        all.push(TOPIC.warning(entered, REMEDY).stopping());
+        all.push(TOPIC.stopping(entered, REMEDY));
     }
     if m.waits_in_trouble() {
-        all.push(TOPIC.warning(format!("waits: {}", m.waiting), REMEDY).stopping());
+        all.push(TOPIC.stopping(format!("waits: {}", m.waiting), REMEDY));
     }
     all
 }
@@ -88,7 +83,7 @@ fn link(s: &Situation) -> Vec<Finding> {
     let found = format!("the vessel's newest estimate is {} old", time(age_s));
     let remedy = "is alight-vessel running, its radio in reach, its certificate admitted?";
     let mut all = vec![if age_s.is_infinite() {
-        TOPIC.warning("no vessel received yet", remedy).stopping()
+        TOPIC.stopping("no vessel received yet", remedy)
     } else if age_s > limit_s {
         TOPIC.broken(found, remedy)
     } else if age_s > OLD_LINK * limit_s {
@@ -124,10 +119,10 @@ pub fn frame((origin, deck_m): (Datum, Option<f64>)) -> Finding {
         origin.latitude_deg, origin.longitude_deg, origin.height_m
     );
     match deck_m {
-        Some(m) if m > MAX_VESSEL_DISTANCE_M => TOPIC.warning(
+        Some(m) if m > MAX_VESSEL_DISTANCE_M => TOPIC.stopping(
             format!("{begins}, the vessel is {m:.0} m away"),
             "the mission flies to none beyond 5 km: compare what the autopilot and her receiver report with a chart",
-        ).stopping(),
+        ),
         Some(m) => TOPIC.fine(format!("{begins}, the vessel is {m:.0} m away")),
         None => TOPIC.fine(format!("{begins}; no vessel is known")),
     }

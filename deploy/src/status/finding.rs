@@ -72,10 +72,6 @@ impl fmt::Display for Finding {
 }
 
 impl Finding {
-    /// The same, of something that no landing goes on with, though it is no more than a warning.
-    pub fn stopping(self) -> Finding {
-        Finding { stops: true, ..self }
-    }
     /// In the lines of `alight check`, of at most [`WIDTH`] columns where no single word is longer.
     pub fn lines(&self) -> String {
         let mark = match self.level {
@@ -131,6 +127,13 @@ impl Topic {
     /// Works, but not as it should.
     pub fn warning(self, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
         self.finding(Level::Warning, found, remedy)
+    }
+    /// A warning that no landing goes on with.
+    pub fn stopping(self, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
+        Finding {
+            stops: true,
+            ..self.warning(found, remedy)
+        }
     }
     /// Does not work.
     pub fn broken(self, found: impl Into<String>, remedy: impl Into<String>) -> Finding {

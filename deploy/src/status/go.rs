@@ -94,7 +94,7 @@ mod tests {
     #[test]
     fn go_and_what_stops_it() {
         let lamp = Topic("course").warning("the lamp is broken", "mend it");
-        let closed = Topic("deck").warning("closed by the crew", "open it").stopping();
+        let closed = Topic("deck").stopping("closed by the crew", "open it");
         let link = Topic("link").broken("the estimate is 3 s old", "is it in reach?");
         let fine = Topic("battery").fine("at 80 %");
         let go = |all: &[&Finding], unknown| {

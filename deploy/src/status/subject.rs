@@ -61,8 +61,15 @@ impl Computer {
     }
 }
 
-/// The drone whose processes have that name: a landing of all processes has the drone's file next to its memory.
+/// The drone whose processes have that name: the installed one, or that of a landing of all processes, which has the drone's
+/// file next to its memory.
 fn drone_of_instance(name: &str) -> Result<Option<DroneComputer>, CliError> {
+    let [_, installed] = SHIPPED.map(Path::new);
+    // Without the permission to read it, the other is looked for.
+    let installed: Option<DroneComputer> = config::load(installed).ok();
+    if let Some(drone) = installed.filter(|d| d.instance == name) {
+        return Ok(Some(drone));
+    }
     let file = Instance::new(name)?.directory().join("drone.toml");
     if !file.exists() {
         return Ok(None);
@@ -91,11 +98,8 @@ pub fn commanded_drone(
         return Ok(config::load(path)?);
     }
     let [_, installed] = SHIPPED.map(Path::new);
-    if installed.exists() {
-        let drone: DroneComputer = config::load(installed)?;
-        if instance.is_none_or(|name| name == drone.instance) {
-            return Ok(drone);
-        }
+    if instance.is_none() && installed.exists() {
+        return Ok(config::load(installed)?);
     }
     let name = instance.unwrap_or(LAND);
     match drone_of_instance(name)? {
@@ -144,11 +148,8 @@ impl Subject {
     }
     /// Its processes are those of a configuration that was read, not of one that is guessed.
     pub fn is_configured(&self) -> bool {
-        let file = |name: &String| Instance::new(name).map(|i| i.directory().join("drone.toml"));
-        match &self.instance {
-            Some(name) => file(name).is_ok_and(|f| f.exists()),
-            None => true,
-        }
+        let known = |name: &String| drone_of_instance(name).is_ok_and(|drone| drone.is_some());
+        self.instance.as_ref().is_none_or(known)
     }
     /// The same by its name or its file, whatever runs later.
     pub fn fixed(&self) -> Result<Subject, CliError> {

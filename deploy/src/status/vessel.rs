@@ -83,45 +83,31 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
     let deck = &status.deck;
     const OPEN: &str = "alight command deck open";
     let owned = match (deck.closed, deck.owner_age_s) {
-        (Some(Closure::Crew), _) => TOPIC
-            .warning(format!("closed by the crew; {found}"), OPEN)
-            .stopping(),
-        (Some(Closure::CheckpointDamaged), _) => TOPIC
-            .warning(
-                "closed: the file of who stands on it was damaged",
-                format!("look, and once it is empty: {OPEN}"),
-            )
-            .stopping(),
-        (Some(Closure::CheckpointMissing), _) => TOPIC
-            .warning(
-                "closed: there is no file of who stands on it",
-                format!("look, and once it is empty: {OPEN}"),
-            )
-            .stopping(),
-        (Some(Closure::CheckpointUnwritable), _) => TOPIC
-            .warning(
-                format!("closed: the file of who stands on it cannot be written, and may be old; {found}"),
-                format!("free space, or make it writable; look, and once it is empty: {OPEN}"),
-            )
-            .stopping(),
-        (Some(Closure::Switch), _) => TOPIC
-            .warning(
-                format!("closed by the crew's switch; {found}"),
-                "open it at the switch (deck.crew_switch)",
-            )
-            .stopping(),
-        (Some(Closure::Sensor), _) => TOPIC
-            .warning(
-                format!("closed: by its sensor something lies on it that is no drone; {found}"),
-                "look, and take it away (deck.occupancy_sensor)",
-            )
-            .stopping(),
-        (None, Some(age_s)) if age_s > LOST_CONTACT_S => TOPIC
-            .warning(
-                format!("{found}, silent for {}", time(age_s)),
-                format!("it may stand there; once it does not: {OPEN}"),
-            )
-            .stopping(),
+        (Some(Closure::Crew), _) => TOPIC.stopping(format!("closed by the crew; {found}"), OPEN),
+        (Some(Closure::CheckpointDamaged), _) => TOPIC.stopping(
+            "closed: the file of who stands on it was damaged",
+            format!("look, and once it is empty: {OPEN}"),
+        ),
+        (Some(Closure::CheckpointMissing), _) => TOPIC.stopping(
+            "closed: there is no file of who stands on it",
+            format!("look, and once it is empty: {OPEN}"),
+        ),
+        (Some(Closure::CheckpointUnwritable), _) => TOPIC.stopping(
+            format!("closed: the file of who stands on it cannot be written, and may be old; {found}"),
+            format!("free space, or make it writable; look, and once it is empty: {OPEN}"),
+        ),
+        (Some(Closure::Switch), _) => TOPIC.stopping(
+            format!("closed by the crew's switch; {found}"),
+            "open it at the switch (deck.crew_switch)",
+        ),
+        (Some(Closure::Sensor), _) => TOPIC.stopping(
+            format!("closed: by its sensor something lies on it that is no drone; {found}"),
+            "look, and take it away (deck.occupancy_sensor)",
+        ),
+        (None, Some(age_s)) if age_s > LOST_CONTACT_S => TOPIC.stopping(
+            format!("{found}, silent for {}", time(age_s)),
+            format!("it may stand there; once it does not: {OPEN}"),
+        ),
         (None, _) => TOPIC.fine(found),
     };
     let mut all = vec![owned];
@@ -147,12 +133,12 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
         )
     }));
     all.extend(deck.unplaced.iter().map(|id| {
-        TOPIC.warning(
+        TOPIC.stopping(
             format!(
                 "drone {id} is switched on without a position: it may stand there, and no other is given it"
             ),
             format!("wait for its position; or look, and once it is not there: {OPEN}"),
-        ).stopping()
+        )
     }));
     all.extend(deck.aborts.iter().map(|id| {
         TOPIC.warning(
@@ -180,12 +166,10 @@ fn course_findings(deck: &DeckStatus) -> Vec<Finding> {
     let stated = course(deck.course);
     let turns = deck.wants_steady && deck.course == Course::Turning;
     let mut all = vec![if turns {
-        TOPIC
-            .warning(
-                format!("{stated}; a drone waits for a steady course, or breaks its descent off"),
-                "keep course and speed, and state it: the helm's switch, or alight command steady",
-            )
-            .stopping()
+        TOPIC.stopping(
+            format!("{stated}; a drone waits for a steady course, or breaks its descent off"),
+            "keep course and speed, and state it: the helm's switch, or alight command steady",
+        )
     } else if deck.wants_steady {
         TOPIC.fine(format!("{stated}; a drone descends: KEEP COURSE AND SPEED"))
     } else {

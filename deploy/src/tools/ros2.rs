@@ -272,10 +272,12 @@ impl Drone {
     }
     /// Passes on what is ordered, and publishes what is new.
     fn step(&mut self, computer: &DroneComputer, ports: &mut Ports, session: &mut Session) {
-        if !ports.is_known {
-            self.refuse(session, UNKNOWN);
-        }
         while let Some(request) = session.request() {
+            // A landing of a wrong number is none; an abort is tried.
+            if !ports.is_known && request.kind != CommandKind::Abort {
+                request.reply(false, UNKNOWN);
+                continue;
+            }
             self.orders.take(request.kind, request, computer, steady_ns());
         }
         let seen = &ports.observer.snapshot;

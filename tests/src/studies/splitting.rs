@@ -113,25 +113,26 @@ pub fn split<E: Send>(
     let count = |particles: &[Particle], level: f64| particles.iter().filter(|(_, n)| *n >= level).count();
     let fraction = |count: usize| count as f64 / population as f64;
     loop {
-        let next = next_level(&particles);
-        let end = match next {
-            Some(level) if level >= 1.0 => Some(End::Limit),
-            None => Some(End::Plateau),
-            Some(_) if levels.len() >= MAX_LEVELS => Some(End::Levels),
-            Some(_) => None,
+        let next = match next_level(&particles) {
+            Some(level) if level >= 1.0 => Err(End::Limit),
+            None => Err(End::Plateau),
+            Some(_) if levels.len() >= MAX_LEVELS => Err(End::Levels),
+            Some(level) => Ok(level),
         };
-        if let Some(end) = end {
-            let beyond = count(&particles, 1.0);
-            return Ok(Run {
-                probability: reached * fraction(beyond),
-                reached,
-                beyond,
-                end,
-                levels,
-                landings,
-            });
-        }
-        let level = next.unwrap_or(1.0);
+        let level = match next {
+            Ok(level) => level,
+            Err(end) => {
+                let beyond = count(&particles, 1.0);
+                return Ok(Run {
+                    probability: reached * fraction(beyond),
+                    reached,
+                    beyond,
+                    end,
+                    levels,
+                    landings,
+                });
+            }
+        };
         reached *= fraction(count(&particles, level));
         levels.push(level);
         let kept: Vec<Particle> = particles.into_iter().filter(|(_, n)| *n >= level).collect();

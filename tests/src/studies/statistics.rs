@@ -89,19 +89,13 @@ pub fn at_most_95(events: usize, trials: usize) -> f64 {
 pub fn student_95(values: &[f64]) -> Option<[f64; 2]> {
     // Quantiles by the degrees of freedom from 1 on.
     const STUDENT: [f64; 9] = [12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262];
-    let n = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    match values.len() {
-        0 => None,
-        1 => Some([f64::NEG_INFINITY, f64::INFINITY]),
-        count => {
-            let squares = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
-            // More degrees of freedom than these have a smaller one.
-            let student = STUDENT.get(count - 2).copied().unwrap_or(2.262);
-            let half = student * (squares / (n - 1.0) / n).sqrt();
-            Some([mean - half, mean + half])
-        }
-    }
+    let SampleStatistics { mean, sd, .. } = SampleStatistics::of(values.iter().copied())?;
+    let half = match values.len() {
+        1 => f64::INFINITY,
+        // More degrees of freedom than these have a smaller one.
+        count => STUDENT.get(count - 2).copied().unwrap_or(2.262) * sd / (count as f64).sqrt(),
+    };
+    Some([mean - half, mean + half])
 }
 
 /// Percentile bootstrap (Efron 1979) of the mean: its 95 % interval from 1000 resamples of a fixed

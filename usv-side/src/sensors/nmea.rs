@@ -488,7 +488,7 @@ impl Decoder for NmeaDecoder {
 }
 
 /// `hhmmss` with a fraction, to nanoseconds of the day.
-fn time_of_day_ns(text: &str) -> Option<i64> {
+pub(super) fn time_of_day_ns(text: &str) -> Option<i64> {
     let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
     let digits = |t: &str| t.bytes().all(|b| b.is_ascii_digit());
     if whole.len() != 6 || !digits(whole) || !digits(fraction) || fraction.len() > 9 {

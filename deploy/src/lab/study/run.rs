@@ -293,11 +293,11 @@ const LOOKED_AT: usize = 20;
 /// Whether a row's landing rate is known to `within`, up and down, by Wilson's 95 % interval. That a row ends by its own
 /// trials makes the interval cover a little less than it says.
 fn is_known(row: &Row, done: &[Outcome], within: f64) -> bool {
-    let own = || done.iter().filter(|o| row.is_of(o));
-    let (low, high) = wilson(own().filter(|o| o.success).count(), own().count());
-    let count = own().count().max(1) as f64;
-    let rate = own().filter(|o| o.success).count() as f64 / count;
-    own().count() >= LOOKED_AT && (rate - low).max(high - rate) <= within
+    let own: Vec<&Outcome> = done.iter().filter(|o| row.is_of(o)).collect();
+    let (flown, landed) = (own.len(), own.iter().filter(|o| o.success).count());
+    let (low, high) = wilson(landed, flown);
+    let rate = landed as f64 / flown.max(1) as f64;
+    flown >= LOOKED_AT && (rate - low).max(high - rate) <= within
 }
 
 /// Failed trials that are flown again and recorded.

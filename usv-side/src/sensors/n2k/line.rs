@@ -8,6 +8,8 @@
 //! 2016-04-09T16:41:09.078Z,3,127257,17,255,8,00,ff,7f,52,00   canboat's plain format: either
 //! ```
 
+use crate::sensors::nmea::time_of_day_ns;
+
 /// Longest message, bytes: 6 in the first and 7 in each of 31 further frames.
 pub(super) const MAX_MESSAGE: usize = 223;
 /// A time before 2001 is none since 1970, ns.
@@ -119,8 +121,7 @@ fn actisense(words: &[&str]) -> Option<Line> {
     let [time, addresses, pgn, data] = words else {
         return None;
     };
-    let digits = time.strip_prefix('A')?;
-    let at = of_day_ns(&[digits.get(..2)?, digits.get(2..4)?, digits.get(4..)?].join(":"))?;
+    let at = time_of_day_ns(time.strip_prefix('A')?)?;
     Some(Line {
         at: Stamp::OfDay(at),
         pgn: u32::from_str_radix(pgn, 16).ok()?,
@@ -160,13 +161,9 @@ fn unix_ns(text: &str) -> Option<i64> {
 }
 /// `hh:mm:ss` with a fraction, to nanoseconds of the day.
 fn of_day_ns(text: &str) -> Option<i64> {
-    let mut parts = text.split(':');
-    let (hours, minutes, seconds) = (parts.next()?, parts.next()?, parts.next()?);
-    let (hours, minutes) = (hours.parse::<i64>().ok()?, minutes.parse::<i64>().ok()?);
-    let seconds: f64 = seconds.parse().ok()?;
-    let valid = (0..24).contains(&hours) && (0..60).contains(&minutes) && (0.0..61.0).contains(&seconds);
-    (valid && parts.next().is_none())
-        .then(|| (hours * 60 + minutes) * 60_000_000_000 + (seconds * 1e9).round() as i64)
+    let bytes = text.as_bytes();
+    let colons = bytes.get(2) == Some(&b':') && bytes.get(5) == Some(&b':');
+    colons.then(|| time_of_day_ns(&text.replacen(':', "", 2)))?
 }
 
 #[cfg(test)]

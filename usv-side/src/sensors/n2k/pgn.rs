@@ -1,6 +1,8 @@
 //! Fields of the parameter groups that are used. Numbers, resolutions and signs: canboat's database of NMEA 2000
 //! (`docs/canboat.json`); numbers of all ones are "not available", the two below them "out of range" and "reserved".
 
+use crate::sensors::nmea::sentences::STILL_MPS;
+
 /// Content of a message.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Content {
@@ -38,9 +40,6 @@ pub(super) struct Gnss {
     pub(super) quality: u8,
     pub(super) hdop: Option<f64>,
 }
-
-/// Below this speed a course is noise, m/s.
-const STILL_MPS: f64 = 0.3;
 
 /// The groups that are used: number, name, and whether a message is longer than a frame.
 const USED: [(u32, &str, bool); 8] = [

@@ -10,7 +10,7 @@ use super::{MAX_SPARE, NmeaDecoder, Position, SourceMeasurement, Untimed};
 
 const KNOT_MPS: f64 = 1852.0 / 3600.0;
 /// Below it a velocity needs no course, m/s.
-const STILL_MPS: f64 = 0.3;
+pub(in crate::sensors) const STILL_MPS: f64 = 0.3;
 /// Standard deviation of a velocity in tenths of a knot, m/s (ours).
 pub(in crate::sensors) const VELOCITY_SD: f64 = 0.1;
 /// Standard deviation of a position by the quality in GGA, m at a dilution of 1 (ours: the error that changes

@@ -69,9 +69,9 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// What neither landed nor was refused.
+    /// How many were unsafe.
     pub fn unsafe_count(&self) -> usize {
-        self.trials - self.landed - self.refused
+        self.unsafe_seeds.len()
     }
     /// What was seen, measured by the landing rate asked for.
     pub fn class(&self, rate: f64) -> Class {

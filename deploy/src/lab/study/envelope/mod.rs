@@ -68,11 +68,7 @@ fn cells(grid: &Grid, outcomes: &[Outcome]) -> Vec<Cell> {
             trials: summary.trials,
             landed: summary.successes,
             refused: set.iter().filter(|o| o.is_refused()).count(),
-            unsafe_seeds: set
-                .iter()
-                .filter(|o| !o.success && !o.is_refused())
-                .map(|o| o.seed)
-                .collect(),
+            unsafe_seeds: set.iter().filter(|o| o.is_unsafe()).map(|o| o.seed).collect(),
             reason: summary.failures.first().map(waits_for).unwrap_or_default(),
         }
     };
