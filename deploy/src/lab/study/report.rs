@@ -12,7 +12,6 @@ use super::definition::{Definition, Published};
 use super::pooled;
 use super::rows::{Row, Rows};
 use super::run;
-use super::tasks::quoted;
 use crate::cells;
 use crate::exit::CliError;
 use crate::lab::args::StudyArgs;
@@ -157,10 +156,7 @@ fn worst_limit_fraction(o: &Outcome) -> f64 {
 
 /// The command that flies a trial of a row again, from the files that the study keeps.
 pub fn replay_command(out: &Path, row: &Row) -> Option<String> {
-    let flag = |name: &str, path: PathBuf| {
-        let given = quoted(&path.display().to_string());
-        path.exists().then(|| format!(" --{name} {given}"))
-    };
+    let flag = |name: &str, path: PathBuf| path.exists().then(|| format!(" --{name} '{}'", path.display()));
     let scene = flag("scenario", run::scenario_file(out, &row.scenario))?;
     let [vessel, drone] = run::config_files(out, row);
     Some(format!(

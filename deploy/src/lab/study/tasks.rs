@@ -65,7 +65,7 @@ fn kept(given: &[String]) -> Vec<&str> {
 }
 
 /// As a POSIX shell reads it back.
-pub(super) fn quoted(argument: &str) -> String {
+fn quoted(argument: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,:=+%@".contains(c);
     if !argument.is_empty() && argument.chars().all(plain) {
         argument.into()

@@ -114,12 +114,19 @@ pub(super) fn read(pgn: u32, data: &[u8]) -> Option<Content> {
         129_025 => Content::Position([f.i32(0)? * 1e-7, f.i32(4)? * 1e-7]),
         129_026 => {
             let speed = f.u16(4)? * 0.01;
-            // A vessel at rest has no course, and a velocity.
-            let still = speed < STILL_MPS;
-            Content::Velocity {
-                magnetic: !still && magnetic(1)?,
-                course: if still { 0.0 } else { f.u16(2)? * ANGLE },
-                speed,
+            match (f.u16(2), magnetic(1)) {
+                (Some(course), Some(magnetic)) => Content::Velocity {
+                    magnetic,
+                    course: course * ANGLE,
+                    speed,
+                },
+                // A vessel at rest has no course, and a velocity.
+                _ if speed < STILL_MPS => Content::Velocity {
+                    magnetic: false,
+                    course: 0.0,
+                    speed: 0.0,
+                },
+                _ => return None,
             }
         }
         129_029 => Content::Gnss(Gnss {
@@ -158,6 +165,7 @@ mod tests {
             (127_258, [0, 0, 0, 0, 0xff, 0x7f, 0, 0]),
             (129_025, [0, 0, 0, 0, 0xff, 0xff, 0xff, 0x7f]),
             (129_026, [0, 0, 0, 0, 0xff, 0xff, 0, 0]),
+            (129_026, [0, 0, 0xff, 0xff, 0x64, 0, 0, 0]),
             (127_250, [0, 0x10, 0x27, 0, 0, 0, 0, 0xff]),
             (127_250, [0, 0x10, 0x27, 0, 0, 0, 0, 0xfe]),
         ] {
@@ -165,5 +173,21 @@ mod tests {
             assert_eq!(read(pgn, &[0; 2]), None, "{pgn}");
         }
         assert_eq!(read(129_029, &[0xff; 30]), None);
+        // At rest, and slow with a course.
+        let velocity = |course, speed| {
+            Some(Content::Velocity {
+                course,
+                speed,
+                magnetic: false,
+            })
+        };
+        assert_eq!(
+            read(129_026, &[0, 0xff, 0xff, 0xff, 5, 0, 0xff, 0xff]),
+            velocity(0.0, 0.0)
+        );
+        assert_eq!(
+            read(129_026, &[0, 0xfc, 0x10, 0x27, 20, 0, 0xff, 0xff]),
+            velocity(1.0, 0.2)
+        );
     }
 }
