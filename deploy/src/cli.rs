@@ -16,13 +16,15 @@ use crate::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, ServiceArgs};
 use crate::process::shell;
 use crate::status::command as status;
 use crate::tools::playback::ForeignLaw;
-use crate::tools::{calibrate, check, command, config, estimate, flights, keys, replay, tag, view};
+use crate::tools::{
+    calibrate, check, command, config, estimate, flights, init, keys, replay, ros2, tag, view,
+};
 use crate::{drone, terminal, vessel};
 
 /// Lands a multirotor on the deck of a small boat that moves and rocks in waves.
 #[derive(Parser, Debug)]
 #[command(
-    version,
+    version = env!("ALIGHT_VERSION"),
     about,
     arg_required_else_help = true,
     max_term_width = 80,
@@ -46,12 +48,13 @@ const GROUPS: [(&str, &[&str]); 3] = [
     (
         "Simulate",
         &[
-            "land", "trial", "trials", "storm", "study", "envelope", "rao", "rehearse", "link",
+            "land", "trial", "trials", "storm", "rare", "study", "envelope", "rao", "rehearse", "link",
         ],
     ),
     (
         "Install",
         &[
+            "init",
             "config",
             "keys",
             "check",
@@ -63,7 +66,10 @@ const GROUPS: [(&str, &[&str]); 3] = [
             "completions",
         ],
     ),
-    ("Operate", &["status", "view", "command", "flights", "replay"]),
+    (
+        "Operate",
+        &["status", "view", "command", "ros2", "flights", "replay"],
+    ),
 ];
 
 impl Cli {
@@ -149,6 +155,8 @@ pub enum Command {
     #[cfg(feature = "lab")]
     #[command(flatten)]
     Lab(Box<lab::LabCommand>),
+    /// Ask for boat and drone; write and check both configurations.
+    Init(init::InitArgs),
     /// Print a configuration, to start from.
     #[command(subcommand)]
     Config(ConfigCommand),
@@ -162,6 +170,8 @@ pub enum Command {
     Status(status::StatusArgs),
     /// Show what runs in a browser or in Foxglove: deck, drone, alarms.
     View(view::ViewCommand),
+    /// Be a node of ROS 2: poses, diagnostics, orders to land and abort.
+    Ros2(ros2::Ros2Args),
     /// All processes of the vessel's computer, as its service runs them.
     Vessel(ServiceArgs),
     /// All processes of the drone's computer, as its service runs them.
@@ -187,7 +197,7 @@ pub enum Command {
     /// Process of the vessel: estimator, deck arbiter and broadcast.
     #[command(hide = true)]
     Estimator(ProcessArgs),
-    /// Process of the vessel: its real sensors (NMEA 0183, UBX, MAVLink).
+    /// Process of the vessel: its real sensors (NMEA 0183 and 2000, UBX, MAVLink).
     #[command(hide = true)]
     Sensors(ProcessArgs),
     /// Process of the drone: the link to a real autopilot (PX4, ArduCopter) by MAVLink.
@@ -235,12 +245,14 @@ impl Command {
         match self {
             #[cfg(feature = "lab")]
             Command::Lab(c) => c.run(),
+            Command::Init(a) => init::run(a),
             Command::Config(c) => c.run(),
             Command::Estimate(a) => estimate::run(a),
             Command::Flights(a) => flights::run(a),
             Command::Replay(a) => replay::run(a, FOREIGN_LAW),
             Command::Status(a) => status::run(a),
             Command::View(a) => view::run(a),
+            Command::Ros2(a) => ros2::run(a),
             Command::Vessel(a) => vessel::run(a),
             Command::Drone(a) => drone::run(a),
             Command::Operate(a) => command::run(a),

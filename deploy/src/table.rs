@@ -185,14 +185,35 @@ pub fn escape(text: &str) -> String {
         .replace('>', "&gt;")
 }
 
+/// A colour of standard output, by its number in ECMA-48.
+#[derive(Clone, Copy, Debug)]
+pub enum Colour {
+    /// What does not work.
+    Red = 31,
+    /// What works.
+    Green = 32,
+    /// What works, but not as it should.
+    Yellow = 33,
+}
+
+impl Colour {
+    /// Bold in this colour where standard output is a terminal and NO_COLOR is not set; plain elsewhere.
+    pub fn bold(self, text: &str) -> String {
+        let forbidden = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty());
+        self.written(text, std::io::stdout().is_terminal() && !forbidden)
+    }
+    fn written(self, text: &str, coloured: bool) -> String {
+        if !coloured {
+            return text.into();
+        }
+        format!("\x1b[1;{}m{text}\x1b[0m", self as u8)
+    }
+}
+
 /// Bold green or red on a terminal, plain elsewhere.
 pub fn verdict(text: &str, good: bool) -> String {
-    if std::io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none() {
-        let colour = if good { 32 } else { 31 };
-        format!("\x1b[1;{colour}m{text}\x1b[0m")
-    } else {
-        text.into()
-    }
+    let colour = if good { Colour::Green } else { Colour::Red };
+    colour.bold(text)
 }
 
 #[cfg(test)]
@@ -217,5 +238,11 @@ mod tests {
         );
         let html = table.html();
         assert!(html.contains("<td class=\"text\">a&lt;b<td class=\"bad\">0.25<br><small>p95 0.30</small>"));
+    }
+
+    #[test]
+    fn colour_of_a_terminal_only() {
+        assert_eq!(Colour::Red.written("UNSAFE", true), "\x1b[1;31mUNSAFE\x1b[0m");
+        assert_eq!(Colour::Red.written("UNSAFE", false), "UNSAFE");
     }
 }

@@ -6,7 +6,8 @@
 
 Prints what the companion sends: its heartbeats (counted), each text, and the named values once a second. With --switch it
 turns the switch of the remote control (autopilot.rc_switch) by RC_CHANNELS_OVERRIDE: "7: 1500@0 2000@20 1000@40" puts
-channel 7 to 1500 us at once, to 2000 after 20 s and to 1000 after 40 s.
+channel 7 to 1500 us at once, to 2000 after 20 s and to 1000 after 40 s. With --order it commands the companion as the actions
+of deploy/examples/qgroundcontrol do: "abort@30 land@45", and prints each answer.
 """
 import argparse
 import time
@@ -14,11 +15,22 @@ import time
 from pymavlink import mavutil
 
 COMPANION = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
+ORDERS = {"land": 31010, "abort": 31011, "hold": 31012}  # MAV_CMD_USER_1 to MAV_CMD_USER_3
 
 
 def switch(text):
     channel, steps = text.split(":")
     return int(channel), [(float(at), int(us)) for us, at in (step.split("@") for step in steps.split())]
+
+
+def orders(text):
+    steps = [step.split("@") for step in text.split()]
+    return [(float(at), name, ORDERS[name]) for name, at in steps]
+
+
+def name_of(enum, value):
+    known = mavutil.mavlink.enums[enum]
+    return known[value].name.removeprefix(f"{enum}_") if value in known else str(value)
 
 
 def turn(link, system, channel, pulse_us):
@@ -32,6 +44,7 @@ def main():
     arguments.add_argument("url", help="as pymavlink names it: udpin:0.0.0.0:14550, /dev/ttyUSB0")
     arguments.add_argument("--for", dest="seconds", type=float, default=120.0, help="ends after so many seconds")
     arguments.add_argument("--switch", type=switch, help="positions of the remote control's switch, by time")
+    arguments.add_argument("--order", type=orders, default=[], help="land, abort and hold, by time: \"abort@30\"")
     options = arguments.parse_args()
 
     # The default dialect of pymavlink is ArduPilot's, which contains `common`.
@@ -46,6 +59,10 @@ def main():
         if pulse_us and elapsed - sent > 0.1:
             turn(link, system, channel, pulse_us)
             sent = elapsed
+        while options.order and options.order[0][0] <= elapsed and system is not None:
+            _, name, number = options.order.pop(0)
+            print(f"{elapsed:6.1f}  COMMAND_LONG {number}: {name}", flush=True)
+            link.mav.command_long_send(system, COMPANION, number, 0, 0, 0, 0, 0, 0, 0, 0)
         message = link.recv_match(blocking=True, timeout=0.1)
         if message is None or message.get_srcComponent() != COMPANION:
             continue
@@ -60,8 +77,10 @@ def main():
                     flush=True,
                 )
         elif kind == "STATUSTEXT":
-            severity = mavutil.mavlink.enums["MAV_SEVERITY"][message.severity].name.removeprefix("MAV_SEVERITY_")
+            severity = name_of("MAV_SEVERITY", message.severity)
             print(f"{elapsed:6.1f}  STATUSTEXT {severity:<8} {message.text}", flush=True)
+        elif kind == "COMMAND_ACK":
+            print(f"{elapsed:6.1f}  COMMAND_ACK {message.command}: {name_of('MAV_RESULT', message.result)}", flush=True)
         elif kind == "NAMED_VALUE_FLOAT":
             values[message.name] = message.value
             if elapsed - shown >= 1.0:

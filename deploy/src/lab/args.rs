@@ -408,6 +408,17 @@ pub struct StudyArgs {
     /// Fly only part I of N of the trials, for several machines
     #[arg(long, value_name = "I/N")]
     pub shard: Option<Shard>,
+    /// Fly only this row, counted from 1
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub row: Option<u32>,
+    /// Fly nothing; print a command for each row and each so many seeds, a line each, for a scheduler such as HyperQueue
+    #[arg(long, value_name = "SEEDS", value_parser = clap::value_parser!(u32).range(1..),
+        conflicts_with_all = ["shard", "row", "json", "within"])]
+    pub tasks: Option<u32>,
+    /// Fly a row no further once its landing rate is known to so many percent up and down (Wilson's 95 % interval, looked at
+    /// every 20 trials; --trials at most)
+    #[arg(long, value_name = "PERCENT", value_parser = clap::value_parser!(u8).range(1..=50), conflicts_with = "shard")]
+    pub within: Option<u8>,
     /// Print the result as one JSON object, the last line
     #[arg(long)]
     pub json: bool,
@@ -441,9 +452,12 @@ pub struct EnvelopeArgs {
     /// Sea states (WMO code table 3700), separated by commas [default: 1,2,3,4; with --quick 2,3,4]
     #[arg(long, value_name = "1..5,..", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..=5))]
     pub sea_states: Vec<u8>,
-    /// Landings per cell [default: 10; with --quick 5]
+    /// Landings per cell [default: as many as show --rate, 35 for 90 %; with --quick 5]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub trials: Option<u32>,
+    /// Part of the landings, %, that must succeed up to the limit, by the lower end of the 95 % interval
+    #[arg(long, value_name = "PERCENT", default_value_t = 90, value_parser = clap::value_parser!(u8).range(50..=99))]
+    pub rate: u8,
     /// First seed
     #[arg(long, default_value_t = 1)]
     pub seed0: u64,

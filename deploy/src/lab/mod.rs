@@ -5,6 +5,7 @@ pub mod args;
 pub mod chart;
 pub mod live;
 pub mod outcome_table;
+pub mod rare;
 pub mod record;
 pub mod report;
 pub mod scene;
@@ -21,6 +22,7 @@ use live::args::{LandArgs, LandsArgs, WorldArgs};
 use live::attach::AttachArgs;
 use live::emulator::LinkArgs;
 use live::rehearse::args::RehearseArgs;
+use rare::RareArgs;
 use storm::StormArgs;
 
 /// Commands of the laboratory.
@@ -32,6 +34,8 @@ pub enum LabCommand {
     Trials(TrialsArgs),
     /// Fly landings with several faults each; print what broke a rule.
     Storm(StormArgs),
+    /// Estimate how often a landing is unsafe, by splitting.
+    Rare(Box<RareArgs>),
     /// Measure one thing over many seeds.
     Study(StudyArgs),
     /// Draw in which relative wind and sea a drone lands on a boat.
@@ -63,6 +67,7 @@ impl LabCommand {
             LabCommand::Trial(a) => trial::run(a),
             LabCommand::Trials(a) => trials::run(a),
             LabCommand::Storm(a) => storm::run(a),
+            LabCommand::Rare(a) => rare::run(a),
             LabCommand::Study(a) => study::run(a),
             LabCommand::Envelope(a) => study::envelope::run(a),
             LabCommand::Rao(a) => study::rao(a),

@@ -1,7 +1,7 @@
 //! Outcomes of trials for a person and as JSON.
 
 use alight_sim::harness::outcome::{Ending, Outcome};
-use alight_sim::studies::statistics::{Summary, wilson};
+use alight_sim::studies::statistics::{Summary, at_most_95, wilson};
 use serde_json::{Map, Value, json};
 
 use crate::cells;
@@ -14,7 +14,7 @@ pub fn outcome(o: &Outcome) -> String {
             "position error, m",
             o.position_error_m,
             3,
-            "deck centre to the feet's centroid at first contact",
+            "deck centre to centre of feet at first contact",
         ),
         (
             "position at rest, m",
@@ -94,6 +94,12 @@ pub fn outcome(o: &Outcome) -> String {
     )
 }
 
+/// Landings that were unsafe, and what can be said of their rate.
+pub fn unsafe_bound(unsafe_trials: usize, trials: usize) -> String {
+    let rate = 100.0 * at_most_95(unsafe_trials, trials);
+    format!("unsafe: {unsafe_trials} of {trials} landings; with 95 % confidence at most {rate:.1} %")
+}
+
 /// The summary of many trials.
 pub fn summary(s: &Summary) -> String {
     let (lo, hi) = wilson(s.successes, s.trials);
@@ -107,7 +113,7 @@ pub fn summary(s: &Summary) -> String {
         .keep_out_collisions
         .map_or(String::new(), |n| format!(", {n} keep-out collisions"));
     format!(
-        "{} of {} landed ({:.1} %, 95 % interval {:.1} to {:.1} %), {} unsafe contacts{}\n{}",
+        "{} of {} landed ({:.1} %, 95 % interval {:.1} to {:.1} %), {} unsafe contacts{}\n{}\n{}",
         s.successes,
         s.trials,
         100.0 * s.successes as f64 / s.trials.max(1) as f64,
@@ -115,6 +121,7 @@ pub fn summary(s: &Summary) -> String {
         100.0 * hi,
         s.unsafe_contacts,
         collisions,
+        unsafe_bound(s.unsafe_trials, s.trials),
         table.text()
     )
 }
@@ -148,6 +155,8 @@ pub fn summary_json(s: &Summary) -> Map<String, Value> {
         ("success_rate_95", json!([lo, hi])),
         ("descents", json!(s.descents[0])),
         ("descents_ended_badly", json!(s.descents[1])),
+        ("unsafe", json!(s.unsafe_trials)),
+        ("unsafe_at_most_95", json!(at_most_95(s.unsafe_trials, s.trials))),
         ("unsafe_contacts", json!(s.unsafe_contacts)),
         ("water_contacts", json!(s.water_contacts)),
         ("contacts_above_2_mps", json!(s.contacts_above_2_mps)),

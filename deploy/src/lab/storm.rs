@@ -1,12 +1,12 @@
 //! `alight storm`: landings with several drawn faults each, what must hold in every tick, and the shortest list of what
 //! broke it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use alight_shared::transport::wake::end_requested;
 use alight_sim::harness::storm::watch::{Rule, Violation};
-use alight_sim::harness::storm::{Ending, Flown, Kind, MAX_FAULTS, Storm, fly, shrink};
+use alight_sim::harness::storm::{Ending, Flown, Kind, MAX_FAULTS, Pair, Storm, fly, pairs, shrink};
 use clap::Args;
 use serde::Serialize;
 
@@ -65,7 +65,7 @@ struct Broken {
     shrunk: Storm,
 }
 
-/// StormEnd storm's end.
+/// A storm's end.
 struct StormEnd {
     flown: Flown,
     broken: Option<Box<Broken>>,
@@ -105,22 +105,32 @@ pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
     let cores = || u32::try_from(rayon::current_num_threads()).unwrap_or(1);
     let workers = args.jobs.map_or_else(cores, u32::from);
     let mut all: Vec<StormEnd> = Vec::new();
+    let mut coverage = Coverage::default();
     let mut next = args.seed0;
     loop {
-        let wanted = match args.seconds {
-            None => args.trials,
-            Some(_) => BATCH * workers,
+        let left = args
+            .seconds
+            .map_or(args.trials.saturating_sub(flown_count(&all)), |_| u32::MAX);
+        let batch = seeds(next, left.min(BATCH * workers))?;
+        next = next.saturating_add(batch.len() as u64);
+        // Pairs of kind and state that began seldom are flown next.
+        let aims = coverage.aims(batch.len());
+        let batch: Vec<_> = batch.into_iter().zip(aims).collect();
+        let flown = in_parallel(args.jobs, "storms", &batch, |(seed, aim)| {
+            fly_seed(args, *seed, *aim)
+        })?;
+        let flown: Vec<StormEnd> = flown.into_iter().flatten().collect();
+        flown.iter().for_each(|end| coverage.add(&end.flown));
+        all.extend(flown);
+        let over = match args.seconds {
+            Some(s) => elapsed() >= f64::from(s),
+            None => flown_count(&all) >= args.trials,
         };
-        let batch = seeds(next, wanted)?;
-        next = next.saturating_add(u64::from(wanted));
-        let flown = in_parallel(args.jobs, "storms", &batch, |seed| fly_seed(args, *seed))?;
-        all.extend(flown.into_iter().flatten());
-        let over = args.seconds.is_none_or(|s| elapsed() >= f64::from(s));
         if over || end_requested() {
             break;
         }
     }
-    let summary = Summary::of(all, elapsed());
+    let summary = Summary::of(all, &coverage, elapsed());
     if args.json {
         terminal::json(&summary)?;
     } else {
@@ -129,12 +139,51 @@ pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
     Ok(Exit::of(summary.broken.is_empty() && summary.storms > 0))
 }
 
+/// Storms that were flown so far.
+fn flown_count(all: &[StormEnd]) -> u32 {
+    u32::try_from(all.len()).unwrap_or(u32::MAX)
+}
+
+/// How often each kind began in each state, and how often a storm was aimed at that.
+#[derive(Default)]
+struct Coverage {
+    begun: BTreeMap<(Kind, &'static str), usize>,
+    aimed: BTreeMap<(Kind, &'static str), usize>,
+}
+
+impl Coverage {
+    fn add(&mut self, flown: &Flown) {
+        for (kind, state, _) in &flown.began {
+            *self.begun.entry((*kind, state.name())).or_default() += 1;
+        }
+    }
+    /// The next `n` pairs to aim at: those that began and were aimed at least often; none before anything was flown.
+    fn aims(&mut self, n: usize) -> Vec<Option<Pair>> {
+        if self.begun.is_empty() {
+            return vec![None; n];
+        }
+        let name = |(kind, state): &Pair| (*kind, state.name());
+        let count = |of: &BTreeMap<_, usize>, pair: &Pair| of.get(&name(pair)).copied().unwrap_or(0);
+        let mut all: Vec<Pair> = pairs().collect();
+        all.sort_by_key(|pair| count(&self.begun, pair) + count(&self.aimed, pair));
+        let aims: Vec<Option<Pair>> = all.into_iter().cycle().take(n).map(Some).collect();
+        for pair in aims.iter().flatten() {
+            *self.aimed.entry(name(pair)).or_default() += 1;
+        }
+        aims
+    }
+}
+
 /// Flies one storm and shrinks it where it broke a rule; None once the end is asked for.
-fn fly_seed(args: &StormArgs, seed: u64) -> Result<Option<StormEnd>, CliError> {
+fn fly_seed(args: &StormArgs, seed: u64, aim: Option<Pair>) -> Result<Option<StormEnd>, CliError> {
     if end_requested() {
         return Ok(None);
     }
-    let storm = Storm::drawn(seed, usize::from(args.faults));
+    let drawn = Storm::drawn(seed, usize::from(args.faults));
+    let storm = match aim {
+        Some(pair) => drawn.aimed(pair),
+        None => drawn,
+    };
     let silent = &mut |_: f64, _: &str| {};
     let doing = format!("setting up the storm of seed {seed}");
     let flown = fly(&storm, silent).doing(&doing)?;
@@ -160,8 +209,8 @@ fn fly_seed(args: &StormArgs, seed: u64) -> Result<Option<StormEnd>, CliError> {
     Ok(Some(StormEnd { flown, broken }))
 }
 
-/// Flies a list and shows what happens.
-fn fly_list(path: &Path, json: bool) -> Result<Exit, CliError> {
+/// Reads a list.
+pub fn read_list(path: &Path) -> Result<Storm, CliError> {
     let doing = format_args!("reading the list {}", path.display());
     let length = std::fs::metadata(path).doing(doing)?.len();
     if length > MAX_LIST_BYTES {
@@ -170,7 +219,12 @@ fn fly_list(path: &Path, json: bool) -> Result<Exit, CliError> {
         )));
     }
     let text = std::fs::read_to_string(path).doing(doing)?;
-    let storm = Storm::read(&text).doing(doing)?;
+    Storm::read(&text).doing(doing)
+}
+
+/// Flies a list and shows what happens.
+fn fly_list(path: &Path, json: bool) -> Result<Exit, CliError> {
+    let storm = read_list(path)?;
     let mut show = |t_s: f64, line: &str| note(json, format_args!("{t_s:>7.2} s  {line}"));
     let flown = fly(&storm, &mut show).doing(format_args!("flying the list {}", path.display()))?;
     if json {
@@ -207,14 +261,13 @@ fn show(args: &StormArgs, broken: &Broken) -> Result<(), CliError> {
 }
 
 impl Summary {
-    fn of(all: Vec<StormEnd>, elapsed_s: f64) -> Summary {
+    fn of(all: Vec<StormEnd>, coverage: &Coverage, elapsed_s: f64) -> Summary {
         let mut summary = Summary {
             storms: all.len(),
             kinds: Kind::ALL.len(),
             storms_per_s: all.len() as f64 / elapsed_s.max(1e-3),
             ..Summary::default()
         };
-        let mut pairs: BTreeMap<(Kind, &str), usize> = BTreeMap::new();
         for StormEnd { flown, broken } in all {
             match flown.ending {
                 Ending::Landed => summary.landed += 1,
@@ -226,13 +279,10 @@ impl Summary {
                 *summary.violations.entry(v.rule).or_default() += 1;
             }
             summary.faults_begun += flown.began.len();
-            for (kind, state, _) in &flown.began {
-                *pairs.entry((*kind, state.name())).or_default() += 1;
-            }
             summary.broken.extend(broken.map(|b| *b));
         }
-        summary.pairs_begun = pairs.len();
-        let kinds: std::collections::BTreeSet<Kind> = pairs.keys().map(|(kind, _)| *kind).collect();
+        summary.pairs_begun = coverage.begun.len();
+        let kinds: BTreeSet<Kind> = coverage.begun.keys().map(|(kind, _)| *kind).collect();
         summary.kinds_begun = kinds.len();
         summary
     }
@@ -255,5 +305,24 @@ impl Summary {
              {storms_per_s:.1} storms/s",
             self.broken.len()
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn aims_go_through_all_pairs() {
+        let mut coverage = Coverage::default();
+        assert!(coverage.aims(3).iter().all(Option::is_none));
+        // One began; the others never do, as of a state that is not reached.
+        let (kind, state) = pairs().next().unwrap();
+        coverage.begun.insert((kind, state.name()), 1);
+        let all = pairs().count();
+        let mut aimed: Vec<Pair> = (0..all).flat_map(|_| coverage.aims(1)).flatten().collect();
+        aimed.sort_by_key(|(kind, state)| (*kind, state.name()));
+        aimed.dedup();
+        assert!(aimed.len() + 1 >= all, "{} of {all}", aimed.len());
     }
 }

@@ -92,9 +92,8 @@ impl FlightLog {
             return;
         }
         self.count_time(now_ns, who);
-        let ended = matches!(state, State::Idle | State::Landed | State::GaveUp);
         let (last, way_ns) = before.map_or((State::Idle, None), |(last, _, way_ns)| (last, way_ns));
-        let way_ns = way_ns.or((last == State::Idle && !ended).then_some(now_ns));
+        let way_ns = way_ns.or((last == State::Idle && state.is_landing()).then_some(now_ns));
         if state == State::Landed && before.is_some() {
             self.add("landed", 1.0);
             if let Some(from) = way_ns {
@@ -105,7 +104,7 @@ impl FlightLog {
             self.add("gave_up", 1.0);
         }
         self.states
-            .insert(who, (state, now_ns, way_ns.filter(|_| !ended)));
+            .insert(who, (state, now_ns, way_ns.filter(|_| state.is_landing())));
         let t_s = self.t_s(now_ns);
         // At first sight it is not known how the state was entered.
         let reason = if before.is_none() { waiting } else { entered };
@@ -113,7 +112,7 @@ impl FlightLog {
             .enter(t_s, &named(who, state.name()), reason.to_string());
         let outcome = match state {
             // What came before counts.
-            State::Idle if !matches!(last, State::Idle | State::Landed | State::GaveUp) => "ended",
+            State::Idle if last.is_landing() => "ended",
             State::Idle => "",
             // It was before this flight that it landed or gave up.
             State::Landed | State::GaveUp if before.is_none() => "",

@@ -54,6 +54,18 @@ impl LocalCommand {
     }
 }
 
+/// The answer of drone `drone`'s mission, for a person.
+pub fn answer(drone: u32, mission: &MissionState, taken: bool) -> Vec<String> {
+    let mut lines = vec![
+        format!("drone {drone}: {}", mission.state.because(&mission.entered)),
+        format!("waiting: {}", mission.waiting),
+    ];
+    if !taken {
+        lines.push(format!("the mission of drone {drone} did not take the command"));
+    }
+    lines
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -21,3 +21,4 @@ pub mod shell;
 pub mod snapshot;
 pub mod supervision;
 pub mod supervisor;
+pub mod wall;

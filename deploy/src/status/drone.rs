@@ -12,7 +12,7 @@ use alight_uav::mission::MAX_VESSEL_DISTANCE_M;
 
 use super::finding::{Finding, Topic};
 use super::situation::Situation;
-use super::{ARMED_REMEDY, Figure, StateView, course, processes};
+use super::{ARMED_REMEDY, Figure, StateView, compass, course, go, processes};
 use crate::io::mavlink_key;
 use crate::process::snapshot::{minutes, time};
 
@@ -30,7 +30,7 @@ pub fn findings(s: &Situation) -> Vec<Finding> {
         && a.rejection.code != ReasonCode::None
     {
         let found = format!("no landing: {}", a.rejection);
-        all.push(Topic("autopilot").warning(found, "docs/troubleshooting.md names each reason"));
+        all.push(Topic("autopilot").stopping(found, "docs/troubleshooting.md names each reason"));
     }
     if let Some(p) = s.process(ProcessKind::Autopilot)
         && let Some((signatures, remedy_of_signatures)) = mavlink_key::counts(&p.metrics).finding()
@@ -45,7 +45,7 @@ pub fn findings(s: &Situation) -> Vec<Finding> {
         .is_some_and(|g| g.owner == DECK_CLOSED)
     {
         let remedy = "its crew opens it: alight command deck open";
-        all.push(Topic("deck").warning("the vessel has closed it: nothing descends", remedy));
+        all.push(Topic("deck").stopping("the vessel has closed it: nothing descends", remedy));
     }
     all.extend(s.seen.frame().map(frame));
     all
@@ -65,10 +65,10 @@ fn mission(s: &Situation, m: &MissionState) -> Vec<Finding> {
     if m.state == State::GaveUp {
         all.push(TOPIC.broken(entered, REMEDY));
     } else if m.was_entered_in_trouble() {
-        all.push(TOPIC.warning(entered, REMEDY));
+        all.push(TOPIC.stopping(entered, REMEDY));
     }
     if m.waits_in_trouble() {
-        all.push(TOPIC.warning(format!("waits: {}", m.waiting), REMEDY));
+        all.push(TOPIC.stopping(format!("waits: {}", m.waiting), REMEDY));
     }
     all
 }
@@ -83,7 +83,7 @@ fn link(s: &Situation) -> Vec<Finding> {
     let found = format!("the vessel's newest estimate is {} old", time(age_s));
     let remedy = "is alight-vessel running, its radio in reach, its certificate admitted?";
     let mut all = vec![if age_s.is_infinite() {
-        TOPIC.warning("no vessel received yet", remedy)
+        TOPIC.stopping("no vessel received yet", remedy)
     } else if age_s > limit_s {
         TOPIC.broken(found, remedy)
     } else if age_s > OLD_LINK * limit_s {
@@ -119,12 +119,26 @@ pub fn frame((origin, deck_m): (Datum, Option<f64>)) -> Finding {
         origin.latitude_deg, origin.longitude_deg, origin.height_m
     );
     match deck_m {
-        Some(m) if m > MAX_VESSEL_DISTANCE_M => TOPIC.warning(
+        Some(m) if m > MAX_VESSEL_DISTANCE_M => TOPIC.stopping(
             format!("{begins}, the vessel is {m:.0} m away"),
             "the mission flies to none beyond 5 km: compare what the autopilot and her receiver report with a chart",
         ),
         Some(m) => TOPIC.fine(format!("{begins}, the vessel is {m:.0} m away")),
         None => TOPIC.fine(format!("{begins}; no vessel is known")),
+    }
+}
+
+/// What is not known that a landing needs.
+pub fn unknown(s: &Situation) -> Option<&'static str> {
+    let seen = &s.seen;
+    if seen.mission.fresh(s.now_ns).is_none() {
+        Some("no mission reports")
+    } else if seen.autopilot.fresh(s.now_ns).is_none() {
+        Some("no message of the autopilot")
+    } else if seen.forecast.fresh(s.now_ns).is_none() {
+        Some("no forecast of the deck")
+    } else {
+        None
     }
 }
 
@@ -142,6 +156,7 @@ pub fn state(s: &Situation) -> Option<StateView> {
         since_s,
         entered: m.entered.to_string(),
         waiting: m.waiting.to_string(),
+        stages: go::stages(m.state),
         stale: s.seen.mission.is_old(s.now_ns),
     })
 }
@@ -278,7 +293,8 @@ fn wind(s: &Situation) -> Figure {
     match s.seen.mission.and_then(|m| m.wind) {
         None => Figure::unknown(NAME),
         Some(wind) => {
-            Figure::of(NAME, Wind::towards(wind).to_string(), "").stale(s.seen.mission.is_old(s.now_ns))
+            let text = compass::wind(Wind::towards(wind), s.known.knots);
+            Figure::of(NAME, text, "").stale(s.seen.mission.is_old(s.now_ns))
         }
     }
 }

@@ -4,9 +4,11 @@
 
 pub mod certificate;
 pub mod command;
+pub mod compass;
 pub mod drone;
 pub mod finding;
 pub mod findings;
+pub mod go;
 pub mod situation;
 pub mod sources;
 pub mod subject;
@@ -16,7 +18,9 @@ pub mod vessel;
 pub mod watch;
 
 use alight_shared::msg::Course;
+use compass::Compass;
 use finding::{Finding, Level, Topic};
+use go::{Go, Stage};
 use serde::Serialize;
 use situation::{Known, Situation};
 use vessel::DRONES;
@@ -34,6 +38,8 @@ pub struct StateView {
     pub entered: String,
     /// What the next one waits for, with figure and limit; empty: nothing.
     pub waiting: String,
+    /// The stages of a landing, and which of them it is.
+    pub stages: Vec<Stage>,
     /// Nothing new is known of it.
     pub stale: bool,
 }
@@ -110,8 +116,12 @@ pub struct Status {
     pub running: bool,
     /// How it is, in one clause.
     pub headline: String,
+    /// Whether a landing may go on.
+    pub go: Go,
     /// The state of the landing; None: not known.
     pub state: Option<StateView>,
+    /// Wind, waves and advised heading from the bow; None: no heading is known.
+    pub compass: Option<Compass>,
     /// Figures, the most important first.
     pub figures: Vec<Figure>,
     /// The worst of the findings.
@@ -142,18 +152,26 @@ impl Status {
         }
         let findings = findings::judge(&situation);
         let worst = Level::worst(&findings);
-        let (state, headline, mut figures) = match situation.vessel() {
+        let (state, headline, mut figures, compass) = match situation.vessel() {
             Some((known, status)) => {
                 let state = vessel::state(&situation, status);
                 let figures = vessel::figures(&situation, known, status);
-                (state, vessel::headline(&situation, worst), figures)
+                let headline = vessel::headline(&situation, worst);
+                (state, headline, figures, compass::of_vessel(status))
             }
             None => {
                 let state = drone::state(&situation);
                 let headline = drone::headline(state.as_ref());
-                (state, headline, drone::figures(&situation))
+                let figures = drone::figures(&situation);
+                (state, headline, figures, compass::of_drone(&situation))
             }
         };
+        // A vessel is judged without a drone, too.
+        let unknown = match situation.vessel() {
+            Some(_) => None,
+            None => drone::unknown(&situation),
+        };
+        let go = Go::of(&findings, unknown);
         // Of several drones each has a figure, which judges itself.
         for figure in figures.iter_mut().filter(|f| f.name != DRONES) {
             let own = findings.iter().filter(|f| f.topic == figure.name);
@@ -163,7 +181,9 @@ impl Status {
             title: situation.known.title.clone(),
             running: true,
             headline,
+            go,
             state,
+            compass,
             figures,
             worst,
             findings,
@@ -192,6 +212,7 @@ impl Status {
         Status {
             title: known.title.clone(),
             headline: headline.into(),
+            go: Go::of(core::slice::from_ref(&why), Some(&why.found)),
             worst: why.level,
             findings: vec![why],
             situation: Situation {

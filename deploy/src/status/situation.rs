@@ -57,6 +57,8 @@ pub struct Known {
     pub processes: Vec<ProcessKind>,
     /// Of a vessel's computer.
     pub vessel: Option<KnownVessel>,
+    /// People read winds in knots.
+    pub knots: bool,
 }
 
 impl Known {
@@ -68,6 +70,7 @@ impl Known {
             disarm: computer.autopilot.disarm,
             processes: ProcessKind::DRONE.into(),
             vessel: None,
+            knots: computer.view.knots,
         }
     }
     /// A vessel's computer, with what its certificate's file holds now.
@@ -93,6 +96,7 @@ impl Known {
                 clock: computer.clock,
                 read_ns: steady_ns(),
             }),
+            knots: computer.view.knots,
             ..Known::default()
         }
     }

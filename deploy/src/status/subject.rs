@@ -55,21 +55,65 @@ impl Computer {
             .find(readable)
             .map(Path::to_path_buf)
     }
-    /// The drone's processes of that name: a landing of all processes has the drone's file next to its memory.
     fn of_instance(name: &str) -> Result<Computer, CliError> {
-        let file = Instance::new(name)?.directory().join("drone.toml");
-        let mut drone: DroneComputer = if file.exists() {
-            config::load(&file)?
-        } else {
-            DroneComputer::default()
-        };
-        drone.instance = name.into();
+        let drone = drone_of_instance(name)?.unwrap_or_else(|| unconfigured(name));
         Ok(Computer::Drone(Box::new(drone)))
     }
 }
 
+/// The drone whose processes have that name: the installed one, or that of a landing of all processes, which has the drone's
+/// file next to its memory.
+fn drone_of_instance(name: &str) -> Result<Option<DroneComputer>, CliError> {
+    let [_, installed] = SHIPPED.map(Path::new);
+    // Without the permission to read it, the other is looked for.
+    let installed: Option<DroneComputer> = config::load(installed).ok();
+    if let Some(drone) = installed.filter(|d| d.instance == name) {
+        return Ok(Some(drone));
+    }
+    let file = Instance::new(name)?.directory().join("drone.toml");
+    if !file.exists() {
+        return Ok(None);
+    }
+    let mut drone: DroneComputer = config::load(&file)?;
+    drone.instance = name.into();
+    Ok(Some(drone))
+}
+
+/// A drone of which no more is known than the name of its processes.
+fn unconfigured(name: &str) -> DroneComputer {
+    DroneComputer {
+        instance: name.into(),
+        ..DroneComputer::default()
+    }
+}
+
+/// The drone that a command on this computer is for. The installed one comes before a simulated landing, unless another
+/// name is given: an order must not go to a simulation while a drone flies.
+pub fn commanded_drone(
+    config: Option<&Path>,
+    instance: Option<&str>,
+    is_abort: bool,
+) -> Result<DroneComputer, CliError> {
+    if let Some(path) = config {
+        return Ok(config::load(path)?);
+    }
+    let [_, installed] = SHIPPED.map(Path::new);
+    if instance.is_none() && installed.exists() {
+        return Ok(config::load(installed)?);
+    }
+    let name = instance.unwrap_or(LAND);
+    match drone_of_instance(name)? {
+        Some(drone) => Ok(drone),
+        // An order to a wrong number is none; an abort is tried.
+        None if !is_abort && is_running(&Instance::new(name)?) => Err(CliError(format!(
+            "the processes {name} have no configuration beside their memory: name it with --config"
+        ))),
+        None => Ok(unconfigured(name)),
+    }
+}
+
 /// Whose processes are meant.
-#[derive(Args, Debug, Default)]
+#[derive(Args, Clone, Debug, Default)]
 pub struct Subject {
     /// Name of the set of processes [default: the configuration's; without one: land]
     #[arg(long)]
@@ -83,14 +127,40 @@ pub struct Subject {
 impl Subject {
     /// Its configuration: of a landing of this computer before what is installed on it.
     pub fn computer(&self) -> Result<Computer, CliError> {
-        match (&self.instance, &self.config) {
+        let fixed = self.fixed()?;
+        match (&fixed.instance, &fixed.config) {
             (Some(name), _) => Computer::of_instance(name),
             (None, Some(path)) => Computer::read(path),
-            (None, None) if is_running(&Instance::new(LAND)?) => Computer::of_instance(LAND),
-            (None, None) => match Computer::shipped() {
-                Some(path) => Computer::read(&path),
-                None => Computer::of_instance(LAND),
-            },
+            (None, None) => Computer::of_instance(LAND),
         }
+    }
+    /// Whose orders are passed on: as [`commanded_drone`], what is installed comes before a simulated landing.
+    pub fn ordered(&self) -> Result<Subject, CliError> {
+        let [_, installed] = SHIPPED;
+        let is_open = self.instance.is_none() && self.config.is_none();
+        if is_open && Path::new(installed).exists() {
+            return Ok(Subject {
+                instance: None,
+                config: Some(installed.into()),
+            });
+        }
+        self.fixed()
+    }
+    /// Its processes are those of a configuration that was read, not of one that is guessed.
+    pub fn is_configured(&self) -> bool {
+        let known = |name: &String| drone_of_instance(name).is_ok_and(|drone| drone.is_some());
+        self.instance.as_ref().is_none_or(known)
+    }
+    /// The same by its name or its file, whatever runs later.
+    pub fn fixed(&self) -> Result<Subject, CliError> {
+        if self.instance.is_some() || self.config.is_some() {
+            return Ok(self.clone());
+        }
+        let lands = is_running(&Instance::new(LAND)?);
+        let config = if lands { None } else { Computer::shipped() };
+        Ok(Subject {
+            instance: config.is_none().then(|| LAND.into()),
+            config,
+        })
     }
 }

@@ -24,6 +24,16 @@ pub struct Line {
     pub level: Level,
 }
 
+impl Line {
+    /// A line below the first of an entry has no label, and no colour.
+    fn coloured(&self) -> String {
+        if self.text.starts_with(' ') {
+            return self.text.clone();
+        }
+        self.level.coloured(&self.text)
+    }
+}
+
 impl Figure {
     /// Value and note; None: nothing to print.
     fn text(&self) -> Option<String> {
@@ -123,17 +133,17 @@ impl Status {
         }
         lines
     }
-    /// As it is printed.
+    /// As it is printed: on a terminal with the labels of alarms in their colours.
     pub fn text(&self) -> String {
         let lines = self.lines(WIDTH, HEIGHT);
-        let texts: Vec<String> = lines.into_iter().map(|l| l.text).collect();
+        let texts: Vec<String> = lines.iter().map(Line::coloured).collect();
         texts.join("\n")
     }
     /// Everything: each finding, what each process reports of itself, and each topic as each process reads it.
     pub fn all(&self) -> String {
         let seen = &self.situation.seen;
         let mut lines = vec![self.title()];
-        lines.extend(self.findings.iter().map(|f| f.lines()));
+        lines.extend(self.findings.iter().map(|f| f.level.coloured(&f.lines())));
         lines.push(String::new());
         let entries = self.waiting().into_iter().chain(self.entries());
         lines.extend(entries.map(|(label, text)| format!("{label:<LABEL$}{text}")));

@@ -10,14 +10,14 @@ use alight_shared::transport::process::ProcessKind;
 use super::finding::{Finding, Level, Topic};
 use super::situation::{KnownVessel, Situation};
 use super::sources::{MISSING_S, estimator, remark, source};
-use super::{ARMED_REMEDY, Figure, StateView, certificate, course, processes};
+use super::{ARMED_REMEDY, Figure, StateView, certificate, course, go, processes};
 use crate::process::snapshot::time;
 use crate::vessel::{deck_inputs, helm_lamp};
 
 /// A drone reports at 2 Hz; without a report for this long it is out of reach, s.
 const LOST_CONTACT_S: f64 = 5.0;
 /// A turn that takes less than a tenth of the tilt away is not worth it.
-const WORTH_TURNING: f64 = 0.9;
+pub const WORTH_TURNING: f64 = 0.9;
 
 /// What a vessel's situation means.
 pub fn findings(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Vec<Finding> {
@@ -82,34 +82,35 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
     let found = owner(status);
     let deck = &status.deck;
     const OPEN: &str = "alight command deck open";
-    let mut all = match (deck.closed, deck.owner_age_s) {
-        (Some(Closure::Crew), _) => vec![TOPIC.warning(format!("closed by the crew; {found}"), OPEN)],
-        (Some(Closure::CheckpointDamaged), _) => vec![TOPIC.warning(
+    let owned = match (deck.closed, deck.owner_age_s) {
+        (Some(Closure::Crew), _) => TOPIC.stopping(format!("closed by the crew; {found}"), OPEN),
+        (Some(Closure::CheckpointDamaged), _) => TOPIC.stopping(
             "closed: the file of who stands on it was damaged",
             format!("look, and once it is empty: {OPEN}"),
-        )],
-        (Some(Closure::CheckpointMissing), _) => vec![TOPIC.warning(
+        ),
+        (Some(Closure::CheckpointMissing), _) => TOPIC.stopping(
             "closed: there is no file of who stands on it",
             format!("look, and once it is empty: {OPEN}"),
-        )],
-        (Some(Closure::CheckpointUnwritable), _) => vec![TOPIC.warning(
+        ),
+        (Some(Closure::CheckpointUnwritable), _) => TOPIC.stopping(
             format!("closed: the file of who stands on it cannot be written, and may be old; {found}"),
             format!("free space, or make it writable; look, and once it is empty: {OPEN}"),
-        )],
-        (Some(Closure::Switch), _) => vec![TOPIC.warning(
+        ),
+        (Some(Closure::Switch), _) => TOPIC.stopping(
             format!("closed by the crew's switch; {found}"),
             "open it at the switch (deck.crew_switch)",
-        )],
-        (Some(Closure::Sensor), _) => vec![TOPIC.warning(
+        ),
+        (Some(Closure::Sensor), _) => TOPIC.stopping(
             format!("closed: by its sensor something lies on it that is no drone; {found}"),
             "look, and take it away (deck.occupancy_sensor)",
-        )],
-        (None, Some(age_s)) if age_s > LOST_CONTACT_S => vec![TOPIC.warning(
+        ),
+        (None, Some(age_s)) if age_s > LOST_CONTACT_S => TOPIC.stopping(
             format!("{found}, silent for {}", time(age_s)),
             format!("it may stand there; once it does not: {OPEN}"),
-        )],
-        (None, _) => vec![TOPIC.fine(found)],
+        ),
+        (None, _) => TOPIC.fine(found),
     };
+    let mut all = vec![owned];
     all.extend(deck.doubles.iter().map(|id| {
         TOPIC.broken(
             format!("two drones have the number {id}: neither is given the deck"),
@@ -132,7 +133,7 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
         )
     }));
     all.extend(deck.unplaced.iter().map(|id| {
-        TOPIC.warning(
+        TOPIC.stopping(
             format!(
                 "drone {id} is switched on without a position: it may stand there, and no other is given it"
             ),
@@ -165,7 +166,7 @@ fn course_findings(deck: &DeckStatus) -> Vec<Finding> {
     let stated = course(deck.course);
     let turns = deck.wants_steady && deck.course == Course::Turning;
     let mut all = vec![if turns {
-        TOPIC.warning(
+        TOPIC.stopping(
             format!("{stated}; a drone waits for a steady course, or breaks its descent off"),
             "keep course and speed, and state it: the helm's switch, or alight command steady",
         )
@@ -272,6 +273,7 @@ pub fn state(s: &Situation, status: &VesselStatus) -> Option<StateView> {
         since_s: 0.0,
         entered: d.status.entered.to_string(),
         waiting: d.status.waiting.to_string(),
+        stages: go::stages(d.status.state),
         stale: !s.reports(ProcessKind::Vessel) || d.age_s > LOST_CONTACT_S,
     })
 }

@@ -15,10 +15,11 @@ use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use crate::config::{DroneComputer, VesselComputer};
+use crate::config::VesselComputer;
 use crate::exit::{CliError, Exit};
 use crate::process::instance::is_running;
-use crate::process::local_command::LocalCommand;
+use crate::process::local_command::{LocalCommand, answer};
+use crate::status::subject::{SHIPPED, commanded_drone};
 use crate::terminal;
 use crate::vessel::crew::OrderOnItsWay;
 
@@ -70,9 +71,10 @@ impl Order {
 #[command(
     after_help = "Run it as the user that runs Alight: sudo -u alight alight command abort\n\
 From ashore: alight command abort --drone 2 --vessel quic/192.168.7.1:7447 --keys keys/operator-1\n\
-On the vessel: sudo -u alight alight command deck closed\n\
-               sudo -u alight alight command deck open --drone 2   (and drone 2 is not above it either)\n\
-               sudo -u alight alight command steady --for 60\n\
+A simulated landing: alight command abort --instance land\n\
+On the vessel: sudo -u alight alight command deck closed\n  \
+sudo -u alight alight command deck open --drone 2   (which is not above it)\n  \
+sudo -u alight alight command steady --for 60\n\
 Exit codes: 0 the mission or the vessel took it, 1 it did not in time, 2 bad input or no mission answers."
 )]
 pub struct CommandArgs {
@@ -85,8 +87,8 @@ pub struct CommandArgs {
     /// With `steady`: for so long, s; 0: nothing is stated any more
     #[arg(long = "for", value_name = "SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u32).range(0..=3600))]
     pub for_s: u32,
-    /// Configuration of the drone's computer, with `deck`, `steady` and `turning` of the vessel's (TOML) [default: /etc/alight/drone.toml or
-    /// /etc/alight/vessel.toml]
+    /// Configuration of the drone's computer, with `deck`, `steady` and `turning` of the vessel's (TOML) [default:
+    /// /etc/alight/drone.toml or /etc/alight/vessel.toml; without the drone's: of a landing that runs here]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Name of the set of processes [default: the configuration's]
@@ -111,8 +113,8 @@ pub struct CommandArgs {
 }
 
 impl CommandArgs {
-    fn config_or(&self, shipped: &str) -> PathBuf {
-        self.config.clone().unwrap_or_else(|| shipped.into())
+    fn vessel_config(&self) -> PathBuf {
+        self.config.clone().unwrap_or_else(|| SHIPPED[0].into())
     }
 }
 
@@ -143,22 +145,23 @@ fn on_board(args: &CommandArgs, what: &str) -> Result<VesselComputer, CliError> 
             "{what} on the vessel's own computer: no --vessel, no --instance"
         )));
     }
-    Ok(config::load(&args.config_or("/etc/alight/vessel.toml"))?)
+    Ok(config::load(&args.vessel_config())?)
 }
 
 /// Gives an order to the vessel's process on this computer; the status that names it, None where it did not take it.
 fn order_aboard(args: &CommandArgs, what: &str, order: DeckOrder) -> Result<Option<VesselStatus>, CliError> {
     let computer = on_board(args, what)?;
-    let memory = join(&computer.instance, "alight-vessel")?;
+    let other = "name its configuration with --config";
+    let memory = join(&computer.instance, "alight-vessel", other)?;
     Ok(OrderOnItsWay::give(&memory, &computer, order)?.wait(&memory))
 }
 
-/// The memory of the set of processes `name`, which `unit` runs.
-fn join(name: &str, unit: &str) -> Result<Memory, CliError> {
+/// The memory of the set of processes `name`, which `unit` runs; `other` says how another is named.
+fn join(name: &str, unit: &str, other: &str) -> Result<Memory, CliError> {
     let instance = Instance::new(name)?;
     if !is_running(&instance) {
         return Err(CliError(format!(
-            "nothing runs under the name {name}: systemctl status {unit}"
+            "nothing runs under the name {name}: systemctl status {unit}, or {other}"
         )));
     }
     Ok(Memory::join(&instance, "command")?)
@@ -240,7 +243,8 @@ fn kept_by(unheard: &Unheard) -> String {
 
 /// Through the shared memory of the drone's computer.
 fn here(args: &CommandArgs) -> Result<Exit, CliError> {
-    let computer: DroneComputer = config::load(&args.config_or("/etc/alight/drone.toml"))?;
+    let is_abort = args.order == Order::Abort;
+    let computer = commanded_drone(args.config.as_deref(), args.instance.as_deref(), is_abort)?;
     let own = computer.bridge.drone_id;
     if let Some(drone) = args.drone.filter(|drone| *drone != own) {
         return Err(CliError(format!(
@@ -248,7 +252,7 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
         )));
     }
     let name = args.instance.as_ref().unwrap_or(&computer.instance);
-    let memory = join(name, "alight-drone")?;
+    let memory = join(name, "alight-drone", "name a landing's with --instance")?;
     let mut missions: Subscriber<MissionState> = memory.subscriber()?;
     let mut commands: Publisher<Command> = memory.publisher()?;
     let mut command = LocalCommand::new(&computer, args.order.kind(), steady_ns());
@@ -278,18 +282,6 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
         }
     }
     Ok(Exit::of(taken))
-}
-
-/// The answer of drone `drone`'s mission, for a person.
-fn answer(drone: u32, mission: &MissionState, taken: bool) -> Vec<String> {
-    let mut lines = vec![
-        format!("drone {drone}: {}", mission.state.because(&mission.entered)),
-        format!("waiting: {}", mission.waiting),
-    ];
-    if !taken {
-        lines.push(format!("the mission of drone {drone} did not take the command"));
-    }
-    lines
 }
 
 #[cfg(test)]

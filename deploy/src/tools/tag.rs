@@ -82,16 +82,18 @@ pub fn run(args: &TagArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
+/// A tag as the drone's configuration has it, on a line of its own.
+pub fn row(t: &DeckTag) -> String {
+    let DeckTag {
+        id,
+        side_m,
+        centre_m: [x, y, z],
+    } = t;
+    format!("  {{ id = {id}, side_m = {side_m:?}, centre_m = [{x:?}, {y:?}, {z:?}] }},\n")
+}
+
 /// The tags as the drone's configuration has them.
 fn listed(tags: &[DeckTag]) -> String {
-    let row = |t: &DeckTag| {
-        let DeckTag {
-            id,
-            side_m,
-            centre_m: [x, y, z],
-        } = t;
-        format!("  {{ id = {id}, side_m = {side_m:?}, centre_m = [{x:?}, {y:?}, {z:?}] }},\n")
-    };
     let rows: String = tags.iter().map(row).collect();
     format!("[drone.deck]\ntags = [\n{rows}]")
 }

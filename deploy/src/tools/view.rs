@@ -19,6 +19,7 @@ use crate::process::instance::{EDITED_FILE, is_running, owner, said};
 use crate::process::life::{Life, draw_boot, end_with_supervisor};
 use crate::process::local_command::LocalCommand;
 use crate::process::supervisor::pause;
+use crate::process::wall::wall_ns;
 use crate::status::Status;
 use crate::status::situation::Known;
 use crate::status::subject::{Computer, Subject};
@@ -32,9 +33,11 @@ use crate::view::watcher::{Bodies, Watcher};
 #[derive(Args, Debug)]
 #[command(
     after_help = "Run it as the user that runs Alight: sudo -u alight alight view\n\
-Then open http://127.0.0.1:7450 in a browser on this computer. For a phone on board name an address of this\n\
-computer's network: alight view --listen 192.168.7.1:7450 (or view.listen); everybody there sees it.\n\
-Foxglove: alight view --foxglove, then Open connection, Foxglove WebSocket, ws://127.0.0.1:8765.\n\
+Then open http://127.0.0.1:7450 in a browser on this computer. For a phone on\n\
+board name an address of this computer's network (or view.listen), where\n\
+everybody sees it: alight view --listen 192.168.7.1:7450\n\
+Foxglove: alight view --foxglove, then Open connection, Foxglove WebSocket,\n\
+ws://127.0.0.1:8765.\n\
 It ends by Ctrl-C, and nothing in a flight waits for it."
 )]
 pub struct ViewCommand {
@@ -92,9 +95,13 @@ pub fn run(args: &ViewCommand) -> Result<Exit, CliError> {
         view
     };
     let ends = || end_requested() || told_to_end.load(Ordering::Relaxed);
-    match args.subject.computer()? {
+    let subject = args.subject.fixed()?;
+    match subject.computer()? {
         Computer::Vessel(v) => vessel(&v, &over(v.view.clone()), &ends),
-        Computer::Drone(d) => drone(&d, &over(d.view.clone()), &ends, &told_to_end),
+        Computer::Drone(d) => {
+            let view = over(d.view.clone());
+            drone(*d, &subject, &view, &ends, &told_to_end)
+        }
     }
 }
 
@@ -117,12 +124,13 @@ fn vessel(computer: &VesselComputer, view: &ViewConfig, ends: &dyn Fn() -> bool)
 }
 
 fn drone(
-    computer: &DroneComputer,
+    mut computer: DroneComputer,
+    subject: &Subject,
     view: &ViewConfig,
     ends: &dyn Fn() -> bool,
     told_to_end: &AtomicBool,
 ) -> Result<Exit, CliError> {
-    let known = Known::drone(computer);
+    let known = Known::drone(&computer);
     let bodies: Bodies = Some((computer.drone.deck, computer.drone.airframe));
     let served = served(view, &computer.instance)?;
     let is_live = served.foxglove.is_some();
@@ -142,11 +150,22 @@ fn drone(
             pause(ABSENT_PAUSE);
             continue;
         };
+        // Processes that were started since may have another number and another clock.
+        if let Ok(Computer::Drone(newest)) = subject.computer() {
+            computer = *newest;
+            watcher.board.situation.known = Known::drone(&computer);
+        }
         watcher.reset(Span::from_nanos(wall_ns));
         watcher.board.earlier = flights::earlier(&computer.recorder.directory);
         watcher.board.order.label = view.abort.then_some("ABORT");
         let is_there = || owner(&instance) == Some(pid);
-        if !joined.show(computer, &mut watcher, (is_live, wall_ns), &is_there, told_to_end) {
+        if !joined.show(
+            &computer,
+            &mut watcher,
+            (is_live, wall_ns),
+            &is_there,
+            told_to_end,
+        ) {
             break;
         }
     }
@@ -263,11 +282,8 @@ impl Joined {
 }
 
 /// The time of day less the steady clock, ns: messages for Foxglove bear the time of day.
-#[allow(clippy::disallowed_methods)]
 fn wall_offset_ns() -> i64 {
-    let wall = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
-    let wall_ns = wall.map_or(0, |d| i64::try_from(d.as_nanos()).unwrap_or(0));
-    wall_ns - steady_ns()
+    wall_ns() - steady_ns()
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ use crate::status::situation::{Known, Situation};
 use crate::tools::flights;
 use crate::vessel::crew::OrderOnItsWay;
 use crate::view::motion::MotionHistory;
-use crate::view::picture::{FlightLine, LogLine, OrderView, Picture};
+use crate::view::picture::{FlightLine, LogLine, OrderView, Picture, ResultView, TrackView};
 use crate::view::server::Order;
 
 /// Changes of drones' states that are kept.
@@ -36,6 +36,8 @@ pub struct Look<'a> {
     log: VecDeque<(i64, String)>,
     /// Flights that had ended when the look began, as the vessel's own process does.
     earlier: Vec<FlightLine>,
+    /// When the newest flight ended that was seen to, how and why.
+    result: Option<(i64, &'static str, String)>,
     order: OrderView,
     /// The page's order under way to the vessel's process.
     given: Option<(OrderOnItsWay, Order)>,
@@ -54,6 +56,7 @@ impl<'a> Look<'a> {
             states: BTreeMap::new(),
             log: VecDeque::new(),
             earlier: flights::earlier(&computer.recorder.directory),
+            result: None,
             order: OrderView {
                 label: may_order.then_some("CLOSE THE DECK"),
                 answer: String::new(),
@@ -98,6 +101,7 @@ impl<'a> Look<'a> {
             self.silent_since_ns = None;
             return Picture {
                 status: Status::absent(&self.known),
+                result: self.result(now_ns),
                 ..Picture::default()
             };
         };
@@ -119,9 +123,20 @@ impl<'a> Look<'a> {
             status: Status::of(situation),
             scene: None,
             motion: self.motion.view(),
+            track: TrackView::default(),
+            result: self.result(now_ns),
             flights: self.earlier.clone(),
             order: self.order.clone(),
         }
+    }
+
+    fn result(&self, now_ns: i64) -> Option<ResultView> {
+        let (at, outcome, text) = self.result.as_ref()?;
+        Some(ResultView {
+            ago_s: now_ns.saturating_sub(*at) as f64 * 1e-9,
+            outcome,
+            text: text.clone(),
+        })
     }
 
     /// What is new in it.
@@ -149,7 +164,12 @@ impl<'a> Look<'a> {
         for drone in status.drones.iter() {
             let (number, state) = (drone.status.header.drone, drone.status.state);
             let known = self.states.len() < DRONES || self.states.contains_key(&number);
+            let before = self.states.get(&number).copied();
             if known && self.states.insert(number, state) != Some(state) {
+                // Whoever looks on since it stood on the deck has seen no flight.
+                if let (Some(ended), Some(_)) = (state.ending(), before) {
+                    self.result = Some((at_ns, ended, format!("drone {number}: {}", drone.status.entered)));
+                }
                 let entered = drone.status.state.because(&drone.status.entered);
                 self.log.push_back((at_ns, format!("drone {number} {entered}")));
             }

@@ -18,7 +18,10 @@ use crate::process::snapshot::minutes;
 use crate::status::Status;
 use crate::status::situation::{Known, Situation};
 use crate::view::motion::MotionHistory;
-use crate::view::picture::{DroneView, FlightLine, LogLine, OrderView, Picture, Place, SceneView};
+use crate::view::picture::{
+    DroneView, FlightLine, LogLine, OrderView, Picture, Place, ResultView, SceneView,
+};
+use crate::view::track::Track;
 
 /// Changes of state that are kept.
 const LOG_LINES: usize = 12;
@@ -36,6 +39,23 @@ struct Ended {
     text: String,
 }
 
+impl Ended {
+    fn result(&self, t: Time<TrueTime>) -> ResultView {
+        ResultView {
+            ago_s: (t - self.at).secs(),
+            outcome: self.outcome,
+            text: self.text.clone(),
+        }
+    }
+    fn line(&self, t: Time<TrueTime>) -> FlightLine {
+        FlightLine {
+            when: format!("{} ago", minutes((t - self.at).secs())),
+            outcome: self.outcome.into(),
+            text: self.text.clone(),
+        }
+    }
+}
+
 /// What is known of a flight.
 pub struct Board {
     /// What is known of the computer.
@@ -43,6 +63,7 @@ pub struct Board {
     /// Roll, pitch (rad) and height (m) by the vessel's own estimate, and when it came.
     own_motion: Option<(Time<TrueTime>, [f64; 3])>,
     motion: MotionHistory,
+    track: Track,
     /// The newest motion is the vessel's own estimate of it.
     is_own: bool,
     log: VecDeque<(Time<TrueTime>, String)>,
@@ -66,6 +87,7 @@ impl Board {
             },
             own_motion: None,
             motion: MotionHistory::default(),
+            track: Track::default(),
             is_own: false,
             log: VecDeque::new(),
             flights: VecDeque::new(),
@@ -106,6 +128,14 @@ impl Board {
     pub fn predictor(&mut self, t: Time<TrueTime>, i: &PredictorIn, o: &PredictorOut) {
         self.situation.seen.drone.set(t.nanos(), i.drone);
         self.situation.seen.forecast.set(t.nanos(), o.forecast);
+        if let Some(drone) = i.drone {
+            let ground = |[north, east, _]: [f64; 3]| [north, east];
+            let forecast = self.situation.seen.forecast.fresh(t.nanos());
+            let deck = forecast.and_then(|f| f.stages.first());
+            let deck = deck.map(|s| ground(s.position));
+            self.track
+                .add(t, drone.frames, Some(ground(drone.position)), deck);
+        }
         self.sample(t);
     }
     /// A step of the mission.
@@ -158,24 +188,18 @@ impl Board {
             return;
         }
         keep(&mut self.log, (t, m.state.because(&m.entered)), LOG_LINES);
-        let outcome = match m.state {
-            State::Idle => None,
-            State::Landed => Some("landed"),
-            State::GaveUp => Some("gave up"),
-            _ => {
-                self.begun.get_or_insert(t);
-                None
-            }
-        };
+        if m.state.is_landing() {
+            self.begun.get_or_insert(t);
+        }
         // Who looks on since the drone stood on the deck has seen no flight.
-        if let (Some(outcome), Some(_)) = (outcome, before) {
+        if let (Some(outcome), Some(_)) = (m.state.ending(), before) {
             let took = self.begun.take().map(|at| (t - at).secs());
             let took = took.map_or(String::new(), |s| format!(", after {}", minutes(s)));
             let plural = if m.attempts == 1 { "" } else { "s" };
             let text = format!("{}; {} descent{plural}{took}", m.entered, m.attempts);
             keep(&mut self.flights, Ended { at: t, outcome, text }, FLIGHTS);
         }
-        if matches!(m.state, State::Idle | State::Landed | State::GaveUp) {
+        if !m.state.is_landing() {
             self.begun = None;
         }
     }
@@ -189,6 +213,7 @@ impl Board {
             status: Status::of(situation),
             scene: self.scene(t),
             motion: self.motion.view(),
+            track: self.track.view(),
             log: self
                 .log
                 .iter()
@@ -198,15 +223,12 @@ impl Board {
                     text: text.clone(),
                 })
                 .collect(),
+            result: self.flights.back().map(|f| f.result(t)),
             flights: self
                 .flights
                 .iter()
                 .rev()
-                .map(|f| FlightLine {
-                    when: format!("{} ago", minutes((t - f.at).secs())),
-                    outcome: f.outcome.into(),
-                    text: f.text.clone(),
-                })
+                .map(|f| f.line(t))
                 .chain(self.earlier.iter().cloned())
                 .take(FLIGHTS)
                 .collect(),

@@ -12,4 +12,5 @@ pub mod motion;
 pub mod picture;
 pub mod scenery;
 pub mod server;
+mod track;
 pub mod watcher;

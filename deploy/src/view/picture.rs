@@ -52,6 +52,16 @@ pub struct MotionView {
     pub heave_m: Vec<Option<f64>>,
 }
 
+/// Where drone and deck were over ground, one sample every two seconds, oldest first: metres to north and east of the newest
+/// place of the deck; None where it was not known.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct TrackView {
+    /// The drone.
+    pub drone: Vec<Option<[f64; 2]>>,
+    /// The deck's centre.
+    pub deck: Vec<Option<[f64; 2]>>,
+}
+
 /// A line of what happened.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LogLine {
@@ -61,10 +71,21 @@ pub struct LogLine {
     pub text: String,
 }
 
+/// The flight that ended last.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ResultView {
+    /// So long ago, s.
+    pub ago_s: f64,
+    /// How: landed, gave up.
+    pub outcome: &'static str,
+    /// Why, and its figures.
+    pub text: String,
+}
+
 /// A flight that ended.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FlightLine {
-    /// When it ended: so long ago (s), or in words.
+    /// When it ended: so long ago, or a date.
     pub when: String,
     /// How: landed, gave up.
     pub outcome: String,
@@ -93,10 +114,14 @@ pub struct Picture {
     pub scene: Option<SceneView>,
     /// The deck's motion.
     pub motion: MotionView,
+    /// Over ground.
+    pub track: TrackView,
     /// What happened in this run, the newest first.
     pub log: Vec<LogLine>,
     /// Flights that ended, the newest first.
     pub flights: Vec<FlightLine>,
+    /// The newest flight that ended while the server was looking on.
+    pub result: Option<ResultView>,
     /// The order that the page may give.
     pub order: OrderView,
 }

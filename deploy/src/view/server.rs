@@ -15,16 +15,17 @@ use std::time::Duration;
 use alight_shared::transport::clock::steady_ns;
 use axum::Router;
 use axum::body::{Body, Bytes};
-use axum::extract::{ConnectInfo, State};
+use axum::extract::{ConnectInfo, Request, State};
 use axum::http::header::{CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HOST, HeaderName, ORIGIN};
 use axum::http::{HeaderMap, StatusCode};
+use axum::middleware::{Next, from_fn};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use foxglove::{Context, WebSocketServer};
 use tokio::sync::{oneshot, watch};
 
 use crate::exit::{CliError, Doing};
-use crate::view::guard::{Guard, Stalled};
+use crate::view::guard::{Guard, Peer};
 use crate::view::picture::Picture;
 
 /// Messages that wait for a viewer with Foxglove; then the oldest give way.
@@ -212,7 +213,7 @@ fn run(
         match listen(served, context).await {
             Ok((guard, addresses)) => {
                 let _gone = tell.send(Ok(addresses));
-                let service = router(shared).into_make_service_with_connect_info::<Stalled>();
+                let service = router(shared).into_make_service_with_connect_info::<Peer>();
                 tokio::select! {
                     _ended = axum::serve(guard, service) => {}
                     _stopped = stopped => {}
@@ -251,6 +252,9 @@ fn router(shared: Shared) -> Router {
     const HTML: &str = include_str!("page/view.html");
     const CSS: &str = include_str!("page/view.css");
     const JS: &str = include_str!("page/view.js");
+    const WORKER: &str = include_str!("page/worker.js");
+    const MANIFEST: &str = include_str!("page/manifest.json");
+    const ICON: &str = include_str!("page/icon.svg");
     Router::new()
         .route("/", get(|| async { file("text/html; charset=utf-8", HTML) }))
         .route(
@@ -261,10 +265,26 @@ fn router(shared: Shared) -> Router {
             "/view.js",
             get(|| async { file("text/javascript; charset=utf-8", JS) }),
         )
+        .route(
+            "/worker.js",
+            get(|| async { file("text/javascript; charset=utf-8", WORKER) }),
+        )
+        .route(
+            "/manifest.json",
+            get(|| async { file("application/manifest+json", MANIFEST) }),
+        )
+        .route("/icon.svg", get(|| async { file("image/svg+xml", ICON) }))
         .route("/events", get(events))
         .route("/state", get(state))
         .route("/order", post(order))
+        .layer(from_fn(complete))
         .with_state(shared)
+}
+
+/// A request is complete: its connection keeps its place before those that have sent none.
+async fn complete(ConnectInfo(peer): ConnectInfo<Peer>, request: Request, next: Next) -> Response {
+    peer.has_asked();
+    next.run(request).await
 }
 
 /// Nothing from elsewhere, in no frame of another page, nothing kept.
@@ -274,7 +294,7 @@ fn headers(content: &'static str) -> [(HeaderName, &'static str); 4] {
         (CACHE_CONTROL, "no-store"),
         (
             CONTENT_SECURITY_POLICY,
-            "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'",
+            "default-src 'self'; frame-ancestors 'none'",
         ),
         (HeaderName::from_static("x-content-type-options"), "nosniff"),
     ]
@@ -285,17 +305,17 @@ fn file(content: &'static str, body: &'static str) -> Response {
 }
 
 /// The pictures, from the newest on.
-async fn events(State(shared): State<Shared>, ConnectInfo(stalled): ConnectInfo<Stalled>) -> Response {
+async fn events(State(shared): State<Shared>, ConnectInfo(peer): ConnectInfo<Peer>) -> Response {
     let mut newest = shared.pictures.clone();
     newest.mark_changed();
-    let one = (newest, stalled, shared.viewers.one_more());
-    let stream = futures_util::stream::unfold(one, |(mut newest, stalled, viewer)| async move {
+    let one = (newest, peer, shared.viewers.one_more());
+    let stream = futures_util::stream::unfold(one, |(mut newest, peer, viewer)| async move {
         newest.changed().await.ok()?;
-        while stalled.is_so() {
+        while peer.is_stalled() {
             tokio::time::sleep(STALL_PAUSE).await;
         }
         let picture = newest.borrow_and_update().clone();
-        Some((Ok::<Bytes, Infallible>(picture), (newest, stalled, viewer)))
+        Some((Ok::<Bytes, Infallible>(picture), (newest, peer, viewer)))
     });
     (headers("text/event-stream"), Body::from_stream(stream)).into_response()
 }

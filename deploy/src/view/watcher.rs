@@ -90,9 +90,11 @@ impl Watcher {
     }
     /// Shows at `t` this in place of a status, and the flights that ended.
     pub fn show_nothing(&self, t: Time<TrueTime>, status: Status) {
+        let Picture { flights, result, .. } = self.board.picture(t - self.offset);
         self.server.show(Picture {
             status,
-            flights: self.board.picture(t - self.offset).flights,
+            flights,
+            result,
             ..Picture::default()
         });
     }

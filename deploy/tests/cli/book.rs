@@ -141,7 +141,7 @@ fn stale_tables(page: &str, link: &str) -> Vec<String> {
 #[test]
 fn version_of_every_table_with_makers_firmware() {
     let link = link_version(&root());
-    for page in ["firmware.md", "px4-sitl.md", "ardupilot-sitl.md"] {
+    for page in ["firmware.md", "sitl.md"] {
         let wrong = stale_tables(&read(&root().join("deploy/docs").join(page)), &link);
         assert!(
             wrong.is_empty(),

@@ -1,4 +1,5 @@
 //! Commands: exit codes, errors, JSON, determinism.
+use std::io::Write;
 use std::process::{Command, Stdio};
 
 use crate::program::{alight, assert_rejected, file, json, scratch, stderr, stdout};
@@ -43,6 +44,7 @@ fn bad_input_exit_code_2() {
         ("envelope --winds 4,x".into(), "`x`"),
         ("envelope --winds 40".into(), "`40`"),
         ("envelope --sea-states 6".into(), "6"),
+        ("envelope --rate 100".into(), "50..=99"),
         ("envelope --sea moderate".into(), "--sea-states"),
         ("envelope --hull no-such-hull".into(), "no-such-hull"),
         ("trials --trials 0".into(), "0"),
@@ -52,6 +54,8 @@ fn bad_input_exit_code_2() {
             "18446744073709551615",
         ),
         (format!("trials --rows {no_file}"), no_file),
+        ("ros2 --domain 233".into(), "0..=232"),
+        ("ros2 --instance none --namespace 1a".into(), "namespace"),
     ]);
 }
 
@@ -159,6 +163,66 @@ fn errors_to_a_reader_that_went_away() {
         .expect("starts");
     drop(child.stderr.take());
     assert_eq!(child.wait().expect("ends").code(), Some(2));
+}
+
+#[test]
+fn init_writes_both_files_once() {
+    let dir = scratch("init");
+    let init = |answers: &str| {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_alight"))
+            .args(["init", "--out"])
+            .arg(&dir)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("starts");
+        // One that has ended reads nothing.
+        let _ended = child.stdin.take().unwrap().write_all(answers.as_bytes());
+        child.wait_with_output().expect("ends")
+    };
+    let o = init("7\n");
+    assert_eq!(o.status.code(), Some(2), "{}", stdout(&o));
+    assert!(stderr(&o).contains("the answers end before") && !dir.join("vessel.toml").exists());
+    // All but the number of the vessel as it is shipped; its certificates are not made yet.
+    let o = init(&format!("7\n{}", "\n".repeat(13)));
+    assert_eq!(o.status.code(), Some(2), "{}", stderr(&o));
+    let text = stdout(&o);
+    assert!(
+        text.contains("BROKEN   certificate") && text.contains("alight keys vessel 7"),
+        "{text}"
+    );
+    let drone = std::fs::read_to_string(dir.join("drone.toml")).unwrap();
+    assert!(
+        drone.contains("vessel_id = 7") && drone.contains("\"vessel-7\""),
+        "{drone}"
+    );
+    let o = init("");
+    assert!(
+        o.status.code() == Some(2) && stderr(&o).contains("stays as it is"),
+        "{}",
+        stderr(&o)
+    );
+}
+
+#[test]
+fn version_with_its_commit() {
+    let text = stdout(&alight("--version"));
+    assert!(
+        text.starts_with(concat!("alight ", env!("CARGO_PKG_VERSION"))),
+        "{text}"
+    );
+}
+
+#[test]
+fn command_without_an_installed_file() {
+    let o = alight("command abort --instance nothing-of-that-name");
+    assert_eq!(o.status.code(), Some(2));
+    let text = stderr(&o);
+    assert!(
+        text.contains("nothing runs under the name nothing-of-that-name"),
+        "{text}"
+    );
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Modules of the program, lowest first: each imports only those before it.
-const LAYERS: [&str; 15] = [
+const LAYERS: [&str; 16] = [
     "exit",
     "terminal",
     "table",
@@ -17,6 +17,7 @@ const LAYERS: [&str; 15] = [
     "drone",
     "status",
     "view",
+    "ros2",
     "tools",
     "lab",
     "cli",

@@ -36,7 +36,7 @@ fn assert_lands_with(name: &str, flight: &Flight) -> Flown {
     let flown = fly(&instance(name), flight);
     println!("{}", flown.show());
     assert!(is_safe(&flown) && flown.entered("Landed"), "{}", flown.show());
-    let at_s = &flown.outcome["live"]["fault"]["at_s"];
+    let at_s = &flown.outcome["live"]["faults"][0]["at_s"];
     assert!(at_s.is_number(), "{}", flown.show());
     flown
 }
@@ -57,6 +57,46 @@ fn live_link_killed_after_the_stop() {
         ..Flight::new(Firmware::ArduCopter, flags)
     };
     assert_lands_with("disarm", &flight);
+}
+
+/// Where the list ends in lock-step and on real processes: landed, or waiting.
+fn endings(list: &str, name: &str) -> [bool; 2] {
+    let list = format!("{}/../tests/storm/{list}.toml", env!("CARGO_MANIFEST_DIR"));
+    let json = |command: String| {
+        let out = run(&command);
+        let text = String::from_utf8_lossy(&out.stdout).into_owned();
+        let last = text.lines().last().unwrap_or_default();
+        serde_json::from_str::<Value>(last).unwrap_or_else(|e| panic!("{command}: {e}: {out:?}"))
+    };
+    let instance = instance(name);
+    let live = json(format!(
+        "land --faults {list} --warm-up 20 --json --instance {instance}"
+    ));
+    let step = json(format!("storm --list {list} --json"));
+    println!("{live}\n{step}");
+    assert_eq!(live["unsafe_contacts"], 0, "{live}");
+    let faults = live["live"]["faults"].as_array().expect("faults");
+    assert!(faults.iter().all(|f| f["at_s"].is_number()), "{live}");
+    assert!(
+        matches!(live["outcome"].as_str(), Some("success" | "gave-up")),
+        "{live}"
+    );
+    assert!(
+        matches!(step["ending"].as_str(), Some("landed" | "waits")),
+        "{step}"
+    );
+    [live["outcome"] == "success", step["ending"] == "landed"]
+}
+
+#[test]
+fn list_that_is_aborted_ends_as_in_lock_step() {
+    assert_eq!(endings("live-abort", "list-abort"), [false, false]);
+}
+
+#[test]
+#[ignore = "a landing more in real time: of lists one flies in each run"]
+fn list_that_lands_ends_as_in_lock_step() {
+    assert_eq!(endings("live-flare", "list-flare"), [true, true]);
 }
 
 #[test]

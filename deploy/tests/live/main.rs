@@ -24,6 +24,7 @@ mod radio;
 mod real_firmware;
 mod recorder;
 mod rehearse;
+mod ros2;
 mod sensors;
 mod survival;
 mod view;

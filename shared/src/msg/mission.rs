@@ -96,6 +96,25 @@ impl State {
             State::GaveUp => "holds its position: the landing has ended without a touchdown",
         }
     }
+    /// How a landing ended that left the drone in it, for people; None: it goes on, or there was none.
+    pub const fn ending(self) -> Option<&'static str> {
+        match self {
+            State::Landed => Some("landed"),
+            State::GaveUp => Some("gave up"),
+            State::Idle
+            | State::GetAltitude
+            | State::Approach
+            | State::Tracking
+            | State::TrackingStable
+            | State::Descent
+            | State::Flare
+            | State::Hold => None,
+        }
+    }
+    /// A landing goes on in it.
+    pub const fn is_landing(self) -> bool {
+        !matches!(self, State::Idle) && self.ending().is_none()
+    }
     /// The state with why it was entered, for people: `Hold: operator's command`.
     pub fn because(self, entered: &Reason) -> String {
         let reason = entered.to_string();

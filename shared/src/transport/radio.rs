@@ -82,14 +82,13 @@ config! {
             format!("{:?}, {:?}", this.listen, this.connect),
             "either endpoints to listen on (vessel) or endpoints to dial (drone)",
         )?;
-        let unsound = |e: &&String| e.starts_with("tls/");
-        if let Some(endpoint) = this.listen.iter().chain(&this.connect).find(unsound) {
+        if let Some(endpoint) = this.listen.iter().chain(&this.connect).find(|e| !is_endpoint(e)) {
             at.require(
                 false,
                 "listen, connect",
                 endpoint,
-                "an endpoint of udp/, tcp/ or, with certificates, quic/ (same files; tls/ was taken out: \
-                 zenoh 1.10 reads and writes such a connection at once without a lock)",
+                "udp/, tcp/ or, with certificates, quic/, and address:port, as quic/192.168.7.1:7447 (tls/ was taken \
+                 out: zenoh 1.10 reads and writes such a connection at once without a lock)",
             )?;
         }
         let peers = &this.tls.peers;
@@ -121,6 +120,20 @@ config! {
         /// expressions only.
         pub peers: Vec<String> = Vec::new();
     }
+}
+
+/// Whether a text is an endpoint: `protocol/host:port`, with or without Zenoh's metadata (`?`) and configuration (`#`).
+fn is_endpoint(text: &str) -> bool {
+    let bare = text.split(['?', '#']).next().unwrap_or_default();
+    let is_host = |host: &str| {
+        let mut all = host.chars();
+        !host.is_empty() && all.all(|c| c.is_ascii_alphanumeric() || ".-_:[]%".contains(c))
+    };
+    bare.split_once('/').is_some_and(|(protocol, address)| {
+        let parts = address.rsplit_once(':');
+        matches!(protocol, "udp" | "tcp" | "quic")
+            && parts.is_some_and(|(host, port)| is_host(host) && port.parse::<u16>().is_ok())
+    })
 }
 
 impl RadioConfig {

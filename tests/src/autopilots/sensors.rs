@@ -5,12 +5,11 @@ use alight_shared::geodesy::Datum;
 use alight_shared::time::{Time, TrueTime};
 use alight_uav::autopilot::message::{HilGps, HilSensor};
 use nalgebra::Vector3;
-use rand_chacha::ChaCha8Rng;
 
 use super::FirmwareConfig;
 use crate::physics::drone::noise::{GaussMarkov, normal};
 use crate::physics::drone::{NavigationConfig, PlantState};
-use crate::physics::streams::Streams;
+use crate::physics::streams::{Stream, Streams};
 
 /// Inertial noise is configured per sample of this rate, Hz.
 const PER_HZ: f64 = 100.0;
@@ -28,9 +27,9 @@ pub struct FirmwareSensors {
     datum: Datum,
     gyro_bias: Vector3<f64>,
     accelerometer_bias: Vector3<f64>,
-    imu: ChaCha8Rng,
-    other: ChaCha8Rng,
-    gnss: ChaCha8Rng,
+    imu: Stream,
+    other: Stream,
+    gnss: Stream,
     gnss_bias: [GaussMarkov; 3],
     fixed: Option<Time<TrueTime>>,
 }

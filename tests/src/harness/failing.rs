@@ -1,9 +1,11 @@
 //! What fails of the world for as long as it does: processes that stand still, measurements that do not come or are wrong,
 //! a radio that loses, rotors that are weak. What happens once (a kill, a jump, an order) is a call of [`super::world::World`].
 
-use alight_shared::msg::RangeSample;
+use alight_shared::msg::{GnssFix, HeadingFix, ImuSample, LandedState, RangeSample};
+use alight_shared::time::Span;
 use alight_uav::autopilot::message::CommandResult;
 use alight_usv::sensors::Readings;
+use nalgebra::{Rotation3, Vector3};
 
 use super::fault::Part;
 use super::mutant::Mutant;
@@ -28,6 +30,18 @@ pub struct Failing {
     pub mutant: Option<Mutant>,
     /// Fraction of its thrust that the first rotor lacks, and that all lack, 0 to 1.
     pub weak: [f64; 2],
+    /// So much faster than true time the steady clocks run, the vessel's and the drone's, s/s; -1: one stands still.
+    pub clock_rates: [f64; 2],
+    /// What pushes the vessel: surge, sway, heave, roll, pitch, yaw of the body, N and Nm.
+    pub push: [f64; 6],
+    /// Amplitude of the roll moment of another ship's wake, Nm.
+    pub wake_nm: f64,
+    /// A plan takes so much longer, s.
+    pub solve_s: f64,
+    /// The vessel's clock is so far ahead of the drone's by its faults.
+    pub apart: Span,
+    /// A second vessel of the same identity sends, so far north of the first, m; 0: none does.
+    pub twin_m: f64,
 }
 
 /// Processes that stand still ([`super::world::World::freeze`]), and computers.
@@ -37,6 +51,8 @@ pub struct Frozen {
     pub parts: Vec<Part>,
     /// The planner's: what reaches it meanwhile is lost.
     pub planner: bool,
+    /// The bridge's: packets wait.
+    pub bridge: bool,
     /// The drone's whole computer: packets and bytes wait, measurements are lost.
     pub computer: bool,
     /// The vessel's: orders wait, measurements are lost.
@@ -54,13 +70,25 @@ pub struct VesselSensorFaults {
     pub heading_lost: bool,
     /// Headings are so far off, rad.
     pub heading_off_rad: f64,
+    /// Every second heading is so far off, rad: two devices on one bus.
+    pub heading_mixed_rad: f64,
     /// Fixes are so far north, and so high, m.
     pub gnss_off_m: [f64; 2],
+    /// Inertial samples, fixes, headings repeat the first one that did.
+    pub stuck: [bool; 3],
+    /// The rate about the vessel's x is so far off, rad/s.
+    pub gyro_off_radps: f64,
+    /// Specific force is not measured beyond this, m/s2; 0: no bound.
+    pub clip_mps2: f64,
+    /// Measurements arrive so late, s, and are stamped then.
+    pub late_s: f64,
+    /// The inertial sensor was turned about the vessel's x, rad.
+    pub mounting_rad: f64,
 }
 
 impl VesselSensorFaults {
-    /// What becomes of readings.
-    pub fn spoil(&self, readings: &mut Readings) {
+    /// What becomes of readings; `held` has the first of each that is stuck.
+    pub fn spoil(&self, readings: &mut Readings, held: &mut Held) {
         if self.imu_lost {
             readings.imu.clear();
         }
@@ -77,7 +105,55 @@ impl VesselSensorFaults {
         for m in &mut readings.gnss {
             m.position = [m.position[0] + north, m.position[1], m.position[2] - up];
         }
+        for m in readings.heading.iter_mut().filter(|m| m.header.sequence % 2 == 1) {
+            m.heading += self.heading_mixed_rad;
+        }
+        let turned = Rotation3::from_axis_angle(&Vector3::x_axis(), self.mounting_rad);
+        for m in &mut readings.imu {
+            m.gyro = (turned * Vector3::from(m.gyro)).into();
+            m.gyro[0] += self.gyro_off_radps;
+            m.accelerometer = (turned * Vector3::from(m.accelerometer)).into();
+            if self.clip_mps2 > 0.0 {
+                m.accelerometer = m.accelerometer.map(|a| a.clamp(-self.clip_mps2, self.clip_mps2));
+            }
+        }
+        self.hold(readings, held);
+        shift(readings, Span::from_secs(self.late_s));
     }
+    fn hold(&self, readings: &mut Readings, held: &mut Held) {
+        let [imu, gnss, heading] = self.stuck;
+        held.imu = held.imu.filter(|_| imu);
+        held.gnss = held.gnss.filter(|_| gnss);
+        held.heading = held.heading.filter(|_| heading);
+        for m in readings.imu.iter_mut().filter(|_| imu) {
+            let first = held.imu.get_or_insert(*m);
+            (m.gyro, m.accelerometer) = (first.gyro, first.accelerometer);
+        }
+        for m in readings.gnss.iter_mut().filter(|_| gnss) {
+            let header = m.header;
+            *m = *held.gnss.get_or_insert(*m);
+            m.header = header;
+        }
+        for m in readings.heading.iter_mut().filter(|_| heading) {
+            m.heading = held.heading.get_or_insert(*m).heading;
+        }
+    }
+}
+
+/// The vessel's readings stamped so much later.
+pub fn shift(readings: &mut Readings, by: Span) {
+    readings.imu.iter_mut().for_each(|m| m.header.at += by);
+    readings.gnss.iter_mut().for_each(|m| m.header.at += by);
+    readings.heading.iter_mut().for_each(|m| m.header.at += by);
+    readings.attitude.iter_mut().for_each(|m| m.header.at += by);
+}
+
+/// What sensors that are stuck repeat.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Held {
+    imu: Option<ImuSample>,
+    gnss: Option<GnssFix>,
+    heading: Option<HeadingFix>,
 }
 
 /// Of the drone's camera and rangefinder.
@@ -91,6 +167,14 @@ pub struct DroneSensorFaults {
     pub range_stuck: bool,
     /// Ranges are so much too long, m.
     pub range_off_m: f64,
+    /// Ranges are 0, as of a device that measures nothing and does not report that.
+    pub range_zero: bool,
+    /// Fraction of detections that is lost.
+    pub lost: f64,
+    /// Detections scatter by this more, m: images are smeared.
+    pub scatter_m: f64,
+    /// Every third detection is of a tag so far to the right in the image, m.
+    pub false_tag_m: f64,
 }
 
 impl DroneSensorFaults {
@@ -100,6 +184,19 @@ impl DroneSensorFaults {
             readings.tags.clear();
             readings.uvdar.clear();
             readings.shots.clear();
+        }
+        readings
+            .tags
+            .retain(|m| by_chance(m.header.sequence, 0) >= self.lost);
+        for m in &mut readings.tags {
+            let n = m.header.sequence;
+            for (axis, p) in (1..).zip(&mut m.position) {
+                // Uniform with the standard deviation of 1.
+                *p += self.scatter_m * 12.0_f64.sqrt() * (by_chance(n, axis) - 0.5);
+            }
+            if n % 3 == 0 {
+                m.position[0] += self.false_tag_m;
+            }
         }
         if self.range_lost {
             readings.ranges.clear();
@@ -112,8 +209,20 @@ impl DroneSensorFaults {
             if self.range_stuck {
                 *range_m = *repeated_m.get_or_insert(*range_m);
             }
+            if self.range_zero {
+                *range_m = 0.0;
+            }
         }
     }
+}
+
+/// Uniform in 0 to 1 by a message's number: the same in each flight of a list.
+fn by_chance(sequence: u32, axis: u32) -> f64 {
+    let mixed = sequence
+        .wrapping_mul(4)
+        .wrapping_add(axis)
+        .wrapping_mul(0x9e37_79b9);
+    f64::from((mixed ^ (mixed >> 15)).wrapping_mul(0x85eb_ca6b) >> 8) / f64::from(1_u32 << 24)
 }
 
 /// Of the autopilot and the wire to it.
@@ -129,6 +238,14 @@ pub struct AutopilotFaults {
     pub answer: Option<CommandResult>,
     /// It reports no battery.
     pub no_battery: bool,
+    /// It reports the charge that it had.
+    pub battery_stuck: bool,
+    /// Its battery loses so much more, 1/s.
+    pub drain_per_s: f64,
+    /// It reports this landed state.
+    pub landed_report: Option<LandedState>,
+    /// Its position drifts to the north, m/s, as under a slow spoof.
+    pub drift_mps: f64,
     /// The remote control's signal is lost.
     pub remote_control_lost: bool,
     /// The ground station's heartbeats have ceased.

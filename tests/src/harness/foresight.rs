@@ -15,6 +15,7 @@ use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use super::physics::{Physics, TICK};
 use super::scenario::{Scenario, SetupError};
 use crate::physics::body::RigidState;
+use crate::physics::streams::Streams;
 use crate::sensors::clocks::ClockModel;
 
 /// Ticks between the present and the furthest moment that is asked for: a forecast of 4 s that is up to 0.1 s old.
@@ -31,8 +32,8 @@ pub(super) struct Foresight {
 
 impl Foresight {
     /// From the world's beginning.
-    pub(super) fn new(scenario: &Scenario, seed: u64) -> Result<Self, SetupError> {
-        let ahead = Physics::new(scenario, seed)?;
+    pub(super) fn new(scenario: &Scenario, streams: Streams) -> Result<Self, SetupError> {
+        let ahead = Physics::new(scenario, streams)?;
         Ok(Foresight {
             from: ahead.now(),
             states: VecDeque::from([ahead.deck()]),

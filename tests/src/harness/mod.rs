@@ -2,6 +2,7 @@
 
 pub mod age;
 pub mod cameras;
+mod drone_computer;
 pub mod failing;
 pub mod fault;
 mod foresight;

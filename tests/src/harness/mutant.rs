@@ -1,15 +1,20 @@
 //! Mutants: what a node of ours would do with a defect that a storm has to find. They stand between the nodes of the
 //! simulated world, never in the program that flies.
 
+use alight_bridge::BridgeOut;
 use alight_shared::msg::{
-    AutopilotState, Command, CommandKind, DeckForecast, DroneState, MissionState, Motors, RangeSample,
-    SetPoint, State,
+    AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, MissionCheckpoint,
+    MissionState, Motors, RangeSample, SetPoint, State,
 };
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::{DroneClock, Span, Time};
+use alight_uav::mission::MissionIn;
 use serde::Serialize;
 
 /// Ranges below this stop the motors of a mutant, m: its legs are 0.3 m long.
 const STOPS_BELOW_M: f64 = 0.35;
+
+/// A mutant's deck is released after this.
+const SILENT: Span = Span::from_millis(1500);
 
 /// A defect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -31,11 +36,30 @@ pub enum Mutant {
     ThrustMissing,
     /// A battery that is not reported is full, and so is one that is empty.
     ReserveWaived,
+    /// Whoever has the deck, each drone takes it for its own.
+    TwoOwners,
+    /// A vessel that is silent has released its deck.
+    DeckReleased,
+    /// The offset of the two clocks stays as it was learnt first.
+    ClockKept,
+    /// A mission begins by the checkpoint of another boot: the flight's first.
+    OldCheckpoint,
+}
+
+/// What a mutant remembers.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Mutated {
+    /// The newest order to land.
+    pub ordered: Option<Command>,
+    /// The newest grant.
+    pub grant: Option<DeckGrant<DroneClock>>,
+    /// The first checkpoint of a mission that has an order.
+    pub checkpoint: Option<MissionCheckpoint>,
 }
 
 impl Mutant {
     /// All of them.
-    pub const ALL: [Mutant; 8] = [
+    pub const ALL: [Mutant; 12] = [
         Mutant::AbortIgnored,
         Mutant::OrderKept,
         Mutant::StopsByRange,
@@ -44,7 +68,56 @@ impl Mutant {
         Mutant::FramesIgnored,
         Mutant::ThrustMissing,
         Mutant::ReserveWaived,
+        Mutant::TwoOwners,
+        Mutant::DeckReleased,
+        Mutant::ClockKept,
+        Mutant::OldCheckpoint,
     ];
+    /// What it makes of what the bridge received; the vessel's clock went `apart` from the drone's since the start.
+    pub fn received(
+        self,
+        now: Time<DroneClock>,
+        received: &mut BridgeOut,
+        (drone, apart): (u32, Span),
+        mutated: &mut Mutated,
+    ) {
+        mutated.grant = received.deck.or(mutated.grant);
+        if self == Mutant::ClockKept {
+            received.estimate.iter_mut().for_each(|m| m.header.at += apart);
+            received.prediction.iter_mut().for_each(|m| m.header.at += apart);
+        }
+        let silent = |g: &DeckGrant<DroneClock>| now - g.header.at > SILENT;
+        let granted = match self {
+            Mutant::TwoOwners => received.deck,
+            Mutant::DeckReleased => mutated.grant.filter(silent),
+            Mutant::AbortIgnored
+            | Mutant::OrderKept
+            | Mutant::StopsByRange
+            | Mutant::StaleForecast
+            | Mutant::StaleMission
+            | Mutant::FramesIgnored
+            | Mutant::ThrustMissing
+            | Mutant::ReserveWaived
+            | Mutant::ClockKept
+            | Mutant::OldCheckpoint => None,
+        };
+        if let Some(mut grant) = granted {
+            (grant.owner, grant.header.at) = (drone, now);
+            received.deck = Some(grant);
+        }
+    }
+    /// What it makes of the mission's input.
+    pub fn mission_in(self, now: Time<DroneClock>, input: MissionIn, mutated: &Mutated) -> MissionIn {
+        let answered = input.checkpoint.filter(|c| c.header.boot != 0);
+        let (Mutant::OldCheckpoint, Some(_), Some(mut old)) = (self, answered, mutated.checkpoint) else {
+            return input;
+        };
+        old.header.at = now;
+        MissionIn {
+            checkpoint: Some(old),
+            ..input
+        }
+    }
     /// What it makes of commands in this state.
     pub fn commands(
         self,

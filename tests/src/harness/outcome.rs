@@ -26,6 +26,8 @@ pub const ON_DECK_M: f64 = 0.02;
 pub const FAST_CONTACT_MPS: f64 = 2.0;
 /// Motors stopped with the lowest foot higher than this are a stop in the air, m.
 pub const FALSE_STOP_M: f64 = 0.10;
+/// The ratio of what was not unsafe, at most.
+const BELOW_LIMIT: f64 = 1.0 - 1e-9;
 /// The first words of a reason: nothing else had gone wrong when the time was over.
 const NOT_AT_REST: &str = "not at rest on the deck";
 
@@ -160,6 +162,10 @@ pub struct Outcome {
     /// Contacts at more than [`FAST_CONTACT_MPS`].
     #[serde(default)]
     pub contacts_above_2_mps: u32,
+    /// How near to a limit the contacts came: the maximum of each metric over its limit; 1 and more exactly where the trial
+    /// was unsafe; 0 without a contact.
+    #[serde(default)]
+    pub limit_ratio: f64,
     /// How often the drone entered a keep-out volume; absent where there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub keep_out_collisions: Option<u32>,
@@ -215,6 +221,10 @@ impl Outcome {
         let out_of_time = self.outcome == Ending::GaveUp || self.reason.starts_with(NOT_AT_REST);
         out_of_time && self.unsafe_contacts == 0
     }
+    /// It neither landed nor was refused.
+    pub fn is_unsafe(&self) -> bool {
+        !self.success && !self.is_refused()
+    }
 }
 
 struct FirstContact {
@@ -237,6 +247,8 @@ pub struct Judge {
     unsafe_contacts: u32,
     water_contacts: u32,
     fast_contacts: u32,
+    /// Maximum of a contact's metrics over their limits.
+    nearest: f64,
     /// Entries into keep-out volumes, the least distance from one, and whether it is within one, m.
     keep_out: Option<(u32, f64, bool)>,
     collisions: u32,
@@ -360,6 +372,11 @@ impl Judge {
         } else {
             unsafe_contact = false;
         }
+        self.nearest = self.nearest.max(normal / MAX_CONTACT_MPS);
+        if self.first.is_none() {
+            let ratios = [tangential / MAX_CONTACT_MPS, o.tilt_error / MAX_TILT_ERROR_RAD];
+            self.nearest = ratios.into_iter().fold(self.nearest, f64::max);
+        }
         if unsafe_contact {
             self.unsafe_contacts += 1;
         }
@@ -424,7 +441,7 @@ impl Judge {
         };
         let first = self.first.as_ref();
         let deg = |f: fn(&FirstContact) -> f64| first.map(|c| f(c).to_degrees());
-        Outcome {
+        let mut outcome = Outcome {
             outcome: ending,
             success: ending == Ending::Success,
             reason,
@@ -436,6 +453,7 @@ impl Judge {
             water_contacts: self.water_contacts,
             collisions: self.collisions,
             contacts_above_2_mps: self.fast_contacts,
+            limit_ratio: self.nearest,
             keep_out_collisions: self.keep_out.map(|(entries, ..)| entries),
             keep_out_gap_m: self.keep_out.map(|(_, nearest, _)| nearest),
             position_error_m: first.map(|c| c.position_error),
@@ -456,7 +474,14 @@ impl Judge {
             sim_time_s,
             wall_time_s: 0.0,
             digest: String::new(),
-        }
+        };
+        // Also what is no ratio is at its limit: motors that stop in the air or go on, the water, an edge, another drone.
+        outcome.limit_ratio = if outcome.is_unsafe() {
+            outcome.limit_ratio.max(1.0)
+        } else {
+            outcome.limit_ratio.min(BELOW_LIMIT)
+        };
+        outcome
     }
 }
 
@@ -542,6 +567,17 @@ mod tests {
         let mut up = DOWN;
         up[0][2] = 0.1;
         assert_eq!(run(touch(0.4, 0.0), 0.0, 0.5, up).outcome, Ending::Tipped);
+        // What is unsafe is at a limit, also where no ratio is.
+        let ratio = |o: Outcome| o.limit_ratio;
+        assert!((ratio(run(touch(0.4, 0.2), 0.05, 0.5, DOWN)) - 0.4).abs() < 1e-9);
+        assert!((ratio(run(touch(1.1, 0.0), 0.0, 0.5, DOWN)) - 1.1).abs() < 1e-9);
+        for unsafe_ in [
+            run(touch(0.4, 0.0), 0.0, 2.5, DOWN),
+            run(touch(0.4, 0.0), 0.0, 0.5, off),
+            run(touch(0.4, 0.0), 0.0, 0.5, up),
+        ] {
+            assert!(unsafe_.is_unsafe() && ratio(unsafe_) >= 1.0);
+        }
         let other = ContactEvent {
             foot: false,
             ..touch(0.1, 0.0)

@@ -137,10 +137,10 @@ pub struct Physics {
 
 impl Physics {
     /// The truth of `seed` before the warm-up.
-    pub fn new(scenario: &Scenario, seed: u64) -> Result<Physics, SetupError> {
+    pub fn new(scenario: &Scenario, seed: impl Into<Streams>) -> Result<Physics, SetupError> {
         scenario.check(&Keys::ROOT)?;
-        let scenario = &scenario.drawn(seed);
-        let streams = Streams::new(seed);
+        let streams = seed.into();
+        let scenario = &scenario.drawn(streams);
         let (sea, carrier) = match &scenario.hull {
             Some(hull) => {
                 let sea = Sea::linear(&scenario.sea, &streams);
@@ -285,6 +285,10 @@ impl Physics {
     /// of no drone, so the nodes have none of it.
     pub fn ask_change(&mut self) {
         self.carrier.ask_change(self.t);
+    }
+    /// Something pushes the vessel so from now on, N and Nm ([`DeckCarrier::push`]).
+    pub fn push(&mut self, by_n_nm: [f64; 6]) {
+        self.carrier.push(by_n_nm);
     }
     /// Vessel and contacts move on by one tick; drones with their motors off.
     pub fn advance(&mut self) {

@@ -4,60 +4,45 @@
 //!
 //! Delays belong here (radio, clocks, solve time, the wire to the autopilot), not to the nodes.
 
-use std::rc::Rc;
-
-use alight_bridge::{Bridge, BridgeConfig, BridgeIn, Packet, PacketKind};
+pub use super::drone_computer::DroneComputer;
+use super::drone_computer::{Uplink, mission_config};
+use super::failing::{Failing, Held, shift};
+use super::fault::Part;
+use super::foresight::Foresight;
+use super::inbox::Inbox;
+pub use super::link::Checkpoints;
+use super::link::LinkedAutopilot;
+use super::outcome::Observation;
+use super::physics::{BOOT, DRONE_ID, Physics, TICK, VESSEL_ID};
+use super::scenario::{NodeConfigs, Scenario, SetupError, StateOutage};
+use super::tap::{NoTap, Tap};
+use crate::autopilots::simulated::INNER_PER_OUTER;
+use crate::physics::streams::Streams;
+use crate::sensors::delay::DelayLine;
+use alight_bridge::{Bridge, Packet, PacketKind};
 use alight_shared::admission::{Arrival, Sender};
-use alight_shared::checkpoint::Keeper;
-use alight_shared::frames::body_from_camera;
-use alight_shared::msg::{
-    AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DeckOrder, DroneStatus, Header,
-    MissionState, OperatorCommand, Plan, SetPoint, TimeRequest,
-};
+use alight_shared::msg::{Command, CommandKind, DeckOrder, Header, MissionState, OperatorCommand, SetPoint};
 use alight_shared::node::Node;
-use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime};
-use alight_shared::topics::TIME_REQUEST;
+use alight_shared::time::{Span, Time, TrueTime, VesselClock};
 use alight_shared::wire;
-use alight_uav::autopilot::config::DisarmConfig;
-use alight_uav::autopilot::{AutopilotIn, AutopilotLink, still_armed_s};
-use alight_uav::camera::node::CameraIdentity;
-use alight_uav::mission::{Mission, MissionConfig, MissionIn, MissionOut};
-use alight_uav::pilot::{Output, Pilot, PilotIn};
-use alight_uav::planner::{Planner, PlannerIn, PlannerOut};
-use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
+use alight_uav::mission::Mission;
+use alight_uav::pilot::Pilot;
+use alight_uav::predictor::Predictor;
 use alight_usv::deck::DeckInputs;
+use alight_usv::sensors::Readings;
 use alight_usv::{ComputerIn, ComputerOut, VesselComputer};
+use core::f64::consts::TAU;
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::cameras::SimulatedCameras;
-use super::failing::Failing;
-use super::fault::Part;
-use super::foresight::{Foresight, drift};
-use super::inbox::Inbox;
-pub use super::link::Checkpoints;
-use super::link::{LinkedAutopilot, MakeLink};
-use super::outcome::Observation;
-use super::physics::{BOOT, DRONE_ID, Physics, VESSEL_ID};
-use super::scenario::{NodeConfigs, Scenario, SetupError, StateOutage};
-use super::tap::{NoTap, Tap};
-use crate::autopilots::simulated::{INNER_PER_OUTER, SimulatedAutopilot, mode_number};
-use crate::radio::{ChannelCounts, Session};
-use crate::sensors::DroneReadings;
-use crate::sensors::delay::DelayLine;
-use crate::sensors::noise::Noise;
-
-/// Plans under way at a time.
-const MAX_PLANS: usize = 64;
-/// Time between two of a drone's status messages (the bridge's process sends them so).
-const STATUS_PERIOD: Span = Span::from_millis(500);
-
-/// From a drone to the vessel.
-#[derive(Clone, Debug)]
-enum Uplink {
-    TimeRequest(TimeRequest<DroneClock>),
-    Status(DroneStatus),
-}
+/// A push rises with this time constant, s: as a person shifts his weight.
+const PUSH_RISE_S: f64 = 0.4;
+/// A steady clock reads this when the processes of a computer that was without power begin, s.
+const BOOT_S: f64 = 20.0;
+/// Readings of the vessel that arrive late, at most: ticks of half a second and more.
+const MAX_LATE: usize = 256;
+/// Period of the roll of another ship's wake, s.
+const WAKE_S: f64 = 2.5;
 
 /// Truth, nodes and what connects them.
 pub struct World {
@@ -77,14 +62,31 @@ pub struct World {
     drones: Vec<DroneComputer>,
     /// What fails of the first drone and the vessel.
     failing: Failing,
+    /// What stuck sensors of the vessel repeat.
+    held: Held,
+    /// The vessel's readings that arrive late.
+    late: DelayLine<Readings>,
+    /// The first drone is lighter by this fraction of its weight.
+    lighter: f64,
+    /// What pushes the vessel now, N and Nm.
+    push: [f64; 6],
+    /// The vessel's steady clock is so far ahead of what it was drawn as.
+    vessel_ahead: Span,
 }
 
 impl World {
     /// The world of `seed` before the warm-up.
-    pub fn new(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<World, SetupError> {
-        let scenario = &scenario.drawn(seed);
-        let physics = Physics::new(scenario, seed)?;
-        let foresight = scenario.true_prediction.then(|| Foresight::new(scenario, seed));
+    pub fn new(
+        scenario: &Scenario,
+        nodes: &NodeConfigs,
+        seed: impl Into<Streams>,
+    ) -> Result<World, SetupError> {
+        let streams = seed.into();
+        let scenario = &scenario.drawn(streams);
+        let physics = Physics::new(scenario, streams)?;
+        let foresight = scenario
+            .true_prediction
+            .then(|| Foresight::new(scenario, streams));
         Ok(World {
             foresight: foresight.transpose()?,
             vessel: VesselComputer::new(&nodes.vessel, &nodes.deck, VESSEL_ID, BOOT),
@@ -97,6 +99,11 @@ impl World {
                 .collect(),
             physics,
             failing: Failing::default(),
+            held: Held::default(),
+            late: DelayLine::new(MAX_LATE),
+            lighter: 0.0,
+            push: [0.0; 6],
+            vessel_ahead: Span::ZERO,
         })
     }
     /// So much fails from now on, of the first drone and the vessel.
@@ -114,6 +121,13 @@ impl World {
             (autopilot.silent, autopilot.answer) = (faults.silent, faults.answer);
             autopilot.muted.clone_from(&faults.muted);
             autopilot.battery_reported = !faults.no_battery;
+            let charge = autopilot.battery_report.unwrap_or(autopilot.battery);
+            autopilot.battery_report = faults.battery_stuck.then_some(charge);
+            autopilot.battery = (autopilot.battery - faults.drain_per_s * TICK.secs()).max(0.0);
+            autopilot.landed_report = faults.landed_report;
+            if faults.drift_mps != 0.0 {
+                autopilot.reset_position(&(Vector3::x() * faults.drift_mps * TICK.secs()), false);
+            }
             autopilot.remote_control_lost = faults.remote_control_lost;
             autopilot.data_link_lost = faults.data_link_lost;
         }
@@ -140,14 +154,25 @@ impl World {
 
     /// Gives every mission a command.
     pub fn command(&mut self, kind: CommandKind) {
-        for (k, drone) in self.drones.iter_mut().enumerate() {
-            let header = self.physics.header(k);
-            drone.commands.push(Command { header, kind });
-        }
+        (0..self.drones.len()).for_each(|k| self.command_to(k, kind));
+    }
+    /// Gives one drone's mission a command.
+    pub fn command_to(&mut self, k: usize, kind: CommandKind) {
+        let drone = &mut self.drones[k];
+        let header = drone.header(&mut self.physics);
+        drone.commands.push(Command { header, kind });
+    }
+    /// The first drone has lost this fraction of its weight.
+    pub fn lighten(&mut self, fraction: f64) {
+        self.lighter = fraction.clamp(0.0, 0.5);
+    }
+    /// Drones report to the vessel, and it grants its deck and passes commands on, however many there are.
+    pub fn share_deck(&mut self) {
+        self.shares_deck = true;
     }
     /// The vessel's operator gives a drone a command.
     pub fn operator_command(&mut self, k: usize, kind: CommandKind) {
-        let now = self.physics.vessel_now();
+        let now = self.vessel_now();
         self.operator_sequence += 1;
         let header = Header::new(VESSEL_ID, DRONE_ID + k as u32, BOOT, self.operator_sequence, now);
         self.given.commands.push(Arrival {
@@ -229,6 +254,7 @@ impl World {
         (drone.radio, drone.linked, drone.keeper) = (before.radio, before.linked, before.keeper);
         drone.handed_over = before.handed_over;
         (drone.images_late, drone.sees_beside) = (before.images_late, before.sees_beside);
+        (drone.ahead, drone.repeated_m, drone.mutated) = (before.ahead, before.repeated_m, before.mutated);
         drone.linked.iter_mut().for_each(|l| l.start(checkpoints));
         drone.predictor = drone.predictor.take().map(Predictor::as_successor);
         drone.mission = drone.mission.take().map(Mission::as_successor);
@@ -269,6 +295,28 @@ impl World {
             Part::Link => drone.linked.iter_mut().for_each(|l| l.frozen = frozen),
             Part::Cable | Part::Supervisor => {}
         }
+    }
+    /// A drone's bridge process dies.
+    pub fn kill_bridge(&mut self, k: usize) {
+        (self.drones[k].bridge, self.drones[k].waiting) = (None, Vec::new());
+    }
+    /// It starts anew.
+    pub fn start_bridge(&mut self, k: usize) {
+        let drone = &mut self.drones[k];
+        let boot = drone.next_boot(Checkpoints::Kept);
+        drone.bridge = Some(Bridge::new(&drone.bridge_config, boot));
+    }
+    /// A steady clock goes ahead by this, as after a pause of the machine: the vessel's (None) or a drone's.
+    pub fn step_clock(&mut self, drone: Option<usize>, by: Span) {
+        match drone {
+            None => self.vessel_ahead = self.vessel_ahead + by,
+            Some(k) => self.drones[k].ahead = self.drones[k].ahead + by,
+        }
+    }
+    /// A drone's steady clock begins again, as where its computer starts.
+    pub fn restart_clock(&mut self, k: usize) {
+        let now = self.physics.drone_now(k);
+        self.drones[k].ahead = Time::EPOCH - now + Span::from_secs(BOOT_S);
     }
     /// A drone's planner process dies.
     pub fn kill_planner(&mut self, k: usize) {
@@ -338,9 +386,19 @@ impl World {
         let t = self.physics.now();
         tap.truth(t, &self.physics.vessel(), self.physics.drone(0).as_ref());
 
+        let [vessel_rate, drone_rate] = self.failing.clock_rates;
+        let ahead = |rate: f64| Span::from_secs(rate * TICK.secs());
+        self.vessel_ahead = self.vessel_ahead + ahead(vessel_rate);
+        if let Some(drone) = self.drones.first_mut() {
+            drone.ahead = drone.ahead + ahead(drone_rate);
+            self.failing.apart = self.vessel_ahead - drone.ahead;
+        }
+
         // The vessel: sensors, drones' statuses, orders -> estimator, deck arbiter, operator relay -> broadcast.
-        let (now, mut readings) = (self.physics.vessel_now(), self.physics.vessel_readings());
-        self.failing.vessel.spoil(&mut readings);
+        let (now, mut readings) = (self.vessel_now(), self.physics.vessel_readings());
+        shift(&mut readings, self.vessel_ahead);
+        self.failing.vessel.spoil(&mut readings, &mut self.held);
+        let readings = self.delay(t, readings);
         let given = ComputerIn {
             deck_inputs: self.given.deck_inputs,
             ..ComputerIn::default()
@@ -363,7 +421,10 @@ impl World {
         // Each drone's computer: bridge -> predictor -> mission -> planner -> pilot -> link to the autopilot.
         self.foresight.iter_mut().for_each(|f| f.look(t));
         let foresight = self.foresight.as_ref();
-        let sound = Failing::default();
+        let sound = Failing {
+            mutant: self.failing.mutant,
+            ..Failing::default()
+        };
         for (k, drone) in self.drones.iter_mut().enumerate() {
             match k {
                 0 => drone.tick(&mut self.physics, self.shares_deck, foresight, &self.failing, tap),
@@ -372,14 +433,36 @@ impl World {
         }
 
         // Sea, vessel, autopilots, drones, contact.
+        for (force, wanted) in self.push.iter_mut().zip(self.failing.push) {
+            *force += (wanted - *force) * TICK.secs() / PUSH_RISE_S;
+        }
+        let mut push = self.push;
+        push[3] += self.failing.wake_nm * (TAU / WAKE_S * t.secs()).sin();
+        self.physics.push(push);
         self.physics.advance_with(INNER_PER_OUTER, |k, truth| {
             let motors = self.drones[k].linked.as_mut().and_then(|l| l.turn(truth))?;
             Some(if k == 0 {
-                self.failing.weaken(motors)
+                self.failing.weaken(motors).map(|m| m / (1.0 - self.lighter))
             } else {
                 motors
             })
         });
+    }
+    /// What arrives of the vessel's readings, where they arrive late.
+    fn delay(&mut self, t: Time<TrueTime>, readings: Readings) -> Readings {
+        if self.failing.vessel.late_s <= 0.0 && self.late.is_empty() {
+            return readings;
+        }
+        self.late
+            .push(t + Span::from_secs(self.failing.vessel.late_s), readings);
+        let mut arrived = Readings::default();
+        for r in self.late.arrived(t) {
+            arrived.imu.extend(r.imu);
+            arrived.gnss.extend(r.gnss);
+            arrived.heading.extend(r.heading);
+            arrived.attitude.extend(r.attitude);
+        }
+        arrived
     }
     /// What the vessel's computer has for the drones.
     fn broadcast_all(&mut self, t: Time<TrueTime>, output: &ComputerOut) {
@@ -396,7 +479,7 @@ impl World {
 
     /// What has come over the radios of the drones.
     fn receive_at_vessel(&mut self, t: Time<TrueTime>, input: &mut ComputerIn) {
-        let clock = self.physics.vessel_clock();
+        let clock = self.physics.vessel_clock().ahead(self.vessel_ahead);
         for drone in &mut self.drones {
             let sender = Sender::Drone(DRONE_ID + drone.k as u32);
             for (arrival, uplink) in drone.radio.at_vessel(t) {
@@ -430,13 +513,17 @@ impl World {
         }
     }
 
+    /// What the vessel's clock reads.
+    fn vessel_now(&self) -> Time<VesselClock> {
+        self.physics.vessel_now() + self.vessel_ahead
+    }
     /// The truth.
     pub fn physics(&self) -> &Physics {
         &self.physics
     }
     /// Whether a drone wants the vessel to keep course and speed now.
     pub fn wants_steady(&self) -> bool {
-        self.vessel.arbiter().wants_steady(self.physics.vessel_now())
+        self.vessel.arbiter().wants_steady(self.vessel_now())
     }
     /// The drones' computers.
     pub fn drones(&self) -> &[DroneComputer] {
@@ -448,378 +535,10 @@ impl World {
     }
     /// What the judge of the first drone looks at.
     pub fn observation(&self) -> Observation<'_> {
-        self.physics.observation(0, self.mission_state())
+        self.observation_of(0)
     }
-}
-
-/// A drone's end of the radio, its computer and what it flies.
-pub struct DroneComputer {
-    k: usize,
-    boot: u32,
-    radio: Session<Packet, Uplink>,
-    bridge: Bridge,
-    cameras: Option<SimulatedCameras>,
-    make_link: MakeLink,
-    /// The autopilot and the link to it; None before the drone has appeared.
-    linked: Option<LinkedAutopilot>,
-    /// A person has given it the mode once.
-    handed_over: bool,
-    /// None: its process is dead.
-    predictor: Option<Predictor>,
-    predictor_inbox: Inbox<PredictorIn>,
-    /// None: its process is dead.
-    mission: Option<Mission>,
-    mission_inbox: Inbox<MissionIn>,
-    /// The supervisor's.
-    keeper: Keeper,
-    /// All of its processes are dead.
-    is_dead: bool,
-    /// The computer stood still until then.
-    stood_still_until: Time<TrueTime>,
-    /// None: its process is dead.
-    planner: Option<Planner>,
-    /// None: its process is dead.
-    pilot: Option<Pilot>,
-    pilot_inbox: Inbox<PilotIn>,
-    plans: DelayLine<Plan>,
-    solve_delay: Span,
-    commands: Vec<Command>,
-    /// The newest order to land, for a mutant.
-    ordered: Option<Command>,
-    /// A test's set-point in place of the pilot's.
-    external: Option<SetPoint>,
-    /// The range that a stuck rangefinder repeats, m.
-    repeated_m: Option<f64>,
-    /// Fault: images are stamped so late.
-    images_late: Span,
-    /// Fault: the deck seen is so far from the vessel's, NED, m.
-    sees_beside: Vector3<f64>,
-    /// When the next status is due.
-    status_due: Time<TrueTime>,
-    /// When the pilot stands still.
-    pilot_outage_window: Option<[Time<TrueTime>; 2]>,
-    /// The mission's newest state.
-    pub mission_state: MissionState,
-    /// The newest forecast.
-    pub forecast: Option<DeckForecast>,
-    autopilot_state: AutopilotState,
-    /// The newest set-point.
-    pub last_set_point: Option<SetPoint>,
-}
-
-/// A forced descent begins within this time of being steady, s.
-const BEGINS_WITHIN_S: f64 = 20.0;
-
-/// The mission's configuration in this scenario.
-fn mission_config(scenario: &Scenario, nodes: &NodeConfigs) -> MissionConfig {
-    let mission = nodes.settings().mission();
-    MissionConfig {
-        reservation_required: mission.reservation_required || scenario.drones > 1,
-        ..mission
-    }
-}
-
-/// Makes the link of a drone's computer.
-fn make_link(nodes: &NodeConfigs, id: u32) -> MakeLink {
-    let (config, drone) = (nodes.autopilot.clone(), nodes.drone.clone());
-    let attitudes = drone.pilot.output == Output::Attitude;
-    Rc::new(move |boot| AutopilotLink::new(&config, &drone.odometry, &drone.airframe, attitudes, id, boot))
-}
-
-impl DroneComputer {
-    fn new(k: usize, scenario: &Scenario, nodes: &NodeConfigs, physics: &Physics, boot: u32) -> Self {
-        let (drone, id) = (&nodes.settings(), DRONE_ID + k as u32);
-        let streams = physics.streams().of_drone(k);
-        let bridge = BridgeConfig {
-            drone_id: id,
-            ..nodes.bridge.clone()
-        };
-        let mission = mission_config(scenario, nodes);
-        let moment = || Span::from_secs(BEGINS_WITHIN_S * Noise::new(&streams, "begin_anyway").uniform());
-        let forced = scenario.begin_anyway.then(moment);
-        let identity = CameraIdentity {
-            vessel: VESSEL_ID,
-            drone: id,
-            boot,
-        };
-        DroneComputer {
-            k,
-            boot,
-            radio: Session::new(&scenario.radio, &streams),
-            bridge: Bridge::new(&bridge, boot),
-            cameras: SimulatedCameras::new(scenario, &drone.camera, &drone.tags(), identity, &streams),
-            make_link: make_link(nodes, id),
-            linked: None,
-            handed_over: false,
-            predictor: Some(Predictor::new(&drone.predictor(), boot)),
-            predictor_inbox: Inbox::default(),
-            mission: Some(
-                Mission::new(&mission, &drone.airframe, &drone.deck, id, boot).forced_descent(forced),
-            ),
-            mission_inbox: Inbox::default(),
-            keeper: Keeper::default(),
-            is_dead: false,
-            stood_still_until: Time::EPOCH,
-            planner: Some(nodes.planner(boot)),
-            pilot: Some(Pilot::new(&drone.pilot, &drone.airframe, id, boot)),
-            pilot_inbox: Inbox::default(),
-            plans: DelayLine::new(MAX_PLANS),
-            solve_delay: Span::from_secs(scenario.solve_delay_s),
-            commands: Vec::new(),
-            ordered: None,
-            external: None,
-            repeated_m: None,
-            images_late: Span::ZERO,
-            sees_beside: Vector3::zeros(),
-            status_due: Time::EPOCH,
-            pilot_outage_window: None,
-            mission_state: MissionState::default(),
-            forecast: None,
-            autopilot_state: AutopilotState::default(),
-            last_set_point: None,
-        }
-    }
-
-    /// The boot of a process that starts anew, with or without the checkpoints of the ones before.
-    fn next_boot(&mut self, checkpoints: Checkpoints) -> u32 {
-        if checkpoints == Checkpoints::Lost {
-            self.keeper = Keeper::default();
-        }
-        self.boot += 1;
-        self.boot
-    }
-    /// The drone appears in the air, flown by a person.
-    fn appear(&mut self, physics: &mut Physics) {
-        physics.place_drone(self.k);
-        let (streams, make) = (physics.streams().of_drone(self.k), Rc::clone(&self.make_link));
-        self.linked = physics
-            .autopilot(self.k)
-            .map(|(config, autopilot)| LinkedAutopilot::new(config, &streams, autopilot, make, self.boot));
-    }
-
-    /// Its autopilot; None before it has appeared.
-    pub fn autopilot(&self) -> Option<&SimulatedAutopilot> {
-        self.linked.as_ref().map(|l| &l.autopilot)
-    }
-    /// Its autopilot has aligned its heading.
-    pub fn autopilot_is_aligned(&self) -> bool {
-        self.linked.as_ref().is_some_and(|l| l.autopilot.is_aligned())
-    }
-    /// What the radio carried and lost: to the drone, to the vessel.
-    pub fn radio_counts(&self) -> [ChannelCounts; 2] {
-        self.radio.counts()
-    }
-
-    /// The nodes in data-flow order; the set-point at last to who flies.
-    fn tick(
-        &mut self,
-        physics: &mut Physics,
-        reports_status: bool,
-        foresight: Option<&Foresight>,
-        failing: &Failing,
-        tap: &mut impl Tap,
-    ) {
-        let (k, t, clock) = (self.k, physics.now(), physics.drone_clock(self.k));
-        let now = clock.read(t);
-        if failing.frozen.computer {
-            // What comes by radio and wire waits, and bears the time of its reading.
-            self.stood_still_until = t;
-            let _lost = physics.drone_readings(k);
-            return;
-        }
-
-        // The radio, then the bridge.
-        let read_from = self.stood_still_until;
-        let stamped = |(arrival, packet)| Stamped::new(clock.read(read_from.max(arrival)), packet);
-        let packets = self.radio.at_drone(t).into_iter().map(stamped).collect();
-        if self.is_dead {
-            // What arrives is lost.
-            let _lost = physics.drone_readings(k);
-            let _lost = self.linked.as_mut().map(|linked| linked.receive(t, now));
-            return;
-        }
-        let input = BridgeIn { packets };
-        let received = self.bridge.step(now, &input);
-        tap.bridge(t, now, &input, &received);
-        if let Some(request) = received.time_request {
-            self.radio
-                .send_to_vessel(t, TIME_REQUEST.bytes, Uplink::TimeRequest(request));
-        }
-
-        // The autopilot over its link, cameras, rangefinder -> predictor.
-        let (Some(mut readings), Some(linked)) = (physics.drone_readings(k), &mut self.linked) else {
-            return;
-        };
-        if !self.handed_over {
-            // PX4 denies until set-points were streamed for long enough: the person tries again.
-            let autopilot = &mut linked.autopilot;
-            let offboard = mode_number(autopilot.firmware(), AutopilotMode::Offboard);
-            self.handed_over = autopilot.choose(offboard);
-        }
-        linked.autopilot.steel_m = physics.deck_distance_m(k);
-        let flown = linked.receive(t, now);
-        let (mut odometry, mut autopilot) = (flown.odometry.last().copied(), flown.state);
-        if let Some(mutant) = failing.mutant {
-            odometry = odometry.map(|state| mutant.odometry(state));
-            autopilot = autopilot.map(|state| mutant.autopilot(state));
-        }
-        self.commands.extend(flown.command);
-        readings.ranges.extend(flown.ranges);
-        self.autopilot_state = autopilot.unwrap_or(self.autopilot_state);
-        if let Some(cameras) = &mut self.cameras {
-            cameras.step(t, now, &mut readings);
-        }
-        self.mislead(physics, &mut readings);
-        failing.drone.spoil(&mut readings, &mut self.repeated_m);
-        let input = PredictorIn {
-            estimate: received.estimate,
-            wave: received.wave,
-            prediction: received.prediction,
-            surroundings: received.surroundings,
-            link: received.link,
-            drone: odometry,
-            tags: readings.tags,
-            uvdar: readings.uvdar,
-            ranges: readings.ranges.clone(),
-            checkpoint: self.predictor.as_ref().and_then(|p| self.keeper.answer(p.boot())),
-        };
-        let mut predicted = PredictorOut::default();
-        if let Some(predictor) = &mut self.predictor
-            && let Some(input) = self.predictor_inbox.take(input)
-        {
-            predicted = predictor.step(now, &input);
-            let believed = odometry
-                .zip(physics.drone(k))
-                .map(|(d, truth)| drift(&d, now, &truth));
-            if let (Some(foresight), Some(forecast)) = (foresight, &mut predicted.forecast) {
-                foresight.correct(forecast, &clock, &believed.unwrap_or_default());
-            }
-            tap.predictor(t, now, &input, &predicted);
-        }
-        self.keeper.take(now, predicted.checkpoint.as_ref());
-        let mut forecast = predicted.forecast;
-        if let Some(mutant) = failing.mutant {
-            forecast = mutant.forecast(now, forecast, self.forecast);
-        }
-        self.forecast = forecast.or(self.forecast);
-
-        // Mission -> planner.
-        self.commands.extend(received.commands);
-        if let Some(mutant) = failing.mutant {
-            mutant.commands(
-                now,
-                &mut self.commands,
-                self.mission_state.state,
-                &mut self.ordered,
-            );
-        }
-        let plan = self.plans.arrived(t).pop();
-        let input = MissionIn {
-            forecast,
-            drone: odometry,
-            autopilot,
-            plan,
-            set_point: self.last_set_point,
-            commands: self.commands.drain(..).collect(),
-            deck: received.deck,
-            ranges: readings.ranges.clone(),
-            checkpoint: self.mission.as_ref().and_then(|m| self.keeper.answer(m.boot())),
-        };
-        let mut decided = MissionOut::default();
-        if let Some(mission) = &mut self.mission
-            && let Some(input) = self.mission_inbox.take(input)
-        {
-            decided = mission.step(now, &input);
-            tap.mission(t, now, &input, &decided);
-        }
-        self.keeper.take(now, decided.checkpoint.as_ref());
-        let mut mission = decided.state;
-        if let Some(mutant) = failing.mutant {
-            mission = mutant.mission(now, mission, &self.mission_state);
-        }
-        self.mission_state = mission.unwrap_or(self.mission_state);
-        if reports_status && t >= self.status_due {
-            self.status_due = t + STATUS_PERIOD;
-            let distance = DroneStatus::deck_distance_m(now, odometry.as_ref(), self.forecast.as_ref());
-            let status = self.status(physics.header(k), distance);
-            if let Ok(bytes) = wire::encode(&status) {
-                self.radio.send_to_vessel(t, bytes.len(), Uplink::Status(status));
-            }
-        }
-
-        let input = PlannerIn {
-            forecast,
-            mission,
-            drone: odometry,
-        };
-        let mut solved = PlannerOut::default();
-        if let Some(planner) = self.planner.as_mut().filter(|_| !failing.frozen.planner) {
-            solved = planner.step(now, &input);
-            tap.planner(t, now, &input, &solved);
-        }
-        if let Some(plan) = solved.plan {
-            // A full line means plans that nobody fetches: the oldest state is lost, no more.
-            let _full = self.plans.push(t + self.solve_delay, plan);
-        }
-
-        // Pilot -> link to the autopilot.
-        let stands_still = self
-            .pilot_outage_window
-            .is_some_and(|[from, until]| from <= t && t < until);
-        let mut set_point = None;
-        let input = PilotIn {
-            plan,
-            mission,
-            forecast,
-            drone: odometry,
-            autopilot,
-            ranges: readings.ranges,
-        };
-        if let Some(pilot) = self.pilot.as_mut().filter(|_| !stands_still)
-            && let Some(input) = self.pilot_inbox.take(input)
-        {
-            let flown = pilot.step(now, &input);
-            tap.pilot(t, now, &input, &flown);
-            set_point = self.external.or(flown.set_point);
-            if let Some(mutant) = failing.mutant {
-                set_point = set_point.map(|s| mutant.set_point(s, &input.ranges, self.mission_state.state));
-            }
-            self.last_set_point = set_point.or(self.last_set_point);
-        }
-        let input = AutopilotIn {
-            set_point,
-            mission,
-            forecast,
-            ..AutopilotIn::default()
-        };
-        if let Some(linked) = &mut self.linked {
-            linked.send(t, now, input);
-        }
-    }
-
-    /// What faults make of what the cameras saw.
-    fn mislead(&self, physics: &Physics, readings: &mut DroneReadings) {
-        let Some(truth) = physics.drone(self.k) else {
-            return;
-        };
-        let beside: [f64; 3] =
-            (body_from_camera().transpose() * (truth.attitude.0.inverse() * self.sees_beside)).into();
-        let shown = |p: &mut [f64; 3]| p.iter_mut().zip(beside).for_each(|(p, by)| *p += by);
-        for m in &mut readings.tags {
-            m.header.at += self.images_late;
-            shown(&mut m.position);
-        }
-        for m in &mut readings.uvdar {
-            m.header.at += self.images_late;
-            shown(&mut m.position);
-        }
-    }
-    fn status(&self, header: Header<DroneClock>, deck_distance_m: Option<f32>) -> DroneStatus {
-        let (mission, autopilot) = (&self.mission_state, &self.autopilot_state);
-        let still_armed_s = still_armed_s(header.at, mission, autopilot.armed, &DisarmConfig::default());
-        DroneStatus {
-            still_armed_s: still_armed_s.map(|s| s as f32),
-            ..DroneStatus::of(header, mission, Some(autopilot), deck_distance_m)
-        }
+    /// The same of another.
+    pub fn observation_of(&self, k: usize) -> Observation<'_> {
+        self.physics.observation(k, &self.drones[k].mission_state)
     }
 }

@@ -1,13 +1,27 @@
 //! One named random stream per noise source, so that two planners meet the same sea and a new
 //! source does not shift the others.
 
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::SeedableRng;
+use std::convert::Infallible;
 
-/// The family of random streams of one seed.
-#[derive(Clone, Copy, Debug)]
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng, TryRng};
+
+/// Moves that a family of streams remembers.
+pub const MOVES: usize = 10;
+
+/// A move of every number of every stream: a wrapping step, drawn from `seed` and smaller by `bits` binary digits than the
+/// whole range. It keeps numbers uniform, and leads back as often as there: what a Markov chain over random numbers needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Move {
+    seed: u64,
+    bits: u32,
+}
+
+/// The family of random streams of one seed, and the moves of its numbers since.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Streams {
     seed: u64,
+    moves: [Option<Move>; MOVES],
     /// FNV-1a hash of what stands before every name.
     prefix: u64,
 }
@@ -24,6 +38,7 @@ impl Streams {
     pub const fn new(seed: u64) -> Self {
         Streams {
             seed,
+            moves: [None; MOVES],
             prefix: 0xcbf2_9ce4_8422_2325,
         }
     }
@@ -36,11 +51,118 @@ impl Streams {
         };
         Streams { prefix, ..*self }
     }
+    /// The same with every number moved by a step drawn from `seed`, uniform over `2^-bits` of the range: 0 redraws
+    /// all, 6 changes each by 0.8 % at most. After [`MOVES`] moves they stay.
+    #[must_use]
+    pub fn moved(&self, seed: u64, bits: u32) -> Self {
+        let mut moved = *self;
+        if let Some(free) = moved.moves.iter_mut().find(|m| m.is_none()) {
+            *free = Some(Move { seed, bits });
+        }
+        moved
+    }
     /// The stream called `name`: the same for the same seed and name, independent of all others.
-    pub fn stream(&self, name: &str) -> ChaCha8Rng {
-        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
-        // The hash selects the ChaCha stream.
-        rng.set_stream(fnv(self.prefix, name));
-        rng
+    pub fn stream(&self, name: &str) -> Stream {
+        let hash = fnv(self.prefix, name);
+        let of = |seed: u64| {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            // The hash selects the ChaCha stream.
+            rng.set_stream(hash);
+            rng
+        };
+        Stream {
+            plain: of(self.seed),
+            steps: self
+                .moves
+                .iter()
+                .flatten()
+                .map(|m| (of(m.seed), m.bits))
+                .collect(),
+        }
+    }
+}
+
+impl From<u64> for Streams {
+    fn from(seed: u64) -> Streams {
+        Streams::new(seed)
+    }
+}
+
+/// A stream of random numbers.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Stream {
+    plain: ChaCha8Rng,
+    /// What is added to its numbers, one after the other.
+    steps: Vec<(ChaCha8Rng, u32)>,
+}
+
+impl Stream {
+    /// Sum of the moves' steps for the next number. The last 12 binary digits stay: they choose a part of a distribution
+    /// (the ziggurat's layer), where a small step would be a jump.
+    fn step(&mut self) -> u64 {
+        self.steps.iter_mut().fold(0, |sum: u64, (rng, bits)| {
+            let step = (rng.next_u64().cast_signed() >> *bits).cast_unsigned();
+            let whole = *bits == 0;
+            sum.wrapping_add(if whole { step } else { step & !0xfff })
+        })
+    }
+}
+
+impl TryRng for Stream {
+    type Error = Infallible;
+    fn try_next_u32(&mut self) -> Result<u32, Infallible> {
+        let step = (self.step() >> 32) as u32;
+        Ok(self.plain.next_u32().wrapping_add(step))
+    }
+    fn try_next_u64(&mut self) -> Result<u64, Infallible> {
+        let step = self.step();
+        Ok(self.plain.next_u64().wrapping_add(step))
+    }
+    fn try_fill_bytes(&mut self, bytes: &mut [u8]) -> Result<(), Infallible> {
+        for part in bytes.chunks_mut(8) {
+            let word = self.next_u64().to_le_bytes();
+            part.iter_mut().zip(word).for_each(|(b, w)| *b = w);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::RngExt;
+
+    #[test]
+    fn moved_numbers_stay_uniform_and_near() {
+        let streams = Streams::new(7);
+        let of = |s: &Streams| -> Vec<f64> {
+            let mut stream = s.stream("sea");
+            (0..4000).map(|_| stream.random::<f64>()).collect()
+        };
+        let plain = of(&streams);
+        for bits in [0, 3, 6] {
+            let moved = of(&streams.moved(3, bits).moved(4, bits));
+            // On a circle: two steps of at most 2^-bits / 2 each.
+            let way = |(a, b): (&f64, &f64)| ((a - b + 1.5).rem_euclid(1.0) - 0.5).abs();
+            let most = plain.iter().zip(&moved).map(way).fold(0.0, f64::max);
+            assert!(
+                most <= 0.5_f64.powi(bits.cast_signed()) && most > 0.0,
+                "{bits}: {most}"
+            );
+            let mean = moved.iter().sum::<f64>() / moved.len() as f64;
+            assert!((mean - 0.5).abs() < 0.02, "{bits}: {mean}");
+        }
+    }
+
+    #[test]
+    fn moves_of_the_one_stream_by_their_own_numbers() {
+        let moved = Streams::new(7).moved(3, 3);
+        let (mut sea, mut wind) = (moved.stream("sea"), moved.stream("wind"));
+        assert_ne!(sea.next_u64(), wind.next_u64());
+        assert_eq!(moved.stream("sea").next_u64(), moved.stream("sea").next_u64());
+        assert_ne!(
+            moved.stream("sea").next_u64(),
+            Streams::new(7).stream("sea").next_u64()
+        );
     }
 }

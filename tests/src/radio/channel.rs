@@ -57,6 +57,10 @@ pub struct ChannelFault {
     pub loss: f64,
     /// Added delay, s.
     pub delay_s: f64,
+    /// Further delay, uniform up to this, s: packets overtake each other.
+    pub jitter_s: f64,
+    /// Fraction of packets that comes twice, 0 to 1.
+    pub doubled: f64,
 }
 
 /// One direction.
@@ -140,8 +144,16 @@ impl Channel {
             self.counts.lost += 1;
             return [None, None];
         }
+        let twice = twice || (self.fault.doubled > 0.0 && self.bursts.chance(self.fault.doubled));
         self.counts.doubled += u64::from(twice);
         let on_air = on_air + Span::from_secs(self.fault.delay_s);
+        if self.fault.jitter_s > 0.0 {
+            let mut late = || Span::from_secs(self.fault.jitter_s * self.bursts.uniform());
+            return [
+                Some(on_air + first + late()),
+                twice.then(|| on_air + second + late()),
+            ];
+        }
         let arrival = self.in_order(on_air + first);
         [Some(arrival), twice.then(|| self.in_order(on_air + second))]
     }

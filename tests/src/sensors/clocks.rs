@@ -35,6 +35,13 @@ impl ClockModel {
             drift,
         }
     }
+    /// The same clock, ahead by this.
+    pub fn ahead(self, by: Span) -> Self {
+        ClockModel {
+            offset: self.offset + by,
+            ..self
+        }
+    }
     /// What it shows at the true time zero.
     pub const fn offset(&self) -> Span {
         self.offset

@@ -29,7 +29,7 @@ use alight_shared::frames::{Deck, DroneBody, VesselBody};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{RangeSample, TagPose, UvdarFix};
-use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_usv::sensors::Readings;
 use nalgebra::Vector3;
 
@@ -84,6 +84,15 @@ pub struct DroneReadings {
     pub uvdar: Vec<UvdarFix>,
     /// Rangefinder readings.
     pub ranges: Vec<RangeSample>,
+}
+
+impl DroneReadings {
+    /// Stamped so much later.
+    pub fn shift(&mut self, by: Span) {
+        self.tags.iter_mut().for_each(|m| m.header.at += by);
+        self.uvdar.iter_mut().for_each(|m| m.header.at += by);
+        self.ranges.iter_mut().for_each(|m| m.header.at += by);
+    }
 }
 
 /// The vessel's sensors at work. [`VesselSensors::step`] is called once per tick of 10 ms with the truth at

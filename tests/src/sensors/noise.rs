@@ -6,15 +6,14 @@ use alight_shared::config::{ConfigError, InRange, Keys};
 use alight_shared::time::{Time, TrueTime};
 use nalgebra::Vector3;
 use rand::RngExt;
-use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 use serde::{Deserialize, Serialize};
 
-use crate::physics::streams::Streams;
+use crate::physics::streams::{Stream, Streams};
 
 /// One named random stream and the draws that sensors need.
 #[derive(Clone, Debug)]
-pub struct Noise(ChaCha8Rng);
+pub struct Noise(Stream);
 
 impl Noise {
     /// The noise of the stream called `name`.

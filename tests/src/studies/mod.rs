@@ -8,5 +8,6 @@ pub mod fleet;
 pub mod paired;
 pub mod prediction;
 pub mod rao;
+pub mod splitting;
 pub mod statistics;
 pub mod uvdar;

@@ -48,6 +48,56 @@ pub fn wilson(successes: usize, trials: usize) -> (f64, f64) {
     ((centre - half).max(0.0), (centre + half).min(1.0))
 }
 
+/// Successes without a failure after which the lower end of [`wilson`] reaches `rate`: `n / (n + z^2) >= rate`.
+/// A rate of 1 is never shown: the count stays below 40 000.
+pub fn successes_to_show(rate: f64) -> usize {
+    let z2 = 1.959_964_f64.powi(2);
+    let n = (z2 * rate / (1.0 - rate).max(1e-4)).ceil();
+    n.max(1.0) as usize
+}
+
+/// Upper end of the one-sided 95 % interval of a rate (Clopper and Pearson 1934): the largest `p` for which
+/// `P(X <= events) >= 0.05`, X binomial of `trials` and `p`. It covers at least 95 % of all cases, whatever the rate.
+pub fn at_most_95(events: usize, trials: usize) -> f64 {
+    if events >= trials {
+        return 1.0;
+    }
+    let n = trials as f64;
+    // P(X <= events), each term from the one before it in logarithms: (1 - p)^n alone leaves the range of f64.
+    let tail = |p: f64| {
+        let (mut log_term, odds) = (n * (-p).ln_1p(), (p / (1.0 - p)).ln());
+        let mut sum = log_term.exp();
+        for k in 1..=events {
+            log_term += ((n - k as f64 + 1.0) / k as f64).ln() + odds;
+            sum += log_term.exp();
+        }
+        sum
+    };
+    let (mut low, mut high) = (events as f64 / n, 1.0);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if tail(middle) >= 0.05 {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    high
+}
+
+/// Student's two-sided 95 % interval of the mean of independent values; from minus to plus infinity of one, none without any.
+pub fn student_95(values: &[f64]) -> Option<[f64; 2]> {
+    // Quantiles by the degrees of freedom from 1 on.
+    const STUDENT: [f64; 9] = [12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262];
+    let SampleStatistics { mean, sd, .. } = SampleStatistics::of(values.iter().copied())?;
+    let half = match values.len() {
+        1 => f64::INFINITY,
+        // More degrees of freedom than these have a smaller one.
+        count => STUDENT.get(count - 2).copied().unwrap_or(2.262) * sd / (count as f64).sqrt(),
+    };
+    Some([mean - half, mean + half])
+}
+
 /// Percentile bootstrap (Efron 1979) of the mean: its 95 % interval from 1000 resamples of a fixed
 /// stream, so that a report is reproducible. None without values.
 pub fn bootstrap_mean(values: &[f64]) -> Option<[f64; 2]> {
@@ -154,6 +204,8 @@ pub struct Summary {
     /// Descents begun, and those of them that ended badly: in any other way than at rest on the deck or
     /// broken off without a contact.
     pub descents: [u32; 2],
+    /// Trials that neither succeeded nor were refused.
+    pub unsafe_trials: usize,
     /// Contacts that broke the limits.
     pub unsafe_contacts: u32,
     /// Contacts with water.
@@ -233,6 +285,7 @@ impl Summary {
                 outcomes.iter().map(|o| o.attempts).sum(),
                 outcomes.iter().map(|o| u32::from(ended_badly(o))).sum(),
             ],
+            unsafe_trials: outcomes.iter().filter(|o| o.is_unsafe()).count(),
             unsafe_contacts: outcomes.iter().map(|o| o.unsafe_contacts).sum(),
             water_contacts: outcomes.iter().map(|o| o.water_contacts).sum(),
             keep_out_collisions: outcomes
@@ -274,6 +327,49 @@ mod tests {
             "{lo} {hi}"
         );
         assert!(wilson(100, 100).0 > 0.96);
+    }
+
+    #[test]
+    fn upper_bound_of_published_values() {
+        // Without an event 1 - 0.05^(1/n), about 3/n (Hanley and Lippman-Hand 1983).
+        for n in [1, 5, 35, 100, 3000] {
+            let exact = 1.0 - 0.05_f64.powf(1.0 / n as f64);
+            assert!((at_most_95(0, n) - exact).abs() < 1e-9, "{n}");
+        }
+        // The upper end of the two-sided 90 % interval: 1 of 10 is 0.3942, 5 of 10 is 0.7776 (tables of Clopper and Pearson).
+        for (k, n, p) in [(1, 10, 0.3942), (5, 10, 0.7776), (10, 10, 1.0), (0, 0, 1.0)] {
+            assert!(
+                (at_most_95(k, n) - p).abs() < 1e-4,
+                "{k} of {n}: {}",
+                at_most_95(k, n)
+            );
+        }
+        // Far out of the range of (1 - p)^n: close to the normal one.
+        assert!((at_most_95(20_000, 40_000) - (0.5 + 1.645 * 0.5 / 200.0)).abs() < 1e-4);
+    }
+
+    #[test]
+    fn student_interval_of_four_values() {
+        // Mean 2.5, standard deviation 1.2910, 3.182 of its half.
+        let [low, high] = student_95(&[1.0, 2.0, 3.0, 4.0]).unwrap();
+        assert!(
+            (low - 0.446).abs() < 1e-3 && (high - 4.554).abs() < 1e-3,
+            "{low} {high}"
+        );
+        assert_eq!(student_95(&[]), None);
+        assert_eq!(student_95(&[1.0]), Some([f64::NEG_INFINITY, f64::INFINITY]));
+    }
+
+    #[test]
+    fn successes_that_show_a_rate() {
+        for rate in [0.5, 0.8, 0.9, 0.95, 0.99] {
+            let n = successes_to_show(rate);
+            assert!(
+                wilson(n, n).0 >= rate && wilson(n - 1, n - 1).0 < rate,
+                "{rate}: {n}"
+            );
+        }
+        assert_eq!(successes_to_show(0.9), 35);
     }
 
     #[test]

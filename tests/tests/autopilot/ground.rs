@@ -8,7 +8,8 @@ use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::autopilot::ground_station::{AGE, DISTANCE, MAX_TEXT, WIND};
 use alight_uav::autopilot::message::{
-    Address, LandingTarget, Message, RC_RECEIVER, RcChannels, TargetFrame, severity,
+    Address, CommandLong, CommandResult, LandingTarget, Message, RC_RECEIVER, RcChannels, TargetFrame,
+    command, severity,
 };
 use alight_uav::autopilot::wire::{Decoder, Encoder};
 
@@ -205,6 +206,88 @@ fn landing_and_abort_by_rc_switch() {
     assert!(landed, "{:?}", rig.state(0));
 }
 
+/// What a ground station orders of the companion.
+fn order(number: u16) -> Message {
+    Message::Command(CommandLong::new(Address::new(VEHICLE, 191), number, []))
+}
+const STATION: Address = Address::new(255, 190);
+/// The simulated vehicle's system.
+const VEHICLE: u8 = 3;
+
+#[test]
+fn orders_of_a_ground_station() {
+    for firmware in BOTH {
+        let mut p = LinkRig::new(firmware, 5.0, &config());
+        p.run(3.0);
+        // Nobody shows that it was taken: it is repeated as one command, rejected after 5 s, and the reason reported.
+        p.waits_for_flight = false;
+        p.inject(STATION, &order(command::USER_1));
+        p.run(0.5);
+        p.inject(STATION, &order(command::USER_1));
+        p.run(6.0);
+        let results: Vec<CommandResult> = p.answers.iter().map(|(_, result)| *result).collect();
+        let (last, under_way) = results.split_last().expect("answers");
+        assert_eq!(*last, CommandResult::TemporarilyRejected);
+        // At once, to the repetition, and each second.
+        let all = under_way.iter().all(|r| *r == CommandResult::InProgress);
+        assert!(all && (5..=7).contains(&under_way.len()), "{under_way:?}");
+        assert!(
+            p.orders.len() > 2 && p.orders.iter().all(|c| *c == p.orders[0]),
+            "{:?}",
+            p.orders
+        );
+        assert!(
+            p.notes.iter().any(|(_, text)| text.contains("was not taken")),
+            "{:?}",
+            p.notes
+        );
+        // The mission takes it.
+        (p.waits_for_flight, p.answers) = (true, Vec::new());
+        p.inject(STATION, &order(command::USER_1));
+        p.run(1.0);
+        assert_eq!(
+            p.answers.last(),
+            Some(&(command::USER_1, CommandResult::Accepted)),
+            "{firmware:?}"
+        );
+        // What is not ours is answered, what is another's is not.
+        (p.answers, p.orders) = Default::default();
+        p.inject(STATION, &order(command::REQUEST_MESSAGE));
+        let elsewhere = CommandLong::new(Address::new(VEHICLE, 154), command::USER_2, []);
+        p.inject(STATION, &Message::Command(elsewhere));
+        p.run(1.0);
+        assert_eq!(
+            p.answers,
+            [(command::REQUEST_MESSAGE, CommandResult::Unsupported)]
+        );
+        assert_eq!(p.orders, []);
+    }
+}
+
+#[test]
+fn landing_and_abort_by_ground_station() {
+    let mut rig = Rig::landing(&Scenario::default(), &NodeConfigs::default(), 1).expect("a world");
+    let send = |rig: &mut Rig, number: u16| {
+        let t = rig.world.physics().now();
+        rig.world
+            .linked(0)
+            .expect("a link")
+            .up
+            .send(t, STATION, &order(number));
+    };
+    assert!(rig.until(60.0, |r| r.state(0) == State::Descent));
+    send(&mut rig, command::USER_2);
+    assert!(rig.until(60.0, |r| {
+        CommandKind::Abort.is_met(r.state(0), r.mission(0).waiting.code)
+    }));
+    assert!(rig.mission(0).abort.is_some(), "{:?}", rig.mission(0));
+    // The autopilot is not to be asked again before the abort was taken and answered.
+    assert!(!rig.until(2.0, |r| r.state(0) == State::Descent));
+    send(&mut rig, command::USER_1);
+    let landed = rig.until(60.0, |r| r.state(0) == State::Landed);
+    assert!(landed, "{:?}", rig.state(0));
+}
+
 #[test]
 fn message_values_over_the_wire() {
     let target = |frame| {
@@ -224,6 +307,13 @@ fn message_values_over_the_wire() {
         Message::RemoteControlOverride {
             to: Address::new(3, 1),
             pulses_us: core::array::from_fn(|k| pulses_us[k]),
+        },
+        order(command::USER_1),
+        order(command::USER_2),
+        order(command::USER_3),
+        Message::CommandAck {
+            command: command::USER_2,
+            result: CommandResult::InProgress,
         },
         Message::SystemStatus {
             present: RC_RECEIVER | 1,

@@ -16,7 +16,9 @@ use alight_sim::harness::world::Checkpoints;
 use alight_sim::physics::body::RigidState;
 use alight_sim::physics::drone::{DroneConfig, DroneStart, NavigationConfig, SimulatedDrone};
 use alight_sim::physics::streams::Streams;
-use alight_uav::autopilot::message::{Address, CommandLong, Heartbeat, LandingTarget, Message};
+use alight_uav::autopilot::message::{
+    Address, CommandLong, CommandResult, Heartbeat, LandingTarget, Message,
+};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::{
     AutopilotIn, AutopilotLink, AutopilotLinkConfig, AutopilotOut, ControlAuthority,
@@ -84,6 +86,8 @@ pub struct LinkRig {
     pub heartbeats: Vec<(f64, Address, Heartbeat)>,
     /// Commands to the mission.
     pub orders: Vec<Command>,
+    /// Answers to commands.
+    pub answers: Vec<(u16, CommandResult)>,
     /// Messages about the deck.
     pub deck_messages: usize,
     /// The deck's centre from below the drone, north and east, m.
@@ -176,6 +180,7 @@ impl LinkRig {
             values: Vec::new(),
             heartbeats: Vec::new(),
             orders: Vec::new(),
+            answers: Vec::new(),
             deck_messages: 0,
             deck_offset: [0.0; 2],
             targets: Vec::new(),
@@ -320,6 +325,7 @@ impl LinkRig {
                 Message::LandingTarget(t) => self.targets.push(*t),
                 Message::Deck { .. } => self.deck_messages += 1,
                 Message::Command(c) => self.commands.push((self.t_s, *c)),
+                Message::CommandAck { command, result } => self.answers.push((*command, *result)),
                 Message::Text { severity, text } => self.notes.push((*severity, text.clone())),
                 Message::NamedValue { name, value, .. } => {
                     self.values.push((self.t_s, name.clone(), *value));

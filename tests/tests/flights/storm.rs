@@ -1,8 +1,9 @@
 //! Storms: several faults in one landing. Those in `tests/storm` broke a rule once; those drawn here are the same in each run,
 //! so that a change which breaks a rule often is seen at once (`alight storm` flies thousands).
 
+use alight_shared::msg::State;
 use alight_sim::harness::storm::watch::Rule;
-use alight_sim::harness::storm::{Flown, Mutant, Storm, fly, fly_mutant};
+use alight_sim::harness::storm::{Fault, Flown, Kind, Mutant, Storm, fly, fly_mutant};
 use rayon::prelude::*;
 
 /// Flies it, silently.
@@ -57,6 +58,45 @@ fn same_storm_twice() {
     let flown = fly();
     assert_eq!(flown, fly());
     assert!(!flown.began.is_empty());
+}
+
+#[test]
+fn mutants_that_a_short_list_shows() {
+    let fault = |kind, state, after_s, lasts_s| Fault {
+        kind,
+        state,
+        after_s,
+        size: 0.0,
+        lasts_s,
+    };
+    let abort = |state| fault(Kind::Abort, state, 0.5, 0.0);
+    let killed = fault(Kind::MissionKilled, State::GaveUp, 2.0, 0.5);
+    let shown = [
+        (
+            Mutant::AbortIgnored,
+            1,
+            vec![abort(State::Descent)],
+            Rule::AbortIgnored,
+        ),
+        (Mutant::TwoOwners, 2, Vec::new(), Rule::TwoAtDeck),
+        (
+            Mutant::OldCheckpoint,
+            1,
+            vec![abort(State::Tracking), killed],
+            Rule::AbortIgnored,
+        ),
+    ];
+    shown.into_par_iter().for_each(|(mutant, drones, faults, rule)| {
+        let storm = Storm {
+            faults,
+            drones,
+            sea: [0.2, 5.0],
+            ..Storm::drawn(3, 0)
+        };
+        assert_eq!(flown(&storm, None).violation, None, "{mutant:?}");
+        let violation = flown(&storm, Some(mutant)).violation;
+        assert_eq!(violation.map(|v| v.rule), Some(rule), "{mutant:?}");
+    });
 }
 
 #[test]

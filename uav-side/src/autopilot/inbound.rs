@@ -7,10 +7,12 @@ use alight_shared::msg::{CommandKind, DroneState, LandedState, Message as _};
 
 use super::heading::HeadingAlignment;
 use super::message::{
-    self, Address, CommandResult, DistanceReport, Frame, Heartbeat, Message, command, severity,
+    self, Address, CommandLong, CommandResult, DistanceReport, Frame, Heartbeat, Message, command, severity,
 };
 use super::modes::Firmware;
+use super::orders::named;
 use super::peer::Peer;
+use super::station::Received;
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output, drone_state, thrust};
 
 /// No sea is further from the ellipsoid, m (EGM2008: -107 to 86).
@@ -31,6 +33,12 @@ impl AutopilotLink {
     pub(super) fn receive(&mut self, now: DroneTime, frame: &Frame, out: &mut AutopilotOut) -> bool {
         if let Message::Heartbeat(heartbeat) = &frame.message {
             return self.on_heartbeat(now, frame.from, heartbeat);
+        }
+        if let Message::Command(c) = &frame.message
+            && c.to == self.address()
+        {
+            self.command_by_station(now, frame.from, c, out);
+            return false;
         }
         let Some(peer) = self.peer.as_mut().filter(|p| p.address == frame.from) else {
             return false;
@@ -206,12 +214,34 @@ impl AutopilotLink {
     fn command_by_switch(&mut self, now: DroneTime, kind: CommandKind, out: &mut AutopilotOut) {
         let header = self.header(Output::Command, now);
         self.switch.give(header, kind);
-        let (severity, order) = match kind {
-            CommandKind::Abort => (severity::WARNING, "an abort"),
-            CommandKind::Land => (severity::NOTICE, "a landing"),
-            CommandKind::Hold => (severity::NOTICE, "a hold"),
-        };
+        if kind == CommandKind::Abort {
+            self.station.stopped(now);
+        }
+        let (severity, order) = named(kind);
         out.alarm(severity, format!("the remote control commands {order}"));
+    }
+
+    /// A command to us: an order to the mission, or none of ours.
+    fn command_by_station(&mut self, now: DroneTime, from: Address, c: &CommandLong, out: &mut AutopilotOut) {
+        let answer = |command, result| Message::CommandAck { command, result };
+        match self.station.received(now, c, self.switch.bars()) {
+            Received::Answered(result) => out.messages.push(answer(c.command, result)),
+            Received::Order(kind) => {
+                let header = self.header(Output::Command, now);
+                let replaced = self.station.give(c.command, header);
+                if kind == CommandKind::Abort {
+                    self.station.stopped(now);
+                }
+                out.messages
+                    .extend(replaced.map(|number| answer(number, CommandResult::Other)));
+                out.messages.push(answer(c.command, CommandResult::InProgress));
+                let (severity, order) = named(kind);
+                out.alarm(
+                    severity,
+                    format!("ground station {} commands {order}", from.system),
+                );
+            }
+        }
     }
 
     /// The autopilot of the vehicle that is to be flown has this address.

@@ -117,6 +117,12 @@ pub mod command {
     pub const MESSAGE_INTERVAL: u16 = 511;
     /// `MAV_CMD_REQUEST_MESSAGE`.
     pub const REQUEST_MESSAGE: u16 = 512;
+    /// `MAV_CMD_USER_1`: of ours, land.
+    pub const USER_1: u16 = 31010;
+    /// `MAV_CMD_USER_2`: of ours, abort.
+    pub const USER_2: u16 = 31011;
+    /// `MAV_CMD_USER_3`: of ours, hold.
+    pub const USER_3: u16 = 31012;
     /// Second parameter of `ARM_DISARM`: the autopilot obeys in the air too.
     pub const FORCE: f64 = 21196.0;
 }

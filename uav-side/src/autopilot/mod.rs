@@ -4,7 +4,7 @@
 //!
 //! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
 //! [`lapse`] (whose hold it is), `heading` (whether it is aligned), [`disarm`] (when motors are stopped), this file (one step), [`inbound`] and [`outbound`] (its two
-//! halves), [`ground_station`] and [`rc_switch`] (people at a ground station and at the remote control), [`shadow`] (a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
+//! halves), [`ground_station`], [`station`] and [`rc_switch`] (people at a ground station and at the remote control, and their [`orders`]), [`shadow`] (a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
 //! [`parameters`] (what a landing relies on), and [`wire`] for the bytes.
 //!
 //! Safety does not rest on this node being alive. Without its set-points PX4 leaves OFFBOARD after
@@ -25,11 +25,13 @@ mod inbound;
 mod lapse;
 pub mod message;
 pub mod modes;
+mod orders;
 mod outbound;
 pub mod parameters;
 mod peer;
 mod rc_switch;
 mod shadow;
+mod station;
 mod streams;
 mod thrust;
 pub mod wire;
@@ -65,6 +67,7 @@ use lapse::LapseMonitor;
 use message::{Address, CUSTOM_MODE, CommandLong, Frame, Heartbeat, Message, command, severity};
 use peer::Peer;
 use rc_switch::RcSwitch;
+use station::StationOrders;
 use thrust::{HoverThrust, SentThrust};
 
 type DroneTime = Time<DroneClock>;
@@ -118,7 +121,7 @@ pub struct AutopilotOut {
     pub ranges: Vec<RangeSample>,
     /// For a successor.
     pub checkpoint: Option<LinkCheckpoint>,
-    /// Of the remote control's switch, to the mission.
+    /// Of the remote control's switch or a ground station, to the mission.
     pub command: Option<Command>,
     /// For a person: changes of control authority, denied commands, the autopilot's own texts.
     pub texts: Vec<String>,
@@ -220,6 +223,7 @@ pub struct AutopilotLink {
     lapse: LapseMonitor,
     ground: GroundReports,
     switch: RcSwitch,
+    station: StationOrders,
     set_points: u32,
     /// The abort for which the disarm was begun anew.
     abort: Option<[u32; 2]>,
@@ -357,6 +361,29 @@ impl AutopilotLink {
         }
     }
 
+    /// An order of the remote control's switch or of a ground station to the mission, an abort first.
+    fn publish_order(&mut self, now: DroneTime, out: &mut AutopilotOut) {
+        let mission = self.mission.get();
+        let by_switch = if self.station.aborts() {
+            None
+        } else {
+            self.switch.poll(now, mission)
+        };
+        if by_switch.is_some() {
+            out.command = by_switch;
+            return;
+        }
+        let (command, answer) = self.station.poll(now, mission);
+        out.command = command;
+        if let Some(answer) = answer {
+            let (ack, text) = answer.messages();
+            out.messages.push(ack);
+            if let Some((severity, text)) = text {
+                out.alarm(severity, text);
+            }
+        }
+    }
+
     /// The autopilot's state as the other nodes know it: OFFBOARD is reported only while it is ours.
     fn state_report(&mut self, now: DroneTime, changed: bool, alive: bool) -> Option<AutopilotState> {
         if !alive || self.is_undecided(now) || !self.timers.state.is_ready(now) && !changed {
@@ -436,10 +463,14 @@ impl Node for AutopilotLink {
         }
         let peer = self.peer.as_ref().map(|p| p.address);
         let received = input.received.iter().any(|f| Some(f.from) == peer);
+        let aborted = self.mission.get().and_then(|m| m.abort);
         if let Some(m) = &input.mission
             && self.mission.offer(now, m)
         {
             self.mode = Some(m.mode);
+            if m.abort.is_some() && m.abort != aborted {
+                self.station.stopped(now);
+            }
         }
         if let Some(f) = &input.forecast {
             self.forecast.offer(now, f);
@@ -461,13 +492,16 @@ impl Node for AutopilotLink {
         }
         self.report_armed(now, &mut out);
         self.report_to_ground(now, &mut out);
-        out.command = self.switch.poll(now, self.mission.get());
+        self.publish_order(now, &mut out);
         self.send_periodic(now, &mut out);
         self.publish_deck(now, &mut out);
         self.disarm_own_landing(now, &mut out);
 
         let after = (self.mode(now), self.control_authority());
         if after.1 != before.1 {
+            if matches!(after.1, ControlAuthority::TakenOver { .. }) {
+                self.station.stopped(now);
+            }
             out.texts.push(after.1.to_string());
         }
         let peer = &mut self.peer;

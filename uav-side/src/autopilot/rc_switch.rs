@@ -4,12 +4,12 @@
 //! control was lost, is none: a switch that was left on high lands nothing. What it commands goes to the mission like any
 //! other command, and is admitted by the same rules.
 
-use alight_shared::admission::Retransmission;
 use alight_shared::msg::{Command, CommandKind, Header, MissionState};
 use alight_shared::time::{DroneClock, Span};
 
 use super::DroneTime;
 use super::message::{RC_RECEIVER, RcChannels};
+use super::orders::{Order, Progress};
 
 /// Without a channel for this long the remote control is lost.
 const LOST: Span = Span::from_millis(600);
@@ -26,11 +26,6 @@ const HELD: Span = Span::from_millis(500);
 const HELD_HIGH: Span = Span::from_millis(1500);
 /// Readings in that time, at least.
 const MIN_READINGS: u32 = 3;
-/// A command is repeated at this period until the mission shows that it has received it ...
-const REPEAT: Span = Span::from_millis(250);
-/// ... for no longer than this.
-const GIVEN_UP: Span = Span::from_millis(5000);
-
 /// Where the switch is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Position {
@@ -76,7 +71,7 @@ pub(super) struct RcSwitch {
     /// It reports now that its receiver does not.
     lost: bool,
     /// What is commanded, and when it is published.
-    given: Option<(Command, Retransmission<DroneClock>)>,
+    given: Option<Order>,
 }
 
 impl RcSwitch {
@@ -142,29 +137,26 @@ impl RcSwitch {
     fn forget(&mut self) {
         (self.position, self.candidate, self.received_at) = (None, None, None);
     }
+    /// It aborts, or stands where it does: nobody's landing counts.
+    pub(super) fn bars(&self) -> bool {
+        self.position == Some(Position::Low) || self.given.is_some_and(|o| o.kind() == CommandKind::Abort)
+    }
     /// A command that the switch gave.
     pub(super) fn give(&mut self, header: Header<DroneClock>, kind: CommandKind) {
-        let sending = Retransmission::new(header.at, REPEAT, GIVEN_UP);
-        self.given = Some((Command { header, kind }, sending));
+        self.given = Some(Order::new(header, kind));
     }
     /// What is to be published now, by the mission's newest state; time passes for the channels, too.
     pub(super) fn poll(&mut self, now: DroneTime, mission: Option<&MissionState>) -> Option<Command> {
         if self.received_at.is_some_and(|at| now - at > LOST) {
             self.forget();
         }
-        let (command, sending) = self.given.as_mut()?;
-        let (h, kind) = (command.header, command.kind);
-        let taken = |m: &MissionState| match kind {
-            CommandKind::Abort => m.abort == Some([h.boot, h.sequence]),
-            CommandKind::Land | CommandKind::Hold => {
-                m.header.at > h.at && kind.is_met(m.state, m.waiting.code)
+        match self.given.as_mut()?.poll(now, mission) {
+            Progress::UnderWay(command) => command,
+            Progress::Taken | Progress::GivenUp => {
+                self.given = None;
+                None
             }
-        };
-        if mission.is_some_and(taken) || sending.is_over(now) {
-            self.given = None;
-            return None;
         }
-        sending.is_due(now).then_some(*command)
     }
 }
 

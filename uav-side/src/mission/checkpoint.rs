@@ -9,7 +9,7 @@ use alight_shared::time::Span;
 use alight_shared::topics;
 
 use super::config::MissionConfig;
-use super::limits::{LOST_OUTSIDE_M, RESUME_DISTANCE_M, STEADY_HEIGHT_M};
+use super::limits::{AWAY_M, CLIMB_S, HEAVE_M, LOST_OUTSIDE_M, RESUME_DISTANCE_M, STEADY_HEIGHT_M};
 use super::phase::{DroneTime, HoldCause, MissionPhase, Progress, gave_up, holding};
 use super::situation::{ControlState, Deck, Situation};
 use alight_shared::checkpoint::{CheckpointRejection, Recovery, validate};
@@ -169,6 +169,23 @@ pub(super) fn progress(m: &MissionCheckpoint) -> Progress {
     }
 }
 
+/// Away from the vessel.
+pub(super) fn is_away(s: &Situation) -> bool {
+    s.fresh_deck().is_some_and(|d| d.distance_m >= AWAY_M)
+}
+
+/// An idle mission's way out where the vessel comes to a drone that hovers without an order, lower than the deck heaves.
+pub(super) fn gives_way(s: &Situation, c: &MissionConfig) -> Option<(MissionPhase, Reason)> {
+    let deck = s.fresh_deck()?;
+    let near_m = RESUME_DISTANCE_M + CLIMB_S * deck.closing_mps.max(0.0);
+    let comes = deck.clearance_m < HEAVE_M && deck.distance_m < near_m;
+    if !comes || s.flight != ControlState::Ours || s.motors_stopped || rests(s) {
+        return None;
+    }
+    let why = Reason::new(ReasonCode::TooNear, deck.clearance_m, HEAVE_M);
+    Some((gave_up(s, c), why))
+}
+
 /// What an idle mission without a checkpoint does about a drone that flies, or rests with motors on, near a deck: it
 /// was landing or leaving, and holding a fixed place there lets the deck rise into it. Where it is `landing` still, it
 /// climbs to begin anew. `Err`: it cannot tell yet.
@@ -191,8 +208,7 @@ pub(super) fn safe_start(
     };
     // At the tracking height it may stay, deck or not.
     let low = deck.clearance_m < c.tracking_height_m - STEADY_HEIGHT_M;
-    let near = low && deck.distance_m < RESUME_DISTANCE_M;
-    if !near {
+    if !(low && deck.distance_m < RESUME_DISTANCE_M) {
         return Ok(None);
     }
     let why = Reason::new(ReasonCode::Restarted, deck.clearance_m, 0.0);

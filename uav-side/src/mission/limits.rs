@@ -24,6 +24,12 @@ pub(super) const DECISION_TIMEOUT_S: f64 = 8.0;
 pub(super) const RECOVER_S: f64 = 0.5;
 /// Hold resumes with Tracking within this horizontal distance of a detected deck, m.
 pub(super) const RESUME_DISTANCE_M: f64 = 10.0;
+/// A climb out of the way of a vessel takes so long, s: 6 m at 1.5 m/s.
+pub(super) const CLIMB_S: f64 = 4.0;
+/// A deck in waves comes up at most so far, m.
+pub(super) const HEAVE_M: f64 = 2.0;
+/// Without an order, a drone is away from the vessel from this horizontal distance on, m: waves alone do not close it.
+pub(super) const AWAY_M: f64 = 1.5 * RESUME_DISTANCE_M;
 
 /// The reason when `value` is beyond `limit`; a NaN is beyond.
 pub(super) fn exceeds(code: ReasonCode, value: f64, limit: f64) -> Option<Reason> {

@@ -150,6 +150,8 @@ pub struct Mission {
     beginning: Option<Beginning>,
     /// Began without a checkpoint or lost the drone to the autopilot's hold, and does not know yet that the drone is safe.
     unjudged: bool,
+    /// Without an order, and ours, it has been away from the deck.
+    was_away: bool,
     phase: MissionPhase,
     progress: Progress,
     previous: State,
@@ -515,15 +517,25 @@ impl Mission {
         }
     }
 
-    /// What a mission without a checkpoint, or after a lapse, decides about a drone that it finds in flight.
-    fn safe_start(&mut self, s: &Situation) -> Option<Decision> {
-        if !self.unjudged || self.phase != MissionPhase::Idle {
+    /// An idle mission's decision about a drone in flight: one that it finds there, without a checkpoint or after a loss of
+    /// set-points, and one that the vessel comes near to.
+    fn keeps_clear(&mut self, s: &Situation) -> Option<Decision> {
+        let waits = self.phase == MissionPhase::Idle;
+        // A drone that is handed over above the deck stays there.
+        self.was_away &= waits && s.flight == ControlState::Ours;
+        if !waits {
             self.unjudged = false;
             return None;
         }
-        let found = checkpoint::safe_start(s, self.progress.landing, &self.config);
-        self.unjudged = found.is_err();
-        let (phase, why) = found.ok().flatten()?;
+        let (phase, why) = if self.unjudged {
+            let found = checkpoint::safe_start(s, self.progress.landing, &self.config);
+            self.unjudged = found.is_err();
+            found.ok().flatten()?
+        } else {
+            self.was_away |= s.flight == ControlState::Ours && checkpoint::is_away(s);
+            let gives_way = checkpoint::gives_way(s, &self.config);
+            gives_way.filter(|_| self.was_away && !self.progress.landing)?
+        };
         Some(Decision {
             phase,
             progress: self.progress,
@@ -624,7 +636,7 @@ impl Node for Mission {
             at.get_or_insert(now + *after);
         }
         let decision = match order {
-            None => self.safe_start(&s),
+            None => self.keeps_clear(&s),
             Some(_) => None,
         };
         let decision = decision.unwrap_or_else(|| decide(self.phase, self.progress, order, &s, &self.config));

@@ -492,6 +492,26 @@ fn standstill_in_the_flare() {
 }
 
 #[test]
+fn drone_without_an_order_where_the_vessel_comes() {
+    for (first_m, then_m, height_m, wanted) in [
+        (30.0, 30.0, 1.0, State::Idle),
+        (30.0, 9.0, 1.0, State::GaveUp),
+        (30.0, 9.0, 3.0, State::Idle),
+        // It was handed over there.
+        (9.0, 9.0, 1.0, State::Idle),
+    ] {
+        let mut m = node();
+        let z = -1.3 - DroneGeometry::default().feet_below_m - height_m;
+        for (k, x) in [(1, first_m), (2, first_m), (3, then_m)] {
+            let t = at(10.0 + 0.01 * f64::from(k));
+            m.step(t, &fresh_input(k, t, [x, 0.0, z]));
+            let expected = if k < 3 { State::Idle } else { wanted };
+            assert_eq!(m.phase.state(), expected, "{then_m} m away, {height_m} m above");
+        }
+    }
+}
+
+#[test]
 fn lapse_low_above_the_deck() {
     for (height, unfit, wanted) in [
         (0.5, false, State::GetAltitude),

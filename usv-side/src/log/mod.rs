@@ -2,6 +2,7 @@
 //! time.
 
 mod csv;
+mod n2k;
 mod sentences;
 pub mod table;
 mod ulog;
@@ -13,8 +14,8 @@ use thiserror::Error;
 use crate::sensors::{Average, Measurement, Mount, SourceMeasurement};
 
 /// The formats that are read, for errors.
-const FORMATS: &str =
-    "NMEA 0183 text, CSV (a line of columns with t_s), PX4 ULog and Alight's own MCAP are read";
+const FORMATS: &str = "NMEA 0183 text, NMEA 2000 as a gateway's text, CSV (a line of columns with t_s), PX4 ULog and Alight's own MCAP are \
+     read";
 /// What is looked at to tell the formats apart, bytes.
 const HEAD_BYTES: usize = 16 << 10;
 /// Most measurements that a recording may hold.
@@ -161,6 +162,9 @@ pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogE
     let head = bytes.get(..bytes.len().min(HEAD_BYTES)).unwrap_or_default();
     if bytes.starts_with(ulog::MAGIC) {
         return ulog::read(bytes, origin, mount);
+    }
+    if n2k::is_n2k(head) {
+        return n2k::read(bytes, origin, mount);
     }
     if table::is_table(head) {
         return csv::read(bytes, origin, mount);

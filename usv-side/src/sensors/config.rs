@@ -72,6 +72,8 @@ pub enum Format {
     Ubx,
     /// MAVLink.
     Mavlink,
+    /// NMEA 2000 as text of a gateway: Yacht Devices RAW, Actisense N2K ASCII, candump, canboat.
+    N2k,
 }
 
 impl Format {
@@ -85,7 +87,7 @@ impl Format {
                 let found = decoder.decoded();
                 found.good > 0 || found.ignored == 0
             }
-            Format::Ubx | Format::Mavlink => true,
+            Format::Ubx | Format::Mavlink | Format::N2k => true,
         }
     }
 }

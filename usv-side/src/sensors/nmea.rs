@@ -7,9 +7,9 @@
 //! which has no arrivals, attitudes are spread evenly to the next time. Position and velocity of an epoch make one fix,
 //! heading and rate of turn one heading.
 
-mod account;
+pub(super) mod account;
 mod attribution;
-mod sentences;
+pub(super) mod sentences;
 
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, NOT_MEASURED_SD};
@@ -488,7 +488,7 @@ impl Decoder for NmeaDecoder {
 }
 
 /// `hhmmss` with a fraction, to nanoseconds of the day.
-fn time_of_day_ns(text: &str) -> Option<i64> {
+pub(super) fn time_of_day_ns(text: &str) -> Option<i64> {
     let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
     let digits = |t: &str| t.bytes().all(|b| b.is_ascii_digit());
     if whole.len() != 6 || !digits(whole) || !digits(fraction) || fraction.len() > 9 {

@@ -8,8 +8,8 @@ use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Average, Decoder, Format, MavlinkDecoder, Measurement, Mounting, NmeaDecoder, Readings, Remark,
-    SourceClock, SourceConfig, SourceMeasurement, SourcesConfig, UbxDecoder,
+    Average, Decoder, Format, MavlinkDecoder, Measurement, Mounting, N2kDecoder, NmeaDecoder, Readings,
+    Remark, SourceClock, SourceConfig, SourceMeasurement, SourcesConfig, UbxDecoder,
 };
 use crate::node::KINDS;
 
@@ -56,6 +56,7 @@ impl Source {
         let decoder: Box<dyn Decoder> = match config.format {
             Format::Nmea => Box::new(NmeaDecoder::new(&mounting)),
             Format::Ubx => Box::new(UbxDecoder::new(&mounting)),
+            Format::N2k => Box::new(N2kDecoder::new(&mounting)),
             Format::Mavlink => Box::new(MavlinkDecoder::new(&mounting).of_system(config.system)),
         };
         Source {

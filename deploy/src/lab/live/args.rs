@@ -13,7 +13,7 @@ use crate::lab::live::fault::FaultSpec;
 use crate::process::args::{ProcessArgs, ViewArgs};
 
 /// One landing, live.
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug)]
 pub struct LandArgs {
     /// The scene.
     #[command(flatten)]
@@ -77,6 +77,9 @@ pub struct LandArgs {
     /// PROCESS:kill|freeze:PHASE|contact, such as planner:kill:descent
     #[arg(long, value_name = "FAULT")]
     pub fault: Option<FaultSpec>,
+    /// Fly this list of faults (TOML, as `alight storm --list`) on real processes: its scene, seed and faults
+    #[arg(long, value_name = "LIST.toml", conflicts_with_all = ["fault", "trials", "seed", "SceneArgs"])]
+    pub faults: Option<PathBuf>,
     /// Whether and where people look on.
     #[command(flatten)]
     pub view: ViewArgs,

@@ -73,7 +73,10 @@ impl FromStr for FaultSpec {
 impl fmt::Display for FaultSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let moment = match self.moment {
-            Moment::In(state) => PHASES.iter().find(|p| p.1 == state).map_or("?", |p| p.0),
+            Moment::In(state) => {
+                let phase = PHASES.iter().find(|p| p.1 == state);
+                phase.map_or(state.name(), |p| p.0)
+            }
             Moment::Contact => CONTACT,
         };
         write!(f, "{}:{}:{moment}", self.process.name(), self.kind.name())
@@ -153,7 +156,10 @@ pub struct Fault {
 impl Fault {
     /// The fault, with its delay after the moment's beginning, and for how long it freezes, drawn from the seed.
     pub fn new(spec: FaultSpec, seed: u64) -> Fault {
-        let times = FaultTimes::drawn(spec.moment, seed);
+        Fault::at(spec, FaultTimes::drawn(spec.moment, seed))
+    }
+    /// The fault at these times.
+    pub fn at(spec: FaultSpec, times: FaultTimes) -> Fault {
         Fault {
             spec,
             delay_ns: (times.delay_s * 1e9) as i64,

@@ -32,6 +32,7 @@ use crate::lab::live::air::{RadioPath, RadioWatch};
 use crate::lab::live::args::LandArgs;
 use crate::lab::live::config::{Attachments, AutopilotKind, SimulatedWorld, attached, free_port, write};
 use crate::lab::live::fault::{Fault, Seen};
+use crate::lab::live::list::{LiveList, Order};
 use crate::lab::live::recording;
 use crate::lab::live::report::{LiveOutcome, LiveReport, PhaseEntry};
 use crate::lab::live::world::{CONTACT, WorldReport};
@@ -68,7 +69,11 @@ const COMMAND_REPEAT_S: f64 = 1.0;
 
 /// What is flown, with the flags of the live system over it.
 pub fn scene(args: &LandArgs) -> Result<Scene, CliError> {
-    let mut scene = Scene::of(&args.scene)?;
+    Ok(with_flags(args, Scene::of(&args.scene)?))
+}
+
+/// The flags of the live system over a scene.
+fn with_flags(args: &LandArgs, mut scene: Scene) -> Scene {
     if let Some(warm_up_s) = args.warm_up {
         scene.scenario.start.warm_up_s = warm_up_s;
         scene.scenario.start.hover_s = scene.scenario.start.hover_s.min(warm_up_s);
@@ -80,12 +85,20 @@ pub fn scene(args: &LandArgs) -> Result<Scene, CliError> {
             among.push(AT_SEA);
         }
     }
-    Ok(scene)
+    scene
 }
 
 /// One landing.
 pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
-    let scene = scene(args)?;
+    let list = args.faults.as_deref().map(LiveList::read).transpose()?;
+    let scene = match &list {
+        Some(list) => with_flags(args, list.scene()),
+        None => scene(args)?,
+    };
+    let args = &LandArgs {
+        seed: list.as_ref().map_or(args.seed, LiveList::seed),
+        ..args.clone()
+    };
     if let Some(path) = &args.plot {
         chart::can_write(path)?;
     }
@@ -110,7 +123,7 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
     if let Some(flight) = &plan.flight {
         recorder::can_write(flight)?;
     }
-    let landing = match Landing::begin(args, &memory, &plan, &owned) {
+    let landing = match Landing::begin(args, list.as_ref(), &memory, &plan, &owned) {
         // A signal can end a start half way; what it broke there is no error of the input.
         Err(_) if !memory.wait(Duration::from_millis(1)) => {
             note(true, format_args!("stopped"));
@@ -254,7 +267,11 @@ impl LandingSetup {
             uvdar: UltravioletSource::default(),
             supervision: Supervision::default(),
             recorder: RecorderConfig::default(),
-            view: ViewConfig::default(),
+            // A simulated landing may be broken off by whoever sees its page.
+            view: ViewConfig {
+                abort: true,
+                ..ViewConfig::default()
+            },
             drone: scene.nodes.settings(),
         };
         let world = SimulatedWorld {
@@ -340,7 +357,9 @@ struct Landing<'a> {
     begun: bool,
     state: State,
     phases: Vec<PhaseEntry>,
-    fault: Option<Fault>,
+    faults: Vec<Fault>,
+    /// Orders of a list.
+    orders: Vec<Order>,
     /// The drone has touched something.
     contact: bool,
     stop_requested: Arc<AtomicBool>,
@@ -350,6 +369,7 @@ struct Landing<'a> {
 impl<'a> Landing<'a> {
     fn begin(
         args: &'a LandArgs,
+        list: Option<&LiveList>,
         memory: &Memory,
         plan: &'a LandingSetup,
         owned: &OwnedInstance,
@@ -379,7 +399,12 @@ impl<'a> Landing<'a> {
             let lines = supervisor.start_view(&plan.drone_file, &view)?;
             lines.into_iter().for_each(|line| note(args.json, line));
         }
+        let of_list = list.iter().flat_map(|l| &l.processes);
+        let of_list = of_list.map(|(spec, times)| Fault::at(*spec, *times));
+        let of_flag = args.fault.map(|spec| Fault::new(spec, args.seed));
         Ok(Landing {
+            faults: of_flag.into_iter().chain(of_list).collect(),
+            orders: list.map_or_else(Vec::new, |l| l.orders.clone()),
             args,
             plan,
             supervisor,
@@ -392,7 +417,6 @@ impl<'a> Landing<'a> {
             begun: false,
             state: State::Idle,
             phases: Vec::new(),
-            fault: args.fault.map(|spec| Fault::new(spec, args.seed)),
             contact: false,
             stop_requested: end_with_supervisor(args.supervised),
             watch: RadioWatch::default(),
@@ -418,7 +442,8 @@ impl<'a> Landing<'a> {
             .secs();
             self.phase(true_s - self.plan.warm_up_s, shown);
             self.command(now, true_s - self.plan.warm_up_s);
-            self.poll_fault(true_s - self.plan.warm_up_s)?;
+            self.poll_faults(true_s - self.plan.warm_up_s)?;
+            self.give_orders(now, true_s - self.plan.warm_up_s);
             let said = self.supervisor.output_lines();
             self.contact |= said.iter().any(|line| line == CONTACT);
             let state = self.observer.snapshot.mission.map(|m| m.state);
@@ -463,38 +488,55 @@ impl<'a> Landing<'a> {
         Ok(())
     }
 
-    /// Lets the fault happen when it is time.
-    fn poll_fault(&mut self, t_s: f64) -> Result<(), CliError> {
-        let Some(fault) = &mut self.fault else {
-            return Ok(());
-        };
+    /// Lets the faults happen when it is time.
+    fn poll_faults(&mut self, t_s: f64) -> Result<(), CliError> {
         let snapshot = &self.observer.snapshot;
-        let seen = Seen {
-            t_s,
-            mission: *snapshot.mission,
-            process: snapshot.processes.get(&fault.spec().process).copied(),
-            contact: self.contact,
-        };
-        if let Some((pid, what)) = fault.poll(steady_ns(), &seen) {
-            let name = &fault.report.fault;
-            signal(pid, what).doing(format_args!("the fault {name}"))?;
-            if what != Signal::Continue {
-                note(self.args.json, format!("{t_s:>7.2} s  fault {name}"));
+        for fault in &mut self.faults {
+            let seen = Seen {
+                t_s,
+                mission: *snapshot.mission,
+                process: snapshot.processes.get(&fault.spec().process).copied(),
+                contact: self.contact,
+            };
+            if let Some((pid, what)) = fault.poll(steady_ns(), &seen) {
+                let name = &fault.report.fault;
+                signal(pid, what).doing(format_args!("the fault {name}"))?;
+                if what != Signal::Continue {
+                    note(self.args.json, format!("{t_s:>7.2} s  fault {name}"));
+                }
             }
         }
         Ok(())
+    }
+
+    /// Gives the orders of a list when it is time.
+    fn give_orders(&mut self, now: Time<DroneClock>, t_s: f64) {
+        let mission = *self.observer.snapshot.mission;
+        let due: Vec<CommandKind> = (self.orders.iter_mut())
+            .filter_map(|order| order.poll(t_s, mission.as_ref()))
+            .collect();
+        for kind in due {
+            note(self.args.json, format!("{t_s:>7.2} s  order: {kind:?}"));
+            self.send(now, kind);
+        }
+    }
+    fn send(&mut self, now: Time<DroneClock>, kind: CommandKind) {
+        self.sequence += 1;
+        let (vessel, drone) = self.plan.ids;
+        let header = Header::new(vessel, drone, self.boot, self.sequence, now);
+        self.commands.send(&Command { header, kind });
     }
 
     /// The landing is over: waits a little for a process that a fault met and that has not been heard
     /// again yet.
     fn await_recovery(&mut self, memory: &Memory, t_s: f64) -> Result<(), CliError> {
         let until = steady_ns() + RECOVERY_TIMEOUT_NS;
-        while self.fault.as_ref().is_some_and(Fault::is_under_way) && steady_ns() < until {
+        while self.faults.iter().any(Fault::is_under_way) && steady_ns() < until {
             if !memory.wait(SUPERVISION_PERIOD) {
                 break;
             }
             self.observer.poll();
-            self.poll_fault(t_s)?;
+            self.poll_faults(t_s)?;
             self.supervisor.poll(|_| Some(steady_ns()))?;
         }
         Ok(())
@@ -539,14 +581,8 @@ impl<'a> Landing<'a> {
         if t_s < 0.0 || self.begun || !(first || waits && t_s > self.commanded_s + COMMAND_REPEAT_S) {
             return;
         }
-        self.sequence += 1;
         self.commanded_s = t_s;
-        let (vessel, drone) = self.plan.ids;
-        let header = Header::new(vessel, drone, self.boot, self.sequence, now);
-        self.commands.send(&Command {
-            header,
-            kind: CommandKind::Land,
-        });
+        self.send(now, CommandKind::Land);
     }
 
     /// The world's word, and what the processes used.
@@ -557,7 +593,7 @@ impl<'a> Landing<'a> {
             usage: [snapshot.usage(steady_ns()), snapshot.stages(), snapshot.radio()].concat(),
             report: LiveReport {
                 phases: std::mem::take(&mut self.phases),
-                fault: self.fault.take().map(|f| f.report),
+                faults: self.faults.drain(..).map(|f| f.report).collect(),
                 radio: self
                     .watch
                     .report((steady_ns() - self.plan.clock.epoch_ns) as f64 * 1e-9),

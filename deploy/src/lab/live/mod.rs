@@ -11,6 +11,7 @@ pub mod fault;
 pub mod fleet;
 pub mod impairment;
 pub mod land;
+pub mod list;
 pub mod namespaces;
 pub mod pairs;
 pub mod plant;

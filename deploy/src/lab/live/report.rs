@@ -60,8 +60,8 @@ pub struct LiveReport {
     pub phases: Vec<PhaseEntry>,
     /// The link.
     pub radio: RadioReport,
-    /// The fault that was asked for.
-    pub fault: Option<FaultReport>,
+    /// The faults that were asked for.
+    pub faults: Vec<FaultReport>,
 }
 
 /// An outcome and what a live landing says beside it: one JSON object.
@@ -116,7 +116,7 @@ impl LiveReport {
             self.restarts
         );
         out.push_str(&self.radio.text());
-        if let Some(f) = &self.fault {
+        for f in &self.faults {
             out.push_str(&format!("  fault {}: {f}\n", f.fault));
         }
         out

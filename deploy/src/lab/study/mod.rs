@@ -7,6 +7,7 @@ pub mod pooled;
 mod report;
 mod rows;
 mod run;
+mod tasks;
 
 use alight_sim::physics::vessel::VesselConfig;
 use alight_sim::studies::rao::{WAVELENGTHS_M, rao as simulated_rao};
@@ -23,6 +24,10 @@ pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
         return Err(CliError("directories are given to `study merge` only".into()));
     }
     let value = match args.name.as_str() {
+        name if args.tasks.is_some() => {
+            print_tasks(args, name)?;
+            return Ok(Exit::Success);
+        }
         "camera" => camera::run(args)?,
         "merge" => merge(args)?,
         name => fly(args, name)?,
@@ -33,11 +38,32 @@ pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
+/// Prints the commands that fly the study in parts.
+fn print_tasks(args: &StudyArgs, name: &str) -> Result<(), CliError> {
+    if ["camera", "merge"].contains(&name) {
+        return Err(CliError(format!("study {name} flies nothing: it has no --tasks")));
+    }
+    let definition = definition::parse(&definition::text(name)?, name)?;
+    let rows = rows::expand(&definition, args).doing(format_args!("study {name}"))?;
+    let given = std::env::args_os().map(std::ffi::OsString::into_string);
+    let given: Vec<String> = given
+        .collect::<Result<_, _>>()
+        .map_err(|word| CliError(format!("--tasks: {} is no text", word.display())))?;
+    let seeds = args.tasks.unwrap_or(args.trials);
+    for command in tasks::commands(args, seeds, rows.rows.len(), &given)? {
+        terminal::line(command);
+    }
+    Ok(())
+}
+
 /// Flies the study of that name, or of the file of that name.
 fn fly(args: &StudyArgs, name: &str) -> Result<Value, CliError> {
     let text = definition::text(name)?;
     let definition = definition::parse(&text, name)?;
-    let rows = rows::expand(&definition, args).doing(format_args!("study {name}"))?;
+    let mut rows = rows::expand(&definition, args).doing(format_args!("study {name}"))?;
+    if let Some(row) = args.row {
+        rows.keep(row).doing(format_args!("study {name}"))?;
+    }
     let outcomes = run::fly_grid(&run::GridRun::of(args, &text), &rows.rows)?;
     let hash = rows.rows.first().map(|r| run::configuration_hash(&r.nodes));
     let study = report::Study {
@@ -93,8 +119,8 @@ pub fn rao(args: &RaoArgs) -> Result<Exit, CliError> {
         table.row(values.map(|(value, digits)| Cell::number(value, digits)));
     }
     terminal::line(format_args!(
-        "{}Waves from astern, drifting vessel. Surge and heave: amplitude over wave amplitude; pitch: amplitude over wave \
-         slope. A particle of the water has 1, 1 and 1.",
+        "{}Waves from astern, drifting vessel. Surge and heave: amplitude over wave\n\
+         amplitude; pitch: amplitude over wave slope. A particle of the water has 1, 1\nand 1.",
         table.text()
     ));
     Ok(Exit::Success)

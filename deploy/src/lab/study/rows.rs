@@ -289,6 +289,19 @@ pub struct Rows {
     pub whole: bool,
 }
 
+impl Rows {
+    /// Keeps the row with this number, counted from 1.
+    pub fn keep(&mut self, number: u32) -> Result<(), CliError> {
+        let (count, index) = (self.rows.len(), number as usize - 1);
+        if index >= count {
+            return Err(CliError(format!("--row {number}: there are {count} rows")));
+        }
+        self.rows = vec![self.rows.swap_remove(index)];
+        self.whole = false;
+        Ok(())
+    }
+}
+
 /// The rows of a study with the command line's flags.
 pub fn expand(definition: &Definition, args: &StudyArgs) -> Result<Rows, CliError> {
     let given = args.scene.given();

@@ -8,6 +8,7 @@ use std::sync::Mutex;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::scenario::NodeConfigs;
 use alight_sim::harness::trial::Watch;
+use alight_sim::studies::statistics::wilson;
 use alight_uav::planner::PlannerKind;
 
 use super::rows::Row;
@@ -32,6 +33,8 @@ pub struct GridRun<'a> {
     pub out: Option<&'a Path>,
     /// Only this part.
     pub shard: Option<Shard>,
+    /// A row is flown no further once its landing rate is known to this, up and down.
+    pub within: Option<f64>,
     /// The first failed trials are flown again and recorded.
     pub records_failed: bool,
     /// The result stands alone on standard output.
@@ -48,6 +51,7 @@ impl<'a> GridRun<'a> {
             jobs: args.jobs,
             out: args.out.as_deref(),
             shard: args.shard,
+            within: args.within.map(|percent| f64::from(percent) / 100.0),
             records_failed: true,
             json: args.json,
         }
@@ -228,19 +232,15 @@ pub fn fly_grid(args: &GridRun<'_>, rows: &[Row]) -> Result<Vec<Outcome>, CliErr
         let lines = csv::WriterBuilder::new().has_headers(fresh).from_writer(file);
         writer = Some(Mutex::new(lines));
     }
-    let trials_of = |row| seeds.iter().map(move |seed| (row, *seed));
-    let mut work: Vec<(&Row, u64)> = rows.iter().flat_map(trials_of).collect();
     // Scenario, planner and seed of a trial.
     let key = |o: &Outcome| (o.sea.clone(), o.planner.clone(), o.seed);
     let wanted_key = |(row, seed): &(&Row, u64)| (row.scenario.clone(), row.planner.clone(), *seed);
     let known: BTreeSet<_> = done.iter().map(key).collect();
-    let wanted: BTreeSet<_> = work.iter().map(wanted_key).collect();
-    let mut number = 0;
-    work.retain(|trial| {
-        number += 1;
-        args.shard.is_none_or(|s| (number - 1) % s.count == s.index - 1)
-            && !known.contains(&wanted_key(trial))
-    });
+    let all = || {
+        rows.iter()
+            .flat_map(|row| seeds.iter().map(move |seed| (row, *seed)))
+    };
+    let wanted: BTreeSet<_> = all().map(|trial| wanted_key(&trial)).collect();
     if !done.is_empty() {
         let taken = wanted.intersection(&known).count();
         let text = format!(
@@ -249,7 +249,7 @@ pub fn fly_grid(args: &GridRun<'_>, rows: &[Row]) -> Result<Vec<Outcome>, CliErr
         );
         note(args.json, text);
     }
-    let flown = in_parallel(args.jobs, "trials", &work, |(row, seed)| {
+    let fly = |(row, seed): &(&Row, u64)| {
         let outcome = Outcome {
             planner: row.planner.clone(),
             ..fly_seed(&row.world, &row.nodes, *seed, &row.scenario)?
@@ -261,15 +261,43 @@ pub fn fly_grid(args: &GridRun<'_>, rows: &[Row]) -> Result<Vec<Outcome>, CliErr
                 .map_err(|e| CliError::because("writing a row", e))?;
         }
         Ok(outcome)
-    })?;
-    done.extend(flown);
+    };
     done.retain(|o| wanted.contains(&key(o)));
+    if let Some(within) = args.within {
+        for block in seeds.chunks(LOOKED_AT) {
+            let open: Vec<&Row> = rows.iter().filter(|row| !is_known(row, &done, within)).collect();
+            let work = open.iter().flat_map(|row| block.iter().map(|seed| (*row, *seed)));
+            let work: Vec<_> = work.filter(|t| !known.contains(&wanted_key(t))).collect();
+            done.extend(in_parallel(args.jobs, "trials", &work, fly)?);
+        }
+    } else {
+        let mine = |number: usize| args.shard.is_none_or(|s| number as u64 % s.count == s.index - 1);
+        let work: Vec<_> = all()
+            .enumerate()
+            .filter(|(number, trial)| mine(*number) && !known.contains(&wanted_key(trial)))
+            .map(|(_, trial)| trial)
+            .collect();
+        done.extend(in_parallel(args.jobs, "trials", &work, fly)?);
+    }
     let place = |o: &Outcome| rows.iter().position(|r| r.is_of(o));
     done.sort_by_key(|o| (place(o), o.seed));
     if let Some(out) = args.out.filter(|_| args.records_failed) {
         record_failed(args, out, rows, &done)?;
     }
     Ok(done)
+}
+
+/// Trials of a row between two looks at its interval.
+const LOOKED_AT: usize = 20;
+
+/// Whether a row's landing rate is known to `within`, up and down, by Wilson's 95 % interval. That a row ends by its own
+/// trials makes the interval cover a little less than it says.
+fn is_known(row: &Row, done: &[Outcome], within: f64) -> bool {
+    let own: Vec<&Outcome> = done.iter().filter(|o| row.is_of(o)).collect();
+    let (flown, landed) = (own.len(), own.iter().filter(|o| o.success).count());
+    let (low, high) = wilson(landed, flown);
+    let rate = landed as f64 / flown.max(1) as f64;
+    flown >= LOOKED_AT && (rate - low).max(high - rate) <= within
 }
 
 /// Failed trials that are flown again and recorded.

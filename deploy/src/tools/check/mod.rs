@@ -13,7 +13,7 @@ mod sources;
 mod tests;
 mod view;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde_json::json;
@@ -50,12 +50,20 @@ pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
             ))
         })?,
     };
+    if !args.json {
+        return Ok(print(&path).exit());
+    }
     let findings = rules::judge(&gather::gather(&path));
     let worst = Level::worst(&findings);
-    if args.json {
-        terminal::line(json!({ "config": path, "worst": worst, "findings": findings }));
-    } else {
-        findings.iter().for_each(|f| terminal::line(f.lines()));
-    }
+    terminal::line(json!({ "config": path, "worst": worst, "findings": findings }));
     Ok(worst.exit())
+}
+
+/// Checks the computer of the configuration at `path`, and prints what was found; the worst of it.
+pub fn print(path: &Path) -> Level {
+    let findings = rules::judge(&gather::gather(path));
+    findings
+        .iter()
+        .for_each(|f| terminal::line(f.level.coloured(&f.lines())));
+    Level::worst(&findings)
 }

@@ -190,7 +190,11 @@ fn key(identity: &Identity) -> Vec<Finding> {
     const TOPIC: Topic = Topic("key");
     let mut all = Vec::new();
     match (&identity.key, identity.key_mode) {
-        (Err(why), _) => all.push(TOPIC.broken(why, "chown it to the user alight, chmod 600")),
+        (Err(why), None) => all.push(TOPIC.broken(
+            why,
+            "copy the directory that alight keys made to the path in radio.tls, readable for the user alight",
+        )),
+        (Err(why), Some(_)) => all.push(TOPIC.broken(why, "chown it to the user alight, chmod 600")),
         (Ok(()), Some(mode)) if mode & OTHERS & !GROUP_READS != 0 => all.push(TOPIC.warning(
             format!("others may read or change it (mode {:o})", mode & 0o777),
             "chmod 600",

@@ -97,6 +97,13 @@ fn board_places_of_drone_and_plan() {
     board.mission(at(1.0), &autopilot(0.8), &windy);
     let picture = board.picture(at(1.0));
     let scene = picture.scene.clone().unwrap();
+    assert_eq!(picture.track.drone, [Some([-3.0, 4.0])]);
+    assert_eq!(picture.track.deck, [Some([0.0, 0.0])]);
+    let compass = picture.status.compass.clone().unwrap();
+    assert_eq!(
+        (compass.wind_from_deg, compass.text.as_str()),
+        (Some(-90.0), "wind 6 m/s from 90° to port of the bow")
+    );
     // East of the deck is ahead of it, south to starboard.
     assert_eq!(scene.drone.as_ref().unwrap().at, [4.0, 3.0, 5.0]);
     assert_eq!(scene.plan, [[2.0, 0.0, 1.0]; 2]);

@@ -27,6 +27,41 @@ function element(tag, className, content) {
   return made;
 }
 
+// A screen reader hears what changed in kind; figures in a text change all the time.
+const kind = (content) => content.replace(/[0-9.,]+/g, "#");
+function speak(id, content) {
+  if ($(id).dataset.kind === kind(content)) return;
+  $(id).dataset.kind = kind(content);
+  $(id).textContent = content;
+}
+
+const WORDS = { true: "GO", false: "NO-GO", null: "unknown" };
+const CLASSES = { true: "yes", false: "no", null: "unknown" };
+function showGo(go, state) {
+  $("go").className = CLASSES[go.go];
+  text("verdict", WORDS[go.go]);
+  text("why", go.why);
+  const stages = state ? state.stages : [];
+  const bar = stages.map((s) => `${s.is} ${s.name}`).join();
+  $("stages").hidden = !stages.length;
+  if ($("stages").dataset.bar !== bar) {
+    $("stages").dataset.bar = bar;
+    $("stages").replaceChildren(...stages.map((s) => element("li", s.is, s.name)));
+    $("stages").querySelectorAll(".now").forEach((now) => now.setAttribute("aria-current", "step"));
+  }
+  speak("spoken", [WORDS[go.go], state ? `${state.name}: ${state.does}` : ""].filter(Boolean).join(". "));
+}
+
+// It stays until the next flight ends, without data, too.
+let result = null;
+function showResult() {
+  if (!result) return;
+  $("result").hidden = false;
+  text("outcome", result.outcome);
+  text("how", result.text);
+  text("when", `${ago(result.ago_s + seconds() - result.receivedAt)} ago`);
+}
+
 function showState(state) {
   $("state").className = !state ? "unknown" : state.stale ? "stale" : "";
   text("name", state ? state.name : "unknown");
@@ -63,6 +98,7 @@ function showAlarms(alarms) {
   }
   const worst = alarms.filter((a) => a.level === "broken").map((a) => a.text);
   sound(worst);
+  speak("alert", worst.join(". "));
   document.title = worst.length ? `! ${worst[0]}` : `Alight: ${picture.state ? picture.state.name : "unknown"}`;
 }
 
@@ -99,7 +135,7 @@ function beep(at, hertz) {
 
 // A new alarm sounds at once, one that stays every ten seconds. Figures in its text change all the time.
 function sound(alarms) {
-  const kinds = alarms.map((a) => a.replace(/[0-9.]+/g, "#")).join("\n");
+  const kinds = kind(alarms.join("\n"));
   if (!audio || !alarms.length) {
     heard = kinds;
     return;
@@ -120,13 +156,14 @@ $("sound").addEventListener("click", () => {
     heardAt = 0;
     beep(audio.currentTime, 880);
   }
-  text("sound", audio ? "sound: on" : "sound: off");
+  text("sound", audio ? "turn the sound off" : "turn the sound on");
 });
 
 // ---- day and night ----
 
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const choices = ["auto", "day", "night"];
+const next = () => choices[(choices.indexOf(chosen) + 1) % choices.length];
 let chosen = new URLSearchParams(location.search).get("colours") || stored() || "auto";
 
 function stored() {
@@ -139,12 +176,12 @@ function stored() {
 
 function paint() {
   document.documentElement.classList.toggle("night", chosen === "night" || (chosen === "auto" && dark.matches));
-  text("colours", chosen);
+  text("colours", next() === "auto" ? "use device colours" : `use ${next()} colours`);
   draw();
 }
 
 $("colours").addEventListener("click", () => {
-  chosen = choices[(choices.indexOf(chosen) + 1) % choices.length];
+  chosen = next();
   try {
     localStorage.setItem("colours", chosen);
   } catch {
@@ -179,7 +216,7 @@ function say(pen, content, x, y, name, align) {
 }
 
 const STEPS = [3, 5, 8, 12, 20, 30, 50, 80, 120, 200, 300, 500, 800, 1200, 2000];
-const nice = (x) => STEPS.find((s) => s >= x) || STEPS[STEPS.length - 1];
+const nice = (x) => STEPS.find((s) => s >= x) || 10 ** Math.ceil(Math.log10(x));
 
 function path(pen, points, name, old, width) {
   if (points.length < 2) return;
@@ -336,11 +373,77 @@ function drawMotion(motion) {
   });
 }
 
+// A direction from the bow as a point of the circle, bow up.
+const round = (centre, radius, degrees) => {
+  const angle = (degrees * Math.PI) / 180;
+  return [centre[0] + radius * Math.sin(angle), centre[1] - radius * Math.cos(angle)];
+};
+
+function arrow(pen, from, to, name, dashed) {
+  path(pen, [from, to], name, dashed, 4);
+  const angle = Math.atan2(to[1] - from[1], to[0] - from[0]);
+  const barb = (turn) => [to[0] - 14 * Math.cos(angle + turn), to[1] - 14 * Math.sin(angle + turn)];
+  path(pen, [barb(0.5), to, barb(-0.5)], name, false, 4);
+}
+
+function drawCompass(compass) {
+  $("bow").hidden = !compass;
+  if (!compass) return;
+  text("heading", `bow up at ${Math.round(compass.heading_deg)}°`);
+  text("directions", compass.text);
+  const { pen, width, height } = canvas("compass");
+  const [centre, radius] = [[width / 2, height / 2], 0.36 * height];
+  grid(pen, centre, 1, radius, false);
+  const hull = [[0, -0.4], [0.14, -0.12], [0.14, 0.34], [-0.14, 0.34], [-0.14, -0.12], [0, -0.4]];
+  path(pen, hull.map(([x, y]) => [centre[0] + x * radius, centre[1] + y * radius]), "deck", false, 3);
+  [
+    ["wind", compass.wind_from_deg, "drone", false],
+    ["waves", compass.waves_from_deg, "forecast", true],
+  ].forEach(([name, from, ink, dashed]) => {
+    if (from === null) return;
+    arrow(pen, round(centre, radius, from), round(centre, 0.5 * radius, from), ink, dashed);
+    say(pen, name, ...round(centre, radius + 16, from), ink, "center");
+  });
+  if (compass.advised_deg === null) return;
+  const turn = compass.advised_deg;
+  arrow(pen, round(centre, 0.55 * radius, turn), round(centre, radius, turn), "plan", false);
+  say(pen, "turn here", ...round(centre, radius + 16, turn), "plan", "center");
+}
+
+function drawTrack(track) {
+  const known = [...track.drone, ...track.deck].filter(Boolean);
+  $("ground").hidden = known.length < 2;
+  if (known.length < 2) return;
+  const { pen, width, height } = canvas("track");
+  const reach = nice(Math.max(5, ...known.map(([n, e]) => 1.05 * Math.max(Math.abs(n), Math.abs(e)))));
+  const scale = (0.47 * height) / reach;
+  const centre = [width / 2, height / 2];
+  text("track-scale", `rings ${reach / 2} and ${reach} m, north up`);
+  grid(pen, centre, scale, reach, false);
+  [["deck", track.deck], ["drone", track.drone]].forEach(([name, places]) => {
+    let stroke = [];
+    places.forEach((p) => {
+      if (!p) path(pen, stroke, name, false, 3);
+      stroke = p ? [...stroke, [centre[0] + scale * p[1], centre[1] - scale * p[0]]] : [];
+    });
+    path(pen, stroke, name, false, 3);
+    if (!stroke.length) return;
+    pen.fillStyle = colour(name);
+    pen.beginPath();
+    pen.arc(...stroke[stroke.length - 1], 6, 0, 7);
+    pen.fill();
+  });
+}
+
 function draw() {
   if (!picture) return;
   document.querySelectorAll(".scene").forEach((s) => s.classList.toggle("none", !picture.scene));
   drawAbove(picture.scene);
   drawSide(picture.scene);
+  drawCompass(picture.compass);
+  drawTrack(picture.track);
+  $("bow").classList.toggle("lonely", $("ground").hidden);
+  $("ground").classList.toggle("lonely", $("bow").hidden);
   drawMotion(picture.motion);
 }
 addEventListener("resize", draw);
@@ -352,6 +455,7 @@ function showOrder(order) {
   if (order.label !== null) {
     text("ask", order.label);
     text("yes", `yes: ${order.label}`);
+    text("no", `go back without ${order.label}`);
     text("question", `Really ${order.label.toLowerCase()}?`);
   }
   if (order.answer && !$("answer").dataset.own) text("answer", order.answer);
@@ -367,7 +471,7 @@ $("yes").addEventListener("click", async () => {
     const answer = await fetch("/order", { method: "POST" });
     text("answer", await answer.text());
   } catch {
-    text("answer", "NOT SENT: no connection; give it by another way");
+    text("answer", "NO ANSWER: whether it was taken is not known; give it by another way");
   }
   delete $("answer").dataset.own;
 });
@@ -375,6 +479,7 @@ $("yes").addEventListener("click", async () => {
 // ---- pictures ----
 
 function connection() {
+  showResult();
   const silence = seconds() - receivedAt;
   const dead = silence > DEAD_S;
   document.body.classList.toggle("dead", dead);
@@ -384,14 +489,14 @@ function connection() {
   } else if (dead) {
     text("connection", `NO DATA for ${ago(silence)}: what is below is old`);
     sound(["NO DATA"]);
+    speak("alert", "NO DATA: what the page shows is old");
   } else {
     text("connection", late > LATE_S ? `${ago(late)} LATE: the connection is slow` : "live");
   }
 }
 
-const source = new EventSource("/events");
-source.addEventListener("message", (event) => {
-  picture = JSON.parse(event.data);
+function show(data) {
+  picture = JSON.parse(data);
   receivedAt = seconds();
   const difference = receivedAt - picture.clock_s;
   fastest = Math.min(fastest, difference);
@@ -399,6 +504,9 @@ source.addEventListener("message", (event) => {
   if (difference - fastest > 3600) fastest = difference;
   late = difference - fastest;
   text("title", picture.title);
+  showGo(picture.go, picture.state);
+  if (picture.result) result = { ...picture.result, receivedAt };
+  showResult();
   showState(picture.state);
   showAlarms(alarmsOf(picture.findings));
   showFigures(picture.figures);
@@ -406,6 +514,71 @@ source.addEventListener("message", (event) => {
   showOrder(picture.order);
   draw();
   connection();
-});
+}
+
+// ---- one connection for all tabs: a browser opens six to a computer, and an order needs one, too ----
+
+const SILENT_S = 1.2; // a tab that has the connection posts five times a second
+const tabs = "BroadcastChannel" in window ? new BroadcastChannel("alight") : null;
+const me = Math.random();
+let source = null;
+let newest = null;
+let otherTabAt = seconds() - SILENT_S + 0.3; // whoever opens the page first listens for others for so long
+
+function post(message) {
+  if (tabs) tabs.postMessage({ from: me, ...message });
+}
+
+function connect() {
+  source = new EventSource("/events");
+  source.addEventListener("message", (event) => {
+    newest = event.data;
+    post({ data: newest });
+    show(newest);
+  });
+  // A browser tries again by itself, but not where the answer was no stream of events: another tab may.
+  source.addEventListener("error", () => {
+    if (!source || source.readyState !== EventSource.CLOSED) return;
+    disconnect();
+    otherTabAt = seconds();
+  });
+}
+
+function disconnect() {
+  if (source) source.close();
+  source = null;
+}
+
+function takeTurns() {
+  if (source) post({});
+  else if (seconds() - otherTabAt > SILENT_S + 0.4 * me) connect();
+}
+
+if (tabs) {
+  tabs.addEventListener("message", ({ data: message }) => {
+    if (message.asks) {
+      // An old picture is none: whoever asks would take it for what is now.
+      if (source) post(seconds() - receivedAt < DEAD_S ? { data: newest } : {});
+      return;
+    }
+    if (message.leaves) {
+      otherTabAt = seconds() - SILENT_S; // the others take turns in their order
+      return;
+    }
+    otherTabAt = seconds();
+    // Two have the connection: the one with the larger number gives it up.
+    if (source && message.from < me) disconnect();
+    if (!source && message.data) show(message.data);
+  });
+  addEventListener("pagehide", () => {
+    if (source) post({ leaves: true });
+    disconnect();
+  });
+  post({ asks: true });
+}
+const turns = setInterval(takeTurns, 250);
 setInterval(connection, 500);
 paint();
+
+// Browsers keep it only for a page of this computer or by https.
+if ("serviceWorker" in navigator) navigator.serviceWorker.register("/worker.js").catch(() => {});

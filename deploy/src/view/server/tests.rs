@@ -70,6 +70,9 @@ fn viewers_page_over_loopback() {
         ("/", "<canvas id=\"above\""),
         ("/view.css", ":root.night"),
         ("/view.js", "EventSource"),
+        ("/worker.js", "/manifest.json"),
+        ("/manifest.json", "standalone"),
+        ("/icon.svg", "<svg"),
     ] {
         let answer = ask(to, "GET", path, &host);
         assert!(
@@ -100,6 +103,7 @@ fn viewers_page_size_and_hosts() {
         include_str!("../page/view.html"),
         include_str!("../page/view.css"),
         include_str!("../page/view.js"),
+        include_str!("../page/worker.js"),
     ];
     assert!(files.iter().map(|f| f.lines().count()).sum::<usize>() <= 1000);
     assert!(
@@ -107,6 +111,125 @@ fn viewers_page_size_and_hosts() {
             .iter()
             .all(|f| !f.contains("//www") && !f.contains("http:") && !f.contains("https:"))
     );
+}
+
+/// Relative luminance of `#rrggbb` (WCAG 2.2).
+fn luminance(colour: &str) -> f64 {
+    let part = |k: usize| {
+        let x = f64::from(u8::from_str_radix(&colour[k..k + 2], 16).unwrap()) / 255.0;
+        if x <= 0.04045 {
+            x / 12.92
+        } else {
+            ((x + 0.055) / 1.055).powf(2.4)
+        }
+    };
+    0.2126 * part(1) + 0.7152 * part(3) + 0.0722 * part(5)
+}
+
+#[test]
+fn viewers_page_contrast_by_day_and_night() {
+    let css = include_str!("../page/view.css");
+    let palette = |selector: &str| {
+        let block = css.split_once(&format!("{selector} {{")).unwrap().1;
+        let block = block.split_once('}').unwrap().0;
+        let named = block
+            .split(';')
+            .filter_map(|l| l.trim().strip_prefix("--")?.split_once(": "));
+        named
+            .map(|(n, c)| (n, c.trim().to_owned()))
+            .collect::<std::collections::BTreeMap<_, _>>()
+    };
+    for selector in [":root", ":root.night"] {
+        let colours = palette(selector);
+        let on =
+            |back: &'static str, inks: &[&'static str]| inks.iter().map(|i| (*i, back)).collect::<Vec<_>>();
+        let mut pairs = on(
+            "card",
+            &["ink", "soft", "line", "drone", "plan", "forecast", "deck"],
+        );
+        pairs.extend(on("back", &["ink", "soft", "line"]));
+        pairs.extend([
+            ("card", "ink"),
+            ("warning", "warning-back"),
+            ("alarm", "alarm-back"),
+            ("go", "go-back"),
+        ]);
+        for (ink, back) in pairs {
+            let [a, b] = [ink, back].map(|n| luminance(&colours[n]) + 0.05);
+            let contrast = a.max(b) / a.min(b);
+            assert!(contrast >= 4.5, "{selector}: {ink} on {back}: {contrast:.2}");
+        }
+    }
+    // Nothing fades a text towards its ground.
+    assert!(!css.contains("opacity"), "opacity changes the contrast");
+}
+
+#[test]
+fn viewers_page_structure() {
+    let html = include_str!("../page/view.html");
+    assert_eq!(html.matches("<h1").count(), 1);
+    for part in [
+        "<dl id=\"figures\"",
+        "id=\"verdict\"",
+        "id=\"stages\"",
+        "rel=\"manifest\"",
+        "lang=\"en\"",
+    ] {
+        assert!(html.contains(part), "{part}");
+    }
+    // What changes each second is read to nobody: two lines are, when they change in kind.
+    assert!(!html.contains("aria-live"));
+    let live: Vec<&str> = html
+        .lines()
+        .filter(|l| l.contains("\"status\"") || l.contains("\"alert\""))
+        .collect();
+    assert_eq!(live.len(), 3, "{live:?}");
+    assert!(
+        live.iter().all(|l| l.contains("spoken") || l.contains("answer")),
+        "{live:?}"
+    );
+    let manifest: serde_json::Value = serde_json::from_str(include_str!("../page/manifest.json")).unwrap();
+    assert_eq!(
+        (&manifest["start_url"], &manifest["display"]),
+        (&"/".into(), &"standalone".into())
+    );
+}
+
+#[test]
+fn viewers_order_beside_120_slow_connections() {
+    let server = Server::start(served(true)).unwrap();
+    server.show(picture("Descent"));
+    let to = server.page();
+    let mut viewer = connect(to);
+    viewer
+        .write_all(format!("GET /events HTTP/1.1\r\nHost: {to}\r\n\r\n").as_bytes())
+        .unwrap();
+    read_until(&mut viewer, "\"name\":\"Descent\"");
+    // Each begins a request and does not end it.
+    let slow: Vec<TcpStream> = (0..120)
+        .map(|k| {
+            let mut stream = connect(to);
+            stream
+                .write_all(format!("GET /state HTTP/1.1\r\nX-Slow: {k}\r\n").as_bytes())
+                .unwrap();
+            stream
+        })
+        .collect();
+    let given = std::thread::spawn(move || {
+        let own = format!("Host: {to}\r\nOrigin: http://{to}\r\n");
+        ask(to, "POST", "/order", &own)
+    });
+    let order = (0..1000).find_map(|_| {
+        crate::process::supervisor::pause(Duration::from_millis(5));
+        server.order()
+    });
+    order.unwrap().reply.send(Ok("abort taken".into())).unwrap();
+    let answer = given.join().unwrap();
+    assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+    // Who looked on before still does.
+    server.show(picture("Gave up"));
+    read_until(&mut viewer, "\"name\":\"Gave up\"");
+    drop(slow);
 }
 
 #[test]

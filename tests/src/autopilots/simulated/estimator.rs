@@ -1,13 +1,12 @@
 //! The autopilot's sensors and its estimate of its own motion, by which it flies.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
-use rand_chacha::ChaCha8Rng;
 
 use alight_shared::geometry::GRAVITY;
 
 use crate::physics::drone::noise::{GaussMarkov, normal};
 use crate::physics::drone::{NavigationConfig, PlantState};
-use crate::physics::streams::Streams;
+use crate::physics::streams::{Stream, Streams};
 
 /// Correlation time of the barometer's drift, s.
 const BAROMETER_S: f64 = 600.0;
@@ -50,10 +49,10 @@ pub(super) struct Estimator {
     displaced: Vector3<f64>,
     gyro_bias: Vector3<f64>,
     accelerometer_bias: Vector3<f64>,
-    gnss_rng: ChaCha8Rng,
-    barometer_rng: ChaCha8Rng,
-    imu_rng: ChaCha8Rng,
-    attitude_rng: ChaCha8Rng,
+    gnss_rng: Stream,
+    barometer_rng: Stream,
+    imu_rng: Stream,
+    attitude_rng: Stream,
     /// Bias in NED, as the filter sees it, m/s².
     bias: Vector3<f64>,
     covariance: Matrix3<f64>,
@@ -185,7 +184,7 @@ impl Estimator {
         let wrong = UnitQuaternion::from_scaled_axis(level * Vector3::from(errors) + further);
         let attitude = wrong * m.attitude;
 
-        let gyro = |rng: &mut ChaCha8Rng| c.gyro_noise_rps * normal(rng);
+        let gyro = |rng: &mut Stream| c.gyro_noise_rps * normal(rng);
         let rates = m.rates + self.gyro_bias + Vector3::from_fn(|_, _| gyro(&mut self.imu_rng));
         let noise = c.accelerometer_noise_mps2.hypot(c.vibration_mps2 * thrust);
         let limit = c.accelerometer_range_mps2;

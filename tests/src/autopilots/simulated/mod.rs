@@ -76,6 +76,8 @@ pub struct SimulatedAutopilot {
     pub battery: f64,
     /// It has a gauge.
     pub battery_reported: bool,
+    /// Fault: reports this charge.
+    pub battery_report: Option<f64>,
     /// Fault: sends nothing.
     pub silent: bool,
     /// Fault: answers every command with this instead of obeying.
@@ -157,6 +159,7 @@ impl SimulatedAutopilot {
             resets: 0,
             battery: config.battery,
             battery_reported: true,
+            battery_report: None,
             silent: false,
             answer: None,
             muted: Vec::new(),

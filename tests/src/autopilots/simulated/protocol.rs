@@ -451,7 +451,9 @@ impl SimulatedAutopilot {
             },
             id::BATTERY_STATUS => Message::Battery {
                 number: 0,
-                remaining: self.battery_reported.then_some(self.battery),
+                remaining: self
+                    .battery_reported
+                    .then_some(self.battery_report.unwrap_or(self.battery)),
                 voltage_v: None,
                 current_a: None,
             },

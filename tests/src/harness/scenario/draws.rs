@@ -104,13 +104,13 @@ impl Scenario {
     }
 
     /// The world of `seed` as it is: everything drawn that [`DrawConfig`] names. Drawn already, it stays.
-    pub fn drawn(&self, seed: u64) -> Scenario {
+    pub fn drawn(&self, seed: impl Into<Streams>) -> Scenario {
         let mut world = self.clone();
         if !self.draws.on {
             return world;
         }
         world.draws.on = false;
-        let (c, streams) = (&self.draws, Streams::new(seed));
+        let (c, streams) = (&self.draws, seed.into());
         let draws = Draws(&streams);
         world.draw_sensors(c, &draws);
         world.draw_drone(c, &draws);

@@ -55,6 +55,8 @@ impl Storm {
             Firmware::ArduCopter
         };
         let reserved = noise.chance(0.5);
+        let drones = if noise.chance(0.2) { 2 } else { 1 };
+        let mast = noise.chance(0.2);
         let kinds: Vec<Kind> = Kind::ALL.iter().copied().filter(|_| noise.chance(0.5)).collect();
         let kinds = if kinds.is_empty() { Kind::ALL } else { &kinds };
         let faults = (0..faults.min(MAX_FAULTS)).map(|_| fault(kinds, &mut noise));
@@ -66,9 +68,30 @@ impl Storm {
             speed_mps: if course.is_under_way() { speed_mps } else { 0.0 },
             wind_mps,
             reserved,
+            drones,
+            mast,
             faults: faults.collect(),
         }
     }
+    /// The same with its last fault of this kind in this state, its times and size drawn by the seed.
+    #[must_use]
+    pub fn aimed(mut self, (kind, state): Pair) -> Storm {
+        let mut noise = Noise::new(&Streams::new(self.seed), "storm.aimed");
+        let within_s = STATES.iter().find(|s| s.0 == state).map_or(1.0, |s| s.2);
+        if let Some(last) = self.faults.last_mut() {
+            *last = of_kind(kind, state, within_s, &mut noise);
+        }
+        self
+    }
+}
+
+/// A kind of fault and the state in which it begins.
+pub type Pair = (Kind, State);
+
+/// All pairs that are drawn.
+pub fn pairs() -> impl Iterator<Item = Pair> {
+    let of = |kind: &'static Kind| STATES.iter().map(|(state, ..)| (*kind, *state));
+    Kind::ALL.iter().flat_map(of)
 }
 
 /// To a thousandth: what is written is read again to the bit.
@@ -86,6 +109,10 @@ fn fault(kinds: &[Kind], noise: &mut Noise) -> Fault {
         here
     });
     let (state, _, within_s) = *state.unwrap_or(&STATES[4]);
+    of_kind(kind, state, within_s, noise)
+}
+
+fn of_kind(kind: Kind, state: State, within_s: f64, noise: &mut Noise) -> Fault {
     let spec = kind.spec();
     let mut between = |[low, high]: [f64; 2]| round(low + (high - low) * noise.uniform());
     let (after_s, size, lasts_s) = (

@@ -6,7 +6,7 @@ use alight_uav::autopilot::modes::Firmware;
 use serde::Serialize;
 
 use super::kinds::{Effect, Takes};
-use super::watch::{Ending, Scene, Violation, Watch};
+use super::watch::{Ending, Scene, Violation, Watch, end, is_stuck};
 use super::{Fault, Kind, Mutant, Storm};
 use crate::harness::failing::Failing;
 use crate::harness::outcome::{FALSE_STOP_M, REST_S};
@@ -18,6 +18,8 @@ use crate::harness::tap::NoTap;
 const LIMIT_S: f64 = 300.0;
 /// Within this time after the last fault it has landed, or waits for a stated reason, s.
 const LIVELY_S: f64 = 120.0;
+/// What lasts longer is seen, s.
+const SEEN_S: f64 = 1.0;
 /// Given up for so long, after the last fault, it waits for the operator, s: longer than it climbs.
 const GIVEN_UP_S: f64 = 20.0;
 
@@ -61,13 +63,14 @@ pub fn fly_mutant(
     let (scenario, nodes) = storm.scene();
     let mut rig = Rig::landing(&scenario, &nodes, storm.seed)?;
     set_up(&mut rig);
+    rig.world.share_deck();
     let pending = |fault: &Fault| Scheduled {
         fault: *fault,
         began_s: None,
         over: false,
     };
     let mut faults: Vec<Scheduled> = storm.faults.iter().map(pending).collect();
-    let mut watch = Watch::default();
+    let mut watches = vec![Watch::default(); storm.drones.into()];
     let mut flown = Flown {
         ending: Ending::Waits,
         violation: None,
@@ -75,7 +78,7 @@ pub fn fly_mutant(
         lasted_s: 0.0,
     };
     let (mut last_s, mut rested_s, mut state) = (0.0_f64, 0.0_f64, State::Idle);
-    while rig.t_s() < LIMIT_S {
+    loop {
         let t_s = rig.t_s();
         if rig.state(0) != state {
             state = rig.state(0);
@@ -86,9 +89,11 @@ pub fn fly_mutant(
         }
         let failing = failing(&faults, t_s);
         rig.world.fail(Failing { mutant, ..failing });
-        rig.tick(&mut NoTap);
+        rig.advance(&mut NoTap);
         let t_s = rig.t_s();
-        if let Some(violation) = watch.look(&rig, &scene_of(&faults, t_s)) {
+        let scene = scene_of(&faults, t_s);
+        let mut looks = watches.iter_mut().enumerate();
+        if let Some(violation) = looks.find_map(|(k, watch)| watch.look(&rig, k, &scene)) {
             show(t_s, &violation.to_string());
             flown.ending = Ending::Violated;
             flown.violation = Some(violation);
@@ -106,9 +111,11 @@ pub fn fly_mutant(
             break;
         }
         let given_up = rig.state(0) == State::GaveUp && t_s > rig.entered_s(0).max(last_s) + GIVEN_UP_S;
-        if given_up || t_s > last_s + LIVELY_S {
-            flown.ending = watch.end(&rig);
-            if let Some(violation) = watch.is_stuck(&rig) {
+        if given_up || t_s > last_s + LIVELY_S || t_s > LIMIT_S {
+            flown.ending = end(&rig);
+            // A storm that is cut off has not been left alone for long enough to be asked.
+            let is_cut = !given_up && t_s <= last_s + LIVELY_S;
+            if let Some(violation) = is_stuck(&rig).filter(|_| !is_cut) {
                 show(t_s, &violation.to_string());
                 (flown.ending, flown.violation) = (Ending::Violated, Some(violation));
             }
@@ -188,31 +195,44 @@ fn failing(faults: &[Scheduled], t_s: f64) -> Failing {
 fn scene_of(faults: &[Scheduled], t_s: f64) -> Scene {
     let began = || faults.iter().filter_map(|f| Some((f, f.began_s?)));
     let newest_s = began().map(|(f, at)| if f.over { at + f.fault.lasts_s } else { at });
-    // What happens at once, as a battery that is empty, is not over.
     let until_s = |f: &Fault, at: f64| {
-        let once = matches!(f.kind.spec().effect, Effect::Events(..)) && f.lasts_s == 0.0;
-        if once { f64::INFINITY } else { at + f.lasts_s }
+        if f.kind.empties() {
+            f64::INFINITY
+        } else {
+            at + f.lasts_s
+        }
     };
     let takes = |what: Takes, after_s: f64| {
         began().any(|(f, at)| f.fault.kind.spec().takes == what && t_s < until_s(&f.fault, at) + after_s)
     };
-    let aborted = began().find(|(f, _)| f.fault.kind == Kind::Abort);
-    let aborted_s = aborted.map(|(_, at)| at);
-    let is_mission = |f: &Scheduled| {
-        matches!(
-            f.fault.kind,
-            Kind::MissionKilled | Kind::MissionFrozen | Kind::ComputerKilled | Kind::ComputerFrozen
-        )
-    };
+    let (aborted_s, withdrawn_s) = withdrawn(faults);
+    let orders = |f: &Scheduled| matches!(f.fault.kind, Kind::OrderedAgain | Kind::OrderedAshore);
+    let ordered_again = began().any(|(f, at)| orders(f) && withdrawn_s.is_some_and(|w| at >= w - SEEN_S));
     Scene {
         faults: began().count(),
         newest_s: newest_s.fold(f64::NEG_INFINITY, f64::max),
         uncommanded: takes(Takes::Command, super::watch::RESUME_S),
         without_power: takes(Takes::Power, 1.0),
         aborted_s,
-        received: !began()
-            .any(|(f, at)| is_mission(f) && aborted_s.is_some_and(|a| at + f.fault.lasts_s + 1.0 > a)),
-        ordered_again: began()
-            .any(|(f, at)| f.fault.kind == Kind::OrderedAgain && aborted_s.is_some_and(|a| at >= a)),
+        withdrawn_s: withdrawn_s.filter(|_| !ordered_again),
     }
+}
+
+/// When the mission received an abort, and when it lost its order by that or by a take-over that the link reported, s.
+fn withdrawn(faults: &[Scheduled]) -> (Option<f64>, Option<f64>) {
+    let began = || faults.iter().filter_map(|f| Some((f, f.began_s?)));
+    let stopped = |from_s: f64, until_s: f64, hides: &dyn Fn(Kind) -> bool| {
+        began().any(|(f, at)| {
+            hides(f.fault.kind) && at < until_s + SEEN_S && at + f.fault.lasts_s + SEEN_S > from_s
+        })
+    };
+    let received = |at: &f64| !stopped(*at, *at, &Kind::stops_mission);
+    let mut aborts = began().filter(|(f, _)| f.fault.kind == Kind::Abort);
+    let aborted_s = aborts.find(|(_, at)| received(at)).map(|(_, at)| at);
+    let hides = |k: Kind| k != Kind::TakenOver && (k.stops_mission() || k.spec().takes == Takes::Command);
+    let taken = began().find(|(f, at)| {
+        let lasts_s = f.fault.lasts_s;
+        f.fault.kind == Kind::TakenOver && lasts_s > SEEN_S && !stopped(*at, at + lasts_s, &hides)
+    });
+    (aborted_s, aborted_s.or(taken.map(|(_, at)| at)))
 }

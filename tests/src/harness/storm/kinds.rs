@@ -1,8 +1,9 @@
 //! The kinds of faults: of what each has a size, how large and how long they are drawn, and what they excuse.
 
-use alight_shared::msg::{AutopilotMode, CommandKind, DeckOrder};
+use alight_shared::msg::{AutopilotMode, CommandKind, DeckOrder, LandedState};
 use alight_shared::time::Span;
 use alight_uav::autopilot::message::CommandResult;
+use alight_usv::deck::DeckInputs;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -64,6 +65,27 @@ macro_rules! kinds {
             pub const fn name(self) -> &'static str {
                 match self { $(Kind::$kind => $name,)* }
             }
+            /// Half of its size is a milder fault: not of a number that is a name, nor of a bound.
+            pub const fn is_milder_by_half(self) -> bool {
+                !matches!(self, Kind::StreamStops | Kind::VesselImuClipped | Kind::BatteryAt)
+            }
+            /// The mission's process does not take what comes.
+            pub const fn stops_mission(self) -> bool {
+                matches!(
+                    self,
+                    Kind::MissionKilled
+                        | Kind::MissionFrozen
+                        | Kind::ComputerKilled
+                        | Kind::ComputerFrozen
+                        | Kind::ComputerSuspended
+                        | Kind::ComputerRebooted
+                        | Kind::ComputerClockSteps
+                )
+            }
+            /// It has emptied the battery for good.
+            pub const fn empties(self) -> bool {
+                matches!(self, Kind::BatteryAt | Kind::BatterySags)
+            }
             /// How it is drawn, and what it excuses.
             pub const fn spec(self) -> Spec {
                 match self {
@@ -91,7 +113,13 @@ pub(super) const CHECKPOINT: [f64; 2] = [0.0, 1.0];
 const LOST: ChannelFault = ChannelFault {
     loss: 1.0,
     delay_s: 0.0,
+    jitter_s: 0.0,
+    doubled: 0.0,
 };
+/// A sensor measures wrongly for so long, s.
+const WRONG: [f64; 2] = [2.0, 30.0];
+/// Somebody or something pushes the vessel for so long, s.
+const PUSH: [f64; 2] = [0.5, 15.0];
 
 /// Nothing happens.
 const fn nothing(_: &mut Rig, _: f64) {}
@@ -103,12 +131,20 @@ fn kept(size: f64) -> Checkpoints {
         Checkpoints::Kept
     }
 }
-/// The pilot moves the switch of the mode.
+/// The mode is chosen by the pilot's switch or the ground station.
 fn choose(rig: &mut Rig, mode: AutopilotMode) {
     if let Some(linked) = rig.world.linked(0) {
         let autopilot = &mut linked.autopilot;
         autopilot.choose(mode_number(autopilot.firmware(), mode));
     }
+}
+
+/// The deck's sensor reports something on it, or nothing.
+fn occupy(rig: &mut Rig, occupied: bool) {
+    rig.world.deck_inputs(DeckInputs {
+        occupied: Some(occupied),
+        ..DeckInputs::default()
+    });
 }
 
 kinds! {
@@ -130,6 +166,15 @@ kinds! {
     /// The supervisor, and with it all of the drone's computer.
     ComputerKilled, "computer-killed", "1: without its checkpoints", CHECKPOINT, [0.3, 2.0], Command,
         Events(|r, _| r.fail(Part::Supervisor), |r, size| r.restore(Part::Supervisor, kept(size)));
+    /// The bridge's.
+    BridgeKilled, "bridge-killed", "", NONE, RESTART, Nothing,
+        Events(|r, _| r.world.kill_bridge(0), |r, _| r.world.start_bridge(0));
+    /// The drone's computer loses its supply and starts again, with what its memory had lost.
+    ComputerRebooted, "computer-rebooted", "", NONE, [5.0, 20.0], Command,
+        Events(|r, _| r.fail(Part::Supervisor), |r, _| {
+            r.world.restart_clock(0);
+            r.restore(Part::Supervisor, Checkpoints::Lost);
+        });
     /// The predictor stands still.
     PredictorFrozen, "predictor-frozen", "", NONE, FREEZE, Nothing,
         Lasting(|f, _| f.frozen.parts.push(Part::Predictor));
@@ -145,6 +190,12 @@ kinds! {
     /// The link to the autopilot does.
     LinkFrozen, "link-frozen", "", NONE, FREEZE, Command,
         Lasting(|f, _| f.frozen.parts.push(Part::Link));
+    /// The bridge does.
+    BridgeFrozen, "bridge-frozen", "", NONE, FREEZE, Nothing,
+        Lasting(|f, _| f.frozen.bridge = true);
+    /// The processor is slow: plans come late.
+    PlannerSlow, "planner-slow", "later, s", [0.02, 0.4], [1.0, 30.0], Nothing,
+        Lasting(|f, size| f.solve_s = size.max(0.0));
     /// The whole computer of the drone does.
     ComputerFrozen, "computer-frozen", "", NONE, FREEZE, Command,
         Lasting(|f, _| f.frozen.computer = true);
@@ -154,6 +205,21 @@ kinds! {
     /// The vessel's computer restarts.
     VesselRestarted, "vessel-restarted", "", NONE, NONE, Nothing,
         Events(|r, _| r.restart_vessel(), nothing);
+    /// The vessel's computer is suspended, and its steady clock with it.
+    VesselSuspended, "vessel-suspended", "", NONE, [0.2, 10.0], Nothing,
+        Lasting(|f, _| (f.frozen.vessel, f.clock_rates[0]) = (true, -1.0));
+    /// The drone's computer is.
+    ComputerSuspended, "computer-suspended", "", NONE, FREEZE, Command,
+        Lasting(|f, _| (f.frozen.computer, f.clock_rates[1]) = (true, -1.0));
+    /// The vessel's steady clock goes ahead at once.
+    VesselClockSteps, "vessel-clock-steps", "s ahead", [0.02, 5.0], NONE, Nothing,
+        Events(|r, size| r.world.step_clock(None, Span::from_secs(size.max(0.0))), nothing);
+    /// The drone's does.
+    ComputerClockSteps, "computer-clock-steps", "s ahead", [0.02, 5.0], NONE, Nothing,
+        Events(|r, size| r.world.step_clock(Some(0), Span::from_secs(size.max(0.0))), nothing);
+    /// The two clocks drift apart.
+    ClocksDrift, "clocks-drift", "parts per million", [-500.0, 500.0], [5.0, 60.0], Nothing,
+        Lasting(|f, size| f.clock_rates[0] += 1e-6 * size);
     /// The radio loses everything, both ways.
     RadioLost, "radio-lost", "", NONE, [0.5, 30.0], Nothing,
         Lasting(|f, _| f.radio = [LOST; 2]);
@@ -169,6 +235,15 @@ kinds! {
     /// Packets are late.
     RadioLate, "radio-late", "delay, s", [0.1, 1.5], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.radio.iter_mut().for_each(|r| r.delay_s = size.max(0.0)));
+    /// Packets overtake each other.
+    RadioJitter, "radio-jitter", "delay up to, s", [0.02, 0.5], [1.0, 30.0], Nothing,
+        Lasting(|f, size| f.radio.iter_mut().for_each(|r| r.jitter_s = size.max(0.0)));
+    /// Packets come twice.
+    RadioDoubled, "radio-doubled", "fraction doubled", [0.2, 1.0], [1.0, 30.0], Nothing,
+        Lasting(|f, size| f.radio.iter_mut().for_each(|r| r.doubled = size));
+    /// A second vessel sends under this one's identity.
+    VesselTwin, "vessel-twin", "m further north", [5.0, 60.0], [1.0, 30.0], Nothing,
+        Lasting(|f, size| f.twin_m = size);
     /// The vessel's inertial samples do not come.
     VesselImuLost, "vessel-imu-lost", "", NONE, GAP, Nothing,
         Lasting(|f, _| f.vessel.imu_lost = true);
@@ -187,6 +262,42 @@ kinds! {
     /// The vessel's fixes are too high.
     VesselHeightOff, "vessel-height-off", "m up", [-3.0, 3.0], [2.0, 30.0], Nothing,
         Lasting(|f, size| f.vessel.gnss_off_m[1] = size);
+    /// Every second heading is another device's, which is off.
+    VesselHeadingMixed, "vessel-heading-mixed", "deg", [-30.0, 30.0], WRONG, Nothing,
+        Lasting(|f, size| f.vessel.heading_mixed_rad = size.to_radians());
+    /// The vessel's inertial sensor repeats a sample.
+    VesselImuStuck, "vessel-imu-stuck", "", NONE, GAP, Nothing,
+        Lasting(|f, _| f.vessel.stuck[0] = true);
+    /// Its receiver repeats a fix.
+    VesselGnssStuck, "vessel-gnss-stuck", "", NONE, WRONG, Nothing,
+        Lasting(|f, _| f.vessel.stuck[1] = true);
+    /// Its compass repeats a heading.
+    VesselHeadingStuck, "vessel-heading-stuck", "", NONE, WRONG, Nothing,
+        Lasting(|f, _| f.vessel.stuck[2] = true);
+    /// Its rate of roll is off.
+    VesselGyroOff, "vessel-gyro-off", "deg/s", [-2.0, 2.0], WRONG, Nothing,
+        Lasting(|f, size| f.vessel.gyro_off_radps = size.to_radians());
+    /// Its accelerometer clips.
+    VesselImuClipped, "vessel-imu-clipped", "at, m/s2", [8.0, 10.5], WRONG, Nothing,
+        Lasting(|f, size| f.vessel.clip_mps2 = size);
+    /// Its measurements arrive late, and are stamped then.
+    VesselStampedLate, "vessel-stamped-late", "s", [0.02, 0.5], WRONG, Nothing,
+        Lasting(|f, size| f.vessel.late_s = size);
+    /// Its inertial sensor was knocked about the bow's axis.
+    VesselMountingOff, "vessel-mounting-off", "deg", [-5.0, 5.0], WRONG, Nothing,
+        Lasting(|f, size| f.vessel.mounting_rad = size.to_radians());
+    /// The weight of a person heels it.
+    VesselHeels, "vessel-heels", "Nm", [-900.0, 900.0], PUSH, Nothing,
+        Lasting(|f, size| f.push[3] += size);
+    /// Something turns it.
+    VesselTurns, "vessel-turns", "Nm", [-300.0, 300.0], PUSH, Nothing,
+        Lasting(|f, size| f.push[5] += size);
+    /// Something pushes it ahead or astern.
+    VesselPushed, "vessel-pushed", "N", [-300.0, 300.0], PUSH, Nothing,
+        Lasting(|f, size| f.push[0] += size);
+    /// Another ship's wake rolls it with a period of 2.5 s.
+    VesselInWake, "vessel-in-wake", "Nm", [200.0, 900.0], PUSH, Nothing,
+        Lasting(|f, size| f.wake_nm = size);
     /// The drone's camera sees nothing.
     Blind, "blind", "", NONE, GAP, Nothing,
         Lasting(|f, _| f.drone.blind = true);
@@ -196,6 +307,15 @@ kinds! {
     /// A deck next to the vessel's is seen in its place.
     NeighbourSeen, "neighbour-seen", "m to the east", [3.0, 30.0], [0.5, 10.0], Nothing,
         Events(|r, size| r.world.show_neighbour(0, Vector3::y() * size), |r, _| r.world.show_neighbour(0, Vector3::zeros()));
+    /// Images are lost.
+    ImagesLossy, "images-lossy", "fraction lost", [0.3, 0.95], [1.0, 20.0], Nothing,
+        Lasting(|f, size| f.drone.lost = size);
+    /// Images are smeared.
+    ImagesSmeared, "images-smeared", "m", [0.02, 0.3], [1.0, 20.0], Nothing,
+        Lasting(|f, size| f.drone.scatter_m = size);
+    /// Every third detection is of another tag.
+    FalseTag, "false-tag", "m to the right", [-5.0, 5.0], [0.5, 10.0], Nothing,
+        Lasting(|f, size| f.drone.false_tag_m = size);
     /// The rangefinder gives nothing.
     RangeLost, "range-lost", "", NONE, GAP, Nothing,
         Lasting(|f, _| f.drone.range_lost = true);
@@ -205,6 +325,9 @@ kinds! {
     /// It measures too long.
     RangeOff, "range-off", "m too long", [-2.0, 2.0], GAP, Nothing,
         Lasting(|f, size| f.drone.range_off_m = size);
+    /// It gives 0 where it measures nothing.
+    RangeZero, "range-zero", "", NONE, GAP, Nothing,
+        Lasting(|f, _| f.drone.range_zero = true);
     /// The autopilot's position jumps to the north, and it counts that.
     PositionReset, "position-reset", "m to the north", [-2.0, 2.0], NONE, Nothing,
         Events(|r, size| r.world.reset_position(0, &(Vector3::x() * size), true), nothing);
@@ -220,6 +343,15 @@ kinds! {
     /// The autopilot's heading jumps, and it counts that.
     HeadingReset, "heading-reset", "deg", [-25.0, 25.0], NONE, Nothing,
         Events(|r, size| r.world.reset_heading(0, size.to_radians()), nothing);
+    /// The autopilot's position drifts, as under a slow spoof.
+    PositionDrifts, "position-drifts", "m/s to the north", [-0.5, 0.5], [2.0, 20.0], Nothing,
+        Lasting(|f, size| f.autopilot.drift_mps = size);
+    /// The autopilot reports that it stands on the ground.
+    LandedReported, "landed-reported", "", NONE, WRONG, Nothing,
+        Lasting(|f, _| f.autopilot.landed_report = Some(LandedState::OnGround));
+    /// It reports that it flies.
+    FlightReported, "flight-reported", "", NONE, WRONG, Nothing,
+        Lasting(|f, _| f.autopilot.landed_report = Some(LandedState::InAir));
     /// The autopilot's clock restarts.
     AutopilotClock, "autopilot-clock", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.linked(0).into_iter().for_each(|l| l.autopilot.restart()), nothing);
@@ -238,6 +370,12 @@ kinds! {
     /// Its battery is as empty as that.
     BatteryAt, "battery-at", "charge, 0 to 1", [0.05, 0.4], NONE, Power,
         Events(|r, size| r.world.linked(0).into_iter().for_each(|l| l.autopilot.battery = size.max(0.0)), nothing);
+    /// Its battery empties fast.
+    BatterySags, "battery-sags", "1/s", [0.002, 0.05], [1.0, 20.0], Power,
+        Lasting(|f, size| f.autopilot.drain_per_s = size.max(0.0));
+    /// It reports the charge that it had.
+    BatteryStuck, "battery-stuck", "", NONE, [1.0, 60.0], Nothing,
+        Lasting(|f, _| f.autopilot.battery_stuck = true);
     /// It reports no battery.
     BatteryUnknown, "battery-unknown", "", NONE, [1.0, 30.0], Nothing,
         Lasting(|f, _| f.autopilot.no_battery = true);
@@ -250,21 +388,39 @@ kinds! {
     /// All rotors do.
     ThrustWeak, "thrust-weak", "fraction lost", [0.05, 0.2], [1.0, 60.0], Power,
         Lasting(|f, size| f.weak[1] = f.weak[1].max(size));
+    /// The drone's load falls off.
+    PayloadDropped, "payload-dropped", "fraction of its weight", [0.03, 0.2], NONE, Nothing,
+        Events(|r, size| r.world.lighten(size), nothing);
+    /// The ground station commands the autopilot's hold for so long.
+    HeldByStation, "held-by-station", "", NONE, [0.5, 10.0], Command,
+        Events(|r, _| choose(r, AutopilotMode::Hold), |r, _| choose(r, AutopilotMode::Offboard));
+    /// It commands a return for so long.
+    ReturnedByStation, "returned-by-station", "", NONE, [0.5, 10.0], Command,
+        Events(|r, _| choose(r, AutopilotMode::Return), |r, _| choose(r, AutopilotMode::Offboard));
     /// The pilot takes over for so long, then gives the mode back.
     TakenOver, "taken-over", "", NONE, [0.5, 10.0], Command,
         Events(|r, _| choose(r, AutopilotMode::Other), |r, _| choose(r, AutopilotMode::Offboard));
     /// The operator aborts on the drone's computer.
     Abort, "abort", "", NONE, NONE, Nothing,
-        Events(|r, _| r.world.command(CommandKind::Abort), nothing);
+        Events(|r, _| r.world.command_to(0, CommandKind::Abort), nothing);
     /// The operator aborts from ashore.
     AbortAshore, "abort-ashore", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.operator_command(0, CommandKind::Abort), nothing);
     /// The operator commands a hold.
     Hold, "hold", "", NONE, NONE, Nothing,
-        Events(|r, _| r.world.command(CommandKind::Hold), nothing);
+        Events(|r, _| r.world.command_to(0, CommandKind::Hold), nothing);
     /// The operator orders the landing again.
     OrderedAgain, "ordered-again", "", NONE, NONE, Nothing,
-        Events(|r, _| r.world.command(CommandKind::Land), nothing);
+        Events(|r, _| r.world.command_to(0, CommandKind::Land), nothing);
+    /// The operator orders a landing from ashore.
+    OrderedAshore, "ordered-ashore", "", NONE, NONE, Nothing,
+        Events(|r, _| r.world.operator_command(0, CommandKind::Land), nothing);
+    /// The operator orders another drone than there is.
+    OrderedOther, "ordered-other", "", NONE, NONE, Nothing,
+        Events(|r, _| r.world.operator_command(7, CommandKind::Land), nothing);
+    /// The deck's sensor reports something on it for so long.
+    DeckOccupied, "deck-occupied", "", NONE, [1.0, 20.0], Nothing,
+        Events(|r, _| occupy(r, true), |r, _| occupy(r, false));
     /// The crew closes the deck for so long.
     DeckClosed, "deck-closed", "", NONE, [1.0, 20.0], Nothing,
         Events(|r, _| r.world.deck_order(DeckOrder::Closed), |r, _| r.world.deck_order(DeckOrder::Open));

@@ -21,6 +21,7 @@ use crate::physics::vessel::Course;
 use crate::studies::aborts::drive;
 
 pub use super::mutant::Mutant;
+pub use draw::{Pair, pairs};
 pub use flight::{Flown, fly, fly_mutant};
 pub use kinds::{Kind, Spec};
 pub use shrink::shrink;
@@ -68,10 +69,27 @@ pub struct Storm {
     pub wind_mps: f64,
     /// A landing needs the deck's reservation.
     pub reserved: bool,
+    /// Drones that are ordered to land, 1 or 2; faults meet the first.
+    #[serde(default = "one")]
+    pub drones: u8,
+    /// A mast forward of the deck and an A-frame abeam of it, known to the vessel's surroundings.
+    #[serde(default)]
+    pub mast: bool,
     /// The faults.
     #[serde(default, rename = "fault")]
     pub faults: Vec<Fault>,
 }
+
+/// One drone.
+const fn one() -> u8 {
+    1
+}
+
+/// A mast forward of the deck and an A-frame abeam of it: opposite corners in the deck's frame, m.
+const MAST_M: [[[f64; 3]; 2]; 2] = [
+    [[2.2, -0.2, -9.3], [2.6, 0.2, 0.0]],
+    [[-1.2, 1.6, -4.8], [1.2, 2.0, -0.5]],
+];
 
 /// Why a list cannot be flown.
 #[derive(Debug, Error, PartialEq)]
@@ -108,6 +126,7 @@ impl Storm {
         within("sea, period".into(), self.sea[1], [3.0, 12.0])?;
         within("speed_mps".into(), self.speed_mps, [0.0, 10.0])?;
         within("wind_mps".into(), self.wind_mps, [0.0, 15.0])?;
+        within("drones".into(), f64::from(self.drones), [1.0, 2.0])?;
         within(
             "faults in the list".into(),
             self.faults.len() as f64,
@@ -125,7 +144,7 @@ impl Storm {
     }
 
     /// The scene, and the nodes' configurations.
-    fn scene(&self) -> (Scenario, NodeConfigs) {
+    pub fn scene(&self) -> (Scenario, NodeConfigs) {
         let [amplitude_m, period_s] = self.sea;
         let mut scenario = Scenario {
             sea: SeaConfig::paper(amplitude_m, period_s),
@@ -139,6 +158,11 @@ impl Storm {
         scenario.drone.wind.mean_mps = self.wind_mps;
         let mut nodes = NodeConfigs::default();
         nodes.drone.mission.reservation_required = self.reserved;
+        scenario.drones = self.drones.into();
+        if self.mast {
+            scenario.keep_out_m = MAST_M.to_vec();
+            nodes.vessel.surroundings.keep_out_m = MAST_M.to_vec();
+        }
         (scenario, nodes)
     }
 }
@@ -154,6 +178,13 @@ mod tests {
             assert_eq!(storm.faults.len(), 5);
             assert_eq!(Storm::read(&storm.text()), Ok(storm));
         }
+        let aimed = Storm::drawn(3, 4).aimed((Kind::RangeZero, State::Flare));
+        assert_eq!(aimed.faults[..3], Storm::drawn(3, 4).faults[..3]);
+        assert_eq!(
+            (aimed.faults[3].kind, aimed.faults[3].state),
+            (Kind::RangeZero, State::Flare)
+        );
+        assert_eq!(aimed.check(), Ok(()));
         let wrong = Storm::drawn(1, 2).text().replace("wind_mps = ", "wind_mps = 9");
         assert!(matches!(Storm::read(&wrong), Err(StormError::Range(_))));
         assert!(matches!(Storm::read("seed = 1"), Err(StormError::Toml(_))));

@@ -1,7 +1,7 @@
 //! The shortest list that still breaks the same rule: faults are left out, then sizes and durations halved.
 
+use super::Storm;
 use super::watch::Rule;
-use super::{Kind, Storm};
 
 /// Lists that are tried, at most.
 const MAX_TRIES: usize = 80;
@@ -41,12 +41,11 @@ pub fn shrink(storm: &Storm, rule: Rule, mut breaks: impl FnMut(&Storm) -> Optio
             ] {
                 let mut candidate = best.clone();
                 candidate.faults.get_mut(k).into_iter().for_each(halve);
-                // What is a name is not halved.
-                let named = candidate
-                    .faults
-                    .get(k)
-                    .is_some_and(|f| f.kind == Kind::StreamStops);
-                let same = candidate == best || (named && candidate.faults[k].size != best.faults[k].size);
+                let stronger = |(new, old): (&super::Fault, &super::Fault)| {
+                    new.size != old.size && !new.kind.is_milder_by_half()
+                };
+                let stronger = candidate.faults.iter().zip(&best.faults).any(stronger);
+                let same = candidate == best || stronger;
                 if !same && still(&candidate) {
                     best = candidate;
                 }
@@ -66,6 +65,7 @@ fn half(v: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Kind;
     use super::*;
 
     #[test]

@@ -19,6 +19,13 @@ const CARRY_S: f64 = 3.0;
 /// An abort is taken within this time, s.
 const ABORT_S: f64 = 1.0;
 
+/// Armed on the deck for longer than this, the status reports it, s.
+const ARMED_S: f64 = 10.0;
+/// In a state that does not descend it is lower than this above the deck, and nearer than this to its middle, m ...
+const LOW_M: f64 = 1.5;
+/// ... for at most so long, s: a climb takes less.
+const LOW_S: f64 = 3.0;
+
 /// How a storm's flight ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -51,6 +58,16 @@ pub enum Rule {
     AbortIgnored,
     /// A descent began after an abort, with no new order.
     Unordered,
+    /// Low over the deck in a state that does not descend.
+    NotPermitted,
+    /// In a keep-out volume.
+    KeepOut,
+    /// Two drones at the deck.
+    TwoAtDeck,
+    /// Two drones met.
+    Collision,
+    /// Armed on the deck, and the status does not report it.
+    StillArmed,
     /// A set-point is not finite.
     NotFinite,
     /// Long after the last fault it has neither landed nor states a reason to wait.
@@ -81,7 +98,12 @@ impl fmt::Display for Violation {
             Rule::Water => write!(f, "in the water"),
             Rule::CarriesLanded => write!(f, "rotors carried for {figure:.1} s on the deck"),
             Rule::AbortIgnored => write!(f, "an abort was not taken within {figure:.1} s"),
-            Rule::Unordered => write!(f, "descends without an order, {figure:.1} s after an abort"),
+            Rule::Unordered => write!(f, "descends {figure:.1} s after its order was withdrawn"),
+            Rule::NotPermitted => write!(f, "was {figure:.1} s low over the deck without descending"),
+            Rule::KeepOut => write!(f, "{:.2} m within a keep-out volume", -figure),
+            Rule::TwoAtDeck => write!(f, "{figure} drones are at the deck"),
+            Rule::Collision => write!(f, "two drones met"),
+            Rule::StillArmed => write!(f, "armed on the deck for {figure:.1} s, and no status reports it"),
             Rule::NotFinite => write!(f, "a set-point was not finite"),
             Rule::Stuck => write!(f, "neither landed nor states a reason to wait"),
         }?;
@@ -100,16 +122,28 @@ pub struct Scene {
     pub uncommanded: bool,
     /// Thrust or battery was taken.
     pub without_power: bool,
-    /// When an abort was given aboard, s.
+    /// When the mission received an abort from aboard, s.
     pub aborted_s: Option<f64>,
-    /// The mission's process was there to receive it.
-    pub received: bool,
-    /// A landing was ordered after it.
-    pub ordered_again: bool,
+    /// When the order to land was withdrawn, by an abort or a take-over, and none followed, s.
+    pub withdrawn_s: Option<f64>,
+}
+
+impl Scene {
+    /// What of it excuses another drone than the one that faults meet.
+    const fn of_others(&self) -> Scene {
+        Scene {
+            faults: if self.faults > 2 { self.faults } else { 2 },
+            newest_s: self.newest_s,
+            uncommanded: false,
+            without_power: false,
+            aborted_s: None,
+            withdrawn_s: None,
+        }
+    }
 }
 
 /// Watches a storm.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Watch {
     /// The motors turned in the last tick.
     turned: bool,
@@ -117,25 +151,38 @@ pub struct Watch {
     struck: bool,
     /// Since when rotors carry in `Landed`, s.
     carries_since_s: Option<f64>,
+    /// Since when it is low over the deck in a state that does not descend, s.
+    low_since_s: Option<f64>,
+    /// Since when it is armed on the deck and no status reports it, s.
+    armed_since_s: Option<f64>,
 }
 
 impl Watch {
-    /// The first rule that this tick breaks.
-    pub fn look(&mut self, rig: &Rig, scene: &Scene) -> Option<Violation> {
-        let (t_s, state, o) = (rig.t_s(), rig.state(0), rig.world.observation());
-        let broken = |rule, figure| {
-            Some(Violation {
-                rule,
-                t_s,
-                figure,
-                state,
-            })
-        };
+    /// The first rule that this tick breaks, by the drone `k`.
+    pub fn look(&mut self, rig: &Rig, k: usize, scene: &Scene) -> Option<Violation> {
+        let scene = if k == 0 { *scene } else { scene.of_others() };
+        let broken = self
+            .contacts(rig, k, &scene)
+            .or_else(|| self.standing(rig, k, &scene))
+            .or_else(|| orders(rig, k, &scene))
+            .or_else(|| self.places(rig, k, &scene));
+        let (rule, figure) = broken?;
+        Some(Violation {
+            rule,
+            t_s: rig.t_s(),
+            figure,
+            state: rig.state(k),
+        })
+    }
+
+    /// Contacts, the water, and motors that stop.
+    fn contacts(&mut self, rig: &Rig, k: usize, scene: &Scene) -> Option<(Rule, f64)> {
+        let o = rig.world.observation_of(k);
         let stopped = core::mem::replace(&mut self.turned, o.motors_on) && !o.motors_on;
         if stopped && o.feet_height_m() > FALSE_STOP_M {
-            return broken(Rule::StopInTheAir, o.feet_height_m());
+            return Some((Rule::StopInTheAir, o.feet_height_m()));
         }
-        let too_recent = t_s < scene.newest_s + GRACE_S;
+        let too_recent = rig.t_s() < scene.newest_s + GRACE_S;
         let excused = scene.uncommanded || scene.without_power || too_recent;
         let strikes = |c: &ContactEvent| !c.foot || c.normal_mps > MAX_CONTACT_MPS;
         self.struck |= excused && o.contacts.iter().any(strikes);
@@ -147,64 +194,104 @@ impl Watch {
             };
             let hard = o.contacts.iter().find(|c| c.normal_mps > limit_mps);
             if let Some(contact) = hard {
-                return broken(Rule::HardContact, contact.normal_mps);
+                return Some((Rule::HardContact, contact.normal_mps));
             }
             if let Some(contact) = o.contacts.iter().find(|c| !c.foot) {
-                return broken(Rule::TippedOver, contact.normal_mps);
+                return Some((Rule::TippedOver, contact.normal_mps));
             }
         }
         self.struck |= scene.without_power && o.in_water;
-        if o.in_water && !self.struck {
-            return broken(Rule::Water, o.feet_height_m());
-        }
-        let carries = state == State::Landed && o.motors_on && rig.thrust(0) > 0.5 * rig.hover_thrust(0);
-        self.carries_since_s = carries.then(|| self.carries_since_s.unwrap_or(t_s));
-        if let Some(since_s) = self.carries_since_s
-            && t_s - since_s > CARRY_S
-            && !scene.uncommanded
-        {
-            return broken(Rule::CarriesLanded, t_s - since_s);
-        }
-        if let Some(at) = scene.aborted_s.filter(|_| scene.received && o.motors_on) {
-            let taken = rig.mission(0).abort.is_some() || state == State::Landed;
-            if !taken && t_s > at + ABORT_S {
-                return broken(Rule::AbortIgnored, t_s - at);
-            }
-            let descends = state == State::Descent && rig.entered_s(0) > at + ABORT_S;
-            if descends && !scene.ordered_again {
-                return broken(Rule::Unordered, t_s - at);
-            }
-        }
-        let set_point = rig.world.drones().first().and_then(|d| d.last_set_point);
-        if !set_point.as_ref().is_none_or(is_finite) {
-            return broken(Rule::NotFinite, f64::NAN);
-        }
-        None
+        (o.in_water && !self.struck).then(|| (Rule::Water, o.feet_height_m()))
     }
 
-    /// How it ended that has neither landed nor broken a rule.
-    pub fn end(&self, rig: &Rig) -> Ending {
-        let o = rig.world.observation();
-        if o.in_water || !o.motors_on {
-            Ending::Crashed
-        } else {
-            Ending::Waits
+    /// On the deck: rotors that carry, and a drone that is armed without a report.
+    fn standing(&mut self, rig: &Rig, k: usize, scene: &Scene) -> Option<(Rule, f64)> {
+        let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
+        let carries = state == State::Landed && o.motors_on && rig.thrust(k) > 0.5 * rig.hover_thrust(k);
+        let carried_s = lasts(&mut self.carries_since_s, carries, t_s);
+        if carried_s > CARRY_S && !scene.uncommanded {
+            return Some((Rule::CarriesLanded, carried_s));
+        }
+        let stands = o.motors_on && o.feet_height_m().abs() < FALSE_STOP_M && state != State::Flare;
+        let reported = rig
+            .world
+            .drones()
+            .get(k)
+            .is_some_and(|d| d.still_armed_s().is_some());
+        let armed_s = lasts(&mut self.armed_since_s, stands && !reported, t_s);
+        (armed_s > ARMED_S && !scene.uncommanded).then_some((Rule::StillArmed, armed_s))
+    }
+
+    /// Where it may not be, and the set-points that it flies.
+    fn places(&mut self, rig: &Rig, k: usize, scene: &Scene) -> Option<(Rule, f64)> {
+        let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
+        let at_deck = rig.using_the_deck().len();
+        if at_deck > 1 {
+            return Some((Rule::TwoAtDeck, at_deck as f64));
+        }
+        if o.collisions > 0 {
+            return Some((Rule::Collision, f64::from(o.collisions)));
+        }
+        let excused = scene.uncommanded || scene.without_power || self.struck;
+        let gap_m = o
+            .keep_out_gap_m
+            .filter(|gap| *gap < 0.0 && o.motors_on && !excused);
+        if let Some(gap_m) = gap_m {
+            return Some((Rule::KeepOut, gap_m));
+        }
+        let descends = matches!(state, State::Descent | State::Flare | State::Landed | State::Idle);
+        let low = o.motors_on && o.feet_height_m() < LOW_M && o.horizontal_m < LOW_M;
+        let low_s = lasts(&mut self.low_since_s, low && !descends && !excused, t_s);
+        if low_s > LOW_S {
+            return Some((Rule::NotPermitted, low_s));
+        }
+        let set_point = rig.world.drones().get(k).and_then(|d| d.last_set_point);
+        (!set_point.as_ref().is_none_or(is_finite)).then_some((Rule::NotFinite, f64::NAN))
+    }
+}
+
+/// How the first drone ended that has neither landed nor broken a rule.
+pub fn end(rig: &Rig) -> Ending {
+    let o = rig.world.observation();
+    if o.in_water || !o.motors_on {
+        Ending::Crashed
+    } else {
+        Ending::Waits
+    }
+}
+/// Long after the last fault: broken where it has neither landed nor states a reason to wait.
+pub fn is_stuck(rig: &Rig) -> Option<Violation> {
+    let (o, mission) = (rig.world.observation(), rig.mission(0));
+    let states_reason = mission.waiting.code != ReasonCode::None;
+    let rests = matches!(mission.state, State::GaveUp | State::Hold | State::Idle);
+    let lands = matches!(mission.state, State::Descent | State::Flare | State::Landed);
+    let fine = !o.motors_on || rests || (states_reason && !lands);
+    (!fine).then(|| Violation {
+        rule: Rule::Stuck,
+        t_s: rig.t_s(),
+        figure: o.feet_height_m(),
+        state: mission.state,
+    })
+}
+
+/// An abort that is not taken, a descent whose order was withdrawn.
+fn orders(rig: &Rig, k: usize, scene: &Scene) -> Option<(Rule, f64)> {
+    let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
+    if let Some(at) = scene.aborted_s.filter(|_| o.motors_on) {
+        let taken = rig.mission(k).abort.is_some() || state == State::Landed;
+        if !taken && t_s > at + ABORT_S {
+            return Some((Rule::AbortIgnored, t_s - at));
         }
     }
-    /// Long after the last fault: broken where it has neither landed nor states a reason to wait.
-    pub fn is_stuck(&self, rig: &Rig) -> Option<Violation> {
-        let (o, mission) = (rig.world.observation(), rig.mission(0));
-        let states_reason = mission.waiting.code != ReasonCode::None;
-        let rests = matches!(mission.state, State::GaveUp | State::Hold | State::Idle);
-        let lands = matches!(mission.state, State::Descent | State::Flare | State::Landed);
-        let fine = !o.motors_on || rests || (states_reason && !lands);
-        (!fine).then(|| Violation {
-            rule: Rule::Stuck,
-            t_s: rig.t_s(),
-            figure: o.feet_height_m(),
-            state: mission.state,
-        })
-    }
+    let at = scene.withdrawn_s.filter(|_| o.motors_on)?;
+    let descends = state == State::Descent && rig.entered_s(k) > at + ABORT_S;
+    descends.then_some((Rule::Unordered, t_s - at))
+}
+
+/// For how long it has been so, s; `since` remembers when that began.
+fn lasts(since: &mut Option<f64>, is_so: bool, t_s: f64) -> f64 {
+    *since = is_so.then(|| since.unwrap_or(t_s));
+    since.map_or(0.0, |at| t_s - at)
 }
 
 fn is_finite(s: &SetPoint) -> bool {

@@ -177,6 +177,14 @@ impl DeckCarrier {
             DeckCarrier::Recorded(_) => {}
         }
     }
+    /// Something pushes the vessel so from now on, surge, sway, heave, roll, pitch, yaw of the body, N and Nm; one that only
+    /// answers to waves, and a recorded one, are not pushed.
+    pub fn push(&mut self, by_n_nm: [f64; 6]) {
+        match self {
+            DeckCarrier::Simulated(vessel) => vessel.push(by_n_nm),
+            DeckCarrier::Responding(_) | DeckCarrier::Recorded(_) => {}
+        }
+    }
     /// How far the water's surface is lifted above the sea's now, m.
     pub fn water_lift(&self) -> f64 {
         match self {

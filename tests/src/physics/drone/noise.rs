@@ -1,10 +1,10 @@
 //! Gaussian white noise and first-order Gauss-Markov processes.
 
-use rand_chacha::ChaCha8Rng;
+use crate::physics::streams::Stream;
 use rand_distr::{Distribution, StandardNormal};
 
 /// A draw from the standard normal distribution.
-pub(crate) fn normal(rng: &mut ChaCha8Rng) -> f64 {
+pub(crate) fn normal(rng: &mut Stream) -> f64 {
     StandardNormal.sample(rng)
 }
 
@@ -22,7 +22,7 @@ pub(crate) struct GaussMarkov {
 impl GaussMarkov {
     /// A process of correlation time `time_s` sampled every `dt_s`, started in its stationary
     /// distribution.
-    pub(crate) fn new(sd: f64, time_s: f64, dt_s: f64, rng: &mut ChaCha8Rng) -> Self {
+    pub(crate) fn new(sd: f64, time_s: f64, dt_s: f64, rng: &mut Stream) -> Self {
         let keep = (-dt_s / time_s).exp();
         GaussMarkov {
             value: sd * normal(rng),
@@ -32,7 +32,7 @@ impl GaussMarkov {
         }
     }
     /// The next value.
-    pub(crate) fn step(&mut self, rng: &mut ChaCha8Rng) -> f64 {
+    pub(crate) fn step(&mut self, rng: &mut Stream) -> f64 {
         self.value = self.keep * self.value + self.drive * self.sd * normal(rng);
         self.value
     }

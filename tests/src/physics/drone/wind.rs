@@ -4,12 +4,11 @@ use alight_shared::geometry::GRAVITY;
 use alight_shared::surroundings::KeepOut;
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::RngExt;
-use rand_chacha::ChaCha8Rng;
 
 use super::config::WindConfig;
 use super::noise::normal;
 use super::over_deck::{VISCOSITY, Wake, boundary_layer, fetch};
-use crate::physics::streams::Streams;
+use crate::physics::streams::{Stream, Streams};
 
 const FOOT_M: f64 = 0.3048;
 /// Height of the speed that a scenario states, and of the one that the gusts go by (20 ft), m.
@@ -76,15 +75,15 @@ pub(crate) struct Wind {
     /// Two states for each of the lateral and vertical second-order forms.
     lateral: [f64; 2],
     vertical: [f64; 2],
-    rng: ChaCha8Rng,
+    rng: Stream,
     /// Eddies of a wake along the deck's axes, of unit variance, with a stream of their own.
     eddies: Vector3<f64>,
-    wake_rng: ChaCha8Rng,
+    wake_rng: Stream,
     now: Vector3<f64>,
 }
 
 /// The first draw of the wind's stream: where the mean wind blows to, rad.
-pub(crate) fn drawn_direction(rng: &mut ChaCha8Rng) -> f64 {
+pub(crate) fn drawn_direction(rng: &mut Stream) -> f64 {
     rng.random_range(0.0..core::f64::consts::TAU)
 }
 

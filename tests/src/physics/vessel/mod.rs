@@ -75,6 +75,8 @@ pub struct Vessel {
     /// Surge and sway (N) and yaw (Nm) by engines, or by what holds it in place.
     steering: Vector3<f64>,
     pushes: Vec<Push>,
+    /// What pushes it by [`Vessel::push`], surge, sway, heave, roll, pitch, yaw, N and Nm.
+    pushed: Vector6<f64>,
     /// Force of the pushes now.
     pushing: Vector6<f64>,
     motion: Motion,
@@ -155,6 +157,7 @@ impl Vessel {
             quadratic_drag,
             steering: Vector3::zeros(),
             pushes: config.pushes.clone(),
+            pushed: Vector6::zeros(),
             pushing: Vector6::zeros(),
             motion,
             nu_dot: Vector6::zeros(),
@@ -180,7 +183,8 @@ impl Vessel {
             .iter()
             .filter(|p| (p.at_s..p.at_s + p.for_s).contains(&t.secs()))
             .map(|p| Vector6::from(p.by_n_nm))
-            .sum();
+            .sum::<Vector6<f64>>()
+            + self.pushed;
         core::mem::swap(&mut self.before, &mut self.after);
         // Where the sections will be: places matter to the slope times the square of dt only.
         let here = self.motion;
@@ -204,6 +208,10 @@ impl Vessel {
         self.nu_dot = self.acceleration(&self.motion, 1.0);
     }
 
+    /// Something pushes it so from now on: surge, sway, heave, roll, pitch, yaw of the body, N and Nm.
+    pub fn push(&mut self, by_n_nm: [f64; 6]) {
+        self.pushed = Vector6::from(by_n_nm);
+    }
     /// The state now (the end of the last step).
     pub fn state(&self) -> RigidState<VesselBody> {
         let m = &self.motion;

@@ -1,10 +1,11 @@
-//! Bytes of a vessel's sensors on their wires: the measurements of [`super::VesselSensors`] as NMEA 0183, UBX or
-//! MAVLink, for the program that a vessel installs.
+//! Bytes of a vessel's sensors on their wires: the measurements of [`super::VesselSensors`] as NMEA 0183, NMEA 2000,
+//! UBX or MAVLink, for the program that a vessel installs.
 //!
 //! Written from the makers' layouts, checksums included, and apart from the decoders of `alight_usv`: an error that
 //! writer and reader shared would not be seen.
 
 pub mod mavlink;
+pub mod n2k;
 pub mod nmea;
 pub mod ubx;
 
@@ -35,8 +36,8 @@ impl Carries {
     pub fn assign(formats: &[Format]) -> Option<Vec<Carries>> {
         let first = |wanted: &[Format]| wanted.iter().find_map(|w| formats.iter().position(|f| f == w));
         let imu = first(&[Format::Mavlink])?;
-        let gnss = first(&[Format::Ubx, Format::Nmea, Format::Mavlink]);
-        let heading = first(&[Format::Nmea, Format::Ubx, Format::Mavlink]);
+        let gnss = first(&[Format::Ubx, Format::Nmea, Format::N2k, Format::Mavlink]);
+        let heading = first(&[Format::Nmea, Format::N2k, Format::Ubx, Format::Mavlink]);
         let all = (0..formats.len()).map(|k| Carries {
             imu: k == imu,
             gnss: Some(k) == gnss,
@@ -145,6 +146,13 @@ impl BoatSensor {
                 let velocity = [m.velocity[0], m.velocity[1]];
                 [gga.sentence(nmea::FINE), nmea::vtg(velocity)].concat()
             }
+            Format::N2k => {
+                self.sequence = (self.sequence + 1) % 8;
+                let velocity = n2k::velocity(at_ns, [m.velocity[0], m.velocity[1]]);
+                // The dilution as above.
+                let fix = n2k::gnss(at_ns, m.datum, m.position_sd[0] / 0.5, self.sequence);
+                [velocity, fix].concat()
+            }
             Format::Ubx => ubx::nav_pvt(at_ns, m.datum, m.velocity, &self.stated),
             Format::Mavlink => {
                 let payload = mavlink::gps_raw_int(at_ns, (m.datum, geoid_m), m.velocity, &self.stated, None);
@@ -156,6 +164,7 @@ impl BoatSensor {
         let (at_ns, shown) = (m.header.at.nanos(), m.heading + self.heading_offset_rad);
         match self.format {
             Format::Nmea => [nmea::zda(at_ns, None), nmea::hdt(shown)].concat(),
+            Format::N2k => n2k::heading(at_ns, shown),
             Format::Ubx => ubx::nav_relposned(at_ns, shown, m.heading_sd),
             Format::Mavlink => {
                 // Two antennas of one receiver: without a fix of its own in this message.

@@ -15,7 +15,7 @@ const HABIT: f64 = 0.2;
 
 /// Why a sound sentence gave no measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Why {
+pub(in crate::sensors) enum Why {
     NotRead,
     Empty,
     Spare,
@@ -47,7 +47,7 @@ impl Why {
             Why::NoFix => Some("the receiver has no fix: see to its antenna and its view of the sky"),
             Why::Simulated => Some("end the device's demonstration mode, or its position set by hand"),
             Why::Magnetic => Some(
-                "let the device send HDT, or RMC or HDG with the variation; a heading from the north is needed",
+                "a heading from the north is needed: HDT, or RMC or HDG with the variation; on NMEA 2000 one from the north, or 127258",
             ),
         }
     }
@@ -63,11 +63,11 @@ struct Stamps {
 
 /// The account of a decoder.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Account {
+pub(in crate::sensors) struct Account {
     left_out: BTreeMap<(Why, String), u64>,
     stamps: BTreeMap<String, Stamps>,
     /// Sentences that were taken without a checksum.
-    pub(super) unchecked: u64,
+    pub(in crate::sensors) unchecked: u64,
 }
 
 /// A sentence's address, short and of letters.
@@ -80,14 +80,14 @@ fn bounded(address: &str) -> String {
 }
 
 impl Account {
-    pub(super) fn leave_out(&mut self, address: &str, why: Why) {
+    pub(in crate::sensors) fn leave_out(&mut self, address: &str, why: Why) {
         let key = (why, bounded(address));
         let full = self.left_out.len() >= MAX_ADDRESSES && !self.left_out.contains_key(&key);
         let key = if full { (why, "others".into()) } else { key };
         *self.left_out.entry(key).or_default() += 1;
     }
     /// Notes the time of a sentence.
-    pub(super) fn stamp(&mut self, address: &str, at_ns: i64) {
+    pub(in crate::sensors) fn stamp(&mut self, address: &str, at_ns: i64) {
         let name = bounded(address);
         if self.stamps.len() >= MAX_ADDRESSES && !self.stamps.contains_key(&name) {
             return;
@@ -97,7 +97,7 @@ impl Account {
         stamps.repeated += u64::from(stamps.newest_ns == Some(at_ns));
         stamps.newest_ns = Some(at_ns);
     }
-    pub(super) fn remarks(&self) -> Vec<Remark> {
+    pub(in crate::sensors) fn remarks(&self) -> Vec<Remark> {
         let mut all = Vec::new();
         for why in [
             Why::Simulated,

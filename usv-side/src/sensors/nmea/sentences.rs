@@ -10,9 +10,9 @@ use super::{MAX_SPARE, NmeaDecoder, Position, SourceMeasurement, Untimed};
 
 const KNOT_MPS: f64 = 1852.0 / 3600.0;
 /// Below it a velocity needs no course, m/s.
-const STILL_MPS: f64 = 0.3;
+pub(in crate::sensors) const STILL_MPS: f64 = 0.3;
 /// Standard deviation of a velocity in tenths of a knot, m/s (ours).
-pub(super) const VELOCITY_SD: f64 = 0.1;
+pub(in crate::sensors) const VELOCITY_SD: f64 = 0.1;
 /// Standard deviation of a position by the quality in GGA, m at a dilution of 1 (ours: the error that changes
 /// within a minute; slow error is the filter's height bias).
 const POSITION_SD: [(u8, f64); 5] = [(1, 0.5), (2, 0.3), (3, 0.5), (4, 0.01), (5, 0.1)];
@@ -25,7 +25,7 @@ const SIMULATED: u8 = 8;
 /// A minute of arc of latitude, m.
 const MINUTE_M: f64 = 1852.0;
 /// Standard deviation of a magnetic compass, rad: its deviation on a boat (2 deg, ours).
-const MAGNETIC_SD: f64 = 0.035;
+pub(in crate::sensors) const MAGNETIC_SD: f64 = 0.035;
 /// Least number of fields of a sentence without a checksum: what is cut off is shorter.
 const FIELDS: [(&str, usize); 9] = [
     ("GGA", 14),
@@ -74,7 +74,7 @@ fn quality_with_status(status: Option<char>, mode: Option<char>) -> u8 {
     }
 }
 /// Standard deviation at a dilution of 1, m, or why it is no fix.
-fn accuracy(quality: u8) -> Result<f64, Why> {
+pub(in crate::sensors) fn accuracy(quality: u8) -> Result<f64, Why> {
     match quality {
         0 => Err(Why::NoFix),
         MANUAL | SIMULATED => Err(Why::Simulated),

@@ -126,18 +126,18 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
     #[test]
     fn sensor_node_future_measurements(parts in prop::collection::vec(
-        (0_usize..3, prop::collection::vec(any::<u8>(), 0..300), any::<bool>()), 1..60
+        (0_usize..4, prop::collection::vec(any::<u8>(), 0..300), any::<bool>()), 1..60
     )) {
-        let formats = [Format::Nmea, Format::Ubx, Format::Mavlink];
+        let formats = [Format::Nmea, Format::Ubx, Format::Mavlink, Format::N2k];
         let sources = formats.map(|format| SourceConfig { format, ..SourceConfig::default() });
         let mut n = SensorNode::new(&SourcesConfig { sources: sources.into() }, 1, 9);
         for (k, (which, bytes, good)) in parts.into_iter().enumerate() {
-            let mut all = vec![Vec::new(); 3];
+            let mut all = vec![Vec::new(); 4];
             all[which] = if good { messages(k as i64).into_bytes() } else { bytes };
             let now = at(k as i64);
             let out = n.step(now, &SensorsIn { bytes: all });
             for a in &out.readings.attitude {
-                prop_assert!(a.header.at <= now && usize::from(a.source) < 6);
+                prop_assert!(a.header.at <= now && usize::from(a.source) < 8);
             }
         }
     }

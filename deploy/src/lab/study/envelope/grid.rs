@@ -1,13 +1,11 @@
 //! The grid of an envelope: what is flown, and what became of each cell.
 
 use alight_sim::physics::sea::SeaConfig;
-use alight_sim::studies::statistics::wilson;
+use alight_sim::studies::statistics::{at_most_95, successes_to_show, wilson};
 use serde_json::{Value, json};
 
 use crate::lab::args::EnvelopeArgs;
 
-/// A cell is within the limit when at this rate or more is landed, by the lower end of its interval: more likely than not.
-const LIMIT_RATE: f64 = 0.5;
 /// Relative winds of the full grid and of the quick one, m/s.
 const FULL_MPS: [f64; 7] = [2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0];
 const QUICK_MPS: [f64; 5] = [4.0, 6.0, 8.0, 10.0, 12.0];
@@ -23,6 +21,30 @@ pub struct Grid {
     pub directions: u16,
     /// Landings tried in each cell.
     pub trials: u32,
+    /// Landing rate that the limit asks for.
+    pub rate: f64,
+}
+
+/// What a cell is filled with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Class {
+    /// None was unsafe, and as many landed as are asked for.
+    Landed,
+    /// None was unsafe, fewer landed.
+    Refused,
+    /// At least one was unsafe.
+    Unsafe,
+}
+
+impl Class {
+    /// Its name in the table and in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Class::Landed => "landed",
+            Class::Refused => "refused",
+            Class::Unsafe => "unsafe",
+        }
+    }
 }
 
 /// One wind in one sea, and what became of the drones.
@@ -40,21 +62,36 @@ pub struct Cell {
     pub landed: usize,
     /// No landing in time, and no contact beyond its limits.
     pub refused: usize,
+    /// Seeds of those that were unsafe.
+    pub unsafe_seeds: Vec<u64>,
     /// The most frequent reason of those that did not land.
     pub reason: String,
 }
 
 impl Cell {
-    /// What neither landed nor was refused.
+    /// How many were unsafe.
     pub fn unsafe_count(&self) -> usize {
-        self.trials - self.landed - self.refused
+        self.unsafe_seeds.len()
     }
-    fn is_within(&self) -> bool {
-        self.unsafe_count() == 0 && wilson(self.landed, self.trials).0 >= LIMIT_RATE
+    /// What was seen, measured by the landing rate asked for.
+    pub fn class(&self, rate: f64) -> Class {
+        if self.unsafe_count() > 0 {
+            Class::Unsafe
+        // 0.55 of 20 is a little more than 11 in binary digits.
+        } else if self.landed as f64 >= rate * self.trials as f64 - 1e-6 {
+            Class::Landed
+        } else {
+            Class::Refused
+        }
+    }
+    /// Whether it is shown that at `rate` or more is landed.
+    fn is_within(&self, rate: f64) -> bool {
+        self.unsafe_count() == 0 && wilson(self.landed, self.trials).0 >= rate
     }
     /// With the intervals of its rates.
-    pub fn json(&self) -> Value {
+    pub fn json(&self, rate: f64) -> Value {
         json!({
+            "class": self.class(rate).name(), "unsafe_at_most_95": at_most_95(self.unsafe_count(), self.trials),
             "sea_state": self.state, "wind_mps": self.wind_mps, "from_deg": self.from_deg, "trials": self.trials,
             "landed": self.landed, "landed_interval": wilson(self.landed, self.trials),
             "refused": self.refused, "refused_interval": wilson(self.refused, self.trials),
@@ -83,12 +120,27 @@ impl Grid {
         }
         states.sort_unstable();
         states.dedup();
+        let rate = f64::from(args.rate) / 100.0;
+        let enough = u32::try_from(successes_to_show(rate)).unwrap_or(u32::MAX);
         Grid {
+            rate,
             states,
             winds,
             directions: args.directions.unwrap_or(if quick { 8 } else { 12 }),
-            trials: args.trials.unwrap_or(if quick { 5 } else { 10 }),
+            trials: args.trials.unwrap_or(if quick { 5 } else { enough }),
         }
+    }
+    /// Why no limit can be drawn, where too few are flown for one.
+    pub fn too_few(&self) -> Option<String> {
+        let (trials, needed) = (self.trials as usize, successes_to_show(self.rate));
+        let shown = 100.0 * wilson(trials, trials).0;
+        (trials < needed).then(|| {
+            format!(
+                "{trials} landings a cell are too few for a limit: all of them landed shows {shown:.0} %, and {:.0} % is \
+                 asked for, which needs {needed} landings a cell (--trials {needed})",
+                100.0 * self.rate
+            )
+        })
     }
     /// A sea state with its waves.
     pub fn sea_name(state: u8) -> String {
@@ -115,6 +167,8 @@ impl Grid {
         let here = cells
             .iter()
             .filter(|c| (c.state, c.from_deg) == (state, from_deg));
-        here.take_while(|c| c.is_within()).last().map(|c| c.wind_mps)
+        here.take_while(|c| c.is_within(self.rate))
+            .last()
+            .map(|c| c.wind_mps)
     }
 }

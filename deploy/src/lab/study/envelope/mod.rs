@@ -4,11 +4,12 @@
 mod grid;
 mod polar;
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::physics::sea::SeaConfig;
-use alight_sim::studies::statistics::{FailureCount, Summary, wilson};
+use alight_sim::studies::statistics::{FailureCount, Summary, at_most_95, wilson};
 use serde_json::json;
 
 use super::report::replay_command;
@@ -67,6 +68,7 @@ fn cells(grid: &Grid, outcomes: &[Outcome]) -> Vec<Cell> {
             trials: summary.trials,
             landed: summary.successes,
             refused: set.iter().filter(|o| o.is_refused()).count(),
+            unsafe_seeds: set.iter().filter(|o| o.is_unsafe()).map(|o| o.seed).collect(),
             reason: summary.failures.first().map(waits_for).unwrap_or_default(),
         }
     };
@@ -109,6 +111,9 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
             scenes.len()
         ),
     );
+    if let Some(why) = grid.too_few() {
+        note(true, format_args!("warning: {why}"));
+    }
     let flights = GridRun {
         study: "# alight envelope\n",
         trials: grid.trials,
@@ -116,6 +121,7 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
         jobs: args.jobs,
         out: Some(&args.out),
         shard: None,
+        within: None,
         records_failed: false,
         json: args.json,
     };
@@ -127,14 +133,17 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     note(
         args.json,
         format_args!(
-            "{title}: relative wind up to which a drone lands, m/s (-: not in the lightest)\n{}",
-            limits.text()
+            "{title}: relative wind, m/s, up to which at least {:.0} % land (-: not shown for the lightest)\n{}\n{}",
+            100.0 * grid.rate,
+            limits.text(),
+            bound(&cells)
         ),
     );
     let value = json!({
         "hull": boat, "configuration": hash, "grid": { "sea_states": grid.states, "winds_mps": grid.winds,
         "directions": grid.directions, "trials": grid.trials, "seed0": args.seed0 },
-        "cells": cells.iter().map(Cell::json).collect::<Vec<_>>(),
+        "rate": grid.rate, "too_few": grid.too_few(),
+        "cells": cells.iter().map(|c| c.json(grid.rate)).collect::<Vec<_>>(),
     });
     let svg = polar::draw(&grid, &cells, &title).map_err(|e| CliError::because("drawing the envelope", e))?;
     let page = document(
@@ -163,6 +172,21 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
+/// What can be said of unsafe landings over the whole grid. All cells are flown with the same seeds: only these are
+/// independent of each other.
+fn bound(cells: &[Cell]) -> String {
+    let seeds: BTreeSet<u64> = cells.iter().flat_map(|c| &c.unsafe_seeds).copied().collect();
+    let draws = cells.iter().map(|c| c.trials).max().unwrap_or_default();
+    format!(
+        "unsafe: {} of {} landings, in {} of {draws} draws of sea and wind; of all draws, with 95 % confidence, at most \
+         {:.1} % are unsafe in a cell",
+        cells.iter().map(Cell::unsafe_count).sum::<usize>(),
+        cells.iter().map(|c| c.trials).sum::<usize>(),
+        seeds.len(),
+        100.0 * at_most_95(seeds.len(), draws)
+    )
+}
+
 /// The limit by direction (a row each) and sea state.
 fn limits(grid: &Grid, cells: &[Cell]) -> Table {
     let heads = grid.states.iter().map(|s| Grid::sea_name(*s));
@@ -177,7 +201,6 @@ fn limits(grid: &Grid, cells: &[Cell]) -> Table {
 
 /// The first unsafe landings, with the command that flies each again.
 fn unsafe_landings(out: &Path, rows: &[Row], outcomes: &[Outcome]) -> Vec<String> {
-    let is_unsafe = |o: &&Outcome| !o.success && !o.is_refused();
     let line = |o: &Outcome| {
         let row = rows.iter().find(|r| r.scenario == o.sea);
         let again = row.and_then(|r| replay_command(out, r)).unwrap_or_default();
@@ -191,7 +214,7 @@ fn unsafe_landings(out: &Path, rows: &[Row], outcomes: &[Outcome]) -> Vec<String
     };
     outcomes
         .iter()
-        .filter(is_unsafe)
+        .filter(|o| o.is_unsafe())
         .take(MAX_UNSAFE)
         .map(line)
         .collect()
@@ -215,6 +238,7 @@ fn document(
         "95 %",
         "unsafe",
         "95 %",
+        "class",
         "mostly",
     ];
     let mut table = Table::new(1..9, heads);
@@ -235,6 +259,7 @@ fn document(
             interval(c.refused),
             if bad == 0 { count } else { count.judged(false) },
             interval(bad),
+            c.class(grid.rate).name().into(),
             (&c.reason).into(),
         ]);
     }
@@ -243,19 +268,25 @@ fn document(
             "Landings tried in each cell, in the simulated world: {}; configuration {hash}. The wind is relative to the \
              vessel, 10 m above the water, with gusts; the waves are a fully developed sea of the state's mean height and \
              come from where the wind does. Refused: no landing in time, and no contact beyond its limits. Unsafe: \
-             everything else that is no landing. The line is the limit: up to it every cell was landed in at least half of \
-             all cases by the lower end of Wilson's 95 % interval, and none was unsafe.",
-            grid.trials
+             everything else that is no landing. A cell is unsafe where one landing was, landed where at least {rate:.0} % \
+             of those tried landed, refused otherwise. The line is the limit: up to it every cell was landed in at least \
+             {rate:.0} % of all cases by the lower end of Wilson's 95 % interval, and none was unsafe.",
+            grid.trials,
+            rate = 100.0 * grid.rate
         )),
+        Block::Text(format!("Over all cells, {}.", bound(cells))),
         Block::Chart(Chart {
             caption: "Landed, refused, unsafe by relative wind and sea state".into(),
             svg: svg.into(),
         }),
-        Block::Heading("The limit, m/s (-: not even in the lightest wind)".into()),
+        Block::Heading("The limit, m/s (-: not shown for the lightest wind)".into()),
         Block::Table(limits),
         Block::Heading("All cells".into()),
         Block::Table(table),
     ];
+    if let Some(why) = grid.too_few() {
+        blocks.insert(1, Block::Text(format!("No limit: {why}.")));
+    }
     if !unsafe_landings.is_empty() {
         blocks.push(Block::Heading("Unsafe landings".into()));
         blocks.push(Block::Lines(unsafe_landings.to_vec()));
@@ -268,6 +299,7 @@ fn document(
 
 #[cfg(test)]
 mod tests {
+    use super::grid::Class;
     use super::*;
     use clap::Parser;
 
@@ -288,6 +320,7 @@ mod tests {
             trials: 4,
             landed,
             refused,
+            unsafe_seeds: (0..(4_usize.saturating_sub(landed + refused)) as u64).collect(),
             reason: String::new(),
         }
     }
@@ -319,7 +352,7 @@ mod tests {
 
     #[test]
     fn envelope_limit_at_the_first_cell_beyond() {
-        let grid = Grid::of(&args("--winds 4,8,12"));
+        let grid = Grid::of(&args("--winds 4,8,12 --rate 50"));
         let limit = |cells: &[Cell]| grid.limit(cells, 3, 90.0);
         assert_eq!(
             limit(&[cell(4.0, 4, 0), cell(8.0, 4, 0), cell(12.0, 3, 1)]),
@@ -333,16 +366,55 @@ mod tests {
     }
 
     #[test]
+    fn envelope_cell_class() {
+        let class = |landed, refused| cell(4.0, landed, refused).class(0.75);
+        assert_eq!([class(4, 0), class(3, 1)], [Class::Landed; 2]);
+        assert_eq!([class(2, 2), class(0, 4)], [Class::Refused; 2]);
+        let exact = Cell {
+            trials: 20,
+            ..cell(4.0, 11, 9)
+        };
+        assert_eq!(exact.class(0.55), Class::Landed);
+        // One unsafe landing of four outweighs the three that landed.
+        assert_eq!(class(3, 0), Class::Unsafe);
+    }
+
+    #[test]
+    fn envelope_limit_only_where_enough_landed() {
+        let grid = Grid::of(&args("--winds 4,8"));
+        assert_eq!((grid.trials, grid.too_few()), (35, None));
+        let flown = |trials, landed| Cell {
+            trials,
+            ..cell(4.0, landed, trials - landed)
+        };
+        let limit = |c: Cell| grid.limit(&[c], 3, 90.0);
+        assert_eq!(limit(flown(35, 35)), Some(4.0));
+        // All of 34, and 34 of 35: the lower ends are 89.8 % and 85.5 %.
+        assert_eq!([limit(flown(34, 34)), limit(flown(35, 34))], [None; 2]);
+        let few = Grid::of(&args("--quick")).too_few().unwrap();
+        assert!(
+            few.contains("shows 57 %") && few.contains("needs 35 landings"),
+            "{few}"
+        );
+        assert_eq!(Grid::of(&args("--quick --rate 50")).too_few(), None);
+    }
+
+    #[test]
     fn envelope_picture_of_every_cell() {
-        let grid = Grid::of(&args("--winds 4,8 --directions 4 --sea-states 3"));
+        let grid = Grid::of(&args("--winds 4,8 --directions 4 --sea-states 3 --trials 4"));
         let cells = [cell(4.0, 4, 0), cell(8.0, 2, 1)];
         let svg = polar::draw(&grid, &cells, "Envelope of <one>").unwrap();
         assert!(
-            svg.starts_with("<svg") && svg.contains("4/4") && svg.contains("2/4"),
+            svg.starts_with("<svg") && svg.contains("4/4") && svg.contains("!1/4"),
             "{svg}"
         );
+        assert!(svg.contains("no limit") && svg.contains("35"), "{svg}");
         assert!(svg.contains("sea state 3: 0.9 m, 4.7 s") && !svg.contains("<one>"));
         let page = document(&grid, &cells, limits(&grid, &cells), ("E", "h"), &svg, &[]).html();
         assert!(page.contains("<svg") && page.contains("51-100 %") && !page.contains("src="));
+        assert!(
+            page.contains("unsafe: 1 of 8 landings, in 1 of 4 draws of sea and wind; of all draws, with 95 % confidence, at most 75.1 %"),
+            "{page}"
+        );
     }
 }

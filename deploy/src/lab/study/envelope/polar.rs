@@ -1,25 +1,28 @@
 //! The polar of an envelope as SVG: a circle for each sea state, bow up; in the ring of each wind a cell for each direction
-//! that it comes from, filled by the parts that landed, were refused or unsafe.
+//! that it comes from, filled and patterned by its class: landed, refused or unsafe.
 
 use core::f64::consts::TAU;
 use std::error::Error;
 
+use alight_sim::studies::statistics::successes_to_show;
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::grid::{Cell, Grid};
+use super::grid::{Cell, Class, Grid};
 
-const LANDED: RGBColor = RGBColor(122, 184, 122);
-const REFUSED: RGBColor = RGBColor(244, 204, 120);
-const UNSAFE: RGBColor = RGBColor(205, 70, 70);
+/// Okabe and Ito's sky blue, yellow and vermilion: told apart with every kind of colour vision. Black on them has a
+/// contrast of at least 5.4.
+const LANDED: RGBColor = RGBColor(86, 180, 233);
+const REFUSED: RGBColor = RGBColor(240, 228, 66);
+const UNSAFE: RGBColor = RGBColor(213, 94, 0);
 const LINE: RGBColor = RGBColor(30, 30, 30);
 /// Side of a panel, height of title and legend, px.
-const PANEL: u32 = 400;
+const PANEL: u32 = 440;
 const HEAD: u32 = 40;
-const FOOT: u32 = 66;
+const FOOT: u32 = 102;
 /// Part of the radius for the boat in the middle.
-const HUB: f64 = 0.17;
+const HUB: f64 = 0.25;
 /// Panels in a row.
 const COLUMNS: usize = 3;
 /// Longest side of an arc, rad: it leaves a circle of 160 px by 0.2 px.
@@ -40,6 +43,26 @@ fn arc(radius: f64, [from, to]: [f64; 2]) -> impl DoubleEndedIterator<Item = (f6
 fn wedge([inner, outer]: [f64; 2], angles: [f64; 2]) -> Vec<(f64, f64)> {
     arc(outer, angles).chain(arc(inner, angles).rev()).collect()
 }
+fn colour(class: Class) -> RGBColor {
+    match class {
+        Class::Landed => LANDED,
+        Class::Refused => REFUSED,
+        Class::Unsafe => UNSAFE,
+    }
+}
+/// The lines of a class's pattern on a part of a ring: none where it was landed, arcs where refused, a net where unsafe.
+fn pattern(class: Class, [inner, outer]: [f64; 2], [from, to]: [f64; 2]) -> Vec<Vec<(f64, f64)>> {
+    let arcs = (1..4).map(|k| arc(inner + (outer - inner) * f64::from(k) / 4.0, [from, to]).collect());
+    let spokes = (1..6).map(|k| {
+        let angle = from + (to - from) * f64::from(k) / 6.0;
+        vec![at(inner, angle), at(outer, angle)]
+    });
+    match class {
+        Class::Landed => Vec::new(),
+        Class::Refused => arcs.collect(),
+        Class::Unsafe => arcs.chain(spokes).collect(),
+    }
+}
 fn text(size: u32) -> TextStyle<'static> {
     ("sans-serif", size)
         .into_font()
@@ -58,7 +81,7 @@ pub fn draw(grid: &Grid, cells: &[Cell], title: &str) -> Result<String, Box<dyn 
         root.fill(&WHITE)?;
         let middle = size.0 as i32 / 2;
         root.draw(&Text::new(title.to_owned(), (middle, HEAD as i32 / 2), text(20)))?;
-        legend(&root, (size.1 - FOOT) as i32, grid.trials)?;
+        legend(&root, (size.1 - FOOT) as i32, grid)?;
         let (_, body) = root.split_vertically(HEAD);
         let (body, _) = body.split_vertically(PANEL * rows as u32);
         for (panel, state) in body.split_evenly((rows, columns)).iter().zip(&grid.states) {
@@ -70,22 +93,49 @@ pub fn draw(grid: &Grid, cells: &[Cell], title: &str) -> Result<String, Box<dyn 
     Ok(svg)
 }
 
-fn legend(root: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, top: i32, trials: u32) -> Drawn {
+fn legend(root: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, top: i32, grid: &Grid) -> Drawn {
     let style = text(13).pos(Pos::new(HPos::Left, VPos::Center));
     let (mut x, y) = (12, top + 12);
-    for (colour, name) in [(LANDED, "landed"), (REFUSED, "refused"), (UNSAFE, "unsafe")] {
-        root.draw(&Rectangle::new([(x, y - 6), (x + 12, y + 6)], colour.filled()))?;
-        root.draw(&Text::new(name, (x + 18, y), style.clone()))?;
-        x += 84;
+    for class in [Class::Landed, Class::Refused, Class::Unsafe] {
+        let box_of = [(x, y - 8), (x + 20, y + 8)];
+        root.draw(&Rectangle::new(box_of, colour(class).filled()))?;
+        // The pattern of a cell, straightened.
+        let across = (1..4).map(|k| [(x, y - 8 + 4 * k), (x + 20, y - 8 + 4 * k)]);
+        let up = (1..5).map(|k| [(x + 4 * k, y - 8), (x + 4 * k, y + 8)]);
+        let net: Vec<_> = match class {
+            Class::Landed => Vec::new(),
+            Class::Refused => across.collect(),
+            Class::Unsafe => across.chain(up).collect(),
+        };
+        for line in net {
+            root.draw(&PathElement::new(line, LINE.mix(0.4)))?;
+        }
+        root.draw(&Text::new(class.name(), (x + 26, y), style.clone()))?;
+        x += 92;
     }
-    root.draw(&PathElement::new([(x, y), (x + 20, y)], LINE.stroke_width(3)))?;
-    root.draw(&Text::new("limit", (x + 26, y), style.clone()))?;
-    let lines = [
-        format!("{trials} landings a cell; waves come from where the wind does"),
-        "rings: relative wind, 10 m above the water, m/s".into(),
+    let percent = 100.0 * grid.rate;
+    let limit = if grid.too_few().is_some() {
+        "no limit".to_owned()
+    } else {
+        root.draw(&PathElement::new([(x, y), (x + 20, y)], LINE.stroke_width(3)))?;
+        x += 26;
+        format!("limit: {percent:.0} % shown")
+    };
+    root.draw(&Text::new(limit, (x, y), style.clone()))?;
+    let mut lines = vec![
+        format!("landed: {percent:.0} % or more; refused: fewer, none unsafe;"),
+        "unsafe: one or more. In a cell: landed of tried, after ! unsafe of tried".into(),
+        "rings: relative wind, 10 m above the water, m/s; waves come with it".into(),
     ];
-    for (line, y) in lines.into_iter().zip([y + 20, y + 38]) {
-        root.draw(&Text::new(line, (12, y), style.clone()))?;
+    if grid.too_few().is_some() {
+        let needed = successes_to_show(grid.rate);
+        lines.push(format!(
+            "no limit: {percent:.0} % needs {needed} landings a cell, flown were {}",
+            grid.trials
+        ));
+    }
+    for (line, k) in lines.into_iter().zip(1..) {
+        root.draw(&Text::new(line, (12, y + 18 * k + 4), style.clone()))?;
     }
     Ok(())
 }
@@ -103,25 +153,18 @@ fn polar(plane: &mut Plane<'_, '_>, grid: &Grid, cells: &[Cell], state: u8) -> D
             [below.map_or(HUB, radius), radius(c.wind_mps)],
             c.from_deg.to_radians(),
         );
-        let mut from = middle - half;
-        for (n, colour) in [
-            (c.landed, LANDED),
-            (c.refused, REFUSED),
-            (c.unsafe_count(), UNSAFE),
-        ] {
-            let to = from + 2.0 * half * n as f64 / c.trials.max(1) as f64;
-            if n > 0 {
-                plane.draw_series([Polygon::new(wedge(radii, [from, to]), colour)])?;
-            }
-            from = to;
-        }
-        let outline = wedge(radii, [middle - half, middle + half]);
+        let (class, angles) = (c.class(grid.rate), [middle - half, middle + half]);
+        plane.draw_series([Polygon::new(wedge(radii, angles), colour(class))])?;
+        let net = pattern(class, radii, angles);
+        plane.draw_series(net.into_iter().map(|l| PathElement::new(l, LINE.mix(0.3))))?;
+        let outline = wedge(radii, angles);
         let outline: Vec<_> = outline.iter().chain(outline.first()).copied().collect();
         plane.draw_series([PathElement::new(outline, WHITE.stroke_width(2))])?;
-        labels.push((
-            format!("{}/{}", c.landed, c.trials),
-            at(0.5 * (radii[0] + radii[1]), middle),
-        ));
+        let count = match class {
+            Class::Landed | Class::Refused => format!("{}/{}", c.landed, c.trials),
+            Class::Unsafe => format!("!{}/{}", c.unsafe_count(), c.trials),
+        };
+        labels.push((count, at(0.5 * (radii[0] + radii[1]), middle), colour(class)));
     }
     let limit: Vec<_> = (grid.bearings())
         .flat_map(|from| {
@@ -130,12 +173,16 @@ fn polar(plane: &mut Plane<'_, '_>, grid: &Grid, cells: &[Cell], state: u8) -> D
         })
         .collect();
     let closed: Vec<_> = limit.iter().chain(limit.first()).copied().collect();
-    plane.draw_series([PathElement::new(closed, LINE.stroke_width(3))])?;
-    plane.draw_series(
-        labels
-            .into_iter()
-            .map(|(label, place)| Text::new(label, place, text(12))),
-    )?;
+    if grid.too_few().is_none() {
+        plane.draw_series([PathElement::new(closed, LINE.stroke_width(3))])?;
+    }
+    for (label, place, back) in labels {
+        // A plain ground under the count, so that the pattern does not cross it.
+        let half_px = (3 * label.len() as i32 + 2, 7);
+        let ground = Rectangle::new([(-half_px.0, -half_px.1), (half_px.0, half_px.1)], back.filled());
+        let count = Text::new(label, (0, 0), text(11));
+        plane.draw_series([EmptyElement::at(place) + ground + count])?;
+    }
     // The boat, bow up, and the scales.
     let hull = [
         (0.0, 0.13),

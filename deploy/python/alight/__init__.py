@@ -1,0 +1,37 @@
+"""Flies simulated landings with the program `alight`, and reads its recordings.
+
+    import alight
+
+    run = alight.trial(seed=1, sea="rough")     # one landing: its outcome, and every recorded series
+    run.outcome["position_error_m"]
+    alight.plots.landing(run).savefig("landing.svg")
+
+Everything is computed by the program; this package calls it and reads what it writes. The program is the one that the
+environment variable ALIGHT names, else the one beside this Python's scripts, else the one on PATH.
+
+Units are SI and stand in the names (`_m`, `_mps`, `_deg`, `_s`). Axes: NED is north, east, down; a body's or deck's
+axes are forward, starboard, down.
+"""
+
+from . import plots
+from ._folders import Envelope, Study, Trials, envelope, study, trials
+from ._program import AlightError, program
+from ._reading import read, trial
+from ._relative import relative
+from ._run import Run
+
+__all__ = [
+    "AlightError",
+    "Envelope",
+    "Run",
+    "Study",
+    "Trials",
+    "envelope",
+    "plots",
+    "program",
+    "read",
+    "relative",
+    "study",
+    "trial",
+    "trials",
+]

@@ -1,0 +1,205 @@
+"""Many landings: rates, studies, envelopes."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+import os
+import tempfile
+from typing import Any, Dict, List, Optional, Tuple
+
+from . import _program
+from ._lazy import pandas
+from ._program import AlightError
+
+DAY_S = 86_400.0
+# Columns of rows.csv whose values are texts, whatever they look like.
+TEXTS = {"outcome", "reason", "sea", "planner", "digest"}
+
+
+@dataclasses.dataclass
+class Trials:
+    """Many landings of one scene.
+
+    rows      an outcome a landing, as `Run.outcome` has it, by seed: a pandas DataFrame, without pandas a list of dicts
+    summary   the JSON of `alight trials --json`
+    rate      part of the landings that succeeded, 0 to 1
+    interval  Wilson's 95 % interval of the rate
+    """
+
+    rows: Any
+    summary: Dict[str, Any]
+    rate: float
+    interval: Tuple[float, float]
+
+
+@dataclasses.dataclass
+class Study:
+    """A study.
+
+    rows     an outcome a landing (`rows.csv`): a pandas DataFrame, without pandas a list of dicts; `sea` is the name
+             of the study's row, `planner` who flew it
+    summary  `summary.json`: for each row and planner, in the study's order, `scenario`, `planner`, `trials`,
+             `successes`, `success_rate_95`, and mean, sd, p95, max of each metric; `published` where the row has a
+             published counterpart
+    """
+
+    name: str
+    rows: Any
+    summary: List[Dict[str, Any]]
+
+    @staticmethod
+    def read(directory: str) -> "Study":
+        """From the study's --out."""
+        rows = os.path.join(directory, "rows.csv")
+        return Study(os.path.basename(os.path.normpath(directory)), _rows(rows), _json(directory, "summary.json"))
+
+
+@dataclasses.dataclass
+class Envelope:
+    """In which relative wind and sea a drone lands on a boat.
+
+    cells    for each sea state, wind (`wind_mps`, relative, 10 m above the water) and direction that it comes from
+             (`from_deg`, from the bow, clockwise): `trials`, `landed`, `refused`, `unsafe`, their 95 % intervals, and
+             `class`: landed, refused or unsafe
+    rate     landing rate that the limit asks for, 0 to 1
+    too_few  why there is no limit, where too few were flown for one; else None
+    grid     `sea_states`, `winds_mps`, `directions`, `trials`, `seed0`
+    """
+
+    hull: str
+    cells: List[Dict[str, Any]]
+    rate: float
+    too_few: Optional[str]
+    grid: Dict[str, Any]
+
+    @staticmethod
+    def read(directory: str) -> "Envelope":
+        """From the envelope's --out."""
+        return Envelope.of(_json(directory, "envelope.json"))
+
+    @staticmethod
+    def of(value: Dict[str, Any]) -> "Envelope":
+        """From the JSON of `alight envelope --json`."""
+        return Envelope(value["hull"], value["cells"], value["rate"], value.get("too_few"), value["grid"])
+
+    def limit(self, sea_state: int, from_deg: float) -> Optional[float]:
+        """The fastest wind (m/s) up to which, from this direction in this sea state, the lower end of every cell's
+        95 % interval of the landing rate reaches `rate` and no landing was unsafe; None: not even the lightest."""
+        along = [c for c in self.cells if c["sea_state"] == sea_state and c["from_deg"] == from_deg]
+        fastest = None
+        for cell in sorted(along, key=lambda c: c["wind_mps"]):
+            if cell["unsafe"] or cell["landed_interval"][0] < self.rate:
+                break
+            fastest = cell["wind_mps"]
+        return fastest
+
+
+def trials(n: int, *, timeout_s: Optional[float] = None, **flags: Any) -> Trials:
+    """Flies `n` landings of seeds that follow each other: `alight trials --trials N`.
+
+    Flags are those of `alight trials --help`, as in `alight.trial`: `trials(100, sea="moderate", seed0=10000)`.
+    `rows=FILE.csv` keeps the rows there, too, as the program does: after those that are in it. `timeout_s` (s) is ten
+    minutes and one more for each landing, unless given.
+    """
+    kept = flags.pop("rows", None)
+    timeout_s = 60.0 * n + 600.0 if timeout_s is None else timeout_s
+    with tempfile.TemporaryDirectory(prefix="alight-") as directory:
+        path = os.path.join(directory, "rows.csv")
+        value = _program.run(["trials"], {"trials": n, **flags, "rows": path}, timeout_s).value
+        rows = _by_seed(_rows(path))
+        if kept is not None:
+            _append(path, os.fspath(kept))
+    low, high = value["success_rate_95"]
+    return Trials(rows, value, value["successes"] / value["trials"], (low, high))
+
+
+def study(name, *directories: str, timeout_s: float = DAY_S, **flags: Any) -> Study:
+    """Measures one thing over many seeds: `alight study NAME`, or a study of your own from `FILE.toml`.
+
+    Flags are those of `alight study --help`: `study("table2", trials=20, planners=["alight", "mpc-faa"])`. With
+    `out="table2"` everything stays there, and a study that was cut off goes on where it stopped; without it nothing
+    stays. `directories` are those that `study("merge", ...)` joins. `timeout_s` is the longest time, s, a day unless
+    given.
+    """
+    with tempfile.TemporaryDirectory(prefix="alight-") as directory:
+        out = os.fspath(flags.pop("out", None) or os.path.join(directory, "study"))
+        _program.run(["study", name, *directories], {**flags, "out": out}, timeout_s)
+        read = Study.read(out)
+    read.name = str(name)
+    return read
+
+
+def envelope(*, timeout_s: float = DAY_S, **flags: Any) -> Envelope:
+    """In which relative wind and sea a drone lands on a boat: `alight envelope`.
+
+    Flags are those of `alight envelope --help`: `envelope(quick=True, hull="mono-5m", winds=[4, 8])`. With `out="DIR"`
+    page and rows stay there, and a run that was cut off goes on where it stopped. `timeout_s` is the longest time, s, a
+    day unless given.
+    """
+    with tempfile.TemporaryDirectory(prefix="alight-") as directory:
+        out = os.fspath(flags.pop("out", None) or os.path.join(directory, "envelope"))
+        _program.run(["envelope"], {**flags, "out": out}, timeout_s)
+        return Envelope.read(out)
+
+
+def _json(directory: str, name: str):
+    path = os.path.join(directory, name)
+    try:
+        with open(path, encoding="utf-8") as file:
+            return json.load(file)
+    except (OSError, ValueError) as error:
+        raise _unread(path, error) from None
+
+
+def _unread(path: str, error: Exception) -> AlightError:
+    return AlightError(f"reading {path}: {getattr(error, 'strerror', None) or error}")
+
+
+def _rows(path: str):
+    """Rows of a CSV file: a DataFrame, without pandas dicts with the same values."""
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            # Not read by pandas, which would take a digest of digits for a number.
+            rows = [{key: _value(key, text) for key, text in row.items()} for row in csv.DictReader(file)]
+    except (OSError, ValueError) as error:
+        raise _unread(path, error) from None
+    if not pandas.is_there():
+        return rows
+    frame = pandas.DataFrame(rows)
+    # A metric that no landing has is a column of numbers all the same.
+    nothing = [name for name in frame if name not in TEXTS and frame[name].isna().all()]
+    return frame.astype({name: float for name in nothing})
+
+
+def _value(name: Optional[str], text: Optional[str]):
+    if not text:
+        return None
+    if name in TEXTS:
+        return text
+    if text in ("true", "false"):
+        return text == "true"
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    return text
+
+
+def _by_seed(rows):
+    # The program writes them as they are ready, and threads end in any order.
+    if isinstance(rows, list):
+        return sorted(rows, key=lambda row: row["seed"])
+    return rows.sort_values("seed", ignore_index=True)
+
+
+def _append(path: str, kept: str) -> None:
+    try:
+        begun = os.path.exists(kept) and os.path.getsize(kept) > 0
+        with open(path, encoding="utf-8") as new, open(kept, "a", encoding="utf-8") as file:
+            head = new.readline()
+            file.write(("" if begun else head) + new.read())
+    except OSError as error:
+        raise AlightError(f"appending rows to {kept}: {error.strerror or error}") from None

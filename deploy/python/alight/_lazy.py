@@ -1,0 +1,48 @@
+"""Modules that are imported when they are used, so that what needs none of them works without."""
+
+from __future__ import annotations
+
+import importlib
+
+WHY = {
+    "numpy": "the series are its arrays",
+    "mcap": "recordings are read by it",
+    "mcap_protobuf": "recordings are read by it",
+    "pandas": "a table was asked for",
+    "matplotlib": "figures are drawn by it",
+}
+PACKAGE = {"mcap_protobuf": "mcap-protobuf-support"}
+
+
+class Lazy:
+    """A module that is imported at its first use, with what to install where it is not there."""
+
+    def __init__(self, name: str):
+        self._name = name
+
+    def __getattr__(self, attribute: str):
+        return getattr(self._module(), attribute)
+
+    def _module(self):
+        package = self._name.split(".")[0]
+        try:
+            return importlib.import_module(self._name)
+        except ImportError as error:
+            if (error.name or "").split(".")[0] != package:
+                raise
+            named = PACKAGE.get(package, package)
+            raise ImportError(f"{WHY[package]}, and {named} is not installed: pip install {named}", name=package) from None
+
+    def is_there(self) -> bool:
+        """Whether it can be imported."""
+        try:
+            self._module()
+        except ImportError:
+            return False
+        return True
+
+
+numpy = Lazy("numpy")
+pandas = Lazy("pandas")
+mcap_reader = Lazy("mcap.reader")
+mcap_decoder = Lazy("mcap_protobuf.decoder")

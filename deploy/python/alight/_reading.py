@@ -1,0 +1,170 @@
+"""One landing flown, and recordings read."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import os
+import tempfile
+from typing import Any, Dict, Iterable, Optional
+
+from . import _program
+from ._columns import Columns
+from ._folders import Envelope, Study
+from ._lazy import mcap_decoder, mcap_reader
+from ._program import AlightError
+from ._run import Run
+
+# Shapes and points are for viewers; they are read when they are asked for by name.
+FOR_VIEWERS = ("/scene", "/points/")
+# Longest flight.json, bytes: the program writes at most as much.
+MAX_SUMMARY = 1 << 20
+
+
+def trial(*, topics: Optional[Iterable[str]] = None, timeout_s: float = 600.0, **flags: Any) -> Run:
+    """Flies one landing in the simulated world: `alight trial`.
+
+    Flags are those of `alight trial --help` with `_` for `-`: `trial(seed=1, sea="rough", wind=5, keep_mean=True)`.
+    A landing that fails is a result (`outcome["success"]`); what the program refuses is an AlightError in its words.
+    `record="landing.mcap"` keeps the recording, 9 MB; without it there is none afterwards. `topics` are the topics that
+    are read (all but what only viewers draw), `timeout_s` the longest time that it may compute, s.
+    """
+    with tempfile.TemporaryDirectory(prefix="alight-") as directory:
+        kept = flags.pop("record", None)
+        path = str(kept or os.path.join(directory, "trial.mcap"))
+        answer = _program.run(["trial"], {**flags, "record": path}, timeout_s)
+        run = read_recording(path, topics=topics)
+    run.outcome = answer.value
+    run.path = path if kept else None
+    return run
+
+
+def read(
+    path,
+    *,
+    topics: Optional[Iterable[str]] = None,
+    start_s: Optional[float] = None,
+    end_s: Optional[float] = None,
+    max_messages: int = 2_000_000,
+    timeout_s: float = 600.0,
+):
+    """Reads what the program wrote.
+
+    A recording (`.mcap`) or a directory of the flight recorder gives a `Run`; the directory of a study
+    (`summary.json`) a `Study`, of an envelope (`envelope.json`) an `Envelope`. A flight is computed again by the program
+    (`alight replay --record`), since its files hold the inputs of the processes, not what they made of them; a flight
+    of a vehicle has no `/truth` and no places of the bodies in `/tf`.
+
+    `topics`, `start_s` and `end_s` (in the unit of `time_s`) read a part; more than `max_messages` are refused, so that
+    an hour's flight does not fill the memory unasked. `timeout_s` is the longest time for `replay`, s.
+    """
+    path = os.fspath(path)
+    part = {"topics": topics, "start_s": start_s, "end_s": end_s, "max_messages": max_messages}
+    if not os.path.isdir(path):
+        return read_recording(path, **part)
+    for name, kind in (("envelope.json", Envelope), ("summary.json", Study)):
+        if os.path.exists(os.path.join(path, name)):
+            return kind.read(path)
+    if not any(name.endswith(".mcap") for name in os.listdir(path)):
+        raise AlightError(
+            f"{path} is neither a flight (PROCESS-BOOT-NUMBER.mcap) nor the --out of a study or an envelope"
+        )
+    with tempfile.TemporaryDirectory(prefix="alight-") as directory:
+        joined = os.path.join(directory, "flight.mcap")
+        # Exit code 1, an output that differs, is said and not an error: what was recorded is there.
+        answer = _program.run(["replay", path], {"record": joined}, timeout_s)
+        run = read_recording(joined, **part)
+    run.path = path
+    run.outcome["replay"] = answer.value.get("verdict", "")
+    run.flight = _summary(path)
+    if run.flight is not None:
+        run.outcome.update({k: run.flight[k] for k in ("outcome", "reason") if k in run.flight})
+    return run
+
+
+def _summary(directory: str) -> Optional[Dict[str, Any]]:
+    """`flight.json`; None where there is none: the supervisor of a service writes it, `alight land --log` does not."""
+    try:
+        with open(os.path.join(directory, "flight.json"), encoding="utf-8") as file:
+            return json.loads(file.read(MAX_SUMMARY))
+    except FileNotFoundError:
+        return None
+    except ValueError as error:
+        raise AlightError(f"reading {directory}/flight.json: {error}") from None
+
+
+def read_recording(
+    path: str,
+    *,
+    topics: Optional[Iterable[str]] = None,
+    start_s: Optional[float] = None,
+    end_s: Optional[float] = None,
+    max_messages: int = 2_000_000,
+) -> Run:
+    """The topics of one MCAP file that have a schema; `/node/*` are the program's own and left out."""
+    try:
+        with open(path, "rb") as file:
+            reader = mcap_reader.make_reader(file, decoder_factories=[mcap_decoder.DecoderFactory()])
+            return _read(reader, path, topics, start_s, end_s, max_messages)
+    except (AlightError, ImportError):
+        raise
+    except OSError as error:
+        raise AlightError(f"reading {path}: {error.strerror or error}") from None
+    except Exception as error:
+        # A damaged file fails in whatever part of the reader meets it: framing, compression, protobuf, text.
+        raise AlightError(
+            f"reading {path}: {str(error) or type(error).__name__}; is it a whole recording (.mcap)? One that a kill cut "
+            "off gets its end by alight flights --mend"
+        ) from error
+
+
+def _read(reader, path, topics, start_s, end_s, max_messages) -> Run:
+    summary = reader.get_summary()
+    if summary is None:
+        raise AlightError(f"reading {path}: it has no index; alight flights --mend gives it one")
+    there = sorted(
+        channel.topic
+        for channel in summary.channels.values()
+        if channel.message_encoding == "protobuf" and channel.schema_id in summary.schemas
+    )
+    if not there:
+        raise AlightError(
+            f"{path} has no topic that can be read; a file of one process of a flight holds its inputs alone: read the "
+            "flight's directory"
+        )
+    if topics is None:
+        wanted = [topic for topic in there if not topic.startswith(FOR_VIEWERS)]
+    else:
+        wanted = [topics] if isinstance(topics, str) else list(topics)
+        unknown = [topic for topic in wanted if topic not in there]
+        if unknown:
+            raise AlightError(f"no {', '.join(unknown)} in {path}; there are: {', '.join(there)}")
+    found: Dict[str, Columns] = {}
+    messages = reader.iter_decoded_messages(topics=wanted, **_span(reader, start_s, end_s)) if wanted else ()
+    for count, (_, channel, message, decoded) in enumerate(messages):
+        if count >= max_messages:
+            raise AlightError(
+                f"{path} has more than {max_messages} messages; read a part by topics, start_s and end_s, or raise "
+                "max_messages"
+            )
+        if channel.topic == "/tf":
+            for transform in decoded.transforms:
+                name = f"/tf/{transform.child_frame_id}"
+                found.setdefault(name, Columns()).add(message.log_time, transform)
+        else:
+            found.setdefault(channel.topic, Columns()).add(message.log_time, decoded)
+    outcome: Dict[str, Any] = {}
+    for record in reader.iter_metadata():
+        if record.name in ("recording", "outcome"):
+            outcome.update(record.metadata)
+    if "seed" in outcome:
+        outcome["seed"] = int(outcome["seed"])
+    files = {a.name: a.data.decode("utf-8", "replace") for a in reader.iter_attachments()}
+    return Run(outcome, {name: columns.arrays() for name, columns in found.items()}, files, path=path)
+
+
+def _span(reader, start_s: Optional[float], end_s: Optional[float]) -> Dict[str, int]:
+    """From `start_s` on, before `end_s`: newer readers have other names for both and warn of the older ones."""
+    newer = "starting_at" in inspect.signature(reader.iter_decoded_messages).parameters
+    names = ("starting_at", "ending_before") if newer else ("start_time", "end_time")
+    return {name: round(time_s * 1e9) for name, time_s in zip(names, (start_s, end_s)) if time_s is not None}

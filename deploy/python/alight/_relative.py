@@ -1,0 +1,132 @@
+"""The drone relative to the deck."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, Dict
+
+from ._lazy import numpy as np
+from ._program import AlightError
+from ._run import Run
+
+
+def relative(run: Run) -> Dict[str, Any]:
+    """Drone and deck over the same times.
+
+    time_s             as in `run.series`
+    to_touchdown_s     time since the first contact, s; NaN where nothing landed
+    drone_m, deck_m    drone's place, deck's centre: north, east, down, N x 3
+    drone_mps, deck_mps  their velocities: north, east, down, N x 3
+    displacement_m     deck's centre to the centroid of the drone's feet in the deck's axes: forward, starboard, and
+                       height above the deck (up), N x 3; its first two are `position_error_m` at the first contact
+    roll_deg, pitch_deg, yaw_deg   attitude of the drone in the deck's axes: drone minus deck
+    source             "truth" of a simulated landing; "belief" of a flight, whose truth nobody knows: the drone's
+                       odometry and the deck as it forecasts it for now, in the odometry's own NED
+    """
+    truth = {"/tf/drone", "/tf/vessel", "/tf/deck", "/truth"} <= run.series.keys()
+    found = _true(run) if truth else _believed(run)
+    touchdown = run.touchdown_s() if "/mission" in run.series else None
+    found["to_touchdown_s"] = found["time_s"] - (np.nan if touchdown is None else touchdown)
+    return found
+
+
+def _true(run: Run) -> Dict[str, Any]:
+    drone, vessel, deck, truth = (run.topic(t) for t in ("/tf/drone", "/tf/vessel", "/tf/deck", "/truth"))
+    # All three are written together; a part of a recording may begin or end between two of them.
+    time_s = truth["time_s"]
+    drone_m, q_drone = _at(time_s, drone)
+    vessel_m, q_vessel = _at(time_s, vessel)
+    mount_m, q_mount = _at(time_s, deck)
+    deck_m = vessel_m + _turn(q_vessel, mount_m)
+    q_deck = _times(q_vessel, q_mount)
+    offset = _turn(_inverse(q_deck), drone_m - deck_m)
+    # The truth's height is that of the feet's plane under the drone's origin: what is missing to it is their depth.
+    feet_m = float(np.median(-offset[:, 2] - truth["height_above_deck_m"]))
+    return {
+        "time_s": time_s,
+        "drone_m": drone_m,
+        "deck_m": deck_m,
+        "drone_mps": truth["drone_velocity_mps"],
+        "deck_mps": truth["deck_velocity_mps"],
+        **_seen_from_deck(offset, q_drone, q_deck, feet_m),
+        "source": "truth",
+    }
+
+
+def _believed(run: Run) -> Dict[str, Any]:
+    for topic in ("/drone/odometry", "/deck/forecast/path"):
+        if topic not in run.series:
+            raise AlightError(
+                f"no {topic} and no truth in {run.path or 'this run'}: a flight of the drone's computer, or a recording of "
+                "a trial, tells where drone and deck are"
+            )
+    odometry, forecast = run.topic("/drone/odometry"), run.topic("/deck/forecast/path")
+    times = forecast["time_s"]
+    inside = (times >= odometry["time_s"][0]) & (times <= odometry["time_s"][-1])
+    time_s = times[inside]
+    if len(time_s) < 2:
+        raise AlightError(f"forecast and odometry of {run.path or 'this run'} have no time in common")
+    # The forecast's first pose is the deck at its own time.
+    deck_m, q_deck = forecast["position_m"][inside, 0], forecast["quaternion_wxyz"][inside, 0]
+    drone_m, q_drone = _at(time_s, odometry)
+    body_mps = _interpolated(time_s, odometry["time_s"], odometry["body_velocity_mps"])
+    feet = re.search(r"^feet_below_m = ([0-9.]+)", "\n".join(run.files.values()), re.M)
+    offset = _turn(_inverse(q_deck), drone_m - deck_m)
+    return {
+        "time_s": time_s,
+        "drone_m": drone_m,
+        "deck_m": deck_m,
+        "drone_mps": _turn(q_drone, body_mps),
+        # No forecast states a velocity: the differences of its places.
+        "deck_mps": np.gradient(deck_m, time_s, axis=0),
+        **_seen_from_deck(offset, q_drone, q_deck, float(feet.group(1)) if feet else 0.0),
+        "source": "belief",
+    }
+
+
+def _seen_from_deck(offset, q_drone, q_deck, feet_m: float) -> Dict[str, Any]:
+    q = _times(_inverse(q_deck), q_drone)
+    below = np.zeros_like(offset)
+    below[:, 2] = feet_m
+    feet = offset + _turn(q, below)
+    w, x, y, z = q.T
+    angles = {
+        "roll_deg": np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+        "pitch_deg": np.arcsin(np.clip(2 * (w * y - z * x), -1, 1)),
+        "yaw_deg": np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+    }
+    return {
+        "displacement_m": feet * np.array([1.0, 1.0, -1.0]),
+        **{name: np.degrees(angle) for name, angle in angles.items()},
+    }
+
+
+def _at(time_s, series):
+    """Places and attitudes between those of a series."""
+    q = series["quaternion_wxyz"].copy()
+    # q and -q are one attitude; between neighbours of unlike sign there would be none.
+    flips = np.cumprod(np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0))
+    q[1:] *= flips[:, None]
+    q = _interpolated(time_s, series["time_s"], q)
+    return _interpolated(time_s, series["time_s"], series["position_m"]), q / np.linalg.norm(q, axis=1, keepdims=True)
+
+
+def _interpolated(time_s, times, values):
+    return np.column_stack([np.interp(time_s, times, column) for column in values.T])
+
+
+def _inverse(q):
+    return q * np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def _times(a, b):
+    """Product of quaternions: first b, then a."""
+    v = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + np.cross(a[:, 1:], b[:, 1:])
+    w = a[:, :1] * b[:, :1] - np.sum(a[:, 1:] * b[:, 1:], axis=1, keepdims=True)
+    return np.hstack([w, v])
+
+
+def _turn(q, v):
+    """Vectors from the body's axes to those of the frame."""
+    t = 2 * np.cross(q[:, 1:], v)
+    return v + q[:, :1] * t + np.cross(q[:, 1:], t)

@@ -1,0 +1,84 @@
+"""What one landing or one recording holds."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from typing import Any, Dict, Optional
+
+from ._lazy import numpy as np
+from ._lazy import pandas
+from ._program import AlightError
+
+# Names of the parts of a series of several columns: NED or body axes by their first letters would be wrong in one of
+# both, so they are counted.
+PART = "{name}_{part}"
+
+
+@dataclasses.dataclass
+class Run:
+    """One landing, or one recording that was read.
+
+    outcome   of a trial the JSON of `alight trial --json`: `success`, `position_error_m` (deck's centre to the feet's
+              centroid in the deck's plane at the first contact), `touchdown_speed_mps` (along the deck's normal),
+              `roll_error_deg` ... (drone minus deck in the deck's axes), `landing_time_s` (first descent to first
+              contact); of a file that was read what it says of its outcome.
+    series    topic -> name -> array over time. `time_s` is the simulated world's time of a trial, UTC since 1970 of a
+              flight. Scalars are arrays of N, vectors of N x 3, forecasts and plans of N x K x 3. What was not known is
+              NaN. `/tf` has a series for each frame, `/tf/drone`, `/tf/vessel`: its place in its parent.
+    files     what is attached: configurations and the scenario, name -> text.
+    flight    `flight.json` of a flight of the recorder; None of others.
+    """
+
+    outcome: Dict[str, Any]
+    series: Dict[str, Dict[str, Any]]
+    files: Dict[str, str] = dataclasses.field(default_factory=dict)
+    flight: Optional[Dict[str, Any]] = None
+    path: Optional[str] = None
+
+    def frame(self, topic: str):
+        """The series of a topic as a pandas DataFrame, `time_s` its index; needs pandas."""
+        columns = {}
+        for name, values in self.topic(topic).items():
+            if values.ndim == 1:
+                columns[name] = values
+            elif values.ndim == 2:
+                for part in range(values.shape[1]):
+                    columns[PART.format(name=name, part=part)] = values[:, part]
+            # Of N x K x 3 no table can be made; `series` has it.
+        return pandas.DataFrame(columns).set_index("time_s")
+
+    def topic(self, topic: str) -> Dict[str, Any]:
+        """The series of a topic, or an error that names those that are there."""
+        if topic not in self.series:
+            there = ", ".join(sorted(self.series)) or "none"
+            raise AlightError(f"no {topic} in {self.path or 'this run'}; there are: {there}")
+        return self.series[topic]
+
+    def entered(self, *states: str):
+        """Times at which the mission entered one of these states (as `Descent`), in the unit of `time_s`."""
+        mission = self.topic("/mission")
+        inside = np.isin(mission["state"], states)
+        began = inside & ~np.concatenate([[False], inside[:-1]])
+        return mission["time_s"][began]
+
+    def touchdown_s(self) -> Optional[float]:
+        """Time of the first contact, in the unit of `time_s`; None where nothing landed.
+
+        Of a trial it is exact to its tick of 10 ms. Of a recording it is when the mission suspected the contact that it
+        confirmed later, some 0.05 s after it.
+        """
+        descents = self.entered("Descent", "Flare")
+        took = self.outcome.get("landing_time_s")
+        if took is not None and len(descents):
+            # The judge counts from the tick of the descent itself, a tick before the mission reports it at the latest.
+            return float(descents[0] + took)
+        landed = self.entered("Landed")
+        if not len(landed):
+            return None
+        log = self.series.get("/log")
+        for message in reversed(log["message"] if log is not None else []):
+            suspected = re.search(r"contact suspected ([0-9.]+) s before", message)
+            if suspected:
+                return float(landed[-1]) - float(suspected.group(1))
+        return float(landed[-1])

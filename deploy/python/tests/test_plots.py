@@ -1,0 +1,155 @@
+"""Figures show the numbers of what they were drawn from, with units at their axes."""
+
+import io
+import unittest
+
+import numpy as np
+from source import FILES, alight, landing
+from test_folders import drawn_by_hand
+
+try:
+    import matplotlib  # noqa: F401
+except ImportError:
+    raise unittest.SkipTest("matplotlib is not installed") from None
+
+
+def line(axis, name):
+    """x and y of the line with that label."""
+    return next(drawn for drawn in axis.get_lines() if drawn.get_label() == name).get_data()
+
+
+def written(figure):
+    """The figure as SVG: that it can be drawn at all."""
+    file = io.BytesIO()
+    figure.savefig(file, format="svg")
+    return file.getvalue()
+
+
+def row(scenario, planner, mean, published):
+    metric = {"mean": mean, "p95": 2 * mean}
+    return {
+        "scenario": scenario,
+        "planner": planner,
+        "trials": 20,
+        "successes": 19,
+        "success_rate_95": [0.76, 0.99],
+        "position_error_m": metric,
+        "landing_time_s": metric,
+        "touchdown_speed_mps": metric,
+        "published": published,
+    }
+
+
+class Landing(unittest.TestCase):
+    def setUp(self):
+        self.run_, _ = landing()
+        self.figure = alight.plots.landing(self.run_)
+
+    def test_five_panels_with_units(self):
+        labels = [axis.get_ylabel() for axis in self.figure.axes]
+        self.assertEqual(len(labels), 5)
+        for label, unit in zip(labels, [", m", ", m", ", m/s", ", deg", ", deg"]):
+            self.assertTrue(label.endswith(unit), label)
+        self.assertIn("time to touchdown, s", self.figure.axes[4].get_xlabel())
+        self.assertIn(b"<svg", written(self.figure))
+
+    def test_displacement_ends_at_the_position_error(self):
+        (x, forward), (_, starboard) = (line(self.figure.axes[1], name) for name in ("forward", "starboard"))
+        self.assertEqual(x[-1], 0.0)
+        error = self.run_.outcome["position_error_m"]
+        self.assertAlmostEqual(np.hypot(forward[-1], starboard[-1]), error, delta=0.005)
+
+    def test_path_ends_on_the_deck(self):
+        ends = [np.array(line(self.figure.axes[0], name))[:, -1] for name in ("drone", "deck")]
+        self.assertLess(np.hypot(*(ends[0] - ends[1])), 0.2)
+
+    def test_span_that_is_asked_for(self):
+        figure = alight.plots.landing(self.run_, before_s=3.0, after_s=1.0)
+        x, _ = line(figure.axes[4], "yaw")
+        self.assertTrue(-3.0 <= x[0] < -2.9 and 0.9 < x[-1] <= 1.0, (x[0], x[-1]))
+
+    def test_landing_that_never_was(self):
+        run = alight.trial(seed=1, wind=25, topics=["/mission", "/truth", "/tf"])
+        figure = alight.plots.landing(run)
+        self.assertIn("end of the recording", figure.axes[4].get_xlabel())
+        written(figure)
+
+    def test_recording_without_drone_and_deck(self):
+        run = alight.read(landing()[1], topics=["/mission"])
+        with self.assertRaisesRegex(alight.AlightError, "/drone/odometry"):
+            alight.plots.landing(run)
+
+    def test_belief_comes_close_to_the_truth(self):
+        # What a flight has: the drone's odometry and its forecast, no truth.
+        topics = ["/mission", "/log", "/drone/odometry", "/deck/forecast/path"]
+        run = alight.read(landing()[1], topics=topics)
+        r = alight.relative(run)
+        self.assertEqual(r["source"], "belief")
+        last = [np.interp(0.0, r["to_touchdown_s"], column) for column in r["displacement_m"].T]
+        truth = alight.relative(self.run_)
+        true = [np.interp(0.0, truth["to_touchdown_s"], column) for column in truth["displacement_m"].T]
+        np.testing.assert_allclose(last, true, atol=0.1)
+        # In the air both velocities are in NED, whatever the drone's heading is.
+        air = (r["to_touchdown_s"] > -10.0) & (r["to_touchdown_s"] < 0.0)
+        for part in range(3):
+            own = np.interp(r["time_s"][air], truth["time_s"], truth["drone_mps"][:, part])
+            self.assertLess(np.abs(r["drone_mps"][air, part] - own).max(), 0.5)
+        written(alight.plots.landing(run))
+
+
+class Tables(unittest.TestCase):
+    def setUp(self):
+        known = {"position_error_m": 0.4, "landing_time_s": 12.0, "touchdown_speed_mps": None}
+        summary = [
+            row("0,0", "alight", 0.1, known),
+            row("0,0", "mpc-faa", 0.2, known),
+            row("0.5,5", "alight", 0.3, None),
+        ]
+        # A row in which nothing landed was not measured.
+        summary.append({**row("0.5,5", "mpc-faa", 0.0, None), "position_error_m": None, "successes": 0})
+        self.figure = alight.plots.table2(alight.Study("table2", [], summary))
+
+    def test_means_of_the_summary(self):
+        position = self.figure.axes[1]
+        means = [list(bars.lines[0].get_ydata()) for bars in position.containers]
+        self.assertEqual(means, [[0.1, 0.3], [0.2]])
+        units = [axis.get_ylabel().split(", ")[-1] for axis in self.figure.axes]
+        self.assertEqual(units, ["%", "m", "s", "m/s"])
+        written(self.figure)
+
+    def test_published_once_for_each_sea(self):
+        marks = [len(axis.collections) for axis in self.figure.axes[1:]]
+        # Beside the planners' lines to the 95th percentile.
+        planners = [len(axis.containers) for axis in self.figure.axes[1:]]
+        self.assertEqual([m - p for m, p in zip(marks, planners)], [1, 1, 0])
+
+    def test_study_without_rows(self):
+        with self.assertRaises(alight.AlightError):
+            alight.plots.table2(alight.Study("empty", [], []))
+
+
+class Envelopes(unittest.TestCase):
+    def test_cell_for_each_condition(self):
+        figure = alight.plots.envelope(drawn_by_hand())
+        axis = figure.axes[0]
+        self.assertEqual(len(axis.patches), 8)
+        counts = [text.get_text() for text in axis.texts]
+        self.assertEqual((counts.count("40/40"), counts.count("!1/40")), (5, 1))
+        self.assertEqual(len(axis.get_lines()), 1)
+        written(figure)
+
+    def test_no_line_of_too_few(self):
+        envelope = drawn_by_hand()
+        envelope.too_few = "5 landings a cell are too few"
+        figure = alight.plots.envelope(envelope)
+        self.assertEqual(len(figure.axes[0].get_lines()), 0)
+        self.assertIn("too few", figure._suptitle.get_text())
+
+    def test_bow_up_and_clockwise(self):
+        axis = alight.plots.envelope(drawn_by_hand()).axes[0]
+        self.assertAlmostEqual(axis.get_theta_offset(), np.pi / 2)
+        self.assertEqual(axis.get_theta_direction(), -1)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,178 @@
+//! What `alight status` found, as ROS's diagnostics: one status a topic of findings, and a summary.
+//!
+//! A viewer of diagnostics keeps the last status of a name. So a topic without findings any more is reported as OK, and every
+//! topic is STALE while nothing runs, the mission is silent or a process has ended.
+
+use std::collections::BTreeSet;
+
+use crate::ros2::messages::{DiagnosticArray, DiagnosticStatus, Header, KeyValue, Stamp, level};
+use crate::status::Status;
+use crate::status::finding::{Finding, Level};
+
+/// Reports on a computer.
+pub struct Diagnostics {
+    /// Goes before each name.
+    node: String,
+    /// What findings were about by now.
+    topics: BTreeSet<&'static str>,
+}
+
+const fn number(found: Level) -> u8 {
+    match found {
+        Level::Fine => level::OK,
+        Level::Warning => level::WARN,
+        Level::Broken => level::ERROR,
+    }
+}
+
+fn value(key: &str, value: impl Into<String>) -> KeyValue {
+    KeyValue {
+        key: key.into(),
+        value: value.into(),
+    }
+}
+
+impl Diagnostics {
+    /// In the name of this node.
+    pub fn of(node: &str) -> Diagnostics {
+        Diagnostics {
+            node: node.into(),
+            topics: BTreeSet::new(),
+        }
+    }
+    /// What is known now.
+    pub fn array(&mut self, status: &Status, stamp: Stamp) -> DiagnosticArray {
+        if status.running {
+            self.topics.extend(status.findings.iter().map(|f| f.topic));
+        }
+        let topics = self.topics.iter().map(|topic| self.topic(status, topic));
+        DiagnosticArray {
+            header: Header {
+                stamp,
+                frame_id: String::new(),
+            },
+            status: core::iter::once(self.summary(status)).chain(topics).collect(),
+        }
+    }
+    fn status(&self, name: &str, level: u8, message: String, status: &Status) -> DiagnosticStatus {
+        DiagnosticStatus {
+            level,
+            name: format!("{}: {name}", self.node),
+            message,
+            hardware_id: status.title.clone(),
+            values: Vec::new(),
+        }
+    }
+    fn summary(&self, status: &Status) -> DiagnosticStatus {
+        let is_stale = !status.running || status.state.as_ref().is_some_and(|s| s.stale);
+        let level = if is_stale {
+            level::STALE
+        } else {
+            number(status.worst)
+        };
+        let go = match status.go.go {
+            Some(true) => "GO",
+            Some(false) => "NO-GO",
+            None => "unknown",
+        };
+        let mut values = vec![value("landing", go), value("why", status.go.why.as_str())];
+        values.extend(status.state.iter().flat_map(|s| {
+            [
+                value("state", s.name.as_str()),
+                value("waiting", s.waiting.as_str()),
+            ]
+        }));
+        DiagnosticStatus {
+            values,
+            ..self.status("summary", level, status.headline.clone(), status)
+        }
+    }
+    /// All findings about a topic: the worst in the message, their remedies as values.
+    fn topic(&self, status: &Status, topic: &str) -> DiagnosticStatus {
+        // What is silent has no findings any more, and is not fine by that.
+        let ended = |f: &Finding| f.topic == "processes" && f.level == Level::Broken;
+        let old = status.state.as_ref().is_some_and(|s| s.stale);
+        let is_silent = topic != "processes" && (old || status.findings.iter().any(ended));
+        if !status.running || is_silent {
+            return self.status(topic, level::STALE, status.headline.clone(), status);
+        }
+        let all: Vec<&Finding> = status.findings.iter().filter(|f| f.topic == topic).collect();
+        let worst = all.iter().map(|f| f.level).max().unwrap_or_default();
+        let worst_ones = || all.iter().filter(|f| f.level == worst);
+        let found: Vec<&str> = worst_ones().map(|f| f.found.as_str()).collect();
+        let message = match found.as_slice() {
+            [] => "as it should be".to_owned(),
+            found => found.join("; "),
+        };
+        let remedies = worst_ones().filter(|f| !f.remedy.is_empty());
+        DiagnosticStatus {
+            values: remedies.map(|f| value("remedy", f.remedy.as_str())).collect(),
+            ..self.status(topic, number(worst), message, status)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::status::StateView;
+    use crate::status::finding::Topic;
+
+    fn status(findings: Vec<Finding>) -> Status {
+        Status {
+            title: "drone 1, test".into(),
+            running: true,
+            headline: "Tracking".into(),
+            worst: Level::worst(&findings),
+            findings,
+            state: Some(StateView {
+                name: "Tracking".into(),
+                ..StateView::default()
+            }),
+            ..Status::default()
+        }
+    }
+    fn rows(all: &DiagnosticArray) -> Vec<(u8, &str, &str)> {
+        let row = |s: &'_ DiagnosticStatus| s.level;
+        let levels = all.status.iter().map(row);
+        let texts = all.status.iter().map(|s| (s.name.as_str(), s.message.as_str()));
+        levels.zip(texts).map(|(l, (n, m))| (l, n, m)).collect()
+    }
+
+    #[test]
+    fn diagnostics_of_findings() {
+        let mut judge = Diagnostics::of("drone_1");
+        let link = Topic("link");
+        let found = vec![
+            link.warning("0.4 s old", "antenna"),
+            link.fine("3 % lost"),
+            Topic("deck").broken("no deck", "wait"),
+            link.warning("late", ""),
+        ];
+        let all = judge.array(&status(found), Stamp::default());
+        assert_eq!(
+            rows(&all),
+            [
+                (level::ERROR, "drone_1: summary", "Tracking"),
+                (level::ERROR, "drone_1: deck", "no deck"),
+                (level::WARN, "drone_1: link", "0.4 s old; late"),
+            ]
+        );
+        assert_eq!(all.status[2].values, [value("remedy", "antenna")]);
+        // What was found and is not any more is reported as fine, and nothing that runs as stale.
+        let fine = judge.array(&status(Vec::new()), Stamp::default());
+        assert_eq!(rows(&fine)[2], (level::OK, "drone_1: link", "as it should be"));
+        let absent = Status::absent(&status(Vec::new()).situation.known);
+        let stale = judge.array(&absent, Stamp::default());
+        assert_eq!(stale.status.len(), 3);
+        assert!(stale.status.iter().all(|s| s.level == level::STALE), "{stale:?}");
+    }
+
+    #[test]
+    fn diagnostics_of_a_silent_mission() {
+        let mut silent = status(Vec::new());
+        silent.state.as_mut().unwrap().stale = true;
+        let all = Diagnostics::of("drone_1").array(&silent, Stamp::default());
+        assert_eq!(all.status[0].level, level::STALE);
+    }
+}

@@ -1,0 +1,245 @@
+//! The messages of ROS 2 that are published and served, field by field as their `.msg` and `.srv` files have them.
+//!
+//! Hashes are REP 2016's (`RIHS01`), of the definitions that Jazzy and Kilted share. Source: `share/*/*.json` of the PyPI
+//! packages ros-nav-msgs, ros-geometry-msgs, ros-diagnostic-msgs and ros-std-srvs 5.5.1 (Kilted). That of `TFMessage`,
+//! which has no such package, was computed by REP 2016 from the same files, and ros2_pyterfaces 0.3.0, on which pyzeros
+//! 0.1.0 stands, computes the same. (The `cydr` half of ros2_pyterfaces has another one for `DiagnosticArray`: it leaves
+//! the fields out that it cannot write.)
+
+use serde::Serialize;
+
+/// A type as keys and tokens name it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RosType {
+    /// Its name in DDS's form.
+    pub name: &'static str,
+    /// Hash of its definition.
+    pub hash: &'static str,
+}
+
+/// A message that a topic carries.
+pub trait Message: Serialize {
+    /// Its type.
+    const TYPE: RosType;
+}
+
+/// `std_srvs/srv/Trigger`: an empty request; whether it was done, and why not.
+pub const TRIGGER: RosType = RosType {
+    name: "std_srvs::srv::dds_::Trigger_",
+    hash: "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f",
+};
+
+/// `builtin_interfaces/msg/Time`, of the system's clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Stamp {
+    /// Whole seconds since 1970.
+    pub sec: i32,
+    /// The rest, ns.
+    pub nanosec: u32,
+}
+
+impl Stamp {
+    /// From nanoseconds since 1970; before it and after 2038, which the type cannot hold, its ends.
+    pub fn from_nanos(ns: i64) -> Stamp {
+        match i32::try_from(ns.div_euclid(1_000_000_000)) {
+            Ok(sec) => Stamp {
+                sec,
+                nanosec: ns.rem_euclid(1_000_000_000) as u32,
+            },
+            Err(_) if ns < 0 => Stamp::default(),
+            Err(_) => Stamp {
+                sec: i32::MAX,
+                nanosec: 0,
+            },
+        }
+    }
+}
+
+/// `std_msgs/msg/Header`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Header {
+    /// Time of validity.
+    pub stamp: Stamp,
+    /// Frame of what follows.
+    pub frame_id: String,
+}
+
+/// `geometry_msgs/msg/Point` and `Vector3`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Vector3 {
+    /// Along x.
+    pub x: f64,
+    /// Along y.
+    pub y: f64,
+    /// Along z.
+    pub z: f64,
+}
+
+/// `geometry_msgs/msg/Quaternion`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Quaternion {
+    /// i.
+    pub x: f64,
+    /// j.
+    pub y: f64,
+    /// k.
+    pub z: f64,
+    /// The real part.
+    pub w: f64,
+}
+
+/// `geometry_msgs/msg/Pose`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Pose {
+    /// m.
+    pub position: Vector3,
+    /// Rotation of the header's frame from the child's.
+    pub orientation: Quaternion,
+}
+
+/// Row-major 6 x 6, of x, y, z and the rotations about x, y, z: 36 numbers in a row on the wire.
+pub type Covariance = [[f64; 6]; 6];
+
+/// `geometry_msgs/msg/PoseWithCovariance`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct PoseWithCovariance {
+    /// The pose.
+    pub pose: Pose,
+    /// m², rad².
+    pub covariance: Covariance,
+}
+
+/// `geometry_msgs/msg/Twist`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Twist {
+    /// m/s.
+    pub linear: Vector3,
+    /// rad/s.
+    pub angular: Vector3,
+}
+
+/// `geometry_msgs/msg/TwistWithCovariance`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct TwistWithCovariance {
+    /// The twist.
+    pub twist: Twist,
+    /// (m/s)², (rad/s)²; zeros where it is not known.
+    pub covariance: Covariance,
+}
+
+/// `geometry_msgs/msg/PoseWithCovarianceStamped`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PoseWithCovarianceStamped {
+    /// Time and frame.
+    pub header: Header,
+    /// The pose in that frame.
+    pub pose: PoseWithCovariance,
+}
+
+/// `nav_msgs/msg/Odometry`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Odometry {
+    /// Time, and frame of the pose.
+    pub header: Header,
+    /// The body, in whose frame the twist is.
+    pub child_frame_id: String,
+    /// In the header's frame.
+    pub pose: PoseWithCovariance,
+    /// In the child's frame.
+    pub twist: TwistWithCovariance,
+}
+
+/// `geometry_msgs/msg/TransformStamped`, its transform written out.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TransformStamped {
+    /// Time, and the parent's frame.
+    pub header: Header,
+    /// The child's frame.
+    pub child_frame_id: String,
+    /// Where the child begins in the parent, m.
+    pub translation: Vector3,
+    /// Rotation parent from child.
+    pub rotation: Quaternion,
+}
+
+/// `tf2_msgs/msg/TFMessage`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct TfMessage {
+    /// Transforms.
+    pub transforms: Vec<TransformStamped>,
+}
+
+/// `diagnostic_msgs/msg/KeyValue`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct KeyValue {
+    /// What it is.
+    pub key: String,
+    /// For a person.
+    pub value: String,
+}
+
+/// Levels of a `diagnostic_msgs/msg/DiagnosticStatus`.
+pub mod level {
+    /// As it should be.
+    pub const OK: u8 = 0;
+    /// Works, but not as it should.
+    pub const WARN: u8 = 1;
+    /// Does not work.
+    pub const ERROR: u8 = 2;
+    /// Nothing new is known.
+    pub const STALE: u8 = 3;
+}
+
+/// `diagnostic_msgs/msg/DiagnosticStatus`.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct DiagnosticStatus {
+    /// One of [`level`].
+    pub level: u8,
+    /// What was looked at.
+    pub name: String,
+    /// What was found.
+    pub message: String,
+    /// Whose it is.
+    pub hardware_id: String,
+    /// More of it.
+    pub values: Vec<KeyValue>,
+}
+
+/// `diagnostic_msgs/msg/DiagnosticArray`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct DiagnosticArray {
+    /// When it was judged.
+    pub header: Header,
+    /// What was looked at.
+    pub status: Vec<DiagnosticStatus>,
+}
+
+/// Response of `std_srvs/srv/Trigger`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct TriggerResponse {
+    /// Whether it was done.
+    pub success: bool,
+    /// The answer's text.
+    pub message: String,
+}
+
+macro_rules! messages {
+    ($($message:ident = $name:literal, $hash:literal;)*) => {$(
+        impl Message for $message {
+            const TYPE: RosType = RosType {
+                name: $name,
+                hash: concat!("RIHS01_", $hash),
+            };
+        }
+    )*};
+}
+messages! {
+    Odometry = "nav_msgs::msg::dds_::Odometry_",
+        "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0";
+    PoseWithCovarianceStamped = "geometry_msgs::msg::dds_::PoseWithCovarianceStamped_",
+        "26432f9803e43727d3c8f668d1fdb3c630f548af631e2f4e31382371bfea3b6e";
+    TfMessage = "tf2_msgs::msg::dds_::TFMessage_",
+        "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087";
+    DiagnosticArray = "diagnostic_msgs::msg::dds_::DiagnosticArray_",
+        "5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e";
+}

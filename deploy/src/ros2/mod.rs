@@ -1,0 +1,15 @@
+//! A node of ROS 2 without ROS: what a computer of Alight knows, published as ROS's own messages over Zenoh in the form of
+//! rmw_zenoh, and two services that pass on an order.
+//!
+//! Inside out: [`messages`] and [`cdr`] are ROS's types and their bytes, [`frames`] turns NED and FRD into ENU and FLU,
+//! [`names`] makes keys and liveliness tokens; [`poses`] and [`diagnostics`] fill the messages; [`orders`] passes on what
+//! the services ask for; [`session`] is the Zenoh session that all of it goes through. Nothing in a flight waits for it.
+
+pub mod cdr;
+pub mod diagnostics;
+pub mod frames;
+pub mod messages;
+pub mod names;
+pub mod orders;
+pub mod poses;
+pub mod session;

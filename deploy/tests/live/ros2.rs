@@ -1,0 +1,222 @@
+//! The node of ROS 2 beside a landing of all processes, seen by a plain session of Zenoh through a router that is started
+//! after it, as rmw_zenohd may be.
+
+use std::io::{BufRead, BufReader};
+use std::net::TcpListener;
+use std::process::{Child, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::Duration;
+
+use byteorder::LittleEndian;
+use cdr_encoding::from_bytes;
+use serde::de::DeserializeOwned;
+use zenoh::Wait;
+use zenoh::sample::Sample;
+
+use crate::common::{alight, instance, scratch, signal};
+use crate::landing::{land, status_when};
+
+/// Stamp and frame.
+type Header = ((i32, u32), String);
+/// Position and quaternion (x, y, z, w), and their covariance.
+type Pose = ([f64; 7], [[f64; 6]; 6]);
+/// Velocity and rates, and their covariance.
+type Twist = ([f64; 6], [[f64; 6]; 6]);
+type Odometry = (Header, String, Pose, Twist);
+/// Level, name, message, hardware, values.
+type Finding = (u8, String, String, String, Vec<(String, String)>);
+type Diagnostics = (Header, Vec<Finding>);
+/// Success, message.
+type Response = (bool, String);
+
+const TRIGGER: &str = "std_srvs::srv::dds_::Trigger_/*";
+/// A request of `Trigger`, whose one byte stands for nothing (pyzeros 0.1.0: `Trigger.Request().serialize()`).
+const REQUEST: [u8; 5] = [0, 1, 0, 0, 0];
+
+/// The drone is there 60 s before the landing is commanded.
+const HOVER: &str = "[start]\nhover_s = 60.0\n";
+
+/// A port of TCP that nobody has.
+fn free_tcp_port() -> u16 {
+    let socket = TcpListener::bind("127.0.0.1:0").expect("a socket");
+    socket.local_addr().expect("an address").port()
+}
+
+/// A bound against a test that never ends.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// `alight ros2`, which ends by SIGTERM with the exit code 0, and what it prints.
+struct Node(Child, Receiver<String>);
+
+impl Node {
+    fn start(instance: &str, port: u16) -> Node {
+        let words = format!("ros2 --orders --instance {instance} --connect tcp/127.0.0.1:{port} --domain 7");
+        let mut child = alight(words)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("starts");
+        let lines = BufReader::new(child.stdout.take().expect("piped")).lines();
+        let (to, printed) = channel();
+        std::thread::spawn(move || lines.map_while(Result::ok).try_for_each(|line| to.send(line)));
+        Node(child, printed)
+    }
+    /// Its next line.
+    fn prints(&self, what: &str) {
+        let line = self.1.recv_timeout(PATIENCE).expect("a line");
+        assert!(line.contains(what), "{line}");
+    }
+    fn end(mut self) {
+        signal(u64::from(self.0.id()), "-TERM");
+        assert!(self.0.wait().expect("ends").success());
+    }
+}
+
+fn session(mode: &str, list: &str, port: u16) -> zenoh::Session {
+    let mut config = zenoh::Config::default();
+    for (key, value) in [
+        ("mode", format!("{mode:?}")),
+        (list, format!("[\"tcp/127.0.0.1:{port}\"]")),
+        ("scouting/multicast/enabled", "false".into()),
+    ] {
+        config.insert_json5(key, &value).expect("a setting");
+    }
+    zenoh::open(config).wait().expect("a session")
+}
+
+/// What comes on these keys.
+fn received(session: &zenoh::Session, keys: &str) -> Receiver<Sample> {
+    let (to, from) = channel();
+    session
+        .declare_subscriber(keys)
+        .callback(move |sample| drop(to.send(sample)))
+        .background()
+        .wait()
+        .expect("subscribed");
+    from
+}
+
+fn decoded<T: DeserializeOwned>(bytes: &[u8]) -> T {
+    assert_eq!(bytes[..4], [0, 1, 0, 0], "not CDR, little endian");
+    let (value, length) = from_bytes::<T, LittleEndian>(&bytes[4..]).expect("decoded");
+    assert_eq!(length + 4, bytes.len());
+    value
+}
+
+/// The next message that is `wanted`.
+fn message<T: DeserializeOwned>(from: &Receiver<Sample>, wanted: impl Fn(&T) -> bool) -> T {
+    loop {
+        let sample = from.recv_timeout(PATIENCE).expect("a message");
+        assert_eq!(sample.attachment().expect("an attachment").len(), 33);
+        let value = decoded(&sample.payload().to_bytes());
+        if wanted(&value) {
+            return value;
+        }
+    }
+}
+
+/// Calls a service with this attachment; its response and that one's attachment, or the error.
+fn call(session: &zenoh::Session, key: &str, attachment: &[u8]) -> Result<(Response, Vec<u8>), String> {
+    let replies = session
+        .get(key)
+        .payload(REQUEST.to_vec())
+        .attachment(attachment.to_vec())
+        .timeout(PATIENCE)
+        .wait()
+        .expect("asked");
+    let reply = replies.recv_timeout(PATIENCE).expect("in time").expect("a reply");
+    match reply.result() {
+        Ok(sample) => {
+            let attachment = sample.attachment().expect("an attachment").to_bytes();
+            Ok((decoded(&sample.payload().to_bytes()), attachment.into_owned()))
+        }
+        Err(e) => Err(String::from_utf8_lossy(&e.payload().to_bytes()).into_owned()),
+    }
+}
+
+/// Asks for what the graph of ROS knows until it has so many entities.
+fn tokens(session: &zenoh::Session, all: usize) -> Vec<String> {
+    for _ in 0..600 {
+        let replies = session.liveliness().get("@ros2_lv/7/**").wait().expect("asked");
+        let found: Vec<String> = replies
+            .iter()
+            .filter_map(|r| r.into_result().ok())
+            .map(|s| s.key_expr().as_str().to_owned())
+            .collect();
+        if found.len() == all {
+            return found;
+        }
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    panic!("not {all} entities");
+}
+
+/// Where drone and deck are, and what was found, of one time.
+fn assert_published(client: &zenoh::Session, name: &str) {
+    let topic = |topic: &str| {
+        received(
+            client,
+            &format!("{name}/{topic}/nav_msgs::msg::dds_::Odometry_/*"),
+        )
+    };
+    let (header, child, (pose, covariance), _): Odometry = message(&topic("odometry"), |_| true);
+    assert_eq!((header.1.as_str(), child.as_str()), ("map", "base_link"));
+    let norm: f64 = pose[3..].iter().map(|q| q * q).sum();
+    assert!((norm - 1.0).abs() < 1e-6 && covariance[0][0] > 0.0, "{pose:?}");
+    let deck: Odometry = message(&topic("deck/odometry"), |_| true);
+    assert_eq!(deck.1, "deck");
+
+    let key = "7/diagnostics/diagnostic_msgs::msg::dds_::DiagnosticArray_/*";
+    let summary = |(_, all): &Diagnostics| all[0].1 == "drone_1: summary" && all[0].2.contains("Idle");
+    let (judged, _): Diagnostics = message(&received(client, key), summary);
+    // Of the system's clock, not of the computer's start or the landing's.
+    assert!((judged.0.0 - header.0.0).abs() < 100, "{judged:?} {header:?}");
+}
+
+/// A client's request is answered by what the mission shows; an invalid request is rejected with the reason.
+fn assert_orders(client: &zenoh::Session, name: &str, instance: &str) {
+    let abort = format!("{name}/abort/{TRIGGER}");
+    assert!(call(client, &abort, &[1, 2, 3]).is_err());
+    let attachment: Vec<u8> = (0..33).collect();
+    let land = format!("{name}/land/{TRIGGER}");
+    let ((success, text), _) = call(client, &land, &attachment).expect("answered");
+    assert!(success && text.starts_with("drone 1: "), "{text}");
+    let ((success, text), answered) = call(client, &abort, &attachment).expect("answered");
+    // It had begun or not.
+    assert!(success && text.contains("operator's command"), "{text}");
+    let own = |a: &[u8]| (a[..8].to_vec(), a[16..].to_vec());
+    assert_eq!(own(&answered), own(&attachment));
+    status_when(instance, |s| s["mission"].to_string().contains("Operator"));
+}
+
+#[test]
+fn ros2_node_of_a_landing() {
+    let (instance, port) = (instance("ros2"), free_tcp_port());
+    // It comes before everything that it needs.
+    let node = Node::start(&instance, port);
+    node.prints("no router at");
+    let router = session("router", "listen/endpoints", port);
+    node.prints("connected to the router at");
+    let hover = scratch("ros2-hover.toml");
+    std::fs::write(&hover, HOVER).expect("written");
+    let flags = format!("--transport udp --warm-up 70 --scenario {}", hover.display());
+    let landing = land(&instance, &flags);
+
+    let client = session("client", "connect/endpoints", port);
+    let all = tokens(&client, 8);
+    let of = |letters: &str| all.iter().filter(|t| t.contains(letters)).count();
+    assert_eq!([of("/NN/"), of("/MP/"), of("/SS/")], [1, 5, 2], "{all:#?}");
+    let name = "7/alight/drone_1";
+    assert_published(&client, name);
+    assert_orders(&client, name, &instance);
+
+    // Nothing runs any more, and then there is no router: it says so, and ends when it is asked to.
+    drop(landing);
+    let land = format!("{name}/land/{TRIGGER}");
+    let ((success, text), _) = call(&client, &land, &[7; 33]).expect("answered");
+    assert!(!success && text.contains("no process reports"), "{text}");
+    router.close().wait().expect("closed");
+    node.prints("no router at");
+    node.end();
+    std::fs::remove_file(&hover).expect("removed");
+}

@@ -1,0 +1,228 @@
+//! How often a landing is unsafe where that is rare: splitting by how near to a limit a landing comes.
+//!
+//! A population of landings is flown; the quarter that came nearest to a limit is kept, and each of it is moved some times:
+//! all its random numbers change, by much or by little, and the landing that follows takes its place where it comes at least
+//! as near. After `k` levels the probability is the product of the fractions that were kept, times the
+//! fraction of the last population that is beyond a limit:
+//! `P = p_1 p_2 ... p_k p_last` (Kahn and Harris 1951; subset simulation, Au and Beck 2001). Each population is flown from
+//! the beginning: no state of a flight is copied. Independent runs give mean and interval. The estimate has a bias of the
+//! order of one over the population, towards more.
+
+use rand::RngExt;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::harness::outcome::Outcome;
+use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
+use crate::harness::tap::NoTap;
+use crate::harness::trial::{self, Watch};
+use crate::harness::world::World;
+use crate::physics::streams::{MOVES, Stream, Streams};
+use crate::studies::statistics::{at_most_95, student_95};
+
+/// Fraction of a population that is kept.
+const KEPT: f64 = 0.25;
+/// Levels, at most: a probability of 1e-6, and each is a move.
+const MAX_LEVELS: usize = MOVES;
+/// A move is smaller than the range of a number by a power of two, drawn up to this one: how small a step a landing bears
+/// near its limit is not known before.
+const SMALLEST: u32 = 9;
+
+/// Why a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum End {
+    /// A quarter of the last population was beyond a limit.
+    Limit,
+    /// Nothing of the last population came nearer than all of it, as where every landing is broken off.
+    Plateau,
+    /// Ten levels were not enough.
+    Levels,
+}
+
+/// One run.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Run {
+    /// Probability that a landing is unsafe.
+    pub probability: f64,
+    /// Product of the fractions that were kept: the probability of what the last population is drawn from.
+    pub reached: f64,
+    /// Landings of the last population that were unsafe.
+    pub beyond: usize,
+    /// Why it ended.
+    pub end: End,
+    /// The levels: how near to a limit a landing had to come, 1 is the limit.
+    pub levels: Vec<f64>,
+    /// Landings that were flown.
+    pub landings: usize,
+}
+
+/// Several runs.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Estimate {
+    /// Mean of the runs' probabilities.
+    pub probability: f64,
+    /// Its interval of 95 %, by Student's distribution over the runs, from 0 with one run; its upper end at least what the
+    /// last populations alone leave open (Clopper and Pearson 1934). Of few runs of a rare event it covers less.
+    pub interval: [f64; 2],
+    /// Landings that were flown.
+    pub landings: usize,
+    /// The runs.
+    pub runs: Vec<Run>,
+}
+
+impl Estimate {
+    /// Of these runs, with populations of `population`; none without any.
+    pub fn of(runs: Vec<Run>, population: usize) -> Option<Estimate> {
+        let probabilities: Vec<f64> = runs.iter().map(|r| r.probability).collect();
+        let n = runs.len() as f64;
+        let mean = probabilities.iter().sum::<f64>() / n;
+        let reached = runs.iter().map(|r| r.reached).sum::<f64>() / n;
+        let beyond = runs.iter().map(|r| r.beyond).sum();
+        let open = reached * at_most_95(beyond, population * runs.len());
+        let [low, high] = student_95(&probabilities)?;
+        let interval = [low.max(0.0), high.max(open).min(1.0)];
+        Some(Estimate {
+            probability: mean,
+            interval,
+            landings: runs.iter().map(|r| r.landings).sum(),
+            runs,
+        })
+    }
+}
+
+/// A draw of all streams, and how near to a limit its landing comes.
+type Particle = (Streams, f64);
+
+/// One run with populations of `population`; `near` flies a landing and gives how near to a limit it comes.
+pub fn split<E: Send>(
+    population: usize,
+    seed: u64,
+    near: impl Fn(&Streams) -> Result<f64, E> + Sync,
+) -> Result<Run, E> {
+    let mut draw = Streams::new(seed).stream("splitting");
+    let first: Vec<Streams> = (0..population).map(|_| Streams::new(draw.random())).collect();
+    let fly = |streams: Vec<Streams>| -> Result<Vec<Particle>, E> {
+        streams
+            .into_par_iter()
+            .map(|s| near(&s).map(|n| (s, n)))
+            .collect()
+    };
+    let mut particles = fly(first)?;
+    let (mut levels, mut landings, mut reached) = (Vec::new(), population, 1.0);
+    let count = |particles: &[Particle], level: f64| particles.iter().filter(|(_, n)| *n >= level).count();
+    let fraction = |count: usize| count as f64 / population as f64;
+    loop {
+        let next = match next_level(&particles) {
+            Some(level) if level >= 1.0 => Err(End::Limit),
+            None => Err(End::Plateau),
+            Some(_) if levels.len() >= MAX_LEVELS => Err(End::Levels),
+            Some(level) => Ok(level),
+        };
+        let level = match next {
+            Ok(level) => level,
+            Err(end) => {
+                let beyond = count(&particles, 1.0);
+                return Ok(Run {
+                    probability: reached * fraction(beyond),
+                    reached,
+                    beyond,
+                    end,
+                    levels,
+                    landings,
+                });
+            }
+        };
+        reached *= fraction(count(&particles, level));
+        levels.push(level);
+        let kept: Vec<Particle> = particles.into_iter().filter(|(_, n)| *n >= level).collect();
+        let chained: Vec<Particle> = kept.iter().cycle().take(population).copied().collect();
+        let tried = fly(chained.iter().map(|(s, _)| moved(s, &mut draw)).collect())?;
+        landings += population;
+        let pairs = chained.into_iter().zip(tried);
+        particles = pairs
+            .map(|(before, after)| if after.1 >= level { after } else { before })
+            .collect();
+    }
+}
+
+/// The quarter that came nearest comes at least so near; where that is as far as all of them, the nearest above that. None
+/// where all are equal.
+fn next_level(particles: &[Particle]) -> Option<f64> {
+    let mut near: Vec<f64> = particles.iter().map(|(_, n)| *n).collect();
+    near.sort_by(|a, b| b.total_cmp(a));
+    let last = (KEPT * near.len() as f64).ceil() as usize;
+    let (quarter, lowest) = (*near.get(last.saturating_sub(1))?, *near.last()?);
+    if quarter > lowest || lowest >= 1.0 {
+        return Some(quarter);
+    }
+    near.into_iter().rev().find(|n| *n > lowest)
+}
+
+/// All numbers moved.
+fn moved(streams: &Streams, draw: &mut Stream) -> Streams {
+    streams.moved(draw.random(), draw.random_range(0..=SMALLEST))
+}
+
+/// Lands in the world of these streams; how near to a limit it comes ([`Outcome::limit_ratio`]).
+pub fn land(scenario: &Scenario, nodes: &NodeConfigs, streams: &Streams) -> Result<f64, SetupError> {
+    let watch = Watch {
+        on_event: &mut |_| {},
+        trace_step_s: None,
+    };
+    let world = World::new(scenario, nodes, *streams)?;
+    let Outcome { limit_ratio, .. } = trial::land(world, scenario, nodes, 0, "", watch, &mut NoTap).outcome;
+    Ok(limit_ratio)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A landing whose nearness is the largest of one uniform number from each of three streams, so that it passes `limit`
+    /// in `1 - limit^3` of all; a fraction `broken_off` has no contact.
+    fn near(limit: f64, broken_off: f64) -> impl Fn(&Streams) -> Result<f64, ()> {
+        move |streams| {
+            let of = |name: &str| streams.stream(name).random::<f64>();
+            let largest = ["sea", "wind", "gnss"].map(of).into_iter().fold(0.0, f64::max);
+            let flies = of("mission") >= broken_off;
+            Ok(if flies { largest / limit } else { 0.0 })
+        }
+    }
+    fn estimate(near: impl Fn(&Streams) -> Result<f64, ()> + Sync) -> Estimate {
+        let runs = (0..8).map(|seed| split(200, seed, &near).unwrap());
+        Estimate::of(runs.collect(), 200).unwrap()
+    }
+
+    #[test]
+    fn splitting_of_a_known_probability() {
+        for (rarity, broken_off) in [(0.1_f64, 0.0), (1e-3, 0.0), (0.01, 0.9)] {
+            let estimate = estimate(near((1.0 - rarity).cbrt(), broken_off));
+            let (truth, [low, high]) = (rarity * (1.0 - broken_off), estimate.interval);
+            assert!(low < truth && truth < high, "{rarity}: {estimate:?}");
+            assert!(high < 3.0 * truth, "{rarity}: {estimate:?}");
+            // By counting a thousandth takes some ten thousands of landings for that.
+            assert!(estimate.landings < 16_000, "{}", estimate.landings);
+            assert!(estimate.runs.iter().all(|r| r.end == End::Limit), "{estimate:?}");
+        }
+    }
+
+    #[test]
+    fn splitting_of_what_never_or_always_happens() {
+        let never = split(20, 1, |_| Ok::<f64, ()>(0.3)).unwrap();
+        assert_eq!(
+            (never.probability, never.landings, never.end),
+            (0.0, 20, End::Plateau)
+        );
+        let always = split(20, 1, |_| Ok::<f64, ()>(1.7)).unwrap();
+        assert_eq!(
+            (always.probability, always.landings, always.end),
+            (1.0, 20, End::Limit)
+        );
+        assert_eq!(Estimate::of(Vec::new(), 20), None);
+        assert_eq!(Estimate::of(vec![always], 20).unwrap().interval[1], 1.0);
+        // Forty landings without an event leave 7 % open.
+        let estimate = Estimate::of(vec![never.clone(), never], 20).unwrap();
+        assert!((estimate.interval[1] - 0.0722).abs() < 1e-3, "{estimate:?}");
+    }
+}

@@ -1,0 +1,289 @@
+//! Orders of a ground station: `COMMAND_LONG` to the companion, answered by `COMMAND_ACK`.
+//!
+//! `MAV_CMD_USER_1` lands, `MAV_CMD_USER_2` aborts, `MAV_CMD_USER_3` holds, all without parameters. An order is answered with
+//! IN_PROGRESS at once and each second, with ACCEPTED when the mission has taken it, and with TEMPORARILY_REJECTED, or FAILED
+//! where no mission reports, when it has not in 5 s. It is admitted by the mission as any other. An order to land or to hold
+//! that a station repeats (its confirmation counts), or gives within a second of it, is refused after an abort or after a
+//! person took the drone over: whoever gave it cannot have seen that. Whoever reaches the autopilot's link may fly the drone
+//! without us, too: `signing_key` keeps others out of both.
+
+use alight_shared::admission::Periodic;
+use alight_shared::admission::command::UNAWARE_OF_ABORT;
+use alight_shared::msg::{Command, CommandKind, Header, MissionState};
+use alight_shared::time::{DroneClock, Span};
+
+use super::DroneTime;
+use super::message::{CommandLong, CommandResult, Message, command, severity};
+use super::orders::{Order, Progress, named};
+
+/// What a number orders.
+const fn ordered(number: u16) -> Option<CommandKind> {
+    match number {
+        command::USER_1 => Some(CommandKind::Land),
+        command::USER_2 => Some(CommandKind::Abort),
+        command::USER_3 => Some(CommandKind::Hold),
+        _ => None,
+    }
+}
+
+/// A station repeats an order for no longer than this.
+const REPEATED: Span = Span::from_millis(15_000);
+/// An order under way is answered again at this period: a station gives up a command without an answer.
+const ANSWERED: Span = Span::from_millis(1000);
+
+/// The order of a station under way.
+#[derive(Clone, Copy, Debug)]
+struct Given {
+    number: u16,
+    order: Order,
+    answers: Periodic<DroneClock>,
+}
+
+/// The orders of all stations.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct StationOrders {
+    given: Option<Given>,
+    /// The last order that was decided: who gave it, its number, the answer, when.
+    decided: Option<(u16, CommandResult, DroneTime)>,
+    /// When a landing was stopped last: by an abort of anybody, or by a person who took the drone over.
+    stopped: Option<DroneTime>,
+}
+
+/// What a command from a station leads to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Received {
+    /// It is no order of ours, repeats another, or its sender cannot know of an abort.
+    Answered(CommandResult),
+    /// A new order.
+    Order(CommandKind),
+}
+
+impl StationOrders {
+    /// A landing was stopped.
+    pub(super) fn stopped(&mut self, now: DroneTime) {
+        self.stopped = Some(now);
+    }
+    /// A command to the companion. `barred`: the remote control's switch aborts or stands there.
+    pub(super) fn received(&self, now: DroneTime, c: &CommandLong, barred: bool) -> Received {
+        let Some(kind) = ordered(c.command) else {
+            return Received::Answered(CommandResult::Unsupported);
+        };
+        if self.given.is_some_and(|g| g.number == c.command) {
+            return Received::Answered(CommandResult::InProgress);
+        }
+        let is_repeated = c.confirmation > 0;
+        let recent = |at: DroneTime, within| now - at < within;
+        if let Some((number, result, at)) = self.decided
+            && is_repeated
+            && number == c.command
+            && recent(at, REPEATED)
+        {
+            return Received::Answered(result);
+        }
+        let unaware = if is_repeated { REPEATED } else { UNAWARE_OF_ABORT };
+        let stopped = self.stopped.is_some_and(|at| recent(at, unaware));
+        if kind != CommandKind::Abort && (stopped || barred || self.aborts()) {
+            return Received::Answered(CommandResult::TemporarilyRejected);
+        }
+        Received::Order(kind)
+    }
+    /// Begins a new order; the number of the one that it takes the place of.
+    pub(super) fn give(&mut self, number: u16, header: Header<DroneClock>) -> Option<u16> {
+        let order = Order::new(header, ordered(number)?);
+        let mut answers = Periodic::default();
+        answers.restart(header.at, ANSWERED);
+        let before = self.given.replace(Given {
+            number,
+            order,
+            answers,
+        });
+        before.map(|g| g.number)
+    }
+    /// An abort is under way.
+    pub(super) fn aborts(&self) -> bool {
+        self.given.is_some_and(|g| g.order.kind() == CommandKind::Abort)
+    }
+    /// What is to be published now, and the answer where it is decided, with a text where it was not taken.
+    pub(super) fn poll(
+        &mut self,
+        now: DroneTime,
+        mission: Option<&MissionState>,
+    ) -> (Option<Command>, Option<Answer>) {
+        let Some(given) = &mut self.given else {
+            return (None, None);
+        };
+        let (number, kind) = (given.number, given.order.kind());
+        let answer = match given.order.poll(now, mission) {
+            Progress::UnderWay(command) => {
+                let again = given.answers.is_due_spaced(now, ANSWERED);
+                return (
+                    command,
+                    again.then(|| Answer::of(number, CommandResult::InProgress)),
+                );
+            }
+            Progress::Taken => Answer::of(number, CommandResult::Accepted),
+            Progress::GivenUp => Answer::refused(number, kind, mission),
+        };
+        self.given = None;
+        self.decided = Some((number, answer.result, now));
+        (None, Some(answer))
+    }
+}
+
+/// An answer to an order.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Answer {
+    number: u16,
+    result: CommandResult,
+    text: Option<String>,
+}
+
+impl Answer {
+    fn of(number: u16, result: CommandResult) -> Answer {
+        Answer {
+            number,
+            result,
+            text: None,
+        }
+    }
+    fn refused(number: u16, kind: CommandKind, mission: Option<&MissionState>) -> Answer {
+        let (_, order) = named(kind);
+        let (result, why) = match mission {
+            Some(m) => (CommandResult::TemporarilyRejected, m.state.because(&m.waiting)),
+            None => (CommandResult::Failed, "no mission reports".into()),
+        };
+        Answer {
+            number,
+            result,
+            text: Some(format!("{order} was not taken: {why}")),
+        }
+    }
+    /// As messages to the station.
+    pub(super) fn messages(self) -> (Message, Option<(u8, String)>) {
+        let ack = Message::CommandAck {
+            command: self.number,
+            result: self.result,
+        };
+        (ack, self.text.map(|text| (severity::WARNING, text)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::{ReasonCode, State};
+    use alight_shared::time::Time;
+
+    use crate::autopilot::message::Address;
+
+    fn at(s: f64) -> DroneTime {
+        Time::from_secs(s)
+    }
+    fn to(command: u16) -> CommandLong {
+        CommandLong::new(Address::new(1, 191), command, [])
+    }
+
+    #[test]
+    fn station_orders_and_repetitions() {
+        let mut orders = StationOrders::default();
+        let answered = |orders: &StationOrders, s, c| orders.received(at(s), &to(c), false);
+        let (land, abort) = (command::USER_1, command::USER_2);
+        assert_eq!(
+            answered(&orders, 9.9, command::SET_MODE),
+            Received::Answered(CommandResult::Unsupported)
+        );
+        assert_eq!(answered(&orders, 9.9, land), Received::Order(CommandKind::Land));
+        assert_eq!(orders.give(land, Header::new(0, 1, 7, 1, at(10.0))), None);
+        assert_eq!(
+            answered(&orders, 10.0, land),
+            Received::Answered(CommandResult::InProgress)
+        );
+        // An abort takes its place, and bars what is no abort.
+        assert_eq!(
+            answered(&orders, 10.1, abort),
+            Received::Order(CommandKind::Abort)
+        );
+        assert_eq!(orders.give(abort, Header::new(0, 1, 7, 2, at(10.1))), Some(land));
+        assert!(orders.aborts());
+        let refused = Received::Answered(CommandResult::TemporarilyRejected);
+        assert_eq!(answered(&orders, 10.2, land), refused);
+    }
+
+    #[test]
+    fn station_orders_unaware_of_an_abort() {
+        let mut orders = StationOrders::default();
+        orders.stopped(at(10.0));
+        let again = |orders: &StationOrders, s, confirmation| {
+            let c = CommandLong {
+                confirmation,
+                ..to(command::USER_1)
+            };
+            orders.received(at(s), &c, false)
+        };
+        let (new, refused) = (
+            Received::Order(CommandKind::Land),
+            Received::Answered(CommandResult::TemporarilyRejected),
+        );
+        assert_eq!([again(&orders, 10.5, 0), again(&orders, 11.5, 0)], [refused, new]);
+        // A station's repetition of what it ordered before.
+        assert_eq!([again(&orders, 13.0, 1), again(&orders, 26.0, 1)], [refused, new]);
+        assert_eq!(orders.received(at(30.0), &to(command::USER_1), true), refused);
+        assert_eq!(
+            orders.received(at(10.1), &to(command::USER_2), true),
+            Received::Order(CommandKind::Abort)
+        );
+        // Whose answer was lost is answered again, and orders nothing.
+        let mission = MissionState {
+            header: Header::new(0, 1, 5, 1, at(31.0)),
+            state: State::Approach,
+            ..MissionState::default()
+        };
+        orders.give(command::USER_1, Header::new(0, 1, 7, 1, at(30.0)));
+        assert!(orders.poll(at(31.0), Some(&mission)).1.is_some());
+        assert_eq!(
+            again(&orders, 33.0, 1),
+            Received::Answered(CommandResult::Accepted)
+        );
+        assert_eq!(again(&orders, 33.0, 0), new);
+    }
+
+    #[test]
+    fn station_order_answers() {
+        let mission = |waiting: ReasonCode| MissionState {
+            header: Header::new(0, 1, 5, 1, at(11.0)),
+            state: State::Idle,
+            waiting: waiting.into(),
+            ..MissionState::default()
+        };
+        let result = |mission: Option<&MissionState>| {
+            let mut orders = StationOrders::default();
+            orders.give(command::USER_1, Header::new(0, 1, 7, 1, at(10.0)));
+            let (mut published, mut answers) = (0, Vec::new());
+            for k in 0..600 {
+                let (command, a) = orders.poll(at(10.0 + 0.01 * f64::from(k)), mission);
+                published += usize::from(command.is_some());
+                answers.extend(a);
+            }
+            // It is answered each second.
+            let answer = answers.pop().unwrap();
+            let under_way = answers.iter().all(|a| a.result == CommandResult::InProgress);
+            assert!(under_way && answers.len() == published.min(5), "{answers:?}");
+            (published, answer.result, answer.text.unwrap_or_default())
+        };
+        assert_eq!(
+            result(Some(&mission(ReasonCode::NotFlying))),
+            (0, CommandResult::Accepted, String::new())
+        );
+        let (published, refused, text) = result(Some(&mission(ReasonCode::Operator)));
+        assert_eq!((published, refused), (21, CommandResult::TemporarilyRejected));
+        assert!(text.starts_with("a landing was not taken: Idle"), "{text}");
+        assert_eq!(
+            result(None),
+            (
+                21,
+                CommandResult::Failed,
+                "a landing was not taken: no mission reports".into()
+            )
+        );
+    }
+}

@@ -1,0 +1,193 @@
+//! Fields of the parameter groups that are used. Numbers, resolutions and signs: canboat's database of NMEA 2000
+//! (`docs/canboat.json`); numbers of all ones are "not available", the two below them "out of range" and "reserved".
+
+use crate::sensors::nmea::sentences::STILL_MPS;
+
+/// Content of a message.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Content {
+    /// 127250: from the north or magnetic (rad), and the compass's own variation and deviation.
+    Heading {
+        heading: f64,
+        variation: Option<f64>,
+        deviation: Option<f64>,
+        magnetic: bool,
+    },
+    /// 127251, rad/s, to starboard positive.
+    Rate(f64),
+    /// 127257: roll, starboard down, and pitch, bow up, rad.
+    Attitude([f64; 2]),
+    /// 127252, m.
+    Heave(f64),
+    /// 127258: magnetic variation, east positive, rad.
+    Variation(f64),
+    /// 129025: latitude and longitude, deg.
+    Position([f64; 2]),
+    /// 129026: course over ground (rad) and speed (m/s).
+    Velocity { course: f64, speed: f64, magnetic: bool },
+    /// 129029.
+    Gnss(Gnss),
+}
+
+/// 129029: the whole fix.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Gnss {
+    /// Latitude and longitude, deg.
+    pub(super) place: [f64; 2],
+    /// As the receiver counts it, m.
+    pub(super) altitude_m: Option<f64>,
+    /// As in NMEA 0183's GGA: 0 none, 1 GNSS, 2 differential, 4 and 5 RTK, 6 reckoned, 7 by hand, 8 simulated.
+    pub(super) quality: u8,
+    pub(super) hdop: Option<f64>,
+}
+
+/// The groups that are used: number, name, and whether a message is longer than a frame.
+const USED: [(u32, &str, bool); 8] = [
+    (127_250, "127250", false),
+    (127_251, "127251", false),
+    (127_252, "127252", false),
+    (127_257, "127257", false),
+    (127_258, "127258", false),
+    (129_025, "129025", false),
+    (129_026, "129026", false),
+    (129_029, "129029", true),
+];
+
+/// Place of a group among those that are used, its name, and whether it is longer than a frame.
+pub(super) fn used(pgn: u32) -> Option<(usize, &'static str, bool)> {
+    let k = USED.iter().position(|(number, ..)| *number == pgn)?;
+    USED.get(k).map(|(_, name, long)| (k, *name, *long))
+}
+/// How many groups are used.
+pub(super) const COUNT: usize = USED.len();
+
+/// A message's bytes, field by field.
+struct Fields<'a>(&'a [u8]);
+
+impl Fields<'_> {
+    fn bytes<const N: usize>(&self, at: usize) -> Option<[u8; N]> {
+        self.0.get(at..at + N)?.try_into().ok()
+    }
+    fn u8(&self, at: usize) -> Option<u8> {
+        self.0.get(at).copied()
+    }
+    fn u16(&self, at: usize) -> Option<f64> {
+        let raw = u16::from_le_bytes(self.bytes(at)?);
+        (raw < u16::MAX - 2).then_some(f64::from(raw))
+    }
+    fn i16(&self, at: usize) -> Option<f64> {
+        let raw = i16::from_le_bytes(self.bytes(at)?);
+        (raw < i16::MAX - 2).then_some(f64::from(raw))
+    }
+    fn i32(&self, at: usize) -> Option<f64> {
+        let raw = i32::from_le_bytes(self.bytes(at)?);
+        (raw < i32::MAX - 2).then_some(f64::from(raw))
+    }
+    fn i64(&self, at: usize) -> Option<f64> {
+        let raw = i64::from_le_bytes(self.bytes(at)?);
+        (raw < i64::MAX - 2).then_some(raw as f64)
+    }
+}
+
+/// Content of a message of a group that is used; None where its fields are not available.
+pub(super) fn read(pgn: u32, data: &[u8]) -> Option<Content> {
+    let f = Fields(data);
+    /// A step of an angle, rad.
+    const ANGLE: f64 = 1e-4;
+    // From the north or magnetic; where that is in error or not stated the angle is none.
+    let magnetic = |at| match f.u8(at)? & 3 {
+        0 => Some(false),
+        1 => Some(true),
+        _ => None,
+    };
+    Some(match pgn {
+        127_250 => Content::Heading {
+            heading: f.u16(1)? * ANGLE,
+            deviation: f.i16(3).map(|x| x * ANGLE),
+            variation: f.i16(5).map(|x| x * ANGLE),
+            magnetic: magnetic(7)?,
+        },
+        127_251 => Content::Rate(f.i32(1)? * 1e-6 / 32.0),
+        127_252 => Content::Heave(f.i16(1)? * 0.01),
+        127_257 => Content::Attitude([f.i16(5)? * ANGLE, f.i16(3)? * ANGLE]),
+        127_258 => Content::Variation(f.i16(4)? * ANGLE),
+        129_025 => Content::Position([f.i32(0)? * 1e-7, f.i32(4)? * 1e-7]),
+        129_026 => {
+            let speed = f.u16(4)? * 0.01;
+            match (f.u16(2), magnetic(1)) {
+                (Some(course), Some(magnetic)) => Content::Velocity {
+                    magnetic,
+                    course: course * ANGLE,
+                    speed,
+                },
+                // A vessel at rest has no course, and a velocity.
+                _ if speed < STILL_MPS => Content::Velocity {
+                    magnetic: false,
+                    course: 0.0,
+                    speed: 0.0,
+                },
+                _ => return None,
+            }
+        }
+        129_029 => Content::Gnss(Gnss {
+            place: [f.i64(7)? * 1e-16, f.i64(15)? * 1e-16],
+            altitude_m: f.i64(23).map(|x| x * 1e-6),
+            quality: f.u8(31)? >> 4,
+            hdop: f.i16(34).map(|x| x * 0.01),
+        }),
+        _ => return None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn n2k_fields_of_published_examples() {
+        let Some(Content::Position([latitude, longitude])) =
+            read(129_025, &[0xa0, 0x7d, 0xe6, 0x18, 0xc0, 0x05, 0xfb, 0xd5])
+        else {
+            panic!()
+        };
+        assert!(
+            (latitude - 41.775_862_4).abs() < 1e-7 && (longitude + 70.496_928_0).abs() < 1e-7,
+            "{latitude} {longitude}"
+        );
+        let attitude = read(127_257, &[0x00, 0xff, 0x7f, 0x52, 0x00, 0x21, 0xfe, 0xff]);
+        assert_eq!(attitude, Some(Content::Attitude([-479.0 * 1e-4, 82.0 * 1e-4])));
+        // Not available: the maximum of a field, with or without a sign.
+        for (pgn, data) in [
+            (127_250, [0, 0xff, 0xff, 0, 0, 0, 0, 0]),
+            (127_251, [0, 0xff, 0xff, 0xff, 0x7f, 0, 0, 0]),
+            (127_252, [0, 0xff, 0x7f, 0, 0, 0, 0, 0]),
+            (127_257, [0, 0, 0, 0xff, 0x7f, 0, 0, 0]),
+            (127_258, [0, 0, 0, 0, 0xff, 0x7f, 0, 0]),
+            (129_025, [0, 0, 0, 0, 0xff, 0xff, 0xff, 0x7f]),
+            (129_026, [0, 0, 0, 0, 0xff, 0xff, 0, 0]),
+            (129_026, [0, 0, 0xff, 0xff, 0x64, 0, 0, 0]),
+            (127_250, [0, 0x10, 0x27, 0, 0, 0, 0, 0xff]),
+            (127_250, [0, 0x10, 0x27, 0, 0, 0, 0, 0xfe]),
+        ] {
+            assert_eq!(read(pgn, &data), None, "{pgn}");
+            assert_eq!(read(pgn, &[0; 2]), None, "{pgn}");
+        }
+        assert_eq!(read(129_029, &[0xff; 30]), None);
+        // At rest, and slow with a course.
+        let velocity = |course, speed| {
+            Some(Content::Velocity {
+                course,
+                speed,
+                magnetic: false,
+            })
+        };
+        assert_eq!(
+            read(129_026, &[0, 0xff, 0xff, 0xff, 5, 0, 0xff, 0xff]),
+            velocity(0.0, 0.0)
+        );
+        assert_eq!(
+            read(129_026, &[0, 0xfc, 0x10, 0x27, 20, 0, 0xff, 0xff]),
+            velocity(1.0, 0.2)
+        );
+    }
+}
