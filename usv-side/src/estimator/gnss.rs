@@ -6,6 +6,7 @@ use alight_shared::time::{Time, VesselClock};
 use alight_shared::vessel_model::{ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, Term, YAW};
 use nalgebra::{Rotation2, Vector2, Vector3};
 
+use super::history::PastState;
 use super::{Channel, Filter, GNSS_BIAS};
 use crate::VesselNodeConfig;
 
@@ -58,10 +59,18 @@ impl HeightReference {
     }
 }
 
+/// Tilt that moves an antenna at `arm` (m) along an axis, and by how much, m/rad.
+fn lever(axis: usize, arm: &Vector3<f64>) -> Option<(usize, f64)> {
+    match axis {
+        SURGE => Some((PITCH, arm.z)),
+        SWAY => Some((ROLL, -arm.z)),
+        _ => None,
+    }
+}
+
 impl Filter {
     /// Fuses a fix; returns the number of its rejected components.
     pub(super) fn fuse_gnss(&mut self, config: &VesselNodeConfig, fix: &GnssFix) -> u64 {
-        let late = (self.at - fix.header.at).secs();
         let has_height = fix.position_sd[HEAVE] < NOT_MEASURED_SD;
         if has_height {
             self.refer_height(config, fix);
@@ -73,67 +82,18 @@ impl Filter {
             Vector3::new(h.x, h.y, v.z)
         };
         let position = flat(Vector3::from(fix.position) + shift);
-        let velocity = flat(Vector3::from(fix.velocity));
+        let velocity = flat(self.present_velocity(fix, &shift));
         let arm_body = Vector3::from(fix.lever_arm.unwrap_or(config.gnss.antenna_m));
         let mut rejected = 0;
         for axis in [SURGE, SWAY, HEAVE] {
             let before = [ETA, NU].map(|slot| self.belief.get(axis, slot));
-            let state_at = self.state_at(fix.header.at);
-            let arm = state_at.tilt.rotation() * arm_body;
-            let spin = state_at.tilt.rotation() * state_at.tilt.body_rates();
-            let v = state_at.nu[axis] + spin.cross(&arm)[axis];
-            let level = if axis == HEAVE {
-                self.belief.get(HEAVE, GNSS_BIAS)
-            } else {
-                0.0
-            };
-            let p = state_at.eta[axis] + level + arm[axis];
-            // (tilt that moves the antenna along this axis, metres per radian)
-            let lever = match axis {
-                SURGE => Some((PITCH, arm.z)),
-                SWAY => Some((ROLL, -arm.z)),
-                _ => None,
-            };
-            let mut row = core::mem::take(&mut self.row);
-            row.clear();
-            row.extend([Term::new(axis, ETA, 1.0), Term::new(axis, NU, -late)]);
-            if let Some((tilt, arm)) = lever {
-                row.extend([Term::new(tilt, ETA, arm), Term::new(tilt, NU, -late * arm)]);
-            }
-            if axis == HEAVE {
-                row.push(Term::new(HEAVE, GNSS_BIAS, 1.0));
-            }
-            let innovation = position[axis] - p;
-            let worse = match axis {
-                HEAVE => fix.height_spread.powi(2) - self.height_reference.sd.powi(2),
-                _ => 0.0,
-            };
-            let r = fix.position_sd[axis].powi(2) + worse.max(0.0);
-            let gate = self.gate(axis, ETA, MAX_REJECTED, innovation);
-            let update = self.belief.update(&row, innovation, r, gate);
-            self.count(axis, ETA, update.fused());
-            // Components that are not measured do not count.
-            if fix.position_sd[axis] < NOT_MEASURED_SD {
-                self.consistency.observe(Channel::Position, update);
-            }
-            rejected += u64::from(!update.fused());
-
-            row.clear();
-            row.push(Term::new(axis, NU, 1.0));
-            self.belief.acceleration_terms(&self.model, axis, -late, &mut row);
-            if let Some((tilt, arm)) = lever {
-                row.push(Term::new(tilt, NU, arm));
-            }
-            let innovation = velocity[axis] - v;
-            let r = fix.velocity_sd[axis].powi(2);
-            let gate = self.gate(axis, NU, MAX_REJECTED_VELOCITIES, innovation);
-            let update = self.belief.update(&row, innovation, r, gate);
-            self.count(axis, NU, update.fused());
-            if fix.velocity_sd[axis] < NOT_MEASURED_SD {
-                self.consistency.observe(Channel::Velocity, update);
-            }
-            rejected += u64::from(!update.fused());
-            self.row = row;
+            let then = self.state_at(fix.header.at);
+            let measured = [position, velocity].map(|v| v[axis]);
+            let fused = [
+                self.fuse_position(axis, fix, &then, measured[0], &arm_body),
+                self.fuse_velocity(axis, fix, &then, measured[1], &arm_body),
+            ];
+            rejected += fused.into_iter().filter(|fused| !fused).count() as u64;
             let [eta, nu] = [ETA, NU].map(|slot| self.belief.get(axis, slot));
             self.correct_history(axis, eta - before[0], nu - before[1]);
         }
@@ -156,6 +116,95 @@ impl Filter {
             }
         }
         rejected
+    }
+
+    /// The velocity of a fix (NED, m/s) as it is now. What the receiver has averaged is older than its position by a lag, in
+    /// which the course has turned with the vessel.
+    fn present_velocity(&mut self, fix: &GnssFix, shift: &Vector3<f64>) -> Vector3<f64> {
+        let is_measured = |sd: &[f64; 3]| sd[SURGE].max(sd[SWAY]) < NOT_MEASURED_SD;
+        let (at, velocity) = (fix.header.at, Vector3::from(fix.velocity));
+        if is_measured(&fix.position_sd) {
+            let place = Vector3::from(fix.position) + shift;
+            self.velocity_lag.position(at, place.xy());
+        }
+        if !is_measured(&fix.velocity_sd) {
+            return velocity;
+        }
+        let heading = self.reference + self.state_at(at).tilt.heading;
+        self.velocity_lag.velocity(at, velocity.xy(), heading);
+        let turned = Rotation2::new(self.velocity_lag.turned_since()) * velocity.xy();
+        Vector3::new(turned.x, turned.y, velocity.z)
+    }
+    /// Fuses the position along an axis, measured by an antenna at `arm` (m, body) of the state `then`; false: rejected.
+    fn fuse_position(
+        &mut self,
+        axis: usize,
+        fix: &GnssFix,
+        then: &PastState,
+        position: f64,
+        arm: &Vector3<f64>,
+    ) -> bool {
+        let late = (self.at - fix.header.at).secs();
+        let arm = then.tilt.rotation() * arm;
+        let level = if axis == HEAVE {
+            self.belief.get(HEAVE, GNSS_BIAS)
+        } else {
+            0.0
+        };
+        let mut row = core::mem::take(&mut self.row);
+        row.clear();
+        row.extend([Term::new(axis, ETA, 1.0), Term::new(axis, NU, -late)]);
+        if let Some((tilt, arm)) = lever(axis, &arm) {
+            row.extend([Term::new(tilt, ETA, arm), Term::new(tilt, NU, -late * arm)]);
+        }
+        if axis == HEAVE {
+            row.push(Term::new(HEAVE, GNSS_BIAS, 1.0));
+        }
+        let innovation = position - (then.eta[axis] + level + arm[axis]);
+        let worse = match axis {
+            HEAVE => fix.height_spread.powi(2) - self.height_reference.sd.powi(2),
+            _ => 0.0,
+        };
+        let r = fix.position_sd[axis].powi(2) + worse.max(0.0);
+        let gate = self.gate(axis, ETA, MAX_REJECTED, innovation);
+        let update = self.belief.update(&row, innovation, r, gate);
+        self.row = row;
+        self.count(axis, ETA, update.fused());
+        // Components that are not measured do not count.
+        if fix.position_sd[axis] < NOT_MEASURED_SD {
+            self.consistency.observe(Channel::Position, update);
+        }
+        update.fused()
+    }
+    /// Fuses the velocity along an axis likewise.
+    fn fuse_velocity(
+        &mut self,
+        axis: usize,
+        fix: &GnssFix,
+        then: &PastState,
+        velocity: f64,
+        arm: &Vector3<f64>,
+    ) -> bool {
+        let late = (self.at - fix.header.at).secs();
+        let arm = then.tilt.rotation() * arm;
+        let spin = then.tilt.rotation() * then.tilt.body_rates();
+        let mut row = core::mem::take(&mut self.row);
+        row.clear();
+        row.push(Term::new(axis, NU, 1.0));
+        self.belief.acceleration_terms(&self.model, axis, -late, &mut row);
+        if let Some((tilt, arm)) = lever(axis, &arm) {
+            row.push(Term::new(tilt, NU, arm));
+        }
+        let innovation = velocity - (then.nu[axis] + spin.cross(&arm)[axis]);
+        let r = fix.velocity_sd[axis].powi(2);
+        let gate = self.gate(axis, NU, MAX_REJECTED_VELOCITIES, innovation);
+        let update = self.belief.update(&row, innovation, r, gate);
+        self.row = row;
+        self.count(axis, NU, update.fused());
+        if fix.velocity_sd[axis] < NOT_MEASURED_SD {
+            self.consistency.observe(Channel::Velocity, update);
+        }
+        update.fused()
     }
 
     /// The reference of the heights from now on. The first height that is measured is the level, whatever was assumed.

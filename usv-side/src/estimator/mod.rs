@@ -16,6 +16,7 @@ mod inertial;
 mod output;
 mod speed_gain;
 mod tilt;
+mod velocity_lag;
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::geodesy::Datum;
@@ -109,6 +110,7 @@ pub(crate) struct Filter {
     /// The first of them.
     first: (Vector3<f64>, Vector3<f64>),
     history: history::History,
+    velocity_lag: velocity_lag::VelocityLag,
     /// Place of the inertial sensor in the vessel's body frame, m.
     imu_lever_arm: Vector3<f64>,
     last_imu: Time<VesselClock>,
@@ -419,6 +421,7 @@ impl Filter {
             pending: Default::default(),
             first: Default::default(),
             history: history::History::default(),
+            velocity_lag: velocity_lag::VelocityLag::default(),
             imu_lever_arm: Vector3::from(config.imu.lever_arm_m),
             last_imu: at,
             inertial: false,

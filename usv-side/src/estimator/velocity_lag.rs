@@ -1,0 +1,242 @@
+//! How much older a receiver's velocities are than its positions.
+//!
+//! Receivers made for boats average speed and course over ground for seconds and send them as if they were of now: a recorded
+//! satellite compass is 2.4 s late. In a turn such a velocity points where the vessel went.
+//!
+//! The lag is that `tau` for which the path that the velocities add up to is the path of the positions, the least mean square of
+//! `p(t) - p(t - T) - integral of v over [t - T + tau, t + tau]`. On a straight course every lag fits as well as none; there is
+//! nothing to correct then, and none is assumed. Otherwise a velocity is turned by as much as the vessel has turned since: in a
+//! turn the course follows the heading.
+
+use std::collections::VecDeque;
+
+use alight_shared::frames::wrap_angle;
+use alight_shared::time::{Span, Time, VesselClock};
+use nalgebra::Vector2;
+
+/// Lags that are compared lie this far apart, s, and reach to [`LONGEST_S`].
+const STEP_S: f64 = 0.1;
+const LAGS: usize = 41;
+/// The longest lag, s.
+const LONGEST_S: f64 = STEP_S * (LAGS - 1) as f64;
+/// Two positions that are compared lie at least this far apart, s.
+const PAIR_S: f64 = 1.0;
+/// What lies further apart than this is not of one path, s.
+const GAP_S: f64 = 3.0;
+/// Pairs that the mean squares remember, a minute, and those before which no lag is assumed.
+const MEMORY: f64 = 60.0;
+const FIRST: f64 = 20.0;
+/// A pair whose best square is so many times the usual is a jump of the receiver, unless as many come in a row.
+const JUMP: f64 = 25.0;
+const JUMPS: u32 = 5;
+/// By this much the logarithm of the likelihood has to be above that of no lag: by chance once in 10^5.
+const SURE: f64 = 10.0;
+/// Most samples that wait: 25 velocities a second until the longest lag has passed.
+const MAX_WAITING: usize = 256;
+
+/// Velocities added up, by time.
+#[derive(Clone, Copy, Debug)]
+struct Travelled {
+    at: Time<VesselClock>,
+    velocity: Vector2<f64>,
+    path: Vector2<f64>,
+    /// Of the vessel, rad.
+    heading: f64,
+}
+
+/// The lag of velocities, as it is measured.
+#[derive(Clone, Debug)]
+pub(super) struct VelocityLag {
+    positions: VecDeque<(Time<VesselClock>, Vector2<f64>)>,
+    travelled: VecDeque<Travelled>,
+    squares: [f64; LAGS],
+    pairs: f64,
+    jumps: u32,
+}
+
+impl Default for VelocityLag {
+    fn default() -> Self {
+        VelocityLag {
+            positions: VecDeque::new(),
+            travelled: VecDeque::new(),
+            squares: [0.0; LAGS],
+            pairs: 0.0,
+            jumps: 0,
+        }
+    }
+}
+
+impl VelocityLag {
+    /// Takes a position, north and east, m.
+    pub(super) fn position(&mut self, at: Time<VesselClock>, place: Vector2<f64>) {
+        if let Some((last, _)) = self.positions.back() {
+            let apart = (at - *last).secs();
+            if apart < PAIR_S {
+                return;
+            }
+            if apart > GAP_S || self.positions.len() >= MAX_WAITING {
+                self.positions.clear();
+            }
+        }
+        self.positions.push_back((at, place));
+    }
+    /// Takes a velocity, north and east, m/s, that came when the vessel was on this heading, rad.
+    pub(super) fn velocity(&mut self, at: Time<VesselClock>, velocity: Vector2<f64>, heading: f64) {
+        let path = match self.travelled.back() {
+            Some(last) if at <= last.at => return,
+            Some(last) if (at - last.at).secs() < GAP_S => {
+                last.path + 0.5 * (at - last.at).secs() * (last.velocity + velocity)
+            }
+            Some(_) | None => {
+                self.travelled.clear();
+                Vector2::zeros()
+            }
+        };
+        self.travelled.push_back(Travelled {
+            at,
+            velocity,
+            path,
+            heading,
+        });
+        if self.travelled.len() > MAX_WAITING {
+            self.travelled.pop_front();
+        }
+        self.compare(at);
+    }
+    /// Compares the pairs of positions for which all velocities until `now` have come.
+    fn compare(&mut self, now: Time<VesselClock>) {
+        while let (Some(a), Some(b)) = (self.positions.front(), self.positions.get(1)) {
+            let ((from, begin), (to, end)) = (*a, *b);
+            if (now - to).secs() < LONGEST_S {
+                return;
+            }
+            self.positions.pop_front();
+            let mut squares = [0.0; LAGS];
+            for (k, square) in squares.iter_mut().enumerate() {
+                let lag = Span::from_secs(STEP_S * k as f64);
+                let (Some(first), Some(last)) = (self.path(from + lag), self.path(to + lag)) else {
+                    return;
+                };
+                *square = (end - begin - (last - first)).norm_squared();
+            }
+            self.take(&squares);
+        }
+    }
+    /// The path until a time; None where it is not covered.
+    fn path(&self, at: Time<VesselClock>) -> Option<Vector2<f64>> {
+        let (a, b, share) = self.around(at)?;
+        Some(a.path + share * (b.path - a.path))
+    }
+    /// The velocities before and after a time, and where it lies between them, 0 to 1.
+    fn around(&self, at: Time<VesselClock>) -> Option<(&Travelled, &Travelled, f64)> {
+        let k = self.travelled.partition_point(|t| t.at < at).max(1);
+        let (a, b) = (self.travelled.get(k - 1)?, self.travelled.get(k)?);
+        let share = (at - a.at).secs() / (b.at - a.at).secs();
+        (share >= 0.0).then_some((a, b, share))
+    }
+    /// By how much the vessel has turned since the newest velocity was so, rad.
+    pub(super) fn turned_since(&self) -> f64 {
+        let lag_s = self.lag_s();
+        let Some(newest) = self.travelled.back().filter(|_| lag_s > 0.0) else {
+            return 0.0;
+        };
+        self.around(newest.at - Span::from_secs(lag_s))
+            .map_or(0.0, |(a, b, share)| {
+                wrap_angle(newest.heading - a.heading - share * wrap_angle(b.heading - a.heading))
+            })
+    }
+    fn take(&mut self, squares: &[f64; LAGS]) {
+        let least = |s: &[f64; LAGS]| s.iter().copied().fold(f64::INFINITY, f64::min);
+        if self.pairs >= FIRST && least(squares) > JUMP * least(&self.squares) {
+            self.jumps += 1;
+            if self.jumps >= JUMPS {
+                *self = VelocityLag::default();
+            }
+            return;
+        }
+        self.jumps = 0;
+        self.pairs = (self.pairs + 1.0).min(MEMORY);
+        for (mean, square) in self.squares.iter_mut().zip(squares) {
+            *mean += (square - *mean) / self.pairs;
+        }
+    }
+    /// The lag, s: zero where none fits better than none by more than chance.
+    fn lag_s(&self) -> f64 {
+        let (first, rest) = (self.squares[0], self.squares.iter().enumerate());
+        let Some((k, least)) = rest.min_by(|a, b| a.1.total_cmp(b.1)) else {
+            return 0.0;
+        };
+        let better = self.pairs * (first / least.max(f64::MIN_POSITIVE)).ln();
+        if self.pairs >= FIRST && better > SURE {
+            STEP_S * k as f64
+        } else {
+            0.0
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// A minute and a half at 3.9 m/s, turning by `turn` (rad/s); positions at 5 Hz with a noise of `sd` (m), velocities at 4 Hz,
+    /// `lag` (s) late.
+    fn lag_of(turn: f64, sd: f64, lag: f64) -> f64 {
+        let heading = |t: f64| turn * t;
+        let place = |t: f64| {
+            let r = 3.9 / turn;
+            r * Vector2::new(heading(t).sin(), 1.0 - heading(t).cos())
+        };
+        let velocity = |t: f64| 3.9 * Vector2::new(heading(t).cos(), heading(t).sin());
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        let mut noise = || -> Vector2<f64> { Vector2::from_fn(|_, _| StandardNormal.sample(&mut rng)) };
+        let mut measured = VelocityLag::default();
+        for k in 0..1800_u32 {
+            let t = 0.05 * f64::from(k);
+            let at = Time::from_secs(t);
+            if k % 4 == 0 {
+                measured.position(at, place(t) + sd * noise());
+            }
+            if k % 5 == 0 {
+                measured.velocity(at, velocity(t - lag) + 0.02 * noise(), heading(t));
+            }
+        }
+        measured.lag_s()
+    }
+
+    #[test]
+    fn lag_of_averaged_velocities() {
+        for lag in [0.8, 1.5, 2.4, 3.5] {
+            let measured = lag_of(0.03, 0.02, lag);
+            assert!((measured - lag).abs() < 0.25, "{measured} of {lag} s");
+        }
+    }
+    #[test]
+    fn no_lag_where_none_can_be_told() {
+        // Without one; on a course that hardly turns; where positions are too noisy.
+        for (turn, sd, lag) in [(0.03, 0.02, 0.0), (1e-4, 0.02, 2.0), (0.03, 1.5, 1.0)] {
+            let measured = lag_of(turn, sd, lag);
+            assert!(measured < 0.15, "{measured} s at {turn} rad/s, {sd} m, {lag} s");
+        }
+    }
+    #[test]
+    fn lag_across_a_jump_of_the_receiver() {
+        let mut measured = VelocityLag::default();
+        for k in 0..2000_u32 {
+            let t = 0.05 * f64::from(k);
+            let course = |t: f64| Vector2::new((0.1 * t).cos(), (0.1 * t).sin());
+            let jump = if t < 60.0 { 0.0 } else { 30.0 };
+            if k % 4 == 0 {
+                let [c, s] = course(t).into();
+                measured.position(Time::from_secs(t), 40.0 * Vector2::new(s, -c).add_scalar(jump));
+            }
+            measured.velocity(Time::from_secs(t), 4.0 * course(t - 1.0), 0.1 * t);
+        }
+        assert!((measured.lag_s() - 1.0).abs() < 0.15, "{} s", measured.lag_s());
+        let turned = measured.turned_since();
+        assert!((turned - 0.1).abs() < 0.015, "{turned} rad");
+    }
+}
