@@ -15,7 +15,7 @@ use crate::lab;
 use crate::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, ServiceArgs};
 use crate::process::shell;
 use crate::status::command as status;
-use crate::tools::playback::ForeignLaw;
+use crate::tools::replay::Laboratory;
 use crate::tools::{
     calibrate, check, command, config, estimate, flights, init, keys, replay, ros2, tag, view,
 };
@@ -230,13 +230,19 @@ pub enum Command {
     },
 }
 
-/// The law of a recorded planner that the drone does not carry: a baseline, which only the laboratory has.
-const FOREIGN_LAW: ForeignLaw<'static> = {
+/// What a replay has of the laboratory.
+const LABORATORY: Laboratory<'static> = {
     #[cfg(feature = "lab")]
-    let law: ForeignLaw<'static> = &crate::lab::record::law;
+    let laboratory = Laboratory {
+        law: &lab::record::law,
+        plot: Some(&lab::replay_plot::begin),
+    };
     #[cfg(not(feature = "lab"))]
-    let law: ForeignLaw<'static> = &|_, _| Ok(None);
-    law
+    let laboratory = Laboratory {
+        law: &|_, _| Ok(None),
+        plot: None,
+    };
+    laboratory
 };
 
 impl Command {
@@ -249,7 +255,7 @@ impl Command {
             Command::Config(c) => c.run(),
             Command::Estimate(a) => estimate::run(a),
             Command::Flights(a) => flights::run(a),
-            Command::Replay(a) => replay::run(a, FOREIGN_LAW),
+            Command::Replay(a) => replay::run(a, &LABORATORY),
             Command::Status(a) => status::run(a),
             Command::View(a) => view::run(a),
             Command::Ros2(a) => ros2::run(a),

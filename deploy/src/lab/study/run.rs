@@ -38,7 +38,7 @@ pub struct GridRun<'a> {
     /// The first failed trials are flown again and recorded.
     pub records_failed: bool,
     /// The result stands alone on standard output.
-    pub json: bool,
+    pub alone: bool,
 }
 
 impl<'a> GridRun<'a> {
@@ -53,7 +53,7 @@ impl<'a> GridRun<'a> {
             shard: args.shard,
             within: args.within.map(|percent| f64::from(percent) / 100.0),
             records_failed: true,
-            json: args.json,
+            alone: args.form.alone(),
         }
     }
 }
@@ -247,7 +247,7 @@ pub fn fly_grid(args: &GridRun<'_>, rows: &[Row]) -> Result<Vec<Outcome>, CliErr
             "{taken} of {} trials were flown before and are taken from rows.csv",
             wanted.len()
         );
-        note(args.json, text);
+        note(args.alone, text);
     }
     let fly = |(row, seed): &(&Row, u64)| {
         let outcome = Outcome {
@@ -328,7 +328,7 @@ fn record_failed(args: &GridRun<'_>, out: &Path, rows: &[Row], done: &[Outcome])
             trace_step_s: None,
         };
         record::fly(Some(&path), &subject, watch, None)?.1?;
-        note(args.json, format_args!("recorded: {}", path.display()));
+        note(args.alone, format_args!("recorded: {}", path.display()));
     }
     Ok(())
 }

@@ -27,6 +27,7 @@ use crate::exit::Exit;
 use crate::io::mavlink_key;
 use crate::status::finding::{Finding, Level};
 use crate::status::subject::Computer;
+use crate::terminal::Form;
 use crate::tools::check::facts::{
     AutopilotReport, CameraCheck, CameraView, ClockSync, DeckInputCheck, Facts, Identity, Port, PortState,
     Reach, SharedMemory, SigningCheck, SourceCheck,
@@ -476,7 +477,10 @@ fn scratch(name: &str) -> PathBuf {
 fn check(config: &Path) -> Exit {
     run(&CheckArgs {
         config: Some(config.into()),
-        json: true,
+        form: Form {
+            json: true,
+            ..Form::default()
+        },
     })
     .unwrap()
 }

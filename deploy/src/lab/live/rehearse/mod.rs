@@ -85,7 +85,7 @@ pub fn run(args: &RehearseArgs) -> Result<Exit, CliError> {
     }
     scheduling::raise();
     let plan = Plan::of(args)?;
-    let mut list = CheckList::new(args.json);
+    let mut list = CheckList::new(args.form.alone());
     let names = match plan.certificates.as_slice() {
         [] => "none: the files ask for none".into(),
         names => names.join(", "),
@@ -106,27 +106,25 @@ pub fn run(args: &RehearseArgs) -> Result<Exit, CliError> {
     let mut rehearsal = Rehearsal::begin(args, plan)?;
     let whole = rehearsal.run(&mut list)?;
     if let Some(too_slow) = rehearsal.too_slow {
-        crate::terminal::note(true, format_args!("alight: {too_slow}"));
-        if args.json {
-            terminal::json(&WorldReport::TooSlow(too_slow))?;
-        }
+        terminal::note(true, format_args!("alight: {too_slow}"));
+        let report = WorldReport::TooSlow(too_slow);
+        args.form.print(&report, &[&report])?;
         return Ok(Exit::TooSlow);
     }
     if whole == Waited::Stopped {
-        crate::terminal::note(true, format_args!("stopped"));
+        terminal::note(true, format_args!("stopped"));
         return Ok(Exit::Failed);
     }
     if !list.ok() {
         rehearsal.complain(&list);
     }
-    if args.json {
-        terminal::json(&Rehearsed {
-            ok: list.ok(),
-            steps: list.rows(),
-            states: &rehearsal.states,
-            landed: rehearsal.landed.as_ref(),
-        })?;
-    }
+    let rehearsed = Rehearsed {
+        ok: list.ok(),
+        steps: list.rows(),
+        states: &rehearsal.states,
+        landed: rehearsal.landed.as_ref(),
+    };
+    args.form.print(&rehearsed, list.rows())?;
     Ok(Exit::of(list.ok()))
 }
 
