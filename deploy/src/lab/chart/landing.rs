@@ -28,8 +28,21 @@ pub fn title(o: &Outcome) -> String {
 pub fn write(trace: &Trace, title: &str, path: &Path) -> Result<(), CliError> {
     let doing = || format!("writing the plot {}", path.display());
     let mut svg = String::new();
-    draw(trace, title, SVGBackend::with_string(&mut svg, SIZE)).doing(doing())?;
+    let trace = with_continuous_yaw(trace);
+    draw(&trace, title, SVGBackend::with_string(&mut svg, SIZE)).doing(doing())?;
     std::fs::write(path, svg).doing(doing())
+}
+
+/// Over a turn of the drone the yaw runs on instead of jumping from 180 to -180 deg; at the end it is within them.
+fn with_continuous_yaw(trace: &Trace) -> Trace {
+    let mut trace = trace.clone();
+    let mut after: Option<f64> = None;
+    for point in trace.points.iter_mut().rev() {
+        let yaw = &mut point.relative_euler[2];
+        *yaw = after.map_or(*yaw, |after| after + wrap_angle(*yaw - after));
+        after = Some(*yaw);
+    }
+    trace
 }
 
 /// A value of a point: its name, whether it is the deck's beside the drone's, and of which number the colour is.
@@ -50,10 +63,7 @@ fn draw(trace: &Trace, title: &str, backend: SVGBackend<'_>) -> Drawn {
         .split_horizontally(PATH_WIDTH);
     let panels = right.split_evenly((4, 1));
     paths(&left, trace)?;
-    let last_yaw = shown(trace, PANEL_S).last().map_or(0.0, |p| p.relative_euler[2]);
     let degrees = |k: usize| move |p: &TracePoint| p.relative_euler[k].to_degrees();
-    // Over a turn of the drone the difference runs on instead of jumping from 180 to -180 deg.
-    let yaw = |p: &TracePoint| (last_yaw + wrap_angle(p.relative_euler[2] - last_yaw)).to_degrees();
     let charts = [
         Panel {
             caption: "Displacement of the feet in the deck's axes",
@@ -84,7 +94,7 @@ fn draw(trace: &Trace, title: &str, backend: SVGBackend<'_>) -> Drawn {
         Panel {
             caption: "Yaw, drone minus deck",
             unit: "deg",
-            values: &[("yaw", false, 0, &yaw)],
+            values: &[("yaw", false, 0, &degrees(2))],
         },
     ];
     for (area, panel) in panels.iter().zip(&charts) {
@@ -131,7 +141,7 @@ fn over_time(area: &Area<'_>, trace: &Trace, panel: &Panel<'_>) -> Drawn {
         caption: panel.caption,
         names: [across, panel.unit],
         // Room for the names of the lines.
-        across: -PANEL_S..0.2 * PANEL_S,
+        across: -PANEL_S..0.3 * PANEL_S,
         up,
         places: None,
     };
@@ -190,6 +200,15 @@ mod tests {
         let trace = trace(Some(118.5));
         let times: Vec<f64> = shown(&trace, 3.0).map(|p| p.t_s).collect();
         assert_eq!(times, [116.0, 117.0, 118.0]);
+    }
+
+    #[test]
+    fn yaw_through_half_a_turn() {
+        let turned = with_continuous_yaw(&trace(None));
+        let yaw: Vec<f64> = turned.points.iter().map(|p| p.relative_euler[2]).collect();
+        let steps = yaw.windows(2).map(|w| w[1] - w[0]);
+        assert!(steps.clone().all(|s| (s - 0.02).abs() < 1e-9), "{yaw:?}");
+        assert!((yaw[20] - wrap_angle(3.4)).abs() < 1e-9, "{yaw:?}");
     }
 
     #[test]
