@@ -114,6 +114,8 @@ topics! {
     SET_POINT: "pilot/setpoint", msg::SetPoint, Memory, 100.0 Hz, size_of::<msg::SetPoint>(), 100 ms, 2 deep;
     /// The operator's command.
     COMMAND: "operator/command", msg::Command, Memory, 0.1 Hz, size_of::<msg::Command>(), 5000 ms, 16 deep;
+    /// What a ground station sets of the mission.
+    SETTINGS: "operator/settings", msg::SettingsOrder, Memory, 0.1 Hz, size_of::<msg::SettingsOrder>(), 1000 ms, 2 deep;
     /// The mission's checkpoint. After this time the pilot has left the drone to its autopilot.
     MISSION_CHECKPOINT: "mission/checkpoint", msg::MissionCheckpoint, Memory, 50.0 Hz, size_of::<msg::MissionCheckpoint>(), 5000 ms, 4 deep;
     /// The predictor's checkpoint. After this time the odometry has drifted, and so has the drone.

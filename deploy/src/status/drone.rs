@@ -370,7 +370,7 @@ fn response(r: &AttitudeResponse) -> Figure {
 
 /// How far the landing goes, when not onto the deck.
 fn mode(m: &MissionState, a: Option<&AutopilotState>) -> Option<Figure> {
-    match m.mode {
+    match m.settings.mode {
         LandingMode::Land => None,
         LandingMode::Match => {
             let lowest_m = m.lowest_clearance_m.unwrap_or_default();
@@ -411,7 +411,7 @@ mod tests {
     use crate::process::snapshot::Snapshot;
     use crate::status::Status;
     use crate::status::situation::Known;
-    use alight_shared::msg::{Header, LinkState, Reason};
+    use alight_shared::msg::{Header, LinkState, MissionSettings, Reason};
     use alight_shared::transport::plain::Plain;
     use alight_shared::transport::process::ProcessState;
 
@@ -492,7 +492,10 @@ mod tests {
         s.processes.clear();
         s.edited = Some("drone.toml was edited since the start".into());
         s.mission = came(MissionState {
-            mode: LandingMode::Shadow,
+            settings: MissionSettings {
+                mode: LandingMode::Shadow,
+                ..MissionSettings::default()
+            },
             waiting: Reason::new(ReasonCode::AutopilotParameterUnknown, 10.0, 0.0),
             ..mission(State::Landed, ReasonCode::None)
         });

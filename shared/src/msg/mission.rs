@@ -519,6 +519,43 @@ pub enum LandingMode {
     Land,
 }
 
+/// What of the mission's configuration an operator changes from a ground station. Heights are of the drone's centre of mass
+/// above the deck's mean level.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct MissionSettings {
+    /// How far the landing goes.
+    pub mode: LandingMode,
+    /// Approach height, m.
+    pub approach_height_m: f64,
+    /// Tracking height, m; shown, and not changed.
+    pub tracking_height_m: f64,
+    /// With [`LandingMode::Match`] the feet come no nearer to the deck, m.
+    pub lowest_clearance_m: f64,
+}
+
+impl MissionSettings {
+    /// Each is a height over a deck.
+    fn is_sane(&self) -> bool {
+        let heights = [
+            self.approach_height_m,
+            self.tracking_height_m,
+            self.lowest_clearance_m,
+        ];
+        heights.iter().all(|h| (0.0..=1e3).contains(h))
+    }
+}
+
+/// A ground station changes the mission's settings.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct SettingsOrder {
+    /// Identity, and the time at which it was given.
+    pub header: Header<DroneClock>,
+    /// All of them, as they are to be.
+    pub settings: MissionSettings,
+}
+
 /// The mission's state and what it permits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
@@ -551,8 +588,10 @@ pub struct MissionState {
     pub with_deck: bool,
     /// Waits beside the deck: there, from the deck's centre, north and east, m.
     pub waiting_offset: Option<[f64; 2]>,
-    /// How far the landing goes.
-    pub mode: LandingMode,
+    /// What an operator may have changed.
+    pub settings: MissionSettings,
+    /// They may be changed: the drone is disarmed, and no landing is ordered.
+    pub settable: bool,
     /// No plan leads lower over the deck, along its normal, m; None: onto it.
     pub lowest_clearance_m: Option<f64>,
     /// Below this clearance only hard reasons break a landing off, m.
@@ -641,6 +680,8 @@ pub struct MissionCheckpoint {
     pub datum: Datum,
     /// The deck's mean level, drone's NED z, m.
     pub mean_deck_z: Option<f64>,
+    /// Without an order it has been away from the deck: it climbs when the vessel comes to it.
+    pub was_away: bool,
 }
 
 /// What an operator wants.
@@ -844,12 +885,16 @@ message!(DroneStatus, DroneClock, |m| {
 message!(MissionState, DroneClock, |m| {
     within(&m.hold_position, MAX_POSITION_M) && within([&m.hold_yaw], 50.0) => "hold_position",
     within(m.waiting_offset.iter().flatten(), MAX_POSITION_M) => "waiting_offset",
+    m.settings.is_sane() => "settings",
     m.lowest_clearance_m.is_none_or(|c| (0.0..=1e3).contains(&c)) => "lowest_clearance_m",
     (0.0..=10.0).contains(&m.commit_clearance_m) => "commit_clearance_m",
     (0.0..=1e3).contains(&m.battery_reserve) => "battery_reserve",
     m.likelihood.is_none_or(|p| FRACTION.contains(&p)) => "likelihood",
     m.wind.is_none_or(|w| within(&w, MAX_SPEED_MPS)) => "wind",
     (0.0..=1e3).contains(&m.height_m) && (0.0..=10.0).contains(&m.descent_mps) => "height_m or descent_mps",
+});
+message!(SettingsOrder, DroneClock, |m| {
+    m.settings.is_sane() => "settings",
 });
 message!(MissionCheckpoint, DroneClock, |m| {
     m.state.header.version == m.header.version && super::Message::check(&m.state).is_ok() => "state",

@@ -64,7 +64,8 @@ pub use grant::{
 pub use half::f16;
 pub use mission::{
     BatteryPlace, Charge, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, LandingMode,
-    MissionCheckpoint, MissionState, OperatorCommand, Phase, Reason, ReasonCode, State, Wind, still_armed,
+    MissionCheckpoint, MissionSettings, MissionState, OperatorCommand, Phase, Reason, ReasonCode,
+    SettingsOrder, State, Wind, still_armed,
 };
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use seq::Seq;

@@ -73,6 +73,7 @@ plain! {
     msg::Plan => PLAN;
     msg::SetPoint => SET_POINT;
     msg::Command => COMMAND;
+    msg::SettingsOrder => SETTINGS;
     msg::MissionCheckpoint => MISSION_CHECKPOINT;
     msg::PredictorCheckpoint => PREDICTOR_CHECKPOINT;
     msg::LinkCheckpoint => LINK_CHECKPOINT;
