@@ -101,6 +101,77 @@ fn encode(image: &ImageBytes) -> Option<Vec<u8>> {
 mod tests {
     use super::*;
 
+    use std::io::{Read, Write};
+    use std::net::TcpStream;
+    use std::time::Duration;
+
+    use alight_shared::transport::memory::Services;
+
+    use crate::process::instance::OwnedInstance;
+    use crate::process::supervisor::pause;
+    use crate::status::situation::Known;
+    use crate::view::server::Served;
+
+    /// Looks of 5 ms at what is going to be.
+    const PATIENCE: u32 = 2000;
+
+    #[test]
+    fn camera_image_while_somebody_looks() {
+        let owned = OwnedInstance::take(&format!("test-marked-{}", std::process::id())).unwrap();
+        let memory = Memory::join(owned.instance(), "test").unwrap();
+        let services = Services::create(&memory).unwrap();
+        let mut camera = memory.image_publisher(ImageTopic::Marked, 3 * 64 * 48).unwrap();
+        let served = Served {
+            page: "127.0.0.1:0".parse().unwrap(),
+            foxglove: None,
+            name: "test".into(),
+            may_order: false,
+        };
+        let mut watcher = Watcher::start(served, Known::default(), &None, false).unwrap();
+        let mut feed = CameraFeed::default();
+        let mut poll = |watcher: &mut Watcher| {
+            feed.poll(&memory, Time::from_secs(50.0), Time::from_secs(7.0), watcher);
+            watcher.board.picture(Time::from_secs(50.0)).camera
+        };
+        assert_eq!(poll(&mut watcher), None);
+        assert!(!camera.is_read(), "the camera works for nobody");
+
+        let to = watcher.server.page();
+        let ask = |path: &str| {
+            let mut stream = TcpStream::connect(to).unwrap();
+            stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+            let request = format!("GET {path} HTTP/1.1\r\nHost: {to}\r\nConnection: close\r\n\r\n");
+            stream.write_all(request.as_bytes()).unwrap();
+            stream
+        };
+        let viewer = ask("/events");
+        for _ in 0..PATIENCE {
+            if !watcher.server.is_watched() {
+                pause(Duration::from_millis(5));
+            }
+        }
+        assert_eq!(poll(&mut watcher), None);
+        assert!(camera.is_read());
+        camera.send(6_500_000_000, [64, 48], [3, 1], &[90; 3 * 64 * 48]);
+        let view = poll(&mut watcher).unwrap();
+        assert_eq!((view.age_s, view.number, view.old), (0.5, 6500, false));
+        let mut answer = Vec::new();
+        ask("/camera.jpg").read_to_end(&mut answer).unwrap();
+        assert!(answer.windows(2).any(|w| w == [0xff, 0xd8]), "no JPEG");
+
+        drop(viewer);
+        for _ in 0..PATIENCE {
+            if watcher.server.is_watched() {
+                // The server finds the viewer gone when it writes to it.
+                watcher.server.show(watcher.board.picture(Time::from_secs(50.0)));
+                pause(Duration::from_millis(5));
+            }
+        }
+        assert_eq!(poll(&mut watcher), None);
+        assert!(!camera.is_read());
+        drop((camera, feed, services, memory));
+    }
+
     fn image(pixels: Vec<u8>) -> ImageBytes {
         ImageBytes {
             size: [320, 320],

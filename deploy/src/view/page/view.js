@@ -334,7 +334,7 @@ function drawSide(scene) {
   path(pen, [[0.35 * arm, -8], [arm, -8]], "drone", false, 3);
   path(pen, [[-0.4 * arm, 0.7 * arm], [-0.25 * arm, 0], [0.25 * arm, 0], [0.4 * arm, 0.7 * arm]], "drone", false, 3);
   pen.restore();
-  say(pen, `${at[2].toFixed(1)} m above the deck`, width - 4, height - 6, "drone", "right");
+  say(pen, `${at[2].toFixed(1)} m above the deck`, width - 4, 16, "drone", "right");
 }
 
 function drawMotion(motion) {
@@ -457,7 +457,11 @@ function fillRows() {
 
 function draw() {
   if (!picture) return;
-  document.querySelectorAll(".scene").forEach((s) => s.classList.toggle("none", !picture.scene));
+  // The vessel's computer knows no deck and drone beside each other.
+  document.querySelectorAll(".scene").forEach((s) => {
+    s.hidden = !picture.scene && "vessel" in picture;
+    s.classList.toggle("none", !picture.scene);
+  });
   drawAbove(picture.scene);
   drawSide(picture.scene);
   drawCompass(picture.compass);
