@@ -337,16 +337,18 @@ fn touchdown(s: &Situation) -> Figure {
         return Figure::unknown(NAME);
     };
     let (age_s, stale) = (s.seen.plan_age_s(s.now_ns), s.seen.plan.is_old(s.now_ns));
+    let stands = s.seen.mission.as_ref().is_some_and(|m| m.state == State::Landed);
     let left_s = p.touchdown_at.map(|at| (at - p.header.at).secs() - age_s);
     Figure {
         value: match left_s {
+            _ if stands => Some("done".into()),
             // The countdown of an old plan is none.
             Some(_) if stale => None,
             Some(s) => Some(format!("in {:.1} s", s.max(0.0))),
             None => Some("not planned".into()),
         },
         note: format!("plan {} old, {:?}", time(age_s), p.solve).to_lowercase(),
-        stale,
+        stale: stale && !stands,
         ..Figure::unknown(NAME)
     }
 }

@@ -136,14 +136,6 @@ fn name(computer: &Computer) -> String {
     }
 }
 
-/// What does not change while its processes run.
-fn known(computer: &Computer) -> Known {
-    match computer {
-        Computer::Vessel(v) => Known::vessel(v),
-        Computer::Drone(d) => Known::drone(d),
-    }
-}
-
 /// Shared memory of the computer's processes.
 struct Ports {
     observer: Observer,
@@ -186,13 +178,10 @@ struct Look {
 impl Look {
     fn at(subject: Subject) -> Result<Look, CliError> {
         let computer = subject.computer()?;
-        let instance = match &computer {
-            Computer::Vessel(v) => &v.instance,
-            Computer::Drone(d) => &d.instance,
-        };
+        let instance = computer.instance();
         Ok(Look {
             instance: Instance::new(instance)?,
-            known: known(&computer),
+            known: Known::of(&computer),
             joined: Rejoined::of(instance)?,
             runs: false,
             unread: None,
@@ -224,7 +213,7 @@ impl Look {
                             "the configuration is {is}'s now, and this node is {was}: start it again"
                         )));
                     }
-                    self.known = known(&newest);
+                    self.known = Known::of(&newest);
                     self.computer = newest;
                     self.unread = None;
                     ports.is_configured = true;

@@ -258,6 +258,8 @@ pub struct EstimatorStatus {
     pub sd: [f64; 4],
     /// Roll, pitch (rad) and height (m, upwards) since the status before, at about 10 Hz, oldest first.
     pub motion: Seq<[f64; 3], 16>,
+    /// Course and speed over ground without the waves' motion: velocity to north and east, m/s; None before the first estimate.
+    pub mean_velocity: Option<[f64; 2]>,
     /// Significant wave height, m, and how far the waves' identification is trusted, 0 to 1.
     pub waves: Option<[f64; 2]>,
     /// Another heading that would be quieter, where the waves' direction is known.

@@ -11,6 +11,7 @@ use alight_uav::camera::metering::Setting;
 use alight_usv::sensors::Remark;
 
 use crate::certificates::Certificate;
+use crate::status::situation::SourceHealth;
 use crate::status::subject::Computer;
 
 /// The three files of the radio's tls section.
@@ -194,8 +195,10 @@ pub struct Facts {
     pub flown: Option<[f64; 2]>,
     /// Each camera that is configured.
     pub cameras: Vec<CameraCheck>,
-    /// The vessel's real sensors; None when they are the running process's.
-    pub sources: Option<Vec<SourceCheck>>,
+    /// The vessel's real sensors that were listened to.
+    pub sources: Vec<SourceCheck>,
+    /// Those that the running process has, as it reports them.
+    pub held_sources: Vec<SourceHealth>,
     /// The deck's digital inputs that are configured.
     pub deck_inputs: Vec<DeckInputCheck>,
     /// How the frequency of each processor is chosen; empty without frequency scaling.

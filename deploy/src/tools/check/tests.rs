@@ -26,6 +26,7 @@ use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::Exit;
 use crate::io::mavlink_key;
 use crate::status::finding::{Finding, Level};
+use crate::status::situation::SourceHealth;
 use crate::status::subject::Computer;
 use crate::terminal::Form;
 use crate::tools::check::facts::{
@@ -89,7 +90,8 @@ fn vessel() -> Facts {
         frame: None,
         flown: None,
         cameras: Vec::new(),
-        sources: Some(Vec::new()),
+        sources: Vec::new(),
+        held_sources: Vec::new(),
         deck_inputs: Vec::new(),
         governors: vec!["performance".into(); 4],
         realtime: true,
@@ -112,7 +114,6 @@ fn drone() -> Facts {
     facts.ports.clear();
     facts.dialled = vec![("quic/192.168.7.1:7447".into(), Reach::Answers)];
     facts.autopilot = Some(("serial:///dev/ttyACM0:921600".into(), Ok(Reach::Answers)));
-    facts.sources = None;
     facts
 }
 
@@ -216,12 +217,12 @@ fn check_of_each_fault() {
         v.sensor.sources.clear();
     }
     fn source(f: &mut Facts, received: Result<(usize, SourceStatus), String>) {
-        f.sources = Some(vec![SourceCheck {
+        f.sources = vec![SourceCheck {
             name: "compass".into(),
             connect: "serial:///dev/ttyUSB0:115200".into(),
             received,
             remarks: Vec::new(),
-        }]);
+        }];
     }
     fn input(f: &mut Facts, level: Result<bool, String>) {
         f.deck_inputs = vec![DeckInputCheck {
@@ -461,11 +462,21 @@ fn check_of_an_origin_without_both_heights() {
 }
 
 #[test]
-fn check_of_a_port_used_by_alight() {
+fn check_beside_a_running_vessel() {
     let mut facts = vessel();
     facts.ports[0].state = PortState::Busy;
     facts.running = true;
-    assert_eq!(worst(&judge(&facts)), Level::Fine);
+    facts.held_sources = vec![SourceHealth {
+        name: "imu".into(),
+        age_s: Some(0.1),
+        ..SourceHealth::default()
+    }];
+    let all = judge(&facts);
+    assert_eq!(worst(&all), Level::Fine);
+    assert!(
+        all.iter()
+            .any(|f| f.topic == "source" && f.found.starts_with("imu"))
+    );
 }
 
 fn scratch(name: &str) -> PathBuf {
