@@ -9,7 +9,7 @@ use iceoryx2::prelude::BackpressureStrategy;
 use iceoryx2::service::builder::publish_subscribe;
 use iceoryx2::service::port_factory;
 
-use crate::transport::instance::{Ipc, service_name};
+use crate::transport::instance::{Ipc, defined, required, service_name};
 use crate::transport::{Doing, TransportError};
 
 /// Name of the service, after [`crate::topics`]'s.
@@ -57,7 +57,9 @@ pub(crate) struct ImageService {
 impl ImageService {
     pub(super) fn create(node: &Node<Ipc>) -> Result<ImageService, TransportError> {
         Ok(ImageService {
-            _messages: messages(node)?.create().doing(|| format!("creating {NAME}"))?,
+            _messages: messages(node)?
+                .create_with_attributes(&defined()?)
+                .doing(|| format!("creating {NAME}"))?,
         })
     }
 }
@@ -73,7 +75,7 @@ impl ImagePublisher {
     pub(super) fn open(node: &Node<Ipc>, pixels: usize) -> Result<ImagePublisher, TransportError> {
         let doing = || format!("publishing {NAME}");
         let port = messages(node)?
-            .open()
+            .open_with_attributes(&required()?)
             .doing(doing)?
             .publisher_builder()
             .initial_max_slice_len(HEADER_BYTES + pixels)
@@ -117,7 +119,7 @@ impl ImageSubscriber {
     pub(super) fn open(node: &Node<Ipc>) -> Result<ImageSubscriber, TransportError> {
         let doing = || format!("reading {NAME}");
         let port = messages(node)?
-            .open()
+            .open_with_attributes(&required()?)
             .doing(doing)?
             .subscriber_builder()
             .buffer_size(BUFFER)
