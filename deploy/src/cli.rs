@@ -17,7 +17,7 @@ use crate::process::shell;
 use crate::status::command as status;
 use crate::tools::replay::Laboratory;
 use crate::tools::{
-    calibrate, check, command, config, estimate, flights, init, keys, replay, ros2, tag, view,
+    calibrate, check, command, config, estimate, flights, init, keys, replay, ros2, schema, tag, view,
 };
 use crate::{drone, terminal, vessel};
 
@@ -68,7 +68,7 @@ const GROUPS: [(&str, &[&str]); 3] = [
     ),
     (
         "Operate",
-        &["status", "view", "command", "ros2", "flights", "replay"],
+        &["status", "view", "command", "ros2", "schema", "flights", "replay"],
     ),
 ];
 
@@ -172,6 +172,8 @@ pub enum Command {
     View(view::ViewCommand),
     /// Be a node of ROS 2: poses, diagnostics, orders to land and abort.
     Ros2(ros2::Ros2Args),
+    /// List the messages on Zenoh and iceoryx2, and the fields of one.
+    Schema(schema::SchemaArgs),
     /// All processes of the vessel's computer, as its service runs them.
     Vessel(ServiceArgs),
     /// All processes of the drone's computer, as its service runs them.
@@ -259,6 +261,7 @@ impl Command {
             Command::Status(a) => status::run(a),
             Command::View(a) => view::run(a),
             Command::Ros2(a) => ros2::run(a),
+            Command::Schema(a) => schema::run(a),
             Command::Vessel(a) => vessel::run(a),
             Command::Drone(a) => drone::run(a),
             Command::Operate(a) => command::run(a),

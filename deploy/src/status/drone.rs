@@ -7,6 +7,7 @@ use alight_shared::msg::{
 };
 use alight_shared::time::Time;
 use alight_shared::topics;
+use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessKind;
 use alight_uav::mission::MAX_VESSEL_DISTANCE_M;
 
@@ -91,6 +92,15 @@ fn link(s: &Situation) -> Vec<Finding> {
     } else {
         TOPIC.fine(found)
     }];
+    let bridge = s.seen.processes.get(&ProcessKind::Bridge);
+    let has_session = bridge.is_some_and(|p| p.count(MetricName::VesselSession) > 0);
+    if age_s > limit_s && has_session {
+        let remedy = "look there with alight status: does its estimator run?";
+        all.push(TOPIC.warning(
+            "the vessel's Zenoh session is up, only its estimates are missing",
+            remedy,
+        ));
+    }
     all.extend(l.second_sender.map(|boot| {
         let found =
             format!("a SECOND COMPUTER sends as the vessel (boot {boot:08x}); its messages are rejected");

@@ -54,6 +54,10 @@ fn bad_input_exit_code_2() {
             "18446744073709551615",
         ),
         (format!("trials --rows {no_file}"), no_file),
+        (
+            "schema estimat".into(),
+            "no topic estimat: there are estimate, wave",
+        ),
         ("ros2 --domain 233".into(), "0..=232"),
         ("ros2 --instance none --namespace 1a".into(), "namespace"),
     ]);

@@ -37,7 +37,7 @@ const REQUEST: [u8; 5] = [0, 1, 0, 0, 0];
 const HOVER: &str = "[start]\nhover_s = 60.0\n";
 
 /// A port of TCP that nobody has.
-fn free_tcp_port() -> u16 {
+pub fn free_tcp_port() -> u16 {
     let socket = TcpListener::bind("127.0.0.1:0").expect("a socket");
     socket.local_addr().expect("an address").port()
 }

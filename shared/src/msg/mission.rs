@@ -3,6 +3,7 @@
 use core::fmt;
 
 use nalgebra::Vector3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -15,7 +16,7 @@ use crate::time::{Clock, DroneClock, Time, VesselClock};
 use crate::topics;
 
 /// States of the landing mission (Procházka et al., section IV).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum State {
     /// Waits for a landing command, flight and the vessel's state.
@@ -42,7 +43,7 @@ pub enum State {
 }
 
 /// Phases that choose weights and rates.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum Phase {
     /// No planning.
@@ -127,7 +128,7 @@ impl State {
 }
 
 /// Why a transition happened, or why the next one does not.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum ReasonCode {
     /// No reason.
@@ -274,7 +275,7 @@ pub enum ReasonCode {
 }
 
 /// A reason with the figure that decided and its limit.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Reason {
     /// What.
@@ -493,7 +494,7 @@ impl fmt::Display for Reason {
 }
 
 /// Where a drone with a low battery lands.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 #[serde(rename_all = "kebab-case")]
 pub enum BatteryPlace {
@@ -506,7 +507,7 @@ pub enum BatteryPlace {
 }
 
 /// How far a landing goes: the ladder to a first landing.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 #[serde(rename_all = "kebab-case")]
 pub enum LandingMode {
@@ -557,7 +558,7 @@ pub struct SettingsOrder {
 }
 
 /// The mission's state and what it permits.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct MissionState {
     /// Identity.
@@ -649,7 +650,7 @@ impl MissionState {
 /// Checkpoint of the mission: a successor goes on from there when the process ends in flight.
 ///
 /// It is published with every [`MissionState`], and validated by the successor before it counts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct MissionCheckpoint {
     /// Identity of the writer and time of writing; boot 0: there is none.
@@ -685,7 +686,7 @@ pub struct MissionCheckpoint {
 }
 
 /// What an operator wants.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum CommandKind {
     /// Land on the vessel.
@@ -703,7 +704,7 @@ pub type Command = OperatorCommand<DroneClock>;
 
 /// A command for the drone that its header names: from an operator to the vessel, from the vessel to the drone, and to
 /// the mission.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct OperatorCommand<C: Clock> {
@@ -717,7 +718,7 @@ message!(@C OperatorCommand<C>, C, |m| {});
 restamped!(OperatorCommand { kind });
 
 /// How far an operator's command has come at the vessel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 #[serde(rename_all = "snake_case")]
 pub enum CommandProgress {
@@ -737,7 +738,7 @@ pub enum CommandProgress {
 }
 
 /// Receipt of one command of an operator.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct CommandReceipt {
     /// Identity of the vessel, the drone that the command is for, and the time of this progress.
@@ -785,7 +786,7 @@ impl CommandKind {
 }
 
 /// Status of the drone for the vessel, for the deck's operator.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct DroneStatus {
     /// Identity.

@@ -75,6 +75,7 @@ pub use vessel::{
     TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode, WaveModel,
 };
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::time::{Clock, Time};
@@ -83,7 +84,7 @@ use crate::time::{Clock, Time};
 pub const MESSAGE_VERSION: u16 = 20;
 
 /// Identity, order and time of validity of a message.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct Header<C: Clock> {

@@ -9,7 +9,7 @@ use iceoryx2::prelude::{BackpressureStrategy, PortFactory as _};
 use iceoryx2::service::builder::publish_subscribe;
 use iceoryx2::service::port_factory;
 
-use crate::transport::instance::{Ipc, service_name};
+use crate::transport::instance::{Ipc, defined, required, service_name};
 use crate::transport::{Doing, TransportError};
 
 /// Bytes before the pixels: time (8), width (4), height (4), tags (4), outlines (4).
@@ -82,7 +82,7 @@ pub(crate) struct ImageServices {
 impl ImageServices {
     pub(super) fn create(node: &Node<Ipc>) -> Result<ImageServices, TransportError> {
         let create = |topic: ImageTopic| {
-            let created = messages(node, topic)?.create();
+            let created = messages(node, topic)?.create_with_attributes(&defined()?);
             created.doing(|| format!("creating {}", topic.name()))
         };
         let held = ImageTopic::ALL.into_iter().map(create);
@@ -107,7 +107,7 @@ impl ImagePublisher {
         bytes: usize,
     ) -> Result<ImagePublisher, TransportError> {
         let doing = || format!("publishing {}", topic.name());
-        let service = messages(node, topic)?.open().doing(doing)?;
+        let service = messages(node, topic)?.open_with_attributes(&required()?).doing(doing)?;
         let port = service
             .publisher_builder()
             .initial_max_slice_len(HEADER_BYTES + bytes)
@@ -154,7 +154,7 @@ impl ImageSubscriber {
     pub(super) fn open(node: &Node<Ipc>, topic: ImageTopic) -> Result<ImageSubscriber, TransportError> {
         let doing = || format!("reading {}", topic.name());
         let port = messages(node, topic)?
-            .open()
+            .open_with_attributes(&required()?)
             .doing(doing)?
             .subscriber_builder()
             .buffer_size(BUFFER)

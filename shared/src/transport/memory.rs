@@ -20,7 +20,7 @@ use iceoryx2_bb_posix::file_descriptor::FileDescriptorBased;
 use crate::topics::Topic;
 use crate::transport::images::{ImagePublisher, ImageServices, ImageSubscriber, ImageTopic};
 pub use crate::transport::instance::Instance;
-use crate::transport::instance::{Ipc, service_name};
+use crate::transport::instance::{Ipc, defined, required, service_name};
 use crate::transport::plain::{self, Plain};
 use crate::transport::statistics::InputStatistics;
 use crate::transport::{Doing, TransportError};
@@ -94,13 +94,19 @@ impl Memory {
     /// A publisher of messages `T`, on their topic.
     pub fn publisher<T: Plain>(&self) -> Result<Publisher<T>, TransportError> {
         let doing = || format!("publishing {}", T::TOPIC.name);
-        let messages = self.messages::<T>()?.open().doing(doing)?;
+        let messages = self
+            .messages::<T>()?
+            .open_with_attributes(&required()?)
+            .doing(doing)?;
         let port = messages
             .publisher_builder()
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .doing(doing)?;
-        let events = self.events(T::TOPIC)?.open().doing(doing)?;
+        let events = self
+            .events(T::TOPIC)?
+            .open_with_attributes(&required()?)
+            .doing(doing)?;
         Ok(Publisher {
             port,
             notifier: events.notifier_builder().create().doing(doing)?,
@@ -110,7 +116,10 @@ impl Memory {
     /// A subscriber to messages `T`, on their topic.
     pub fn subscriber<T: Plain>(&self) -> Result<Subscriber<T>, TransportError> {
         let doing = || format!("reading {}", T::TOPIC.name);
-        let messages = self.messages::<T>()?.open().doing(doing)?;
+        let messages = self
+            .messages::<T>()?
+            .open_with_attributes(&required()?)
+            .doing(doing)?;
         let port = messages
             .subscriber_builder()
             .buffer_size(T::TOPIC.buffer)
@@ -132,7 +141,10 @@ impl Memory {
     /// Wakes up when a message `T` is published.
     pub fn listener<T: Plain>(&self) -> Result<Listener, TransportError> {
         let doing = || format!("listening for {}", T::TOPIC.name);
-        let events = self.events(T::TOPIC)?.open().doing(doing)?;
+        let events = self
+            .events(T::TOPIC)?
+            .open_with_attributes(&required()?)
+            .doing(doing)?;
         let port = events.listener_builder().create().doing(doing)?;
         Ok(Listener { port })
     }
@@ -170,9 +182,14 @@ impl plain::Visitor for Created<'_> {
     fn visit<T: Plain>(&mut self) -> Result<(), TransportError> {
         let Created(memory, held) = self;
         let doing = || format!("creating {}", T::TOPIC.name);
-        let messages: publish_subscribe::PortFactory<Ipc, T, ()> =
-            memory.messages::<T>()?.create().doing(doing)?;
-        let events = memory.events(T::TOPIC)?.create().doing(doing)?;
+        let messages: publish_subscribe::PortFactory<Ipc, T, ()> = memory
+            .messages::<T>()?
+            .create_with_attributes(&defined()?)
+            .doing(doing)?;
+        let events = memory
+            .events(T::TOPIC)?
+            .create_with_attributes(&defined()?)
+            .doing(doing)?;
         held.push((Box::new(messages), events));
         Ok(())
     }

@@ -173,6 +173,8 @@ pub struct Facts {
     pub running: bool,
     /// Certificates; None when the configuration names none.
     pub identity: Option<Identity>,
+    /// Why the file of Zenoh's own configuration cannot be used, if it cannot.
+    pub zenoh: Option<String>,
     /// The system's clock, s since 1970.
     pub clock_s: i64,
     /// How it is kept; None when no program reports it.

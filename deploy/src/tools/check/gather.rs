@@ -48,6 +48,7 @@ pub fn gather(path: &Path) -> Facts {
         config: path.into(),
         running: false,
         identity: None,
+        zenoh: None,
         clock_s: certificates::today_s(),
         sync: sync(),
         memory: None,
@@ -227,6 +228,7 @@ impl Facts {
         if !radio.tls.authority.is_empty() {
             self.identity = Some(identity(&radio.tls));
         }
+        self.zenoh = radio.check_zenoh().err().map(|e| e.to_string());
         self.ports = radio
             .listen
             .iter()

@@ -54,6 +54,8 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     let mut all = vec![Topic("configuration").fine(format!("{path} is a {side}'s, number {id}"))];
     all.extend(clock(facts));
     all.extend(identity(facts, side, id, radio));
+    let remedy = "correct the file that radio.zenoh names: neither vessel nor drone starts with it";
+    all.extend(facts.zenoh.as_ref().map(|why| Topic("zenoh").broken(why, remedy)));
     if let Computer::Drone(d) = computer {
         all.extend(hears_vessel(radio, d.bridge.vessel_id));
     }

@@ -63,6 +63,7 @@ fn vessel() -> Facts {
         config: PathBuf::from("/etc/alight/vessel.toml"),
         computer: Ok(Computer::Vessel(Box::new(computer))),
         running: false,
+        zenoh: None,
         identity: Some(Identity {
             authority: Ok(certificate("Alight private authority", 3000)),
             own: Ok(certificate("vessel-1", 800)),
