@@ -15,9 +15,9 @@ use crate::lab;
 use crate::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, ServiceArgs};
 use crate::process::shell;
 use crate::status::command as status;
-use crate::tools::playback::ForeignLaw;
+use crate::tools::replay::Laboratory;
 use crate::tools::{
-    calibrate, check, command, config, estimate, flights, init, keys, replay, ros2, tag, view,
+    calibrate, check, command, config, estimate, flights, init, keys, replay, ros2, schema, tag, view,
 };
 use crate::{drone, terminal, vessel};
 
@@ -68,7 +68,7 @@ const GROUPS: [(&str, &[&str]); 3] = [
     ),
     (
         "Operate",
-        &["status", "view", "command", "ros2", "flights", "replay"],
+        &["status", "view", "command", "ros2", "schema", "flights", "replay"],
     ),
 ];
 
@@ -172,6 +172,8 @@ pub enum Command {
     View(view::ViewCommand),
     /// Be a node of ROS 2: poses, diagnostics, orders to land and abort.
     Ros2(ros2::Ros2Args),
+    /// List the messages on Zenoh and iceoryx2, and the fields of one.
+    Schema(schema::SchemaArgs),
     /// All processes of the vessel's computer, as its service runs them.
     Vessel(ServiceArgs),
     /// All processes of the drone's computer, as its service runs them.
@@ -230,13 +232,19 @@ pub enum Command {
     },
 }
 
-/// The law of a recorded planner that the drone does not carry: a baseline, which only the laboratory has.
-const FOREIGN_LAW: ForeignLaw<'static> = {
+/// What a replay has of the laboratory.
+const LABORATORY: Laboratory<'static> = {
     #[cfg(feature = "lab")]
-    let law: ForeignLaw<'static> = &crate::lab::record::law;
+    let laboratory = Laboratory {
+        law: &lab::record::law,
+        plot: Some(&lab::replay_plot::begin),
+    };
     #[cfg(not(feature = "lab"))]
-    let law: ForeignLaw<'static> = &|_, _| Ok(None);
-    law
+    let laboratory = Laboratory {
+        law: &|_, _| Ok(None),
+        plot: None,
+    };
+    laboratory
 };
 
 impl Command {
@@ -249,10 +257,11 @@ impl Command {
             Command::Config(c) => c.run(),
             Command::Estimate(a) => estimate::run(a),
             Command::Flights(a) => flights::run(a),
-            Command::Replay(a) => replay::run(a, FOREIGN_LAW),
+            Command::Replay(a) => replay::run(a, &LABORATORY),
             Command::Status(a) => status::run(a),
             Command::View(a) => view::run(a),
             Command::Ros2(a) => ros2::run(a),
+            Command::Schema(a) => schema::run(a),
             Command::Vessel(a) => vessel::run(a),
             Command::Drone(a) => drone::run(a),
             Command::Operate(a) => command::run(a),

@@ -1,12 +1,43 @@
 //! Lines for a person and for machines. A reader that went away (`| head`) ends the program
 //! quietly instead of with a panic.
 
-use std::fmt::Display;
+use std::collections::BTreeMap;
+use std::fmt::{self, Display};
 use std::io::{ErrorKind, Write};
 
-use serde::Serialize;
+use clap::Args;
+use serde::de::{MapAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
+use serde_json::Value;
 
 use crate::exit::{CliError, Doing};
+
+/// In which form a command prints its result: for machines, or for people where neither is asked for.
+#[derive(Args, Clone, Copy, Debug, Default)]
+pub struct Form {
+    /// Print the result as one JSON object, the last line
+    #[arg(long)]
+    pub json: bool,
+    /// Print the rows of the result as CSV
+    #[arg(long, conflicts_with = "json")]
+    pub csv: bool,
+}
+
+impl Form {
+    /// Whether the result stands alone on standard output, and lines for people on standard error.
+    pub const fn alone(self) -> bool {
+        self.json || self.csv
+    }
+    /// Prints the result as JSON or its rows as CSV, as was asked for; false where it is for people.
+    pub fn print(self, result: &impl Serialize, rows: &[impl Serialize]) -> Result<bool, CliError> {
+        if self.json {
+            json(result)?;
+        } else if self.csv {
+            line(csv(rows)?.trim_end());
+        }
+        Ok(self.alone())
+    }
+}
 
 /// A line on standard output.
 pub fn line(text: impl Display) {
@@ -26,11 +57,152 @@ pub fn json(value: &impl Serialize) -> Result<(), CliError> {
     Ok(())
 }
 
-/// A line for a person: on standard error when standard output carries the JSON object.
-pub fn note(json: bool, text: impl Display) {
-    if !json {
+/// A line for a person: on standard error where the result stands alone on standard output.
+pub fn note(alone: bool, text: impl Display) {
+    if !alone {
         return line(text);
     }
-    // Nobody reads standard error: nothing is lost that the object does not hold.
+    // Nobody reads standard error: nothing is lost that the result does not hold.
     let _ = writeln!(std::io::stderr().lock(), "{text}");
+}
+
+/// A field: those of an inner object, or a value.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Field {
+    Inner(Fields),
+    Value(Value),
+}
+
+/// The fields of an object in the order in which they were written.
+struct Fields(Vec<(String, Field)>);
+
+impl<'de> Deserialize<'de> for Fields {
+    fn deserialize<D: Deserializer<'de>>(object: D) -> Result<Fields, D::Error> {
+        struct InOrder;
+        impl<'de> Visitor<'de> for InOrder {
+            type Value = Fields;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("an object")
+            }
+            fn visit_map<M: MapAccess<'de>>(self, mut object: M) -> Result<Fields, M::Error> {
+                let mut fields = Vec::new();
+                while let Some(field) = object.next_entry()? {
+                    fields.push(field);
+                }
+                Ok(Fields(fields))
+            }
+        }
+        object.deserialize_map(InOrder)
+    }
+}
+
+/// A table of which each row has its cells by the names of their columns.
+#[derive(Default)]
+struct Cells {
+    names: Vec<String>,
+    rows: Vec<BTreeMap<String, String>>,
+}
+
+impl Cells {
+    /// Adds the fields of a row, those of inner objects under `outer.inner`; `after` is the place of the next new column.
+    fn add(&mut self, row: &mut BTreeMap<String, String>, outer: &str, fields: Fields, after: &mut usize) {
+        for (name, field) in fields.0 {
+            let name = format!("{outer}{name}");
+            let cell = match field {
+                Field::Inner(inner) => {
+                    self.add(row, &format!("{name}."), inner, after);
+                    continue;
+                }
+                Field::Value(Value::Null) => String::new(),
+                Field::Value(Value::String(text)) => text,
+                Field::Value(value) => value.to_string(),
+            };
+            let known = self.names.iter().position(|n| *n == name);
+            if known.is_none() {
+                self.names.insert(*after, name.clone());
+            }
+            *after = known.unwrap_or(*after) + 1;
+            row.insert(name, cell);
+        }
+    }
+    /// Drops the empty columns of objects that some rows have and others have not: they are columns by their fields.
+    fn without_missing_objects(&mut self) {
+        let all = self.names.clone();
+        self.names.retain(|name| {
+            let has_fields = || {
+                all.iter()
+                    .any(|n| n.strip_prefix(name.as_str()).is_some_and(|n| n.starts_with('.')))
+            };
+            let is_empty = self.rows.iter().all(|r| r.get(name).is_none_or(String::is_empty));
+            !is_empty || !has_fields()
+        });
+    }
+}
+
+/// Rows as CSV, a column for each field of their JSON, in its order: the fields of an inner object as `outer.inner`, a list in
+/// one cell as JSON, nothing for what is not known. No rows, no text.
+fn csv(rows: &[impl Serialize]) -> Result<String, CliError> {
+    let doing = "writing CSV";
+    let mut cells = Cells::default();
+    for row in rows {
+        let object = serde_json::to_string(row).doing(doing)?;
+        let mut cells_of_row = BTreeMap::new();
+        cells.add(
+            &mut cells_of_row,
+            "",
+            serde_json::from_str(&object).doing(doing)?,
+            &mut 0,
+        );
+        cells.rows.push(cells_of_row);
+    }
+    cells.without_missing_objects();
+    if cells.rows.is_empty() {
+        return Ok(String::new());
+    }
+    let mut lines = csv::Writer::from_writer(Vec::new());
+    lines.write_record(&cells.names).doing(doing)?;
+    for row in &cells.rows {
+        let record = cells
+            .names
+            .iter()
+            .map(|name| row.get(name).map_or("", String::as_str));
+        lines.write_record(record).doing(doing)?;
+    }
+    String::from_utf8(lines.into_inner().doing(doing)?).doing(doing)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Serialize)]
+    struct Error {
+        mean: f64,
+        max: f64,
+    }
+
+    #[derive(Serialize)]
+    struct Row {
+        scene: &'static str,
+        error: Option<Error>,
+        seeds: Vec<u32>,
+        aborts: Option<u32>,
+    }
+
+    #[test]
+    fn csv_of_nested_and_missing_fields() {
+        let row = |scene, error: Option<[f64; 2]>| Row {
+            scene,
+            error: error.map(|[mean, max]| Error { mean, max }),
+            seeds: vec![7, 8],
+            aborts: None,
+        };
+        let rows = [row("0.8,5", None), row("a \"b\"", Some([0.25, f64::NAN]))];
+        assert_eq!(
+            csv(&rows).unwrap(),
+            "scene,error.mean,error.max,seeds,aborts\n\"0.8,5\",,,\"[7,8]\",\n\"a \"\"b\"\"\",0.25,,\"[7,8]\",\n"
+        );
+        assert_eq!(csv(&[] as &[Row]).unwrap(), "");
+    }
 }

@@ -3,6 +3,7 @@
 use core::f64::consts::TAU;
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::frames::Vector;
@@ -17,7 +18,7 @@ const E2: f64 = F * (2.0 - F);
 const ITERATIONS: usize = 8;
 
 /// WGS-84 position of the origin of a local frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(deny_unknown_fields)]
 pub struct Datum {

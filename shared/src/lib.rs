@@ -1,6 +1,6 @@
 //! Types and models that vessel and drone share, without any middleware.
 //!
-//! Read in this order: [`time`], [`frames`], [`geodesy`], [`geoid`], [`msg`], [`topics`], [`node`], [`config`],
+//! Read in this order: [`time`], [`frames`], [`geodesy`], [`geoid`], [`msg`], [`schema`], [`topics`], [`node`], [`config`],
 //! [`admission`], then what both computers estimate with: [`vessel_model`], [`motion_model`] and [`estimation`].
 
 pub mod admission;
@@ -17,6 +17,7 @@ pub mod mavlink;
 pub mod motion_model;
 pub mod msg;
 pub mod node;
+pub mod schema;
 pub mod surroundings;
 pub mod tags;
 pub mod time;

@@ -3,6 +3,7 @@
 use core::f64::consts::{PI, TAU};
 
 use nalgebra::Vector3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::config;
@@ -101,12 +102,12 @@ impl SurroundingsConfig {
 }
 
 /// A box along the deck's axes (forward, right, down) from the deck's centre, m.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct KeepOut {
-    /// Aftmost, leftmost, highest.
+    /// Aftmost, leftmost, highest corner, from the deck's centre, m.
     pub low: [f32; 3],
-    /// Foremost, rightmost, lowest.
+    /// Foremost, rightmost, lowest corner, from the deck's centre, m.
     pub high: [f32; 3],
 }
 
@@ -146,7 +147,7 @@ impl KeepOut {
 }
 
 /// What stands around a deck, in the deck's axes from its centre.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Surroundings {
     /// Keep-out volumes.

@@ -6,7 +6,9 @@ use core::fmt;
 use core::hash::Hash;
 use core::marker::PhantomData;
 use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
+use std::borrow::Cow;
 
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 
 /// A clock that stamps instants.
@@ -18,7 +20,7 @@ pub trait Clock: Copy + fmt::Debug + Default + Ord + Hash + 'static {
 macro_rules! clocks {
     ($($(#[$doc:meta])* $clock:ident = $name:literal;)*) => {$(
         $(#[$doc])*
-        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, JsonSchema)]
         pub struct $clock;
         impl Clock for $clock {
             const NAME: &'static str = $name;
@@ -73,6 +75,18 @@ impl Span {
     }
 }
 
+impl JsonSchema for Span {
+    fn inline_schema() -> bool {
+        true
+    }
+    fn schema_name() -> Cow<'static, str> {
+        "Span".into()
+    }
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": "integer", "format": "int64", "unit": "ns" })
+    }
+}
+
 impl Add for Span {
     type Output = Span;
     fn add(self, o: Span) -> Span {
@@ -117,6 +131,18 @@ pub struct Time<C> {
     ns: i64,
     #[serde(skip)]
     clock: PhantomData<fn() -> C>,
+}
+
+impl<C: Clock> JsonSchema for Time<C> {
+    fn inline_schema() -> bool {
+        true
+    }
+    fn schema_name() -> Cow<'static, str> {
+        format!("Time on the {}", C::NAME).into()
+    }
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": "integer", "format": "int64", "unit": "ns", "frame": C::NAME })
+    }
 }
 
 impl<C> Time<C> {

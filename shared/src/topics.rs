@@ -2,8 +2,11 @@
 
 use core::mem::size_of;
 
-use crate::msg;
+use schemars::Schema;
+use serde_json::{Value, json};
+
 use crate::time::{DroneClock, Span, VesselClock};
+use crate::{msg, schema};
 
 /// How a topic travels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -12,6 +15,16 @@ pub enum Medium {
     Radio,
     /// Inside one computer, as plain data in shared memory: `bytes` is the size in memory.
     Memory,
+}
+
+impl Medium {
+    /// Its name for people and programs.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Medium::Radio => "radio",
+            Medium::Memory => "memory",
+        }
+    }
 }
 
 /// What the processes report about themselves; declared beside the table because its type belongs to
@@ -25,6 +38,7 @@ pub const PROCESS: Topic = Topic {
     bytes: size_of::<crate::transport::process::ProcessState>(),
     stale_after: Span::from_millis(2000),
     buffer: 16,
+    schema: schema::of::<crate::transport::process::ProcessState>,
 };
 
 /// A topic.
@@ -45,13 +59,40 @@ pub struct Topic {
     /// Shared memory: how many messages wait for a subscriber; the oldest gives way. State streams
     /// need the newest only, event streams must not lose what came between two wake-ups.
     pub buffer: usize,
+    /// Schema of its message.
+    pub schema: fn() -> Schema,
+}
+
+impl Topic {
+    /// Name of the message's type, without its path and its clocks.
+    pub fn type_name(&self) -> &'static str {
+        let bare = self.message.split('<').next().unwrap_or_default();
+        bare.rsplit("::").next().unwrap_or_default()
+    }
+    /// Type and version of the message for Zenoh: what follows the `;` of its encoding, `application/octet-stream`.
+    pub fn encoding_schema(&self) -> String {
+        format!("alight/{}/{}", self.type_name(), msg::MESSAGE_VERSION)
+    }
+    /// The topic with the schema of its message, for programs of others.
+    pub fn described(&self) -> Value {
+        json!({
+            "topic": self.name,
+            "message": self.type_name(),
+            "version": msg::MESSAGE_VERSION,
+            "medium": self.medium.name(),
+            "rate_hz": self.rate_hz,
+            "max_bytes": self.bytes,
+            "stale_after_s": self.stale_after.secs(),
+            "schema": (self.schema)(),
+        })
+    }
 }
 
 macro_rules! topics {
     ($($(#[$doc:meta])* $id:ident: $name:literal, $ty:ty, $medium:ident, $rate:literal Hz, $bytes:expr, $stale:literal ms, $buffer:literal deep;)*) => {
         $($(#[$doc])* pub const $id: Topic = Topic {
             name: $name, message: stringify!($ty), medium: Medium::$medium, rate_hz: $rate,
-            bytes: $bytes, stale_after: Span::from_millis($stale), buffer: $buffer,
+            bytes: $bytes, stale_after: Span::from_millis($stale), buffer: $buffer, schema: schema::of::<$ty>,
         };)*
         // Every topic's type exists and fits: a radio message is never larger in memory than 4 kB.
         $(const _: () = assert!(size_of::<$ty>() <= 64 * 1024);)*
@@ -114,6 +155,8 @@ topics! {
     SET_POINT: "pilot/setpoint", msg::SetPoint, Memory, 100.0 Hz, size_of::<msg::SetPoint>(), 100 ms, 2 deep;
     /// The operator's command.
     COMMAND: "operator/command", msg::Command, Memory, 0.1 Hz, size_of::<msg::Command>(), 5000 ms, 16 deep;
+    /// What a ground station sets of the mission.
+    SETTINGS: "operator/settings", msg::SettingsOrder, Memory, 0.1 Hz, size_of::<msg::SettingsOrder>(), 1000 ms, 2 deep;
     /// The mission's checkpoint. After this time the pilot has left the drone to its autopilot.
     MISSION_CHECKPOINT: "mission/checkpoint", msg::MissionCheckpoint, Memory, 50.0 Hz, size_of::<msg::MissionCheckpoint>(), 5000 ms, 4 deep;
     /// The predictor's checkpoint. After this time the odometry has drifted, and so has the drone.
@@ -134,7 +177,270 @@ topics! {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
+    use serde::Serialize;
+
     use super::*;
+    use crate::msg::*;
+    use crate::schema::{Field, Kind, fields, is_optional};
+    use crate::surroundings::{KeepOut, Surroundings};
+    use crate::wire;
+
+    /// Takes so many bytes.
+    fn take<'a>(bytes: &mut &'a [u8], n: usize) -> &'a [u8] {
+        let (taken, rest) = bytes.split_at(n);
+        *bytes = rest;
+        taken
+    }
+    fn integer(bytes: &mut &[u8], n: usize) -> u64 {
+        let mut word = [0; 8];
+        word[..n].copy_from_slice(take(bytes, n));
+        u64::from_le_bytes(word)
+    }
+    /// Numbers by their path, read as somebody would who has the schema alone.
+    fn read(
+        path: &str,
+        schema: &serde_json::Map<String, Value>,
+        bytes: &mut &[u8],
+        out: &mut BTreeMap<String, f64>,
+    ) {
+        if is_optional(schema) && integer(bytes, 1) == 0 {
+            return;
+        }
+        let mut set = |value| {
+            out.insert(path.to_owned(), value);
+        };
+        match Kind::of(schema) {
+            Kind::Number("double") => set(f64::from_bits(integer(bytes, 8))),
+            Kind::Number("float") => set(f32::from_bits(integer(bytes, 4) as u32).into()),
+            Kind::Number("float16") => set(f16::from_bits(integer(bytes, 2) as u16).into()),
+            Kind::Number("int64") => set(integer(bytes, 8) as i64 as f64),
+            Kind::Number("uint64") => set(integer(bytes, 8) as f64),
+            Kind::Number("uint32") => set(integer(bytes, 4) as f64),
+            Kind::Number("uint16") => set(integer(bytes, 2) as f64),
+            Kind::Number("uint8") => set(integer(bytes, 1) as f64),
+            Kind::Bool => set(integer(bytes, 1) as f64),
+            Kind::Enum(variants) => {
+                let number = integer(bytes, 4) as usize;
+                set(number as f64);
+                if let (_, Some(content)) = variants[number] {
+                    read(&format!("{path}.{}", variants[number].0), content, bytes, out);
+                }
+            }
+            Kind::Array(items, n) => {
+                (0..n).for_each(|k| read(&format!("{path}[{k}]"), items, bytes, out));
+            }
+            Kind::List(items, most) => {
+                let n = integer(bytes, 8);
+                assert!(n <= most, "{path}: {n} of {most}");
+                (0..n).for_each(|k| read(&format!("{path}[{k}]"), items, bytes, out));
+            }
+            Kind::Struct(content) => {
+                content
+                    .iter()
+                    .for_each(|(name, s)| read(&format!("{path}.{name}"), s, bytes, out));
+            }
+            other => panic!("{path}: {other:?}"),
+        }
+    }
+    fn decoded(topic: &Topic, message: &impl Serialize) -> BTreeMap<String, f64> {
+        let (bytes, mut out) = (wire::encode(message).unwrap(), BTreeMap::new());
+        let (schema, mut left) = ((topic.schema)(), bytes.as_slice());
+        read("", schema.as_object().unwrap(), &mut left, &mut out);
+        assert!(left.is_empty(), "{}: {} bytes left over", topic.name, left.len());
+        out
+    }
+
+    #[test]
+    fn radio_messages_decoded_by_their_schemas() {
+        let header = Header::new(1, 2, 3, 4, crate::time::Time::from_nanos(5));
+        let estimate = VesselEstimate::<VesselClock> {
+            header,
+            eta: [1.0, 2.0, 3.0, 0.1, 0.2, 0.3],
+            uncertainty: [[f16::ONE, f16::ZERO, f16::from_f32(0.5)]; 6],
+            mean_heading: [0.25, -0.5],
+            ..VesselEstimate::default()
+        };
+        let read = decoded(&ESTIMATE, &estimate);
+        assert_eq!((read[".header.at"], read[".header.sequence"]), (5.0, 4.0));
+        assert_eq!(
+            (
+                read[".eta[5]"],
+                read[".uncertainty[5][2]"],
+                read[".mean_heading[1]"]
+            ),
+            (0.3, 0.5, -0.5)
+        );
+        let wave = WaveModel::<VesselClock> {
+            header,
+            significant_height_m: 1.5,
+            confidence: 0.5,
+            modes: Seq::filled(
+                [WaveMode {
+                    pole: [-0.5, 2.0],
+                    ..WaveMode::default()
+                }; 3],
+            ),
+            slopes: Seq::filled([10, 20]),
+        };
+        let read = decoded(&WAVE, &wave);
+        assert_eq!((read[".modes[2].pole[1]"], read[".slopes[1]"]), (2.0, 20.0));
+        let prediction = VesselPrediction::<VesselClock> {
+            header,
+            step_s: 0.5,
+            origin: [0.0; 3],
+            stages: Seq::filled(
+                [PredictedStage {
+                    eta: [7.0; 6],
+                    ..PredictedStage::default()
+                }; 2],
+            ),
+        };
+        assert_eq!(decoded(&PREDICTION, &prediction)[".stages[1].eta[5]"], 7.0);
+        let around = Surroundings {
+            keep_out: Seq::filled([KeepOut::default(); 2]),
+            ..Surroundings::default()
+        };
+        decoded(
+            &SURROUNDINGS,
+            &VesselSurroundings::<VesselClock> {
+                header,
+                surroundings: around,
+            },
+        );
+        let course = Course::Steady(60.0);
+        let grant = DeckGrant::<VesselClock> {
+            header,
+            owner: 2,
+            course,
+            ..DeckGrant::default()
+        };
+        let read = decoded(&DECK, &grant);
+        assert_eq!(
+            (read[".owner"], read[".course"], read[".course.Steady"]),
+            (2.0, 1.0, 60.0)
+        );
+        let turning = DeckGrant::<VesselClock> {
+            course: Course::Turning,
+            ..grant
+        };
+        assert_eq!(decoded(&DECK, &turning)[".course"], 2.0);
+        let kind = CommandKind::Hold;
+        assert_eq!(
+            decoded(&OPERATOR, &OperatorCommand::<VesselClock> { header, kind })[".kind"],
+            2.0
+        );
+        decoded(&TIME_REQUEST, &TimeRequest::<DroneClock>::default());
+        decoded(&TIME_REPLY, &TimeReply::<VesselClock, DroneClock>::default());
+        let progress = CommandProgress::Replaced;
+        assert_eq!(
+            decoded(
+                &RECEIPTS,
+                &CommandReceipt {
+                    progress,
+                    ..CommandReceipt::default()
+                }
+            )[".progress"],
+            4.0
+        );
+    }
+
+    #[test]
+    fn drone_status_decoded_by_its_schema() {
+        let silent = DroneStatus::default();
+        assert!(!decoded(&DRONE_STATUS, &silent).contains_key(".battery"));
+        let status = DroneStatus {
+            state: State::Flare,
+            waiting: ReasonCode::TooFar.into(),
+            battery: Some(0.5),
+            deck_distance_m: Some(2.0),
+            abort: Some([8, 9]),
+            landed: LandedState::InAir,
+            ..silent
+        };
+        let read = decoded(&DRONE_STATUS, &status);
+        assert_eq!(
+            (read[".state"], read[".waiting.code"]),
+            (6.0, f64::from(ReasonCode::TooFar as u8))
+        );
+        assert_eq!(
+            (read[".battery"], read[".deck_distance_m"], read[".abort[1]"]),
+            (0.5, 2.0, 9.0)
+        );
+    }
+
+    /// What is a number and has no unit: counts, numbers of computers, shares, probabilities, ratios.
+    const WITHOUT_UNIT: [&str; 17] = [
+        "boot",
+        "sequence",
+        "vessel",
+        "drone",
+        "version",
+        "confidence",
+        "slopes",
+        "newest_boot",
+        "owner",
+        "places",
+        "attempts",
+        "battery",
+        "abort",
+        "operator",
+        "value",
+        "limit",
+        "uncertainty",
+    ];
+
+    #[test]
+    fn units_of_the_radio_messages() {
+        for topic in ALL.iter().filter(|t| t.medium == Medium::Radio) {
+            for field in fields(&(topic.schema)()) {
+                let Field {
+                    path,
+                    kind,
+                    unit,
+                    description,
+                    ..
+                } = &field;
+                let is_number = kind.starts_with(['f', 'i', 'u']);
+                let name = path.rsplit('.').next().unwrap();
+                assert!(
+                    !is_number || !unit.is_empty() || WITHOUT_UNIT.contains(&name),
+                    "{}: {field:?} has no unit",
+                    topic.name
+                );
+                assert!(
+                    !description.is_empty(),
+                    "{}: {path} has no description",
+                    topic.name
+                );
+            }
+        }
+        let of = |topic: &Topic, path: &str| {
+            let all = fields(&(topic.schema)());
+            let f = all.into_iter().find(|f| f.path == path).unwrap();
+            (f.kind, f.unit, f.frame)
+        };
+        let text = |kind: &str, unit: &str, frame: &str| (kind.to_owned(), unit.to_owned(), frame.to_owned());
+        assert_eq!(of(&ESTIMATE, "eta"), text("f64[6]", "m, rad", "vessel's NED"));
+        assert_eq!(of(&ESTIMATE, "header.at"), text("i64", "ns", "vessel clock"));
+        assert_eq!(of(&WAVE, "modes[].pole"), text("f32[2]", "1/s", ""));
+        assert_eq!(of(&WAVE, "slopes"), text("u8[<= 60]", "", "deck's axes"));
+        assert_eq!(
+            of(&DRONE_STATUS, "deck_distance_m"),
+            text("f32?", "m", "deck's centre")
+        );
+    }
+
+    /// Every topic has a schema that says how each of its fields travels.
+    #[test]
+    fn fields_of_every_topic() {
+        for topic in ALL {
+            for field in fields(&(topic.schema)()) {
+                assert!(!field.kind.contains('-'), "{}: {field:?}", topic.name);
+            }
+        }
+    }
 
     #[test]
     fn unique_topic_names() {

@@ -7,7 +7,8 @@
 Prints what the companion sends: its heartbeats (counted), each text, and the named values once a second. With --switch it
 turns the switch of the remote control (autopilot.rc_switch) by RC_CHANNELS_OVERRIDE: "7: 1500@0 2000@20 1000@40" puts
 channel 7 to 1500 us at once, to 2000 after 20 s and to 1000 after 40 s. With --order it commands the companion as the actions
-of deploy/examples/qgroundcontrol do: "abort@30 land@45", and prints each answer.
+of deploy/examples/qgroundcontrol do: "abort@30 land@45", and prints each answer. With --set it asks for the companion's
+parameters and sets them: "ALIGHT_MODE=1@5" after 5 s.
 """
 import argparse
 import time
@@ -28,6 +29,11 @@ def orders(text):
     return [(float(at), name, ORDERS[name]) for name, at in steps]
 
 
+def settings(text):
+    steps = [step.split("@") for step in text.split()]
+    return [(float(at), *pair.split("=")) for pair, at in steps]
+
+
 def name_of(enum, value):
     known = mavutil.mavlink.enums[enum]
     return known[value].name.removeprefix(f"{enum}_") if value in known else str(value)
@@ -45,13 +51,14 @@ def main():
     arguments.add_argument("--for", dest="seconds", type=float, default=120.0, help="ends after so many seconds")
     arguments.add_argument("--switch", type=switch, help="positions of the remote control's switch, by time")
     arguments.add_argument("--order", type=orders, default=[], help="land, abort and hold, by time: \"abort@30\"")
+    arguments.add_argument("--set", type=settings, default=[], help="parameters of the companion: \"ALIGHT_MODE=1@5\"")
     options = arguments.parse_args()
 
     # The default dialect of pymavlink is ArduPilot's, which contains `common`.
     link = mavutil.mavlink_connection(options.url, source_system=255)
     began, heartbeats, values, shown, system = time.monotonic(), 0, {}, 0.0, None
     channel, steps = options.switch or (0, [])
-    pulse_us, sent = None, 0.0
+    pulse_us, sent, listed = None, 0.0, not options.set
     while (elapsed := time.monotonic() - began) < options.seconds:
         while steps and steps[0][0] <= elapsed and system is not None:
             pulse_us = steps.pop(0)[1]
@@ -63,6 +70,14 @@ def main():
             _, name, number = options.order.pop(0)
             print(f"{elapsed:6.1f}  COMMAND_LONG {number}: {name}", flush=True)
             link.mav.command_long_send(system, COMPANION, number, 0, 0, 0, 0, 0, 0, 0, 0)
+        if not listed and system is not None:
+            listed = True
+            link.mav.param_request_list_send(system, COMPANION)
+        while options.set and options.set[0][0] <= elapsed and system is not None:
+            _, name, value = options.set.pop(0)
+            print(f"{elapsed:6.1f}  PARAM_SET {name}: {value}", flush=True)
+            kind = mavutil.mavlink.MAV_PARAM_TYPE_REAL32
+            link.mav.param_set_send(system, COMPANION, name.encode(), float(value), kind)
         message = link.recv_match(blocking=True, timeout=0.1)
         if message is None or message.get_srcComponent() != COMPANION:
             continue
@@ -81,6 +96,8 @@ def main():
             print(f"{elapsed:6.1f}  STATUSTEXT {severity:<8} {message.text}", flush=True)
         elif kind == "COMMAND_ACK":
             print(f"{elapsed:6.1f}  COMMAND_ACK {message.command}: {name_of('MAV_RESULT', message.result)}", flush=True)
+        elif kind == "PARAM_VALUE":
+            print(f"{elapsed:6.1f}  PARAM_VALUE {message.param_id}: {message.param_value:g}", flush=True)
         elif kind == "NAMED_VALUE_FLOAT":
             values[message.name] = message.value
             if elapsed - shown >= 1.0:

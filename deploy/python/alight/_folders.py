@@ -100,7 +100,7 @@ def trials(n: int, *, timeout_s: Optional[float] = None, **flags: Any) -> Trials
     """Flies `n` landings of seeds that follow each other: `alight trials --trials N`.
 
     Flags are those of `alight trials --help`, as in `alight.trial`: `trials(100, sea="moderate", seed0=10000)`.
-    `rows=FILE.csv` keeps the rows there, too, as the program does: after those that are in it. `timeout_s` (s) is ten
+    `rows=FILE.csv` keeps the rows there, too, after those that are in it. `timeout_s` (s) is ten
     minutes and one more for each landing, unless given.
     """
     kept = flags.pop("rows", None)

@@ -17,38 +17,40 @@ def relative(run: Run) -> Dict[str, Any]:
     to_touchdown_s     time since the first contact, s; NaN where nothing landed
     drone_m, deck_m    drone's place, deck's centre: north, east, down, N x 3
     drone_mps, deck_mps  their velocities: north, east, down, N x 3
+    drone_deg, deck_deg  their attitudes: roll, pitch, yaw, N x 3
     displacement_m     deck's centre to the centroid of the drone's feet in the deck's axes: forward, starboard, and
                        height above the deck (up), N x 3; its first two are `position_error_m` at the first contact
     roll_deg, pitch_deg, yaw_deg   attitude of the drone in the deck's axes: drone minus deck
     source             "truth" of a simulated landing; "belief" of a flight, whose truth nobody knows: the drone's
                        odometry and the deck as it forecasts it for now, in the odometry's own NED
     """
-    truth = {"/tf/drone", "/tf/vessel", "/tf/deck", "/truth"} <= run.series.keys()
-    found = _true(run) if truth else _believed(run)
+    found = _true(run.series["/truth"]) if "/truth" in run.series else _believed(run)
     touchdown = run.touchdown_s() if "/mission" in run.series else None
     found["to_touchdown_s"] = found["time_s"] - (np.nan if touchdown is None else touchdown)
     return found
 
 
-def _true(run: Run) -> Dict[str, Any]:
-    drone, vessel, deck, truth = (run.topic(t) for t in ("/tf/drone", "/tf/vessel", "/tf/deck", "/truth"))
-    # All three are written together; a part of a recording may begin or end between two of them.
-    time_s = truth["time_s"]
-    drone_m, q_drone = _at(time_s, drone)
-    vessel_m, q_vessel = _at(time_s, vessel)
-    mount_m, q_mount = _at(time_s, deck)
-    deck_m = vessel_m + _turn(q_vessel, mount_m)
-    q_deck = _times(q_vessel, q_mount)
-    offset = _turn(_inverse(q_deck), drone_m - deck_m)
-    # The truth's height is that of the feet's plane under the drone's origin: what is missing to it is their depth.
-    feet_m = float(np.median(-offset[:, 2] - truth["height_above_deck_m"]))
+def configured(run: Run, key: str, default: float) -> float:
+    """The number of a key in the configurations that are attached."""
+    found = re.search(rf"^{key} = ([0-9.]+)", "\n".join(run.files.values()), re.M)
+    return float(found.group(1)) if found else default
+
+
+def _true(truth: Dict[str, Any]) -> Dict[str, Any]:
+    def columns(*names):
+        return np.column_stack([truth[name] for name in names])
+
     return {
-        "time_s": time_s,
-        "drone_m": drone_m,
-        "deck_m": deck_m,
+        "time_s": truth["time_s"],
+        # Its heights are up.
+        "drone_m": columns("drone_north_m", "drone_east_m", "drone_height_m") * (1.0, 1.0, -1.0),
+        "deck_m": columns("deck_north_m", "deck_east_m", "deck_heave_m") * (1.0, 1.0, -1.0),
         "drone_mps": truth["drone_velocity_mps"],
         "deck_mps": truth["deck_velocity_mps"],
-        **_seen_from_deck(offset, q_drone, q_deck, feet_m),
+        "drone_deg": columns("drone_roll_deg", "drone_pitch_deg", "drone_yaw_deg"),
+        "deck_deg": columns("deck_roll_deg", "deck_pitch_deg", "deck_yaw_deg"),
+        "displacement_m": columns("forward_m", "starboard_m", "height_above_deck_m"),
+        **{f"{angle}_deg": truth[f"{angle}_error_deg"] for angle in ("roll", "pitch", "yaw")},
         "source": "truth",
     }
 
@@ -70,7 +72,6 @@ def _believed(run: Run) -> Dict[str, Any]:
     deck_m, q_deck = forecast["position_m"][inside, 0], forecast["quaternion_wxyz"][inside, 0]
     drone_m, q_drone = _at(time_s, odometry)
     body_mps = _interpolated(time_s, odometry["time_s"], odometry["body_velocity_mps"])
-    feet = re.search(r"^feet_below_m = ([0-9.]+)", "\n".join(run.files.values()), re.M)
     offset = _turn(_inverse(q_deck), drone_m - deck_m)
     return {
         "time_s": time_s,
@@ -79,7 +80,9 @@ def _believed(run: Run) -> Dict[str, Any]:
         "drone_mps": _turn(q_drone, body_mps),
         # No forecast states a velocity: the differences of its places.
         "deck_mps": np.gradient(deck_m, time_s, axis=0),
-        **_seen_from_deck(offset, q_drone, q_deck, float(feet.group(1)) if feet else 0.0),
+        "drone_deg": np.column_stack(_euler_deg(q_drone)),
+        "deck_deg": np.column_stack(_euler_deg(q_deck)),
+        **_seen_from_deck(offset, q_drone, q_deck, configured(run, "feet_below_m", 0.0)),
         "source": "belief",
     }
 
@@ -89,16 +92,24 @@ def _seen_from_deck(offset, q_drone, q_deck, feet_m: float) -> Dict[str, Any]:
     below = np.zeros_like(offset)
     below[:, 2] = feet_m
     feet = offset + _turn(q, below)
-    w, x, y, z = q.T
-    angles = {
-        "roll_deg": np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-        "pitch_deg": np.arcsin(np.clip(2 * (w * y - z * x), -1, 1)),
-        "yaw_deg": np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
-    }
+    roll, pitch, yaw = _euler_deg(q)
     return {
         "displacement_m": feet * np.array([1.0, 1.0, -1.0]),
-        **{name: np.degrees(angle) for name, angle in angles.items()},
+        "roll_deg": roll,
+        "pitch_deg": pitch,
+        "yaw_deg": yaw,
     }
+
+
+def _euler_deg(q):
+    """Roll, pitch and yaw (ZYX)."""
+    w, x, y, z = q.T
+    angles = (
+        np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+        np.arcsin(np.clip(2 * (w * y - z * x), -1, 1)),
+        np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+    )
+    return [np.degrees(angle) for angle in angles]
 
 
 def _at(time_s, series):

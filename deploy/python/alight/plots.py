@@ -12,7 +12,7 @@ from ._folders import Envelope, Study
 from ._lazy import Lazy
 from ._lazy import numpy as np
 from ._program import AlightError
-from ._relative import relative
+from ._relative import configured, relative
 from ._run import Run
 
 figure = Lazy("matplotlib.figure")
@@ -127,6 +127,91 @@ def _title(run: Run, source: str) -> str:
     if of.get("position_error_m") is not None:
         parts.append(f"{of['position_error_m']:.2f} m off the centre at {of['touchdown_speed_mps']:.2f} m/s")
     return "Landing: " + (", ".join(part for part in parts if part) or "one recording")
+
+
+# Moments of a landing: the mission's state, and at which part of its time.
+MOMENTS = [("Tracking stable", 1.0), ("Descent", 0.5), ("Flare", 0.4), ("Landed", 1.0)]
+# Half of what a panel of them shows to both sides, and above and below the deck's centre, m.
+SIDE_M, ABOVE_M, BELOW_M = 4.75, 8.4, 1.8
+
+
+def moments(run: Run):
+    """Four moments of a landing as the drone knows them, seen from starboard, forward to the right: the deck, its
+    forecast, the drone and its plan, around the deck's centre at that moment. Of several landings the last one."""
+    r = relative(run)
+    touchdown = run.touchdown_s()
+    if touchdown is None:
+        raise AlightError(f"nothing landed in {run.path or 'this run'}: there are no moments of a landing to draw")
+    # Panels keep their scale: one that is stretched shows no slope.
+    drawn = figure.Figure(figsize=(12, 4.2), layout="compressed")
+    axes = drawn.subplots(1, len(MOMENTS), sharey=True)
+    for axis, (state, part) in zip(axes, MOMENTS):
+        at = _within(run, state, part)
+        _moment(axis, run, r, at, has_plan=state != "Landed")
+        axis.set_title(f"{state}, {at - touchdown:+.1f} s", fontsize="medium")
+        axis.set_xlabel("forward of the deck's centre, m")
+        axis.set_aspect("equal")
+        axis.set_xlim(-SIDE_M, SIDE_M)
+        axis.set_ylim(-BELOW_M, ABOVE_M)
+        axis.grid(alpha=0.3)
+    axes[0].set_ylabel("height, m")
+    handles, labels = axes[0].get_legend_handles_labels()
+    drawn.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)
+    drawn.suptitle(_title(run, r["source"]) + "; times to the touchdown", wrap=True, fontsize="medium")
+    return drawn
+
+
+def _within(run: Run, state: str, part: float) -> float:
+    """Time at that part of the mission's last stay in a state."""
+    mission = run.topic("/mission")
+    inside = np.flatnonzero(mission["state"] == state)
+    if not len(inside):
+        raise AlightError(f"the mission of {run.path or 'this run'} was never in the state {state}")
+    # From the end back to where another state was before.
+    gaps = np.flatnonzero(np.diff(inside) > 1)
+    began, ended = mission["time_s"][inside[gaps[-1] + 1 if len(gaps) else 0]], mission["time_s"][inside[-1]]
+    return float(began + part * (ended - began))
+
+
+def _moment(axis, run: Run, r: Dict[str, Any], at: float, has_plan: bool) -> None:
+    def now(name):
+        return np.array([np.interp(at, r["time_s"], column) for column in r[name].T])
+
+    drone, deck, nearest = now("drone_m"), now("deck_m"), np.argmin(np.abs(r["time_s"] - at))
+    heading = np.radians(r["deck_deg"][nearest, 2])
+    odometry = run.topic("/drone/odometry")
+    # Forecast and plan are in the odometry's own north, east, down.
+    own = np.array([np.interp(at, odometry["time_s"], column) for column in odometry["position_m"].T])
+
+    def side(places):
+        """Forward of the deck's centre and height."""
+        north, east, down = (places - deck).T
+        return north * np.cos(heading) + east * np.sin(heading), -down
+
+    def bar(place, half_m, attitude_deg, **style):
+        forward, height = side(place)
+        slope = _slope(attitude_deg, heading)
+        axis.plot(forward + half_m * np.array([-1, 1]), height + half_m * slope * np.array([-1, 1]), **style)
+
+    newest = {}
+    for topic in ("/deck/forecast/path", "/plan/path"):
+        series = run.topic(topic)
+        before = np.flatnonzero(series["time_s"] <= at + 1e-6)
+        newest[topic] = side(series["position_m"][before[-1]] + drone - own) if len(before) else ([], [])
+    axis.plot(*newest["/deck/forecast/path"], color=GREEN, label="forecast of its centre")
+    if has_plan:
+        axis.plot(*newest["/plan/path"], "--", color=BLUE, label="plan")
+    bar(deck, configured(run, "length_m", 2.5) / 2, r["deck_deg"][nearest], color=RED, linewidth=4, label="deck")
+    bar(drone, 0.35, r["drone_deg"][nearest], color=BLUE, linewidth=3, label="drone")
+
+
+def _slope(attitude_deg, heading: float) -> float:
+    """Rise of a body's plane along a heading (rad), from its roll, pitch and yaw: positive where its forward end is up."""
+    roll, pitch, yaw = np.radians(attitude_deg)
+    yaw -= heading
+    # Its down axis, in axes of which the first is the heading.
+    forward = np.cos(yaw) * np.sin(pitch) * np.cos(roll) + np.sin(yaw) * np.sin(roll)
+    return forward / (np.cos(pitch) * np.cos(roll))
 
 
 def table2(study: Study):

@@ -5,6 +5,7 @@ import json
 import os
 import pathlib
 import re
+import runpy
 import tempfile
 import unittest
 
@@ -44,6 +45,17 @@ def has_all():
     except ImportError:
         return False
     return PAGE.exists()
+
+
+class Pictures(unittest.TestCase):
+    @unittest.skipUnless(PAGE.exists(), "the documents lie in the checkout")
+    def test_script_draws_what_the_pages_show(self):
+        pictures = runpy.run_path(str(ROOT / "deploy/scripts/pictures"))["PICTURES"]
+        shown = set()
+        for page in [ROOT / "README.md", *ROOT.glob("deploy/**/*.md")]:
+            for link in re.findall(r"^!\[[^]]*\]\(([^)]+\.svg)\)", page.read_text(encoding="utf-8"), re.M):
+                shown.add((page.parent / link).resolve().relative_to(ROOT).as_posix())
+        self.assertEqual(shown, set(pictures))
 
 
 @unittest.skipUnless(has_all(), "the documents use pandas and matplotlib, and lie in the checkout")

@@ -69,7 +69,7 @@ class Landing(unittest.TestCase):
         self.assertTrue(-3.0 <= x[0] < -2.9 and 0.9 < x[-1] <= 1.0, (x[0], x[-1]))
 
     def test_landing_that_never_was(self):
-        run = alight.trial(seed=1, wind=25, topics=["/mission", "/truth", "/tf"])
+        run = alight.trial(seed=1, wind=25, topics=["/mission", "/truth"])
         figure = alight.plots.landing(run)
         self.assertIn("end of the recording", figure.axes[4].get_xlabel())
         written(figure)
@@ -95,6 +95,41 @@ class Landing(unittest.TestCase):
             own = np.interp(r["time_s"][air], truth["time_s"], truth["drone_mps"][:, part])
             self.assertLess(np.abs(r["drone_mps"][air, part] - own).max(), 0.5)
         written(alight.plots.landing(run))
+
+
+class Moments(unittest.TestCase):
+    def test_drone_comes_down_to_the_deck(self):
+        run, _ = landing()
+        figure = alight.plots.moments(run)
+        self.assertEqual(len(figure.axes), 4)
+        heights = []
+        for axis in figure.axes:
+            (_, drone), (_, deck) = (line(axis, name) for name in ("drone", "deck"))
+            # Its centre is the origin.
+            self.assertAlmostEqual(deck.mean(), 0.0, places=6)
+            heights.append(drone.mean())
+        self.assertEqual(heights, sorted(heights, reverse=True))
+        self.assertLess(heights[-1], 0.5)
+        written(figure)
+
+    def test_forecast_begins_at_the_deck(self):
+        run, _ = landing()
+        for axis in alight.plots.moments(run).axes:
+            forward, height = line(axis, "forecast of its centre")
+            self.assertLess(np.hypot(forward[0], height[0]), 0.5)
+
+    def test_slope_along_a_heading(self):
+        # Nose up by 10 deg as seen from its own heading, level from abeam, where its roll shows.
+        slope = alight.plots._slope
+        self.assertAlmostEqual(slope((0.0, 10.0, 30.0), np.radians(30.0)), np.tan(np.radians(10.0)))
+        self.assertAlmostEqual(slope((0.0, 10.0, 30.0), np.radians(120.0)), 0.0)
+        # Starboard down: seen along starboard the forward end is down.
+        self.assertAlmostEqual(slope((10.0, 0.0, 0.0), np.radians(90.0)), -np.tan(np.radians(10.0)))
+
+    def test_flight_without_a_landing(self):
+        run = alight.trial(seed=1, wind=25)
+        with self.assertRaisesRegex(alight.AlightError, "nothing landed"):
+            alight.plots.moments(run)
 
 
 class Tables(unittest.TestCase):

@@ -22,7 +22,7 @@ config! {
         /// Address at which Foxglove connects; empty: none.
         /// Source: Foxglove's usual port is 8765.
         pub foxglove: String = String::new();
-        /// The page and `alight status` give winds in knots in place of m/s.
+        /// The page and `alight status` give winds and the vessel's speed in knots in place of m/s.
         /// Source: What the crew reads.
         pub knots: bool = false;
         /// The page offers the local crew's word: on the drone's computer abort, on the vessel's the closing of the deck.

@@ -11,7 +11,7 @@ use alight_shared::config;
 use alight_shared::mavlink::{Signatures, Signing};
 use alight_shared::msg::{
     AutopilotState, Command, DeckForecast, DroneState, LinkCheckpoint, MissionState, RangeSample, Seq,
-    SetPoint,
+    SetPoint, SettingsOrder,
 };
 use alight_shared::transport::memory::{Instance, Memory};
 use alight_shared::transport::metrics::MetricName;
@@ -120,6 +120,7 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
     let mut states = memory.publisher::<AutopilotState>()?;
     let mut ranges = memory.publisher::<RangeSample>()?;
     let mut commands = memory.publisher::<Command>()?;
+    let mut settings = memory.publisher::<SettingsOrder>()?;
     let mut reports = memory.publisher()?;
     let (mut decoder, mut encoder) = (Decoder::signed(signing.clone()), Encoder::signed(signing));
     let wakes = watched(memory.listener::<SetPoint>()?, Interest::READABLE);
@@ -170,6 +171,7 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
             }
             checkpoint.publish(out.checkpoint.as_ref());
             commands.send_any(out.command.as_ref());
+            settings.send_any(out.settings.as_ref());
             out.ranges.iter().for_each(|m| ranges.send(m));
             states.send_any(out.state.as_ref());
             // Odometry last, because it wakes the other processes.
@@ -204,7 +206,8 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
             + odometry.unsent()
             + states.unsent()
             + ranges.unsent()
-            + commands.unsent();
+            + commands.unsent()
+            + settings.unsent();
         let report = process.state(inputs, unsent);
         reports.send_any(report.as_ref());
     }

@@ -3,15 +3,15 @@
 use std::time::Duration;
 
 use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind};
-use alight_shared::admission::Rejections;
+use alight_shared::admission::{Rejections, Sender};
 use alight_shared::msg::{AutopilotState, DeckForecast, DroneState, DroneStatus, Header, MissionState, Seq};
 use alight_shared::time::Stamped;
 use alight_shared::topics::{self, Topic};
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory, Publisher};
-use alight_shared::transport::metrics::{MetricName, Metrics};
+use alight_shared::transport::metrics::{Metric, MetricName, Metrics};
 use alight_shared::transport::process::{ProcessKind, ProcessState};
-use alight_shared::transport::radio::{Publication, Radio, RadioCounts, Urgency};
+use alight_shared::transport::radio::{Publication, Radio, Subscription, Urgency};
 use alight_shared::{config, wire};
 use alight_uav::autopilot::still_armed_s;
 use tokio::time::timeout;
@@ -37,6 +37,8 @@ const SUBSCRIPTIONS: [(PacketKind, &Topic); 7] = [
     (PacketKind::Surroundings, &topics::SURROUNDINGS),
     (PacketKind::Command, &topics::OPERATOR),
 ];
+/// What is asked of the vessel once it is there: it comes seldom.
+const ASKED: [PacketKind; 2] = [PacketKind::Wave, PacketKind::Surroundings];
 
 /// Runs until it is asked to end. Twice a second it sends the drone's status to the vessel.
 pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
@@ -68,17 +70,24 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut age_s = f64::INFINITY;
     let (mut received_bytes, mut rejected, mut sequence) = (0_u64, 0_u64, 0_u32);
 
-    let publication = |name: &str, urgency| Publication::new(drone_key(&own, name), urgency);
+    let publication =
+        |topic: &'static Topic, urgency| Publication::new(drone_key(&own, topic.name), urgency).of(topic);
     let publications = vec![
-        publication(topics::TIME_REQUEST.name, Urgency::State),
-        publication(topics::DRONE_STATUS.name, Urgency::Status),
+        publication(&topics::TIME_REQUEST, Urgency::State),
+        publication(&topics::DRONE_STATUS, Urgency::Status),
     ];
-    let keys = SUBSCRIPTIONS
+    let mut keys: Vec<Subscription> = SUBSCRIPTIONS
         .iter()
-        .map(|(_, topic)| topic.name)
-        .chain([STATUS])
-        .map(|name| vessel_key(vessel, name))
+        .map(|(kind, topic)| (ASKED.contains(kind), vessel_key(vessel, topic.name)))
+        .map(|(asked, key)| {
+            if asked {
+                Subscription::asked(key)
+            } else {
+                key.into()
+            }
+        })
         .collect();
+    keys.push(vessel_key(vessel, STATUS).into());
     let mut radio = Radio::open(&computer.radio, publications, keys)?;
 
     let mut flows = RadioRates::of(&[Some(&topics::TIME_REQUEST), Some(&topics::DRONE_STATUS)]);
@@ -108,6 +117,10 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
             .map(|(at_ns, packet)| Stamped::new(process.at(at_ns).min(now), packet))
             .collect();
         let out = process.step(now, &BridgeIn { packets }, |out| out.estimate.is_some());
+        // Before the clocks agree an answer could not be dated.
+        if process.node().offset(now).is_some() {
+            radio.ask();
+        }
         estimate.send_any(out.estimate.as_ref());
         wave.send_any(out.wave.as_ref());
         prediction.send_any(out.prediction.as_ref());
@@ -132,7 +145,16 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
         decided = mission.newest(now.nanos()).or(decided);
         flight = autopilot.newest(now.nanos()).or(flight);
         let counts = radio.counts();
-        process.life.metrics = metrics(process.node().rejections(), received_bytes, rejected, &counts);
+        let sessions = radio.count_present(|s| *s == Sender::Vessel(vessel)) as u64;
+        let own = [
+            MetricName::BytesReceived.count(received_bytes),
+            MetricName::PacketsDropped.count(counts.dropped),
+            MetricName::SessionsReopened.count(counts.reopened),
+            MetricName::VesselStatusRejected.count(rejected),
+            MetricName::NewestAsked.count(counts.asked),
+            MetricName::VesselSession.count(sessions),
+        ];
+        process.life.metrics = metrics(own, process.node().rejections());
         if let Some(report) = process.state(Vec::new, counts.unsent) {
             let flows = flows.since(&radio, report.at_ns);
             state.send(&ProcessState { flows, ..report });
@@ -165,19 +187,8 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// The bridge's metrics.
-fn metrics(
-    rejections: &Rejections,
-    received_bytes: u64,
-    status_rejected: u64,
-    counts: &RadioCounts,
-) -> Metrics {
-    let own = [
-        MetricName::BytesReceived.count(received_bytes),
-        MetricName::PacketsDropped.count(counts.dropped),
-        MetricName::SessionsReopened.count(counts.reopened),
-        MetricName::VesselStatusRejected.count(status_rejected),
-    ];
+/// The bridge's own metrics, and why it rejected what.
+fn metrics(own: impl IntoIterator<Item = Metric>, rejections: &Rejections) -> Metrics {
     let reasons = rejections
         .iter()
         .filter(|(_, n)| *n > 0)

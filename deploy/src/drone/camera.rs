@@ -9,17 +9,19 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync
 use std::time::Duration;
 
 use alight_shared::config::{self, Check as _, Keys};
+use alight_shared::geometry::DeckGeometry;
 use alight_shared::msg::{Seq, TagPose, UvdarFix};
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
-use alight_shared::transport::images::ImageSubscriber;
+use alight_shared::transport::images::{ImagePublisher, ImageSubscriber, ImageTopic};
 use alight_shared::transport::memory::{Instance, Memory, Publisher};
 use alight_shared::transport::metrics::{Metric, MetricName};
 use alight_shared::transport::plain::Plain;
 use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_shared::transport::statistics::Quantiles;
 use alight_uav::camera::light::mean_level;
+use alight_uav::camera::marked::MAX_BYTES;
 use alight_uav::camera::metering::{Light, Setting};
 use alight_uav::camera::node::CameraIdentity;
 use alight_uav::camera::uvdar::UvdarNode;
@@ -44,6 +46,9 @@ const RETRY_PERIOD: Duration = Duration::from_secs(1);
 /// The light on the tag is reported for so long after it was detected.
 const LIGHT_MEMORY: Span = Span::from_millis(1000);
 
+/// Time between two images for people.
+const SHOW_PERIOD: Span = Span::from_millis(500);
+
 /// Topic of the detections.
 struct Shared {
     memory: Memory,
@@ -52,10 +57,39 @@ struct Shared {
 
 /// What processes images, and where it publishes its detections.
 enum Detector {
-    /// For the tag.
-    Tag(Box<CameraNode>, Option<Publisher<TagPose>>),
+    /// For the tag, which people are shown as well.
+    Tag(Box<CameraNode>, Option<Publisher<TagPose>>, Option<Box<Shown>>),
     /// For the blinking markers.
     Markers(Box<UvdarNode>, Option<Publisher<UvdarFix>>),
+}
+
+/// Images for people, made only while somebody looks.
+struct Shown {
+    images: ImagePublisher,
+    deck: DeckGeometry,
+    next: Time<DroneClock>,
+}
+
+impl Shown {
+    fn open(memory: &Memory, deck: DeckGeometry) -> Result<Shown, CliError> {
+        Ok(Shown {
+            images: memory.image_publisher(ImageTopic::Marked, MAX_BYTES)?,
+            deck,
+            next: Time::EPOCH,
+        })
+    }
+    /// Shows an image that `node` has processed, where one is due.
+    fn show(&mut self, frame: &Frame, node: &CameraNode) {
+        let early = self.next - frame.at;
+        if early > Span::ZERO && early <= SHOW_PERIOD || !self.images.is_read() {
+            return;
+        }
+        if let Some(marked) = node.marked(frame, &self.deck) {
+            self.next = frame.at + SHOW_PERIOD;
+            let (size, marks) = (marked.size.map(|s| s as u32), [marked.tags, marked.outlines]);
+            self.images.send(frame.at.nanos(), size, marks, &marked.rgb);
+        }
+    }
 }
 
 /// A detection for people.
@@ -91,13 +125,15 @@ impl Detector {
         } else {
             let tags = memory.map(Memory::publisher).transpose()?;
             let node = CameraNode::new(settings, &computer.drone.tags(), names);
-            Detector::Tag(Box::new(node), tags)
+            let deck = computer.drone.deck;
+            let shown = memory.map(|m| Shown::open(m, deck).map(Box::new)).transpose()?;
+            Detector::Tag(Box::new(node), tags, shown)
         })
     }
     /// Processes images and publishes what was detected.
     fn detect(&mut self, now: Time<DroneClock>, input: &CameraIn) -> Vec<Detection> {
         match self {
-            Detector::Tag(node, port) => publish(&node.step(now, input).tags, port, |m| Detection {
+            Detector::Tag(node, port, _) => publish(&node.step(now, input).tags, port, |m| Detection {
                 at: m.header.at,
                 line: json!({
                     "at_s": m.header.at.secs(),
@@ -119,21 +155,27 @@ impl Detector {
     /// The light on the tag in the newest image, where one was detected.
     fn light(&self) -> Option<TagLight> {
         match self {
-            Detector::Tag(node, _) => node.light(),
+            Detector::Tag(node, ..) => node.light(),
             Detector::Markers(..) => None,
+        }
+    }
+    /// Shows people what was detected in the newest of these images.
+    fn show(&mut self, input: &CameraIn) {
+        if let (Detector::Tag(node, _, Some(shown)), Some(frame)) = (self, input.frames.last()) {
+            shown.show(frame, node);
         }
     }
     /// Messages that could not be sent.
     fn unsent(&self) -> u64 {
         match self {
-            Detector::Tag(_, port) => port.as_ref().map_or(0, Publisher::unsent),
+            Detector::Tag(_, port, _) => port.as_ref().map_or(0, Publisher::unsent),
             Detector::Markers(_, port) => port.as_ref().map_or(0, Publisher::unsent),
         }
     }
     /// What became of images.
     fn metrics(&self) -> Vec<Metric> {
         match self {
-            Detector::Tag(node, _) => {
+            Detector::Tag(node, ..) => {
                 let c = node.counts();
                 vec![
                     MetricName::Images.count(c.images),
@@ -161,7 +203,7 @@ impl Detector {
     /// The same for people.
     fn counts(&self) -> Value {
         match self {
-            Detector::Tag(node, _) => json!(node.counts()),
+            Detector::Tag(node, ..) => json!(node.counts()),
             Detector::Markers(node, _) => json!(node.counts),
         }
     }
@@ -271,7 +313,9 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
     let mut shared = shared;
     let mut detector = Detector::new(kind, &computer, names, shared.as_ref().map(|s| &s.memory))?;
     let mut source = match &shared {
-        Some(shared) if config.is_simulation() => Source::Simulation(shared.memory.image_subscriber()?),
+        Some(shared) if config.is_simulation() => {
+            Source::Simulation(shared.memory.image_subscriber(ImageTopic::Simulated)?)
+        }
         Some(_) | None => {
             let (events, lights) = spawn_source(kind, &config, &computer)?;
             Source::Thread(events, lights)
@@ -331,6 +375,7 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
             }
             let sent: Time<DroneClock> = computer.clock.now();
             detections.iter().for_each(|s| ages.add((sent - s.at).secs()));
+            detector.show(&input);
             if args.print {
                 print(&input, &detections);
             }

@@ -3,7 +3,7 @@
 
 use alight_shared::msg::{
     AutopilotState, Command, DeckForecast, DeckGrant, DroneState, MissionCheckpoint, MissionState, Plan,
-    RangeSample, SetPoint,
+    RangeSample, SetPoint, SettingsOrder,
 };
 use alight_shared::time::DroneClock;
 use alight_shared::transport::TransportError;
@@ -25,6 +25,7 @@ reads! {
         newest plan: Plan,
         newest set_point: SetPoint,
         all commands: Command,
+        newest settings: SettingsOrder,
         newest deck: DeckGrant<DroneClock>,
         all ranges: RangeSample,
         ; checkpoint

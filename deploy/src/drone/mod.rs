@@ -52,6 +52,7 @@ pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
         // Rejected here, not in a process that is started again and again.
         mavlink_key::read("autopilot.signing_key", &computer.autopilot.signing_key)?;
     }
+    computer.radio.check_zenoh()?;
     let more = [
         (ProcessKind::Autopilot, supervision.autopilot),
         (ProcessKind::Camera, computer.camera.is_there()),

@@ -14,6 +14,7 @@ use clap::{Args, ValueEnum};
 
 use super::study::definition;
 use crate::process::args::ViewArgs;
+use crate::terminal::Form;
 
 /// Planners.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
@@ -324,9 +325,9 @@ pub struct TrialArgs {
     /// Whether and where people look on.
     #[command(flatten)]
     pub view: ViewArgs,
-    /// Print the outcome as one JSON object, the last line
-    #[arg(long)]
-    pub json: bool,
+    /// How the result is printed.
+    #[command(flatten)]
+    pub form: Form,
 }
 
 /// Many landings.
@@ -347,12 +348,12 @@ pub struct TrialsArgs {
     /// Spread the start over the recording: trial i begins at motion-start + i * this, s
     #[arg(long, value_name = "S", requires = "deck_motion")]
     pub motion_stride: Option<f64>,
-    /// Append one line per trial (CSV) to this file
+    /// Write one line per trial (CSV) to this file, too
     #[arg(long, value_name = "FILE.csv")]
     pub rows: Option<PathBuf>,
-    /// Print the summary as one JSON object, the last line
-    #[arg(long)]
-    pub json: bool,
+    /// How the result is printed.
+    #[command(flatten)]
+    pub form: Form,
 }
 
 /// Part `index` of `count`.
@@ -413,15 +414,15 @@ pub struct StudyArgs {
     pub row: Option<u32>,
     /// Fly nothing; print a command for each row and each so many seeds, a line each, for a scheduler such as HyperQueue
     #[arg(long, value_name = "SEEDS", value_parser = clap::value_parser!(u32).range(1..),
-        conflicts_with_all = ["shard", "row", "json", "within"])]
+        conflicts_with_all = ["shard", "row", "json", "csv", "within"])]
     pub tasks: Option<u32>,
     /// Fly a row no further once its landing rate is known to so many percent up and down (Wilson's 95 % interval, looked at
     /// every 20 trials; --trials at most)
     #[arg(long, value_name = "PERCENT", value_parser = clap::value_parser!(u8).range(1..=50), conflicts_with = "shard")]
     pub within: Option<u8>,
-    /// Print the result as one JSON object, the last line
-    #[arg(long)]
-    pub json: bool,
+    /// How the result is printed.
+    #[command(flatten)]
+    pub form: Form,
 }
 
 /// A wind of an envelope, m/s: with the vessel's own way within what a scenario takes.
@@ -467,15 +468,15 @@ pub struct EnvelopeArgs {
     /// Write envelope.svg, envelope.html, envelope.json and rows.csv there; a run that was cut off goes on where it stopped
     #[arg(long, value_name = "DIR", default_value = "envelope")]
     pub out: PathBuf,
-    /// Print the envelope as one JSON object, the last line
-    #[arg(long)]
-    pub json: bool,
+    /// How the result is printed.
+    #[command(flatten)]
+    pub form: Form,
 }
 
 /// The vessel's response amplitude operators.
 #[derive(Args, Debug)]
 pub struct RaoArgs {
-    /// Print as one JSON object
-    #[arg(long)]
-    pub json: bool,
+    /// How the result is printed.
+    #[command(flatten)]
+    pub form: Form,
 }

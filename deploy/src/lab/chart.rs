@@ -1,5 +1,6 @@
-//! Charts as SVG: a landing over time (as in the paper's figures 3 and 4), curves over named places, means with their
-//! intervals.
+//! Charts as SVG: a landing, curves over named places, means with their intervals.
+
+pub mod landing;
 
 use std::error::Error;
 use std::ffi::OsStr;
@@ -7,9 +8,6 @@ use std::fmt::Write as _;
 use std::ops::Range;
 use std::path::Path;
 
-use alight_shared::frames::wrap_angle;
-use alight_sim::harness::outcome::Outcome;
-use alight_sim::harness::trace::{Trace, TracePoint};
 use alight_sim::studies::statistics::SampleStatistics;
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -46,6 +44,7 @@ fn colour(index: usize) -> RGBColor {
 struct Line {
     name: String,
     colour: RGBColor,
+    dashed: bool,
     points: Vec<(f64, f64)>,
 }
 
@@ -85,10 +84,16 @@ fn lines(area: &Area<'_>, axes: &Axes<'_>, lines: &[Line]) -> Drawn {
     for line in lines {
         let colour = line.colour;
         let style = colour.stroke_width(2);
-        chart
-            .draw_series(LineSeries::new(line.points.iter().copied(), style))?
+        let points = line.points.iter().copied();
+        let drawn = if line.dashed {
+            chart.draw_series(DashedLineSeries::new(points, 5, 4, style))?
+        } else {
+            chart.draw_series(LineSeries::new(points, style))?
+        };
+        let length = if line.dashed { 9 } else { 18 };
+        drawn
             .label(&line.name)
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style));
+            .legend(move |(x, y)| PathElement::new([(x, y), (x + length, y)], style));
         if axes.places.is_some() {
             let dots = line.points.iter().map(|p| Circle::new(*p, 3, colour.filled()));
             chart.draw_series(dots)?;
@@ -120,92 +125,6 @@ pub fn can_write(path: &Path) -> Result<(), CliError> {
     })
 }
 
-/// Draws the trace of a landing to `path`.
-pub fn landing(trace: &Trace, outcome: &Outcome, path: &Path) -> Result<(), CliError> {
-    let doing = || format!("writing the plot {}", path.display());
-    let title = format!(
-        "Landing at sea {}, seed {}, planner {}: {}",
-        outcome.sea,
-        outcome.seed,
-        outcome.planner,
-        outcome.outcome.name()
-    );
-    let mut svg = String::new();
-    draw_landing(trace, &title, SVGBackend::with_string(&mut svg, (1200, 1400))).doing(doing())?;
-    std::fs::write(path, svg).doing(doing())
-}
-
-/// A value of a point, as a line of drone or deck.
-type Value<'a> = (&'a str, &'a dyn Fn(&TracePoint) -> f64);
-/// Caption, unit, span of time (s) and values of a panel.
-type Panel<'a> = (&'a str, &'a str, (f64, f64), &'a [Value<'a>]);
-
-fn draw_landing(trace: &Trace, title: &str, backend: SVGBackend<'_>) -> Drawn {
-    let root = backend.into_drawing_area();
-    root.fill(&WHITE)?;
-    let panels = root.titled(title, ("sans-serif", 24))?.split_evenly((4, 2));
-    let from = trace.points.first().map_or(0.0, |p| p.t_s);
-    let until = trace.points.last().map_or(1.0, |p| p.t_s).max(from + 1.0);
-    let touchdown = trace.touchdown_s;
-    let all = (from, until);
-    let late = (
-        touchdown.map_or(from, |t| (t - 15.0).max(from)),
-        touchdown.map_or(until, |t| (t + 5.0).min(until)),
-    );
-    paths(&panels[0], trace)?;
-    let speed = |v: [f64; 3]| v[0].hypot(v[1]);
-    let charts: [Panel<'_>; 4] = [
-        (
-            "Height",
-            "m",
-            all,
-            &[("drone", &|p| -p.drone[2]), ("deck", &|p| -p.deck[2])],
-        ),
-        (
-            "Drone relative to deck centre",
-            "m",
-            late,
-            &[
-                ("north", &|p| p.drone[0] - p.deck[0]),
-                ("east", &|p| p.drone[1] - p.deck[1]),
-                ("clearance", &|p| p.clearance_m),
-            ],
-        ),
-        (
-            "Horizontal speed",
-            "m/s",
-            all,
-            &[
-                ("drone", &|p| speed(p.drone_velocity)),
-                ("deck", &|p| speed(p.deck_velocity)),
-            ],
-        ),
-        (
-            "Vertical speed (up)",
-            "m/s",
-            late,
-            &[
-                ("drone", &|p| -p.drone_velocity[2]),
-                ("deck", &|p| -p.deck_velocity[2]),
-            ],
-        ),
-    ];
-    for (area, (caption, unit, span, values)) in panels.iter().skip(1).zip(charts) {
-        over_time(area, trace, (caption, unit), span, values)?;
-    }
-    for (i, (area, name)) in panels.iter().skip(5).zip(["Roll", "Pitch", "Yaw"]).enumerate() {
-        let middle = trace.points.last().map_or(0.0, |p| p.deck_euler[i]);
-        let unwrap = |angle: f64| (middle + wrap_angle(angle - middle)).to_degrees();
-        let values: [Value<'_>; 2] = [
-            ("drone", &|p| unwrap(p.drone_euler[i])),
-            ("deck", &|p| unwrap(p.deck_euler[i])),
-        ];
-        over_time(area, trace, (name, "deg"), late, &values)?;
-    }
-    root.present()?;
-    Ok(())
-}
-
 fn range_of(values: impl Iterator<Item = f64>) -> Range<f64> {
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for v in values.filter(|v| v.is_finite()) {
@@ -217,65 +136,6 @@ fn range_of(values: impl Iterator<Item = f64>) -> Range<f64> {
     }
     let margin = (0.05 * (high - low)).max(0.05);
     low - margin..high + margin
-}
-
-fn over_time(
-    area: &Area<'_>,
-    trace: &Trace,
-    (caption, unit): (&str, &str),
-    (from, until): (f64, f64),
-    values: &[Value<'_>],
-) -> Drawn {
-    let inside = || trace.points.iter().filter(|p| (from..=until).contains(&p.t_s));
-    let line = |(k, (name, f)): (usize, &Value<'_>)| Line {
-        name: (*name).into(),
-        colour: colour(k),
-        points: inside().map(|p| (p.t_s, f(p))).collect(),
-    };
-    let mut drawn: Vec<Line> = values.iter().enumerate().map(line).collect();
-    let up = range_of(drawn.iter().flat_map(|l| l.points.iter().map(|p| p.1)));
-    if let Some(t) = trace.touchdown_s.filter(|t| (from..=until).contains(t)) {
-        drawn.push(Line {
-            name: "touchdown".into(),
-            colour: MARK,
-            points: vec![(t, up.start), (t, up.end)],
-        });
-    }
-    let axes = Axes {
-        caption,
-        names: ["time since start, s", unit],
-        across: from..until + 0.2 * (until - from),
-        up,
-        places: None,
-    };
-    lines(area, &axes, &drawn)
-}
-
-fn paths(area: &Area<'_>, trace: &Trace) -> Drawn {
-    let ends = || trace.points.iter().flat_map(|p| [p.drone, p.deck]);
-    let (east, north) = (range_of(ends().map(|p| p[1])), range_of(ends().map(|p| p[0])));
-    // One scale for both axes, so that a circle is a circle.
-    let half = ((east.end - east.start).max(north.end - north.start)) / 2.0;
-    let (ce, cn) = ((east.end + east.start) / 2.0, (north.end + north.start) / 2.0);
-    let (w, h) = area.dim_in_pixel();
-    let stretch = f64::from(w.saturating_sub(70)) / f64::from(h.saturating_sub(70).max(1));
-    let axes = Axes {
-        caption: "Paths from above",
-        names: ["east, m", "north, m"],
-        across: ce - half * stretch..ce + half * stretch,
-        up: cn - half..cn + half,
-        places: None,
-    };
-    let path = |name: &str, colour, place: fn(&TracePoint) -> [f64; 3]| Line {
-        name: name.into(),
-        colour,
-        points: trace.points.iter().map(|p| (place(p)[1], place(p)[0])).collect(),
-    };
-    let drawn = [
-        path("drone", colour(0), |p| p.drone),
-        path("deck", colour(1), |p| p.deck),
-    ];
-    lines(area, &axes, &drawn)
 }
 
 /// A curve: its name and a point for each place; none where nothing was measured.
@@ -291,6 +151,7 @@ pub fn curves(caption: &str, places: &[String], curves: &[Curve]) -> Result<Char
     let line = |(k, curve): (usize, &Curve)| Line {
         name: curve.name.clone(),
         colour: colour(k),
+        dashed: false,
         points: curve
             .points
             .iter()

@@ -7,6 +7,7 @@ pub mod live;
 pub mod outcome_table;
 pub mod rare;
 pub mod record;
+pub mod replay_plot;
 pub mod report;
 pub mod scene;
 pub mod storm;

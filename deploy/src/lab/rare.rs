@@ -10,7 +10,7 @@ use indicatif::ProgressBar;
 use super::args::SceneArgs;
 use super::scene::Scene;
 use crate::exit::{CliError, Doing, Exit};
-use crate::terminal;
+use crate::terminal::{self, Form};
 
 /// Arguments of `alight rare`.
 #[derive(Args, Debug)]
@@ -33,9 +33,9 @@ pub struct RareArgs {
     /// Seed of the first run
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     seed0: u64,
-    /// Print a JSON object.
-    #[arg(long)]
-    json: bool,
+    /// How the result is printed.
+    #[command(flatten)]
+    form: Form,
 }
 
 /// Estimates, reports.
@@ -69,9 +69,7 @@ pub fn run(args: &RareArgs) -> Result<Exit, CliError> {
     let Some(estimate) = Estimate::of(runs, population) else {
         return Ok(Exit::Failed);
     };
-    if args.json {
-        terminal::json(&estimate)?;
-    } else {
+    if !args.form.print(&estimate, &estimate.runs)? {
         terminal::line(text(&estimate));
     }
     Ok(Exit::Success)

@@ -13,7 +13,7 @@ use serde::Serialize;
 use super::scene::stopwatch;
 use super::trials::{in_parallel, seeds};
 use crate::exit::{CliError, Doing, Exit};
-use crate::terminal::{self, note};
+use crate::terminal::{self, Form, note};
 
 /// Largest list that is read, bytes.
 const MAX_LIST_BYTES: u64 = 1 << 20;
@@ -50,9 +50,9 @@ pub struct StormArgs {
     /// Write the shortest list of each violation there, SEED.toml.
     #[arg(long, value_name = "DIRECTORY")]
     save: Option<PathBuf>,
-    /// Print a JSON object.
-    #[arg(long)]
-    json: bool,
+    /// How the result is printed.
+    #[command(flatten)]
+    form: Form,
 }
 
 /// A rule that a storm broke.
@@ -63,6 +63,14 @@ struct Broken {
     /// The list as drawn, and the shortest that still breaks the rule.
     storm: Storm,
     shrunk: Storm,
+}
+
+/// The same as a row.
+#[derive(Serialize)]
+struct BrokenRow<'a> {
+    seed: u64,
+    #[serde(flatten)]
+    violation: &'a Violation,
 }
 
 /// A storm's end.
@@ -95,7 +103,7 @@ pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
         return Ok(Exit::Failed);
     }
     if let Some(path) = &args.list {
-        return fly_list(path, args.json);
+        return fly_list(path, args.form);
     }
     if let Some(directory) = &args.save {
         std::fs::create_dir_all(directory)
@@ -131,9 +139,7 @@ pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
         }
     }
     let summary = Summary::of(all, &coverage, elapsed());
-    if args.json {
-        terminal::json(&summary)?;
-    } else {
+    if !args.form.print(&summary, &summary.rows())? {
         terminal::line(summary.text());
     }
     Ok(Exit::of(summary.broken.is_empty() && summary.storms > 0))
@@ -223,13 +229,11 @@ pub fn read_list(path: &Path) -> Result<Storm, CliError> {
 }
 
 /// Flies a list and shows what happens.
-fn fly_list(path: &Path, json: bool) -> Result<Exit, CliError> {
+fn fly_list(path: &Path, form: Form) -> Result<Exit, CliError> {
     let storm = read_list(path)?;
-    let mut show = |t_s: f64, line: &str| note(json, format_args!("{t_s:>7.2} s  {line}"));
+    let mut show = |t_s: f64, line: &str| note(form.alone(), format_args!("{t_s:>7.2} s  {line}"));
     let flown = fly(&storm, &mut show).doing(format_args!("flying the list {}", path.display()))?;
-    if json {
-        terminal::json(&flown)?;
-    } else {
+    if !form.print(&flown, &[&flown])? {
         let end = match flown.ending {
             Ending::Landed => "landed: every rule held",
             Ending::Waits => "waits for a stated reason: every rule held",
@@ -254,7 +258,7 @@ fn show(args: &StormArgs, broken: &Broken) -> Result<(), CliError> {
     };
     let list = list.trim_end();
     note(
-        args.json,
+        args.form.alone(),
         format_args!("seed {seed}: {}\n{list}", broken.violation),
     );
     Ok(())
@@ -285,6 +289,16 @@ impl Summary {
         let kinds: BTreeSet<Kind> = coverage.begun.keys().map(|(kind, _)| *kind).collect();
         summary.kinds_begun = kinds.len();
         summary
+    }
+    /// The broken rules, without the lists of faults, which --save writes.
+    fn rows(&self) -> Vec<BrokenRow<'_>> {
+        self.broken
+            .iter()
+            .map(|b| BrokenRow {
+                seed: b.seed,
+                violation: &b.violation,
+            })
+            .collect()
     }
     fn text(&self) -> String {
         let Summary {

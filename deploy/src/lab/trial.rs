@@ -23,7 +23,7 @@ pub fn run(args: &TrialArgs) -> Result<Exit, CliError> {
         let Event::Phase { t_s, name, reason } = event;
         let line = format!("{t_s:>7.2} s  {name:<16} {reason}");
         // With --json the object is the only thing on standard output.
-        note(args.json, line);
+        note(args.form.alone(), line);
     };
     let watch = Watch {
         on_event: &mut show,
@@ -33,11 +33,9 @@ pub fn run(args: &TrialArgs) -> Result<Exit, CliError> {
     let mut outcome = flight.outcome;
     outcome.wall_time_s = elapsed();
     if let (Some(path), Some(trace)) = (&args.plot, &flight.trace) {
-        chart::landing(trace, &outcome, path)?;
+        chart::landing::write(trace, &chart::landing::title(&outcome), path)?;
     }
-    if args.json {
-        terminal::json(&outcome)?;
-    } else {
+    if !args.form.print(&outcome, &[&outcome])? {
         terminal::line(format_args!("\n{}", outcome_table::outcome(&outcome)));
         if let Some(path) = &args.plot {
             terminal::line(format_args!("plot: {}", path.display()));
@@ -87,6 +85,6 @@ fn watcher(args: &TrialArgs, scene: &Scene) -> Result<Option<Watcher>, CliError>
         .server
         .lines()
         .into_iter()
-        .for_each(|line| note(args.json, line));
+        .for_each(|line| note(args.form.alone(), line));
     Ok(Some(watcher))
 }

@@ -99,7 +99,7 @@ pub fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
     if interrupted {
         let (flown, all) = (outcomes.len(), seeds.len());
         note(
-            args.json,
+            args.form.alone(),
             format_args!("interrupted after {flown} of {all} landings"),
         );
     }
@@ -115,7 +115,7 @@ pub fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
     for o in outcomes.iter().filter(|o| !o.success) {
         let start = motion_start(o.seed).map_or_else(String::new, |s| format!(" --motion-start {s}"));
         note(
-            args.json,
+            args.form.alone(),
             format_args!(
                 "seed {0}: {1} ({2})\n  replay: alight trial --seed {0} {3}{start} --plot seed-{0}.svg",
                 o.seed,
@@ -125,9 +125,10 @@ pub fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
             ),
         );
     }
-    if args.json {
-        terminal::line(serde_json::Value::Object(outcome_table::summary_json(&summary)));
-    } else {
+    if !args
+        .form
+        .print(&outcome_table::summary_json(&summary), &outcomes)?
+    {
         terminal::line(outcome_table::summary(&summary));
         if scene.scenario.begin_anyway {
             terminal::line(outcome_table::likelihood(&summary));

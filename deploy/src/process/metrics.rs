@@ -48,7 +48,7 @@ mod tests {
         };
         assert_eq!(
             text(&vessel),
-            "bytes sent 1200, age of drone message 250.0 ms, drone state Tracking, drone battery 80 %, \
+            "bytes sent 1200, age of drone message 250 ms, drone state Tracking, drone battery 80 %, \
              last peer rejected for an expired certificate, measurement to estimate p50 10.0 ms"
         );
     }

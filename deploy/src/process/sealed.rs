@@ -44,9 +44,7 @@ impl SealedConfig {
         directory: &Path,
         origin: &Path,
     ) -> Result<(T, SealedConfig), CliError> {
-        let named = fs::canonicalize(origin).unwrap_or_else(|_| origin.to_owned());
-        let hash = wire::hash_record(&named.display().to_string()).doing("naming a copy")?;
-        let copy = directory.join(format!("alight-config-{hash:016x}.toml"));
+        let copy = copy_of(directory, origin)?;
         if let Some(text) = fresh(&copy) {
             match config::parse(&text, &copy.display().to_string()) {
                 Ok(computer) => {
@@ -122,6 +120,18 @@ impl Drop for SealedConfig {
             let _left = fs::remove_file(&self.copy);
         }
     }
+}
+
+/// What a service that was started with the file `origin` runs by now, as text; None where none was, and for another user's.
+pub fn running(origin: &Path) -> Option<String> {
+    fresh(&copy_of(&std::env::temp_dir(), origin).ok()?)
+}
+
+/// Where the copy of a file is.
+fn copy_of(directory: &Path, origin: &Path) -> Result<PathBuf, CliError> {
+    let named = fs::canonicalize(origin).unwrap_or_else(|_| origin.to_owned());
+    let hash = wire::hash_record(&named.display().to_string()).doing("naming a copy")?;
+    Ok(directory.join(format!("alight-config-{hash:016x}.toml")))
 }
 
 /// What is in a copy of ours that was fresh lately.

@@ -13,14 +13,16 @@ use alight_shared::transport::plain::Plain;
 use alight_shared::transport::process::{ProcessKind, ProcessState};
 use nalgebra::Vector3;
 
-/// Times from microseconds to seconds in four digits.
+/// Times from microseconds to seconds in three digits.
 pub fn time(s: f64) -> String {
     if !s.is_finite() {
         "-".into()
     } else if s.abs() < 1e-3 {
         format!("{:.0} us", s * 1e6)
-    } else if s.abs() < 1.0 {
+    } else if s.abs() < 0.1 {
         format!("{:.1} ms", s * 1e3)
+    } else if s.abs() < 1.0 {
+        format!("{:.0} ms", s * 1e3)
     } else {
         format!("{s:.1} s")
     }
@@ -187,6 +189,7 @@ mod tests {
     fn status_line_width() {
         assert_eq!(time(0.000_042), "42 us");
         assert_eq!(time(0.0217), "21.7 ms");
+        assert_eq!(time(0.1742), "174 ms");
         assert_eq!(time(12.34), "12.3 s");
         assert_eq!(time(f64::INFINITY), "-");
         let snapshot = Snapshot {

@@ -151,20 +151,32 @@ pub struct SetPoint {
     pub plan_age_s: Option<f64>,
 }
 
-/// Drone and deck as they are.
+/// Drone and deck as they are. Places are the drone's centre of mass and the deck's centre, heights up; `forward_m`,
+/// `starboard_m` and `height_above_deck_m` lead from the deck's centre to the centroid of the feet in the deck's axes, in which
+/// the errors are drone minus deck.
 #[derive(Encode)]
 pub struct Truth {
+    pub deck_north_m: f64,
+    pub deck_east_m: f64,
     pub deck_heave_m: f64,
     pub deck_roll_deg: f64,
     pub deck_pitch_deg: f64,
     pub deck_yaw_deg: f64,
     pub deck_velocity_mps: [f64; 3],
+    pub drone_north_m: f64,
+    pub drone_east_m: f64,
+    pub drone_height_m: f64,
     pub drone_roll_deg: f64,
     pub drone_pitch_deg: f64,
     pub drone_yaw_deg: f64,
     pub drone_velocity_mps: [f64; 3],
     pub horizontal_distance_m: f64,
+    pub forward_m: f64,
+    pub starboard_m: f64,
     pub height_above_deck_m: f64,
     pub relative_speed_mps: f64,
+    pub roll_error_deg: f64,
+    pub pitch_error_deg: f64,
+    pub yaw_error_deg: f64,
     pub tilt_error_deg: f64,
 }

@@ -150,6 +150,12 @@ pub fn attachment(number: i64, sent_ns: i64, gid: [u8; 16]) -> Vec<u8> {
     all
 }
 
+/// When a message with this attachment was sent, ns since 1970 by its sender's clock; None where that is no attachment.
+pub fn sent_ns(attachment: &[u8]) -> Option<i64> {
+    let bytes = attachment.get(TIME)?.try_into().ok()?;
+    Some(i64::from_le_bytes(bytes))
+}
+
 /// What goes with the response to a request with this attachment: the same number and gid, by which the client knows it,
 /// and the time. None where that is no attachment; newer versions of rmw_zenoh leave the gid's length out.
 pub fn response_attachment(request: &[u8], sent_ns: i64) -> Option<Vec<u8>> {
@@ -237,6 +243,8 @@ mod tests {
             hex,
             "070000000000000015cd853dfe9c971710000102030405060708090a0b0c0d0e0f"
         );
+        assert_eq!(sent_ns(&all), Some(1_700_000_000_123_456_789));
+        assert_eq!(sent_ns(&all[..15]), None);
         assert_eq!(response_attachment(&all, 5), Some(attachment(7, 5, gid)));
         assert!(response_attachment(&all[..32], 5).is_some_and(|r| r.len() == 32));
         for length in [0, 8, 31] {

@@ -2,6 +2,8 @@
 //! the mission shows.
 
 use alight_shared::msg::{Command, CommandKind, MissionState};
+use alight_shared::time::Span;
+use alight_shared::topics;
 
 use crate::config::DroneComputer;
 use crate::process::local_command::{LocalCommand, answer};
@@ -10,6 +12,26 @@ use crate::process::local_command::{LocalCommand, answer};
 pub trait Caller {
     /// Answers it.
     fn reply(self, taken: bool, message: &str);
+}
+
+/// A request may be stamped so far ahead of this computer's clock.
+const AHEAD: Span = Span::from_millis(1000);
+
+/// Why a request that was sent at `sent_ns` by its client's clock is not flown at `now_ns`: its client may have gone while the
+/// network held it back. An abort counts however old it is.
+pub fn is_late(kind: CommandKind, sent_ns: i64, now_ns: i64) -> Option<String> {
+    let (age, limit) = (
+        Span::from_nanos(now_ns.saturating_sub(sent_ns)),
+        topics::COMMAND.stale_after,
+    );
+    if kind == CommandKind::Abort || (-AHEAD..=limit).contains(&age) {
+        return None;
+    }
+    let (age_s, limit_s) = (age.secs(), limit.secs());
+    Some(format!(
+        "not ordered: {age_s:.1} s old by its own stamp (limit {limit_s:.0} s): order again, and set the clocks of both \
+         computers if this stays"
+    ))
 }
 
 /// Callers that wait for one order, at most.
@@ -174,6 +196,21 @@ mod tests {
             .map(|(who, taken, _)| (*who, *taken))
             .collect();
         assert_eq!(refused, [("land", false), ("late", false)]);
+    }
+
+    #[test]
+    fn ros_request_held_back_by_the_network() {
+        let late = |kind, age_s: f64| is_late(kind, NOW - (age_s * 1e9) as i64, NOW);
+        assert_eq!(
+            [late(CommandKind::Land, 4.9), late(CommandKind::Land, -0.9)],
+            [None, None]
+        );
+        let text = late(CommandKind::Land, 7.2).unwrap();
+        assert!(text.starts_with("not ordered: 7.2 s old"), "{text}");
+        assert!(late(CommandKind::Land, -1.1).is_some());
+        // Whatever the stamp is.
+        assert!(is_late(CommandKind::Land, i64::MIN, NOW).is_some());
+        assert_eq!(late(CommandKind::Abort, 600.0), None);
     }
 
     #[test]

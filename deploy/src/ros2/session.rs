@@ -15,7 +15,7 @@ use zenoh::{Wait, config::WhatAmI};
 use crate::process::wall::wall_ns;
 use crate::ros2::cdr;
 use crate::ros2::messages::{Message, TRIGGER, TriggerResponse};
-use crate::ros2::names::{Endpoint, Entity, RosNode, attachment, gid, response_attachment};
+use crate::ros2::names::{Endpoint, Entity, RosNode, attachment, gid, response_attachment, sent_ns};
 use crate::ros2::orders::Caller;
 
 /// A session that could not be opened is tried again after this long, ns.
@@ -272,11 +272,11 @@ impl Open {
         }
         let mut servers = Vec::with_capacity(parts.services.len());
         for (service, kind) in &parts.services {
-            let (inbox, kind) = (parts.inbox.clone(), *kind);
+            let (inbox, kind, key) = (parts.inbox.clone(), *kind, node.key(service));
             let server = session
-                .declare_queryable(node.key(service))
+                .declare_queryable(key.clone())
                 .complete(true)
-                .callback(move |query| Request::receive(query, kind, &inbox))
+                .callback(move |query| Request::receive(query, kind, &key, &inbox))
                 .wait()?;
             servers.push(server);
             tokens.push(token(node.token_of(&zid, tokens.len(), service))?);
@@ -298,24 +298,36 @@ impl Open {
 pub struct Request {
     /// What it orders.
     pub kind: CommandKind,
+    /// When it was sent, ns since 1970 by its client's clock.
+    pub sent_ns: i64,
     query: Query,
     attachment: Vec<u8>,
 }
 
 impl Request {
-    /// Puts a client's request into the queue. One that finds no room, or is invalid, is rejected with the reason.
-    fn receive(query: Query, kind: CommandKind, inbox: &SyncSender<Request>) {
+    /// Puts a client's request for the service on `key` into the queue. One that finds no room, is invalid or asks for more
+    /// services than this one is rejected with the reason.
+    fn receive(query: Query, kind: CommandKind, key: &str, inbox: &SyncSender<Request>) {
+        if !names(query.key_expr().as_str(), key) {
+            refuse(
+                &query,
+                "not ordered: a wildcard in place of the service's name and type",
+            );
+            return;
+        }
         let attachment = query.attachment().map(|a| a.to_bytes().into_owned());
         let is_client = attachment
             .as_ref()
             .is_some_and(|a| response_attachment(a, 0).is_some());
         let fits = query.payload().is_some_and(|p| p.len() <= MAX_REQUEST);
-        let Some(attachment) = attachment.filter(|_| is_client && fits) else {
+        let request = attachment.filter(|_| is_client && fits);
+        let Some((attachment, sent_ns)) = request.and_then(|a| sent_ns(&a).map(|sent| (a, sent))) else {
             refuse(&query, "no request of std_srvs/srv/Trigger in rmw_zenoh's form");
             return;
         };
         let request = Request {
             kind,
+            sent_ns,
             query,
             attachment,
         };
@@ -327,6 +339,12 @@ impl Request {
             }
         }
     }
+}
+
+/// Whether `asked` names the service on `key` alone: all but the hash of its type.
+fn names(asked: &str, key: &str) -> bool {
+    let named = |key: &str| key.rsplit_once('/').map(|(name, _)| name.to_owned());
+    named(asked).is_some() && named(asked) == named(key)
 }
 
 fn refuse(query: &Query, why: &str) {
@@ -350,5 +368,27 @@ impl Caller for Request {
             .encoding(Encoding::APPLICATION_CDR)
             .attachment(attachment)
             .wait();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ros_service_by_its_name() {
+        let key = "0/alight/drone_1/land/std_srvs::srv::dds_::Trigger_/RIHS01_ee";
+        let asked = |name: &str| names(&format!("0/alight/drone_1/{name}"), key);
+        assert!(names(key, key) && asked("land/std_srvs::srv::dds_::Trigger_/*"));
+        for several in [
+            "*/std_srvs::srv::dds_::Trigger_/RIHS01_ee",
+            "l$*/std_srvs::srv::dds_::Trigger_/*",
+            "land/**",
+            "**",
+            "land/*/RIHS01_ee",
+        ] {
+            assert!(!asked(several), "{several}");
+        }
+        assert!(!names("**", key));
     }
 }

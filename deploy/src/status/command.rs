@@ -54,13 +54,10 @@ struct Look<'a> {
 
 impl<'a> Look<'a> {
     fn at(computer: &'a Computer) -> Result<Look<'a>, CliError> {
-        let (name, known) = match computer {
-            Computer::Vessel(v) => (&v.instance, Known::vessel(v)),
-            Computer::Drone(d) => (&d.instance, Known::drone(d)),
-        };
+        let name = computer.instance();
         Ok(Look {
             computer,
-            known,
+            known: Known::of(computer),
             instance: Instance::new(name)?,
             follower: Follower::of(name, "status")?,
             has_waited: false,

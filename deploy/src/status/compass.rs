@@ -5,8 +5,11 @@ use alight_shared::msg::{VesselStatus, Wind};
 use serde::Serialize;
 
 use super::situation::Situation;
-use super::vessel::WORTH_TURNING;
 
+/// A turn that takes less than a tenth of the tilt away is not worth it.
+pub const WORTH_TURNING: f64 = 0.9;
+/// A slower vessel has no course over ground, m/s.
+const STILL_MPS: f64 = 0.3;
 /// A knot, m/s.
 const KNOT_MPS: f64 = 1852.0 / 3600.0;
 /// What a wind is called that is too light for a direction.
@@ -36,6 +39,18 @@ pub fn wind(wind: Wind, knots: bool) -> String {
         return text;
     }
     format!("{:.0} kn from {}°", wind.speed_mps / KNOT_MPS, wind.from_deg)
+}
+
+/// A vessel's speed for people, by her velocity to north and east, m/s; and where to, unless she lies still.
+pub fn speed([north, east]: [f64; 2], knots: bool) -> (String, Option<f64>) {
+    let mps = north.hypot(east);
+    let text = if knots {
+        format!("{:.1} kn", mps / KNOT_MPS)
+    } else {
+        format!("{mps:.1} m/s")
+    };
+    let course_deg = east.atan2(north).to_degrees().rem_euclid(360.0);
+    (text, (mps >= STILL_MPS).then_some(course_deg))
 }
 
 /// A direction (deg, clockwise from north) seen from the bow.
@@ -137,6 +152,13 @@ mod tests {
             ("6 m/s from 0°".into(), "12 kn from 0°".into())
         );
         assert_eq!(wind(Wind::towards([0.1, 0.0]), true), "calm");
+    }
+
+    #[test]
+    fn speed_in_knots() {
+        assert_eq!(speed([0.0, -2.0], true), ("3.9 kn".into(), Some(270.0)));
+        assert_eq!(speed([2.0, 0.0], false), ("2.0 m/s".into(), Some(0.0)));
+        assert_eq!(speed([0.1, 0.2], false), ("0.2 m/s".into(), None));
     }
 
     #[test]

@@ -7,6 +7,7 @@ use alight_shared::msg::{
 };
 use alight_shared::time::Time;
 use alight_shared::topics;
+use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessKind;
 use alight_uav::mission::MAX_VESSEL_DISTANCE_M;
 
@@ -91,6 +92,15 @@ fn link(s: &Situation) -> Vec<Finding> {
     } else {
         TOPIC.fine(found)
     }];
+    let bridge = s.seen.processes.get(&ProcessKind::Bridge);
+    let has_session = bridge.is_some_and(|p| p.count(MetricName::VesselSession) > 0);
+    if age_s > limit_s && has_session {
+        let remedy = "look there with alight status: does its estimator run?";
+        all.push(TOPIC.warning(
+            "the vessel's Zenoh session is up, only its estimates are missing",
+            remedy,
+        ));
+    }
     all.extend(l.second_sender.map(|boot| {
         let found =
             format!("a SECOND COMPUTER sends as the vessel (boot {boot:08x}); its messages are rejected");
@@ -337,16 +347,18 @@ fn touchdown(s: &Situation) -> Figure {
         return Figure::unknown(NAME);
     };
     let (age_s, stale) = (s.seen.plan_age_s(s.now_ns), s.seen.plan.is_old(s.now_ns));
+    let stands = s.seen.mission.as_ref().is_some_and(|m| m.state == State::Landed);
     let left_s = p.touchdown_at.map(|at| (at - p.header.at).secs() - age_s);
     Figure {
         value: match left_s {
+            _ if stands => Some("done".into()),
             // The countdown of an old plan is none.
             Some(_) if stale => None,
             Some(s) => Some(format!("in {:.1} s", s.max(0.0))),
             None => Some("not planned".into()),
         },
         note: format!("plan {} old, {:?}", time(age_s), p.solve).to_lowercase(),
-        stale,
+        stale: stale && !stands,
         ..Figure::unknown(NAME)
     }
 }
@@ -370,7 +382,7 @@ fn response(r: &AttitudeResponse) -> Figure {
 
 /// How far the landing goes, when not onto the deck.
 fn mode(m: &MissionState, a: Option<&AutopilotState>) -> Option<Figure> {
-    match m.mode {
+    match m.settings.mode {
         LandingMode::Land => None,
         LandingMode::Match => {
             let lowest_m = m.lowest_clearance_m.unwrap_or_default();
@@ -411,7 +423,7 @@ mod tests {
     use crate::process::snapshot::Snapshot;
     use crate::status::Status;
     use crate::status::situation::Known;
-    use alight_shared::msg::{Header, LinkState, Reason};
+    use alight_shared::msg::{Header, LinkState, MissionSettings, Reason};
     use alight_shared::transport::plain::Plain;
     use alight_shared::transport::process::ProcessState;
 
@@ -492,7 +504,10 @@ mod tests {
         s.processes.clear();
         s.edited = Some("drone.toml was edited since the start".into());
         s.mission = came(MissionState {
-            mode: LandingMode::Shadow,
+            settings: MissionSettings {
+                mode: LandingMode::Shadow,
+                ..MissionSettings::default()
+            },
             waiting: Reason::new(ReasonCode::AutopilotParameterUnknown, 10.0, 0.0),
             ..mission(State::Landed, ReasonCode::None)
         });

@@ -18,6 +18,7 @@ use serde_json::{Map, Value, json};
 use crate::certificates::{self, Certificate};
 use crate::config::{DroneComputer, VesselComputer};
 use crate::process::snapshot::Snapshot;
+use crate::status::subject::Computer;
 
 /// Two periods of the processes' reports: who has not reported by then is silent, s.
 pub const OBSERVATION_S: f64 = 1.2;
@@ -57,11 +58,18 @@ pub struct Known {
     pub processes: Vec<ProcessKind>,
     /// Of a vessel's computer.
     pub vessel: Option<KnownVessel>,
-    /// People read winds in knots.
+    /// People read winds and the vessel's speed in knots.
     pub knots: bool,
 }
 
 impl Known {
+    /// A computer.
+    pub fn of(computer: &Computer) -> Known {
+        match computer {
+            Computer::Vessel(v) => Known::vessel(v),
+            Computer::Drone(d) => Known::drone(d),
+        }
+    }
     /// A drone's computer.
     pub fn drone(computer: &DroneComputer) -> Known {
         Known {

@@ -1,7 +1,7 @@
 //! What the status of a vessel's sensors and of its estimate means: what is refused, what is said of their bytes, and
 //! whether a landing can do with the estimate.
 
-use alight_shared::msg::EstimatorStatus;
+use alight_shared::msg::{EstimatorStatus, Line};
 
 use super::finding::{Finding, Topic};
 use super::situation::SourceHealth;
@@ -65,6 +65,15 @@ pub fn source(s: &SourceHealth) -> Finding {
             None => TOPIC.fine(format!("{counts}; {} old", time(s.age_s.unwrap_or_default()))),
         },
     }
+}
+
+/// What is to be said of a source.
+pub fn of(s: &SourceHealth) -> impl Iterator<Item = Finding> {
+    let remarks = s.report.remarks.iter().map(|r| {
+        let remedy = r.remedy.as_ref().map(Line::as_str);
+        remark(&s.name, r.text.as_str(), remedy)
+    });
+    core::iter::once(source(s)).chain(remarks)
 }
 
 /// What is to be said of a source's bytes beside their counts.

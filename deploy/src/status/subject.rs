@@ -46,6 +46,13 @@ impl Computer {
             ))),
         }
     }
+    /// Name of its set of processes.
+    pub fn instance(&self) -> &str {
+        match self {
+            Computer::Vessel(v) => &v.instance,
+            Computer::Drone(d) => &d.instance,
+        }
+    }
     /// The installed configuration of this computer.
     pub fn shipped() -> Option<PathBuf> {
         let readable = |p: &&Path| fs::File::open(p).is_ok();

@@ -185,7 +185,12 @@ fn label(level: Level) -> &'static str {
 
 /// An entry's lines: words, at most [`MAX_LINES`] lines, all but the first below its text.
 fn wrapped(label: &str, text: &str, level: Level, indent: usize, width: usize) -> Vec<Line> {
-    let mut lines = vec![format!("{label:<indent$}")];
+    let mut first = format!("{label:<indent$}");
+    if first.ends_with(|c: char| !c.is_whitespace()) {
+        // A label that fills its column.
+        first.push(' ');
+    }
+    let mut lines = vec![first];
     let mut begun = false;
     for word in text.split_whitespace() {
         let (used, length) = (
@@ -245,6 +250,12 @@ mod tests {
             status().text(),
             "land: Tracking since 4.2 s: reached\nlink       62.0 ms old, 0.4 % lost\nalarms     none"
         );
+    }
+
+    #[test]
+    fn status_label_as_wide_as_its_column() {
+        let line = wrapped("certificate", "12 days left", Level::Fine, LABEL, WIDTH).swap_remove(0);
+        assert_eq!(line.text, "certificate 12 days left");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The vessel's computer: findings, state and figures.
 
 use alight_shared::msg::{
-    Charge, Closure, Course, DeckStatus, DroneContact, DroneStatus, EstimatorStatus, HeadingAdvice, Line,
+    Charge, Closure, Course, DeckStatus, DroneContact, DroneStatus, EstimatorStatus, HeadingAdvice,
     VesselStatus, still_armed,
 };
 use alight_shared::transport::metrics::MetricName;
@@ -9,27 +9,19 @@ use alight_shared::transport::process::ProcessKind;
 
 use super::finding::{Finding, Level, Topic};
 use super::situation::{KnownVessel, Situation};
-use super::sources::{MISSING_S, estimator, remark, source};
-use super::{ARMED_REMEDY, Figure, StateView, certificate, course, go, processes};
+use super::sources::{self, MISSING_S, estimator, source};
+use super::{ARMED_REMEDY, Figure, StateView, certificate, compass, course, go, processes};
 use crate::process::snapshot::time;
 use crate::vessel::{deck_inputs, helm_lamp};
 
 /// A drone reports at 2 Hz; without a report for this long it is out of reach, s.
 const LOST_CONTACT_S: f64 = 5.0;
-/// A turn that takes less than a tenth of the tilt away is not worth it.
-pub const WORTH_TURNING: f64 = 0.9;
 
 /// What a vessel's situation means.
 pub fn findings(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Vec<Finding> {
     let sources = s.sources();
     let mut all = vec![radio(s, known)];
-    for s in &sources {
-        all.push(source(s));
-        all.extend(s.report.remarks.iter().map(|r| {
-            let remedy = r.remedy.as_ref().map(Line::as_str);
-            remark(&s.name, r.text.as_str(), remedy)
-        }));
-    }
+    all.extend(sources.iter().flat_map(sources::of));
     all.extend(estimator(&status.estimator, &sources));
     all.push(match &known.certificate {
         None => certificate::none(known.listen.iter().chain(&known.connect)),
@@ -187,7 +179,7 @@ fn course_findings(deck: &DeckStatus) -> Vec<Finding> {
 fn quiet_heading(h: &HeadingAdvice) -> Finding {
     let [now, there] = h.tilt_deg;
     let from = format!("waves from {:03.0} deg", h.waves_from_deg);
-    Topic("heading").fine(if there < WORTH_TURNING * now {
+    Topic("heading").fine(if there < compass::WORTH_TURNING * now {
         format!(
             "{from}; on {:03.0} deg the deck tilts {there:.1} deg, now {now:.1} deg: turn before the landing",
             h.quietest_deg
@@ -311,6 +303,7 @@ pub fn figures(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Vec
             quiet_heading(h).found,
         )
     }));
+    all.push(speed(&status.estimator, s.known.knots));
     all.extend(motion(&status.estimator));
     let sources = s.sources();
     if !sources.is_empty() {
@@ -349,13 +342,29 @@ fn contact(d: &DroneContact) -> Figure {
     .stale(d.age_s > LOST_CONTACT_S)
 }
 
+/// Speed over ground, and the course that it makes good.
+fn speed(e: &EstimatorStatus, knots: bool) -> Figure {
+    let known = e.mean_velocity.filter(|_| is_recent(e));
+    known.map_or(Figure::unknown("speed"), |velocity| {
+        let (speed, course) = compass::speed(velocity, knots);
+        let note = course.map_or("no course over ground".to_owned(), |deg| {
+            format!("course over ground {deg:03.0} deg")
+        });
+        Figure::of("speed", speed, note)
+    })
+}
+
+fn is_recent(e: &EstimatorStatus) -> bool {
+    e.estimate_age_s.is_some_and(|s| s <= MISSING_S)
+}
+
 /// Waves, and the estimate of the motion in them.
 fn motion(e: &EstimatorStatus) -> [Figure; 2] {
     let waves = e.waves.map(|[height_m, quality]| {
         let note = format!("forecast quality {:.0} %", 100.0 * quality);
         Figure::of("waves", format!("{height_m:.1} m"), note)
     });
-    let estimate = e.estimate_age_s.filter(|s| *s <= MISSING_S).map(|age_s| {
+    let estimate = e.estimate_age_s.filter(|_| is_recent(e)).map(|age_s| {
         let [place, height, ..] = e.sd;
         let note = format!("position +- {place:.1} m, height {height:.1} m");
         Figure::of("estimator", format!("{} old", time(age_s)), note)

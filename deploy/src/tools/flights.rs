@@ -12,7 +12,7 @@ use crate::record::flight::store::{self, Flight};
 use crate::record::flight::summary::Summary;
 use crate::record::reading::contained;
 use crate::table::{Cell, Table};
-use crate::terminal::{self, note};
+use crate::terminal::{self, Form, note};
 use crate::view::picture::FlightLine;
 
 /// Flights that the page lists.
@@ -27,9 +27,9 @@ pub struct FlightsArgs {
     /// Give files an end that a kill or a power cut left without, so that viewers open them
     #[arg(long)]
     pub mend: bool,
-    /// Print one JSON object, the last line
-    #[arg(long)]
-    pub json: bool,
+    /// How the result is printed.
+    #[command(flatten)]
+    pub form: Form,
 }
 
 /// A flight as it is listed.
@@ -57,14 +57,15 @@ pub fn run(args: &FlightsArgs) -> Result<Exit, CliError> {
         for flight in flights.iter().filter(|f| !f.is_running()) {
             let done = contained(&flight.path, || mend(&flight.path))?;
             if done != Mended::default() {
-                note(args.json, mended(&flight.path, &done));
+                note(args.form.alone(), mended(&flight.path, &done));
             }
         }
     }
     let rows: Vec<Row> = flights.iter().map(Row::of).collect();
-    if args.json {
-        terminal::json(&serde_json::json!({ "flights": rows }))?;
-    } else if rows.is_empty() {
+    if args.form.print(&serde_json::json!({ "flights": rows }), &rows)? {
+        return Ok(Exit::Success);
+    }
+    if rows.is_empty() {
         terminal::line(format_args!("no flight in {}", args.directory.display()));
     } else {
         terminal::line(table(&rows).trim_end());

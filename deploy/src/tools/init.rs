@@ -111,7 +111,7 @@ const QUESTIONS: &[Question] = &[
         &[(Of::Drone, "camera", "source")],
     ),
     Question(
-        "Winds in knots, true or false",
+        "Winds and speeds in knots, true or false",
         &[(Of::Vessel, "view", "knots"), (Of::Drone, "view", "knots")],
     ),
 ];

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
+use serde::Serialize;
 use serde_json::json;
 use time::OffsetDateTime;
 
@@ -11,7 +12,7 @@ use crate::certificates::{
     AUTHORITY_FILE, AUTHORITY_KEY, CERTIFICATE_FILE, RENEWAL_DAYS, expiry, init, issue, read,
 };
 use crate::exit::{CliError, Doing, Exit};
-use crate::terminal;
+use crate::terminal::{self, Form};
 
 /// Certificates of one directory that are shown at most.
 const MAX_SHOWN: usize = 256;
@@ -51,9 +52,9 @@ pub enum KeysVerb {
         /// Directory of the authority, or of one side
         #[arg(long, value_name = "DIR", default_value = "keys")]
         dir: PathBuf,
-        /// One JSON object instead of a table
-        #[arg(long)]
-        json: bool,
+        /// How the result is printed.
+        #[command(flatten)]
+        form: Form,
     },
 }
 
@@ -87,7 +88,7 @@ pub fn run(args: &KeysArgs) -> Result<Exit, CliError> {
         KeysVerb::Vessel(side) => issue_and_report(side, "vessel"),
         KeysVerb::Drone(side) => issue_and_report(side, "drone"),
         KeysVerb::Operator(side) => issue_and_report(side, "operator"),
-        KeysVerb::Show { dir, json } => show(dir, *json),
+        KeysVerb::Show { dir, form } => show(dir, *form),
     }
 }
 
@@ -100,7 +101,14 @@ fn issue_and_report(side: &SideArgs, kind: &str) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-fn show(dir: &Path, as_json: bool) -> Result<Exit, CliError> {
+/// A certificate that is shown.
+#[derive(Serialize)]
+struct Row {
+    file: String,
+    days_left: i64,
+}
+
+fn show(dir: &Path, form: Form) -> Result<Exit, CliError> {
     let doing = format_args!("looking into {}", dir.display());
     let mut found = vec![dir.join(AUTHORITY_FILE), dir.join(CERTIFICATE_FILE)];
     for entry in fs::read_dir(dir).doing(doing)?.take(MAX_SHOWN) {
@@ -119,17 +127,18 @@ fn show(dir: &Path, as_json: bool) -> Result<Exit, CliError> {
     let mut rows = Vec::new();
     for path in &found {
         let left = expiry(&read(path, "it was there")?, path)? - OffsetDateTime::now_utc();
-        rows.push((path.display().to_string(), left.whole_days()));
+        rows.push(Row {
+            file: path.display().to_string(),
+            days_left: left.whole_days(),
+        });
     }
-    let worst = rows.iter().map(|(_, days)| *days).min().unwrap_or(0);
-    if as_json {
-        let rows: Vec<_> = rows
-            .iter()
-            .map(|(file, days)| json!({ "file": file, "days_left": days }))
-            .collect();
-        terminal::line(json!({ "certificates": rows }));
-    } else {
-        for (file, days) in &rows {
+    let worst = rows.iter().map(|r| r.days_left).min().unwrap_or(0);
+    if !form.print(&json!({ "certificates": rows }), &rows)? {
+        for Row {
+            file,
+            days_left: days,
+        } in &rows
+        {
             let note = match *days {
                 d if d < 0 => "EXPIRED",
                 d if d < RENEWAL_DAYS => "expires soon: make a new one",
@@ -160,7 +169,11 @@ mod tests {
             &fs::metadata(side.join(KEY_FILE)).unwrap().permissions(),
         );
         assert_eq!(mode & 0o777, 0o600);
-        assert_eq!(show(&dir, true).unwrap(), Exit::Failed, "ten days are few");
+        assert_eq!(
+            show(&dir, Form::default()).unwrap(),
+            Exit::Failed,
+            "ten days are few"
+        );
         assert!(
             files(&dir, Vec::new()).is_err(),
             "the authority has no side of its own"

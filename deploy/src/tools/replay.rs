@@ -18,7 +18,7 @@ use crate::record::reading::{contained, is_whole};
 use crate::record::{LIVE, Recorder, WORLD};
 use crate::status::situation::Known;
 use crate::table::{Table, verdict};
-use crate::terminal::{self, note};
+use crate::terminal::{self, Form, note};
 use crate::tools::playback::{ForeignLaw, NodeReplay, replay, shown};
 use crate::tools::view::served;
 use crate::view::watcher::Watcher;
@@ -36,16 +36,36 @@ pub struct ReplayArgs {
     /// Write the flight to one recording, for Foxglove, Lichtblick and Rerun
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
+    /// Draw the last landing to an SVG, as the drone believed it: path, displacement, velocities, angles
+    #[arg(long, value_name = "FILE.svg", hide = cfg!(not(feature = "lab")))]
+    pub plot: Option<PathBuf>,
     /// Whether and where people look on.
     #[command(flatten)]
     pub view: ViewArgs,
-    /// Print the result as one JSON object, the last line
-    #[arg(long)]
-    pub json: bool,
+    /// How the result is printed.
+    #[command(flatten)]
+    pub form: Form,
 }
 
+/// Draws a flight that is computed again.
+pub trait Plot: StepObserver {
+    /// Writes what it was shown to its file.
+    fn write(&self) -> Result<(), CliError>;
+}
+
+/// What only the laboratory has.
+pub struct Laboratory<'a> {
+    /// The law of a recorded planner that the drone does not carry: a baseline.
+    pub law: ForeignLaw<'a>,
+    /// Begins the plot of a log to a file.
+    pub plot: Option<BeginPlot<'a>>,
+}
+
+/// Begins the plot of a log to a file.
+pub type BeginPlot<'a> = &'a dyn Fn(&Path, &Log) -> Result<Box<dyn Plot>, CliError>;
+
 /// Replays and reports.
-pub fn run(args: &ReplayArgs, law: ForeignLaw<'_>) -> Result<Exit, CliError> {
+pub fn run(args: &ReplayArgs, laboratory: &Laboratory<'_>) -> Result<Exit, CliError> {
     let path = &args.path;
     if args.record.is_some() && !path.is_dir() {
         return Err(CliError(format!(
@@ -57,20 +77,35 @@ pub fn run(args: &ReplayArgs, law: ForeignLaw<'_>) -> Result<Exit, CliError> {
     let mut recorder = args.record.as_ref().map(|to| record(to, &log)).transpose()?;
     let view = args.view.over(&ViewConfig::default());
     let mut watcher = view.map(|view| watcher(args, &log, &view)).transpose()?;
+    let mut plot = args
+        .plot
+        .as_ref()
+        .map(|to| plot(to, &log, laboratory))
+        .transpose()?;
     let mut observers: Vec<&mut dyn StepObserver> = Vec::new();
     observers.extend(recorder.as_mut().map(|r| r as &mut dyn StepObserver));
     observers.extend(watcher.as_mut().map(|w| w as &mut dyn StepObserver));
     // Whoever looks at a flight sees people's time.
     let is_shown = !log.is_recording() && !observers.is_empty();
+    observers.extend(plot.as_mut().map(|p| p.as_mut() as &mut dyn StepObserver));
     let nodes = contained(path, || {
         let shift = is_shown.then(|| log.utc_ahead()).transpose()?;
-        replay(&log, law, shift.unwrap_or(Span::from_nanos(0)), observers)
+        replay(
+            &log,
+            laboratory.law,
+            shift.unwrap_or(Span::from_nanos(0)),
+            observers,
+        )
     })?;
     if let (Some(to), Some(recorder)) = (&args.record, recorder) {
         recorder.finish(to, &[("flight", path.display().to_string())])?;
         let (_, lines) = shown(&log);
-        lines.into_iter().for_each(|line| note(args.json, line));
-        note(args.json, format!("recording: {}", to.display()));
+        lines.into_iter().for_each(|line| note(args.form.alone(), line));
+        note(args.form.alone(), format!("recording: {}", to.display()));
+    }
+    if let (Some(to), Some(plot)) = (&args.plot, plot) {
+        plot.write()?;
+        note(args.form.alone(), format_args!("plot: {}", to.display()));
     }
     if let Some(watcher) = watcher {
         watcher.linger();
@@ -103,13 +138,24 @@ fn report(args: &ReplayArgs, nodes: &[NodeReplay]) -> Result<Exit, CliError> {
             None => format!("the outputs of {} differ", n.node),
         },
     );
-    note(args.json, table.text());
-    if args.json {
-        terminal::line(json!({"identical": first.is_none(), "verdict": text, "nodes": nodes}));
-    } else {
+    note(args.form.alone(), table.text());
+    let value = json!({"identical": first.is_none(), "verdict": text, "nodes": nodes});
+    if !args.form.print(&value, nodes)? {
         terminal::line(verdict(&text, first.is_none()));
     }
     Ok(Exit::of(first.is_none()))
+}
+
+/// The plot to draw of a flight.
+fn plot(to: &Path, log: &Log, laboratory: &Laboratory<'_>) -> Result<Box<dyn Plot>, CliError> {
+    let begin = laboratory.plot.ok_or_else(|| {
+        CliError(
+            "--plot: this program flies and draws nothing; copy the flight to a computer with the whole program and run \
+             alight replay there"
+                .into(),
+        )
+    })?;
+    begin(to, log)
 }
 
 /// The recording to make of a flight.
@@ -139,7 +185,7 @@ fn watcher(args: &ReplayArgs, log: &Log, view: &ViewConfig) -> Result<Watcher, C
     let bodies = drone.map(|d| (d.drone.deck, d.drone.airframe));
     let watcher = Watcher::start(served(view, "replay")?, known, &bodies, true)?;
     let lines = watcher.server.lines();
-    lines.into_iter().for_each(|line| note(args.json, line));
+    lines.into_iter().for_each(|line| note(args.form.alone(), line));
     Ok(watcher)
 }
 

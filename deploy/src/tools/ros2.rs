@@ -17,7 +17,7 @@ use crate::process::wall::wall_ns;
 use crate::ros2::diagnostics::Diagnostics;
 use crate::ros2::messages::{DiagnosticArray, Odometry, PoseWithCovarianceStamped, Stamp, TfMessage};
 use crate::ros2::names::{MAX_DOMAIN, RosNode};
-use crate::ros2::orders::{Caller, Orders};
+use crate::ros2::orders::{Caller, Orders, is_late};
 use crate::ros2::poses::Poses;
 use crate::ros2::session::{Place, Request, Session, Topic};
 use crate::status::Status;
@@ -65,6 +65,8 @@ const UNKNOWN: &str = "not ordered: these processes have no configuration beside
 const ENDS: &str = "not ordered: alight ros2 ends";
 /// Looks at the computer's messages this often, and publishes no more often: 20 Hz.
 const PERIOD: Duration = Duration::from_millis(50);
+/// A configuration that cannot be read is read again after this long, ns.
+const READ_AGAIN_NS: i64 = 1_000_000_000;
 /// Diagnostics are published this often, ns.
 const DIAGNOSTICS_NS: i64 = 1_000_000_000;
 /// Length of the history of a topic of poses, as ROS's own publishers have it, and of `/tf`.
@@ -134,14 +136,6 @@ fn name(computer: &Computer) -> String {
     }
 }
 
-/// What does not change while its processes run.
-fn known(computer: &Computer) -> Known {
-    match computer {
-        Computer::Vessel(v) => Known::vessel(v),
-        Computer::Drone(d) => Known::drone(d),
-    }
-}
-
 /// Shared memory of the computer's processes.
 struct Ports {
     observer: Observer,
@@ -177,20 +171,20 @@ struct Look {
     known: Known,
     joined: Rejoined<Ports>,
     runs: bool,
+    /// Why the configuration cannot be read, and when it is read again.
+    unread: Option<(String, i64)>,
 }
 
 impl Look {
     fn at(subject: Subject) -> Result<Look, CliError> {
         let computer = subject.computer()?;
-        let instance = match &computer {
-            Computer::Vessel(v) => &v.instance,
-            Computer::Drone(d) => &d.instance,
-        };
+        let instance = computer.instance();
         Ok(Look {
             instance: Instance::new(instance)?,
-            known: known(&computer),
+            known: Known::of(&computer),
             joined: Rejoined::of(instance)?,
             runs: false,
+            unread: None,
             subject,
             computer,
         })
@@ -205,19 +199,35 @@ impl Look {
         if ports.observer.snapshot.processes.is_empty() {
             return Ok(None);
         }
-        if !ports.is_configured {
+        let waits = self
+            .unread
+            .as_ref()
+            .is_some_and(|(_, at_ns)| steady_ns() < *at_ns);
+        if !ports.is_configured && !waits {
             // Each landing writes one of its own, before its processes begin: their clock is in it.
-            let newest = self.subject.computer()?;
-            let (was, is) = (name(&self.computer), name(&newest));
-            if was != is {
-                return Err(CliError(format!(
-                    "the configuration is {is}'s now, and this node is {was}: start it again"
-                )));
+            match self.subject.computer() {
+                Ok(newest) => {
+                    let (was, is) = (name(&self.computer), name(&newest));
+                    if was != is {
+                        return Err(CliError(format!(
+                            "the configuration is {is}'s now, and this node is {was}: start it again"
+                        )));
+                    }
+                    self.known = Known::of(&newest);
+                    self.computer = newest;
+                    self.unread = None;
+                    ports.is_configured = true;
+                    ports.is_known = self.subject.is_configured();
+                }
+                Err(CliError(why)) => {
+                    if self.unread.as_ref().is_none_or(|(before, _)| *before != why) {
+                        terminal::line(format!(
+                            "{why}\nThe configuration read before is kept, and aborts alone are passed on, until it can be read."
+                        ));
+                    }
+                    self.unread = Some((why, steady_ns() + READ_AGAIN_NS));
+                }
             }
-            self.known = known(&newest);
-            self.computer = newest;
-            ports.is_configured = true;
-            ports.is_known = self.subject.is_configured();
         }
         Ok(Some((&self.computer, ports)))
     }
@@ -273,6 +283,10 @@ impl Drone {
     /// Passes on what is ordered, and publishes what is new.
     fn step(&mut self, computer: &DroneComputer, ports: &mut Ports, session: &mut Session) {
         while let Some(request) = session.request() {
+            if let Some(why) = is_late(request.kind, request.sent_ns, wall_ns()) {
+                request.reply(false, &why);
+                continue;
+            }
             // A landing of a wrong number is none; an abort is tried.
             if !ports.is_known && request.kind != CommandKind::Abort {
                 request.reply(false, UNKNOWN);

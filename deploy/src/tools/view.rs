@@ -1,7 +1,7 @@
 //! `alight view`: status of this computer in a browser or Foxglove.
 
 use std::net::SocketAddr;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use alight_shared::msg::{Command, CommandKind, MissionState};
@@ -15,9 +15,10 @@ use clap::Args;
 use crate::config::view::{FOXGLOVE, ViewConfig};
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Doing, Exit};
-use crate::process::instance::{EDITED_FILE, is_running, owner, said};
+use crate::process::instance::{EDITED_FILE, said};
 use crate::process::life::{Life, draw_boot, end_with_supervisor};
 use crate::process::local_command::LocalCommand;
+use crate::process::observer::Rejoined;
 use crate::process::supervisor::pause;
 use crate::process::wall::wall_ns;
 use crate::status::Status;
@@ -25,6 +26,7 @@ use crate::status::situation::Known;
 use crate::status::subject::{Computer, Subject};
 use crate::terminal;
 use crate::tools::{flights, view_vessel};
+use crate::view::camera::CameraFeed;
 use crate::view::memory_feed::MemoryFeed;
 use crate::view::server::{Order, Served};
 use crate::view::watcher::{Bodies, Watcher};
@@ -58,8 +60,6 @@ pub struct ViewCommand {
 const LOOK_PERIOD_NS: i64 = 20_000_000;
 /// The same when there is only the page to show.
 const PAGE_PERIOD: Duration = Duration::from_millis(100);
-/// What runs under the name is asked so often.
-const INSTANCE_PERIOD_NS: i64 = 1_000_000_000;
 /// The name is asked again after this long when nothing runs under it.
 const ABSENT_PAUSE: Duration = Duration::from_millis(500);
 
@@ -100,7 +100,7 @@ pub fn run(args: &ViewCommand) -> Result<Exit, CliError> {
         Computer::Vessel(v) => vessel(&v, &over(v.view.clone()), &ends),
         Computer::Drone(d) => {
             let view = over(d.view.clone());
-            drone(*d, &subject, &view, &ends, &told_to_end)
+            drone(*d, &subject, &view, &ends)
         }
     }
 }
@@ -128,20 +128,22 @@ fn drone(
     subject: &Subject,
     view: &ViewConfig,
     ends: &dyn Fn() -> bool,
-    told_to_end: &AtomicBool,
 ) -> Result<Exit, CliError> {
-    let known = Known::drone(&computer);
     let bodies: Bodies = Some((computer.drone.deck, computer.drone.airframe));
     let served = served(view, &computer.instance)?;
     let is_live = served.foxglove.is_some();
-    let mut watcher = Watcher::start(served, known, &bodies, false)?;
+    let mut watcher = Watcher::start(served, Known::drone(&computer), &bodies, false)?;
     watcher.server.lines().iter().for_each(terminal::line);
     let instance = Instance::new(&computer.instance)?;
+    let mut joined: Rejoined<Ports> = Rejoined::of(&computer.instance)?;
     let wall_ns = wall_offset_ns();
     while !ends() {
-        let pid = owner(&instance).filter(|_| is_running(&instance));
-        let joined = pid.and_then(|pid| Some((pid, Joined::join(&instance).ok()?)));
-        let Some((pid, mut joined)) = joined else {
+        let mut is_new = false;
+        let runs = joined.poll(|instance| {
+            is_new = true;
+            Ports::join(instance)
+        });
+        let Some(ports) = joined.ports.as_mut().filter(|_| runs) else {
             watcher.show_nothing(
                 Time::from_nanos(steady_ns() + wall_ns),
                 Status::absent(&watcher.board.situation.known),
@@ -150,22 +152,26 @@ fn drone(
             pause(ABSENT_PAUSE);
             continue;
         };
-        // Processes that were started since may have another number and another clock.
-        if let Ok(Computer::Drone(newest)) = subject.computer() {
-            computer = *newest;
-            watcher.board.situation.known = Known::drone(&computer);
+        if is_new {
+            // Processes that were started since may have another number and another clock.
+            if let Ok(Computer::Drone(newest)) = subject.computer() {
+                computer = *newest;
+                watcher.board.situation.known = Known::drone(&computer);
+            }
+            watcher.reset(Span::from_nanos(wall_ns));
+            watcher.board.earlier = flights::earlier(&computer.recorder.directory);
+            watcher.board.order.label = view.abort.then_some("ABORT");
         }
-        watcher.reset(Span::from_nanos(wall_ns));
-        watcher.board.earlier = flights::earlier(&computer.recorder.directory);
-        watcher.board.order.label = view.abort.then_some("ABORT");
-        let is_there = || owner(&instance) == Some(pid);
-        if !joined.show(
-            &computer,
-            &mut watcher,
-            (is_live, wall_ns),
-            &is_there,
-            told_to_end,
-        ) {
+        watcher.board.situation.seen.edited = said(&instance, EDITED_FILE);
+        ports.look(&computer, &mut watcher, wall_ns);
+        let wait = if is_live {
+            let next = LOOK_PERIOD_NS - (steady_ns() + wall_ns).rem_euclid(LOOK_PERIOD_NS);
+            Duration::from_nanos(next.unsigned_abs())
+        } else {
+            PAGE_PERIOD
+        };
+        // Whoever asks consumes the signal: it has to be passed on.
+        if !ports.memory.wait(wait) {
             break;
         }
     }
@@ -179,70 +185,43 @@ fn reject(order: Option<Order>) {
     }
 }
 
-/// The shared memory of a set of processes that runs.
-struct Joined {
+/// Shared memory of a drone's processes.
+struct Ports {
     memory: Memory,
     feed: MemoryFeed,
+    camera: CameraFeed,
     commands: Publisher<Command>,
     reports: Publisher<ProcessState>,
     life: Life,
     abort: Option<(LocalCommand, Order)>,
-    instance: Instance,
 }
 
-impl Joined {
-    fn join(instance: &Instance) -> Result<Joined, CliError> {
+impl Ports {
+    fn join(instance: &Instance) -> Result<Ports, CliError> {
         let memory = Memory::join(instance, ProcessKind::View.name())?;
-        Ok(Joined {
+        Ok(Ports {
             feed: MemoryFeed::join(&memory)?,
+            camera: CameraFeed::default(),
             commands: memory.publisher()?,
             reports: memory.publisher()?,
             life: Life::begin(ProcessKind::View, draw_boot(), false),
             abort: None,
             memory,
-            instance: instance.clone(),
         })
     }
-    /// Shows what the processes say for as long as they are there; false when it was asked to end.
-    fn show(
-        &mut self,
-        computer: &DroneComputer,
-        watcher: &mut Watcher,
-        (is_live, wall_ns): (bool, i64),
-        is_there: &dyn Fn() -> bool,
-        told_to_end: &AtomicBool,
-    ) -> bool {
-        let (mut asked_ns, mut order) = (steady_ns(), watcher.board.order.clone());
-        loop {
-            let now_ns = steady_ns();
-            let grid_ns = (now_ns + wall_ns) / LOOK_PERIOD_NS * LOOK_PERIOD_NS;
-            let t: Time<TrueTime> = Time::from_nanos(grid_ns);
-            watcher.board.order.clone_from(&order);
-            let mission = self.feed.poll(t, computer.clock.now(), watcher);
-            self.life.stepped(Some((steady_ns() - now_ns) as f64 * 1e-9));
-            if let Some(answer) = self.order(computer, watcher.server.order(), mission.as_ref()) {
-                order.answer = answer;
-            }
-            if let Some(report) = self.life.state(Vec::new, 0) {
-                self.reports.send(&report);
-            }
-            if now_ns - asked_ns > INSTANCE_PERIOD_NS {
-                asked_ns = now_ns;
-                if !is_there() {
-                    return true;
-                }
-                watcher.board.situation.seen.edited = said(&self.instance, EDITED_FILE);
-            }
-            let wait = if is_live {
-                let next = LOOK_PERIOD_NS - (steady_ns() + wall_ns).rem_euclid(LOOK_PERIOD_NS);
-                Duration::from_nanos(next.unsigned_abs())
-            } else {
-                PAGE_PERIOD
-            };
-            // Whoever asks consumes the signal: it has to be passed on.
-            if !self.memory.wait(wait) || told_to_end.load(Ordering::Relaxed) {
-                return false;
-            }
+    /// Shows what is new of the processes, and carries out the page's order.
+    fn look(&mut self, computer: &DroneComputer, watcher: &mut Watcher, wall_ns: i64) {
+        let now_ns = steady_ns();
+        let grid_ns = (now_ns + wall_ns) / LOOK_PERIOD_NS * LOOK_PERIOD_NS;
+        let (t, now): (Time<TrueTime>, _) = (Time::from_nanos(grid_ns), computer.clock.now());
+        self.camera.poll(&self.memory, t, now, watcher);
+        let mission = self.feed.poll(t, now, watcher);
+        self.life.stepped(Some((steady_ns() - now_ns) as f64 * 1e-9));
+        if let Some(answer) = self.order(computer, watcher.server.order(), mission.as_ref()) {
+            watcher.board.order.answer = answer;
+        }
+        if let Some(report) = self.life.state(Vec::new, 0) {
+            self.reports.send(&report);
         }
     }
 
@@ -315,14 +294,14 @@ mod tests {
             instance: name,
             ..DroneComputer::default()
         };
-        let mut joined = Joined::join(owned.instance()).unwrap();
+        let mut joined = Ports::join(owned.instance()).unwrap();
         let view = ViewConfig {
             listen: "127.0.0.1:0".into(),
             ..ViewConfig::default()
         };
         let served = served(&view, "test").unwrap();
         let mut watcher = Watcher::start(served, Known::default(), &None, false).unwrap();
-        let mut show = |joined: &mut Joined, state| {
+        let mut show = |joined: &mut Ports, state| {
             let now = computer.clock.now();
             missions.send(&published(now, state));
             let mission = joined.feed.poll(Time::from_nanos(now.nanos()), now, &mut watcher);

@@ -122,6 +122,7 @@ impl<'a> Look<'a> {
             log: self.log.iter().rev().map(ago).collect(),
             status: Status::of(situation),
             scene: None,
+            camera: None,
             motion: self.motion.view(),
             track: TrackView::default(),
             result: self.result(now_ns),

@@ -240,6 +240,7 @@ fn metrics(
         MetricName::BytesSent.count(sent_bytes),
         MetricName::PacketsDropped.count(dropped),
         MetricName::TimeRequestsRejected.count(requests),
+        MetricName::DroneSessions.count(radio.drones_present()),
         MetricName::RateFraction.fraction(node.node().rate_fraction()),
         MetricName::PeersRejected.count(people.peers.count),
         MetricName::LastPeerRejection.with(MetricValue::AccessRejection(people.peers.last)),

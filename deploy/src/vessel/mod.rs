@@ -29,6 +29,7 @@ pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
         let of = |e| CliError(format!("sensor {}: {e}", source.name));
         source.connect.parse::<LinkUrl>().map_err(of)?;
     }
+    computer.radio.check_zenoh()?;
     sensors::node(&computer, 0)?;
     let sensors = !computer.sensor.sources.is_empty();
     let nodes = [(ProcessKind::Vessel, true), (ProcessKind::Sensors, sensors)];

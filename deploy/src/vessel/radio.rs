@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use alight_shared::admission::Arrival;
+use alight_shared::admission::{Arrival, Sender};
 use alight_shared::time::{Time, VesselClock};
 use alight_shared::topics::{self, Topic};
 use alight_shared::transport::Received;
@@ -69,7 +69,14 @@ impl VesselRadio {
     /// Opens the radio of this computer.
     pub fn open(computer: &VesselComputer) -> Result<VesselRadio, CliError> {
         let key = |topic: Option<&Topic>| vessel_key(computer.vessel_id, topic.map_or(STATUS, |t| t.name));
-        let publications = PUBLICATIONS.map(|(topic, urgency)| Publication::new(key(topic), urgency));
+        let publications = PUBLICATIONS.map(|(topic, urgency)| {
+            let publication = Publication::new(key(topic), urgency).of(topic.unwrap_or(&topics::PROCESS));
+            // What a drone that comes later lacks and is broadcast seldom.
+            match topic.is_some_and(|t| [topics::WAVE.name, topics::SURROUNDINGS.name].contains(&t.name)) {
+                true => publication.held(),
+                false => publication,
+            }
+        });
         let subscriptions = vec![any_time_request(), any_operator_command(), any_drone_status()];
         let tls = &computer.radio.tls;
         Ok(VesselRadio {
@@ -81,6 +88,10 @@ impl VesselRadio {
             undecoded: 0,
             undecoded_statuses: 0,
         })
+    }
+    /// Drones that have a session, by their tokens.
+    pub fn drones_present(&self) -> u64 {
+        self.radio.count_present(|s| matches!(s, Sender::Drone(_))) as u64
     }
     /// What the radio counted.
     pub fn counts(&self) -> RadioCounts {

@@ -60,6 +60,7 @@ impl StatusReport {
                 // What does not fit comes too late for a picture of the motion.
                 let _full = estimator.motion.push([e.eta[3], e.eta[4], -e.eta[2]]);
             }
+            estimator.mean_velocity = Some(e.mean_velocity.map(f64::from));
             let variance = |i: usize| e.covariance(i)[0];
             estimator.sd = [
                 variance(0) + variance(1),

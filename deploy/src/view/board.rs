@@ -17,6 +17,7 @@ use alight_usv::ComputerOut;
 use crate::process::snapshot::minutes;
 use crate::status::Status;
 use crate::status::situation::{Known, Situation};
+use crate::view::camera::ShownImage;
 use crate::view::motion::MotionHistory;
 use crate::view::picture::{
     DroneView, FlightLine, LogLine, OrderView, Picture, Place, ResultView, SceneView,
@@ -75,6 +76,8 @@ pub struct Board {
     pub earlier: Vec<FlightLine>,
     /// The order that may be given, and its answer.
     pub order: OrderView,
+    /// The newest image of the drone's camera.
+    pub camera: Option<ShownImage>,
 }
 
 impl Board {
@@ -95,6 +98,7 @@ impl Board {
             shown: None,
             earlier: Vec::new(),
             order: OrderView::default(),
+            camera: None,
         }
     }
     /// Forgets what is known but for the flights that ended; observes again from `t` on.
@@ -212,6 +216,7 @@ impl Board {
             clock_s: 0.0,
             status: Status::of(situation),
             scene: self.scene(t),
+            camera: self.camera.map(|c| c.view(t)),
             motion: self.motion.view(),
             track: self.track.view(),
             log: self

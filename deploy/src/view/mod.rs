@@ -5,6 +5,7 @@
 //! viewer.
 
 pub mod board;
+pub mod camera;
 mod guard;
 mod live_sink;
 pub mod memory_feed;

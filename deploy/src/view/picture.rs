@@ -93,6 +93,19 @@ pub struct FlightLine {
     pub text: String,
 }
 
+/// The newest image of the drone's camera, which the page asks for by itself.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CameraView {
+    /// It differs from that of the image before.
+    pub number: i64,
+    /// Since the middle of its exposure, s.
+    pub age_s: f64,
+    /// No newer one came for some time.
+    pub old: bool,
+    /// What is detected in it.
+    pub text: String,
+}
+
 /// The one order that the page can give.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct OrderView {
@@ -112,6 +125,8 @@ pub struct Picture {
     pub status: Status,
     /// Deck and drone; None: not known.
     pub scene: Option<SceneView>,
+    /// What the drone's camera sees; None: it has none, or none that runs.
+    pub camera: Option<CameraView>,
     /// The deck's motion.
     pub motion: MotionView,
     /// Over ground.

@@ -57,6 +57,7 @@ pub struct Order {
 /// The server; it ends when this is dropped.
 pub struct Server {
     pictures: watch::Sender<Bytes>,
+    camera: watch::Sender<Bytes>,
     viewers: Viewers,
     orders: Receiver<Order>,
     context: Option<Arc<Context>>,
@@ -76,6 +77,7 @@ struct Addresses {
 #[derive(Clone)]
 struct Shared {
     pictures: watch::Receiver<Bytes>,
+    camera: watch::Receiver<Bytes>,
     viewers: Viewers,
     orders: SyncSender<Order>,
     may_order: bool,
@@ -105,12 +107,14 @@ impl Server {
     /// Starts it; an address that cannot be taken is an error.
     pub fn start(served: Served) -> Result<Server, CliError> {
         let (pictures, newest) = watch::channel(Bytes::new());
+        let (camera, newest_image) = watch::channel(Bytes::new());
         let (give, orders) = sync_channel(1);
         let (stop, stopped) = oneshot::channel();
         let (tell, started) = sync_channel(1);
         let viewers = Viewers::default();
         let shared = Shared {
             pictures: newest,
+            camera: newest_image,
             viewers: viewers.clone(),
             orders: give,
             may_order: served.may_order,
@@ -125,6 +129,7 @@ impl Server {
         let addresses = started.recv().unwrap_or_else(ended).map_err(CliError)?;
         Ok(Server {
             pictures,
+            camera,
             viewers,
             orders,
             context,
@@ -145,6 +150,10 @@ impl Server {
         };
         self.pictures
             .send_replace(format!("data: {json}\n\n").into_bytes().into());
+    }
+    /// The newest image of the drone's camera, a JPEG, for whoever asks for it.
+    pub fn show_camera(&self, jpeg: Vec<u8>) {
+        self.camera.send_replace(jpeg.into());
     }
     /// Whether somebody looks on in a browser.
     pub fn is_watched(&self) -> bool {
@@ -276,6 +285,7 @@ fn router(shared: Shared) -> Router {
         .route("/icon.svg", get(|| async { file("image/svg+xml", ICON) }))
         .route("/events", get(events))
         .route("/state", get(state))
+        .route("/camera.jpg", get(camera))
         .route("/order", post(order))
         .layer(from_fn(complete))
         .with_state(shared)
@@ -330,6 +340,15 @@ async fn state(State(shared): State<Shared>) -> Response {
         return (StatusCode::SERVICE_UNAVAILABLE, "nothing is known yet\n").into_response();
     }
     (headers("application/json"), json).into_response()
+}
+
+/// The newest image of the drone's camera.
+async fn camera(State(shared): State<Shared>) -> Response {
+    let jpeg = shared.camera.borrow().clone();
+    if jpeg.is_empty() {
+        return (StatusCode::NOT_FOUND, "no image of the camera yet\n").into_response();
+    }
+    (headers("image/jpeg"), jpeg).into_response()
 }
 
 /// The crew's order, from our own page only.

@@ -88,6 +88,10 @@ impl Watcher {
         self.board.reset(Time::from_nanos(steady_ns()));
         self.next_ns = i64::MIN;
     }
+    /// The board's time of a step at `t`.
+    pub fn board_time(&self, t: Time<TrueTime>) -> Time<TrueTime> {
+        t - self.offset
+    }
     /// Shows at `t` this in place of a status, and the flights that ended.
     pub fn show_nothing(&self, t: Time<TrueTime>, status: Status) {
         let Picture { flights, result, .. } = self.board.picture(t - self.offset);

@@ -54,6 +54,10 @@ fn bad_input_exit_code_2() {
             "18446744073709551615",
         ),
         (format!("trials --rows {no_file}"), no_file),
+        (
+            "schema estimat".into(),
+            "no topic estimat: there are estimate, wave",
+        ),
         ("ros2 --domain 233".into(), "0..=232"),
         ("ros2 --instance none --namespace 1a".into(), "namespace"),
     ]);
@@ -93,6 +97,33 @@ fn trial_json_and_plot() {
     assert_eq!(v["sea"], "moderate");
     let svg = std::fs::read_to_string(&plot).unwrap();
     assert!(svg.starts_with("<svg") && svg.contains("touchdown") && svg.contains("Roll"));
+}
+
+#[test]
+fn csv_of_rows() {
+    let rows = scratch("kept.csv");
+    let o = alight(format!(
+        "trials --trials 2 --seed0 40 --csv --rows {}",
+        rows.display()
+    ));
+    assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+    let (printed, kept) = (stdout(&o), std::fs::read_to_string(rows).unwrap());
+    // The columns are those of the file, and nothing else is on standard output.
+    assert_eq!(printed.lines().next(), kept.lines().next());
+    assert_eq!(printed.lines().count(), 3, "{printed}");
+    // What is nested has dotted names, and a quantity the column of its name.
+    let study = stdout(&alight("study wind --trials 1 --row 1 --csv"));
+    let mut reader = csv::Reader::from_reader(study.as_bytes());
+    let heads = reader.headers().unwrap().clone();
+    let row = reader.records().next().unwrap().unwrap();
+    assert_eq!((&heads[0], &heads[1]), ("scenario", "planner"), "{study}");
+    let at = heads
+        .iter()
+        .position(|h| h == "position_error_m.mean")
+        .expect(&study);
+    assert!(row[at].parse::<f64>().is_ok_and(|v| v < 1.0), "{study}");
+    assert!(stdout(&alight("rao --csv")).starts_with("wavelength_m,period_s,"));
+    assert_rejected(&[("rao --csv --json".into(), "--json")]);
 }
 
 #[test]

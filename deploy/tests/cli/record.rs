@@ -65,6 +65,22 @@ fn replay_of_a_recording() {
 }
 
 #[test]
+fn plot_of_a_recording() {
+    let (file, _) = recorded();
+    let (plot, other) = (scratch("belief.svg"), scratch("belief.png"));
+    let replay = |to: &Path| alight(format!("replay {} --plot {}", file.display(), to.display()));
+    let o = replay(&plot);
+    assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+    let svg = std::fs::read_to_string(&plot).unwrap();
+    for text in ["as the drone believed it", "time to touchdown, s", "Yaw"] {
+        assert!(svg.contains(text), "{text}");
+    }
+    let o = replay(&other);
+    assert_eq!(o.status.code(), Some(2), "{}", stdout(&o));
+    assert!(stderr(&o).contains(".svg") && !other.exists());
+}
+
+#[test]
 fn replay_with_a_flipped_input_byte() {
     let (file, _) = recorded();
     for (topic, node, offset) in [

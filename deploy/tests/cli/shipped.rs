@@ -97,6 +97,51 @@ fn shipped_configurations() {
     }
 }
 
+/// Words of the instruction of that name in the container's file, each of its lines.
+fn instructions(text: &str, name: &str) -> Vec<Vec<String>> {
+    let lines = text
+        .lines()
+        .filter_map(|l| l.strip_prefix(name)?.strip_prefix(' '));
+    lines
+        .map(|l| l.split_whitespace().map(String::from).collect())
+        .collect()
+}
+
+#[test]
+fn container_copies_what_there_is() {
+    let text = std::fs::read_to_string(shipped("Containerfile")).expect("the container's file");
+    let known = [
+        "FROM",
+        "RUN",
+        "WORKDIR",
+        "COPY",
+        "USER",
+        "ENTRYPOINT",
+        "CMD",
+        "#",
+        "",
+    ];
+    for line in text.lines() {
+        let first = line.split(' ').next().unwrap_or_default();
+        assert!(known.contains(&first), "{line}");
+    }
+    for words in instructions(&text, "COPY") {
+        let (source, from_stage) = match words.first() {
+            Some(stage) if stage.starts_with("--from=") => (&words[1], true),
+            Some(source) => (source, false),
+            None => panic!("COPY of nothing"),
+        };
+        // What the first stage builds is below its target folder.
+        let is_there = if from_stage {
+            source.ends_with("/target/release/alight")
+        } else {
+            shipped("..").join(source).exists()
+        };
+        assert!(is_there, "COPY {}", words.join(" "));
+    }
+    assert_eq!(instructions(&text, "USER"), [["alight"]]);
+}
+
 #[test]
 fn explanations_of_every_key() {
     for (side, least) in [("vessel", 58), ("drone", 336)] {

@@ -28,3 +28,4 @@ mod ros2;
 mod sensors;
 mod survival;
 mod view;
+mod wire;

@@ -26,7 +26,7 @@ fn vessel(endpoint: &str, certificates: Option<&Path>) -> Radio {
     Radio::open(
         &config,
         publication("alight/vessel-1/test"),
-        vec!["alight/drone-1/test".into()],
+        vec!["alight/drone-1/test"],
     )
     .expect("opens")
 }
@@ -40,7 +40,7 @@ fn drone(endpoint: &str, certificates: Option<&Path>) -> Radio {
     Radio::open(
         &config,
         publication("alight/drone-1/test"),
-        vec!["alight/vessel-1/test".into()],
+        vec!["alight/vessel-1/test"],
     )
     .expect("opens")
 }

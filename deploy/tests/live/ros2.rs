@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader};
 use std::net::TcpListener;
 use std::process::{Child, Stdio};
 use std::sync::mpsc::{Receiver, channel};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use byteorder::LittleEndian;
 use cdr_encoding::from_bytes;
@@ -37,7 +37,7 @@ const REQUEST: [u8; 5] = [0, 1, 0, 0, 0];
 const HOVER: &str = "[start]\nhover_s = 60.0\n";
 
 /// A port of TCP that nobody has.
-fn free_tcp_port() -> u16 {
+pub fn free_tcp_port() -> u16 {
     let socket = TcpListener::bind("127.0.0.1:0").expect("a socket");
     socket.local_addr().expect("an address").port()
 }
@@ -173,12 +173,28 @@ fn assert_published(client: &zenoh::Session, name: &str) {
     assert!((judged.0.0 - header.0.0).abs() < 100, "{judged:?} {header:?}");
 }
 
+/// What goes with a request that was sent so long ago.
+fn attachment(age: Duration) -> Vec<u8> {
+    let sent = SystemTime::now() - age;
+    let since = sent.duration_since(SystemTime::UNIX_EPOCH).expect("after 1970");
+    let mut all: Vec<u8> = (0..33).collect();
+    all[8..16].copy_from_slice(&(since.as_nanos() as i64).to_le_bytes());
+    all
+}
+
 /// A client's request is answered by what the mission shows; an invalid request is rejected with the reason.
 fn assert_orders(client: &zenoh::Session, name: &str, instance: &str) {
     let abort = format!("{name}/abort/{TRIGGER}");
     assert!(call(client, &abort, &[1, 2, 3]).is_err());
-    let attachment: Vec<u8> = (0..33).collect();
+    let every = format!("{name}/*/{TRIGGER}");
+    let new = attachment(Duration::ZERO);
+    assert!(call(client, &every, &new).is_err_and(|why| why.contains("wildcard")));
     let land = format!("{name}/land/{TRIGGER}");
+    // It was held back by the network for a minute.
+    let old = attachment(Duration::from_secs(60));
+    let ((success, text), _) = call(client, &land, &old).expect("answered");
+    assert!(!success && text.contains("by its own stamp"), "{text}");
+    let attachment = new;
     let ((success, text), _) = call(client, &land, &attachment).expect("answered");
     assert!(success && text.starts_with("drone 1: "), "{text}");
     let ((success, text), answered) = call(client, &abort, &attachment).expect("answered");

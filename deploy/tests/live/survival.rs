@@ -75,7 +75,7 @@ impl Vessel {
     fn drone(&self, number: u32) -> Radio {
         let dial = RadioConfig::dialling(&self.endpoint, TlsConfig::default());
         let key = format!("alight/drone-{number}/status");
-        Radio::open(&dial, common::publication(&key), Vec::new()).expect("opens")
+        Radio::open(&dial, common::publication(&key), Vec::<String>::new()).expect("opens")
     }
     fn status(&self) -> Value {
         let out = run(format!("status --json --config {}", self.config.display()));

@@ -1,11 +1,12 @@
 //! Reasons of rejection, counted.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 macro_rules! reasons {
     ($($(#[$doc:meta])* $reason:ident: $name:literal,)*) => {
         /// Why an input is not used.
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
         #[repr(u8)]
         pub enum RejectionReason { $($(#[$doc])* $reason,)* }
 

@@ -7,7 +7,7 @@ use crate::time::{Clock, Time};
 
 /// The publisher of a message, by its key `alight/NAME/TOPIC`. The sender that a message states counts only where it
 /// agrees: a certificate is worth nothing if its holder may speak for others.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Sender {
     /// `vessel-N`.
     Vessel(u32),

@@ -2,6 +2,7 @@
 
 use core::fmt;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{AttitudeFix, Course, DroneStatus, GnssFix, Header, HeadingFix, ImuSample, Seq, Text};
@@ -17,7 +18,7 @@ pub const MAX_ORDERS: usize = 8;
 pub type Line = Text<240>;
 
 /// The crew's order about the deck, or about the vessel's course under a drone.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[repr(C, u8)]
 pub enum DeckOrder {
@@ -34,7 +35,7 @@ pub enum DeckOrder {
 }
 
 /// Why the deck is closed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[repr(u8)]
 pub enum Closure {
@@ -54,7 +55,7 @@ pub enum Closure {
 }
 
 /// The owner is silent for longer than a landing takes while another drone waits for the deck with a low battery.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Starved {
     /// The owner.
@@ -81,7 +82,7 @@ impl fmt::Display for Starved {
 }
 
 /// A silent drone that may be on its way down.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Unheard {
     /// Its number.
@@ -103,7 +104,7 @@ impl fmt::Display for Unheard {
 }
 
 /// A drone that listens to another computer with this vessel's identity.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct FollowsAnother {
     /// Its number.
@@ -113,7 +114,7 @@ pub struct FollowsAnother {
 }
 
 /// An order of the crew under way to the vessel's process. Its boot id is the order's: repetitions bear the same.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct CrewOrder {
     /// Identity, and when it was given.
@@ -123,7 +124,7 @@ pub struct CrewOrder {
 }
 
 /// Measurements that arrived together.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct SensorReadings {
     /// Identity, and when they were passed on.
@@ -139,7 +140,7 @@ pub struct SensorReadings {
 }
 
 /// Statistics of a decoder.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Decoded {
     /// Whole messages of a kind that is used.
@@ -163,7 +164,7 @@ pub struct Decoded {
 }
 
 /// Statistics of a real sensor's bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct SourceStatus {
     /// Messages, as its decoder counts them.
@@ -187,7 +188,7 @@ pub struct SourceStatus {
 }
 
 /// What a person should know of a source's bytes beside the counts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct SourceRemark {
     /// What is so, with its figures.
@@ -197,7 +198,7 @@ pub struct SourceRemark {
 }
 
 /// A real sensor, by the process that reads its bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct SourceReport {
     /// Identity.
@@ -213,7 +214,7 @@ pub struct SourceReport {
 }
 
 /// What the estimator made of a real sensor's measurements.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct SourceUse {
     /// Given to the filter.
@@ -233,7 +234,7 @@ pub struct SourceUse {
 }
 
 /// The heading of the least deck motion beside the present one.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct HeadingAdvice {
     /// Present mean heading, deg.
@@ -247,7 +248,7 @@ pub struct HeadingAdvice {
 }
 
 /// The estimator's health.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct EstimatorStatus {
     /// Since the newest sample of inertial or attitude sensor, GNSS and heading, s; None before the first.
@@ -258,6 +259,8 @@ pub struct EstimatorStatus {
     pub sd: [f64; 4],
     /// Roll, pitch (rad) and height (m, upwards) since the status before, at about 10 Hz, oldest first.
     pub motion: Seq<[f64; 3], 16>,
+    /// Course and speed over ground without the waves' motion: velocity to north and east, m/s; None before the first estimate.
+    pub mean_velocity: Option<[f64; 2]>,
     /// Significant wave height, m, and how far the waves' identification is trusted, 0 to 1.
     pub waves: Option<[f64; 2]>,
     /// Another heading that would be quieter, where the waves' direction is known.
@@ -271,7 +274,7 @@ pub struct EstimatorStatus {
 }
 
 /// The deck, and the commands that concern it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct DeckStatus {
     /// Why it is closed, if it is.
@@ -303,7 +306,7 @@ pub struct DeckStatus {
 }
 
 /// A drone that was received.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct DroneContact {
     /// Since its newest status, s.
@@ -313,7 +316,7 @@ pub struct DroneContact {
 }
 
 /// What the vessel's process knows, for people on board and for its supervisor.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct VesselStatus {
     /// Identity.

@@ -1,6 +1,7 @@
 //! The deck as the drone knows it: detections, link, forecast.
 
 use nalgebra::{Matrix3, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::drone::is_unit;
@@ -20,7 +21,7 @@ pub const PREDICTED_SLOPES: usize = 48;
 pub const PREDICTED_SLOPE_STEP_S: f64 = 0.25;
 
 /// A 6-DOF detection of the deck by those of its fiducial tags that an image shows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct TagPose {
     /// Identity; `at` is the time of exposure.
@@ -34,7 +35,7 @@ pub struct TagPose {
 }
 
 /// A detection of the deck's blinking UV markers: coarser, from further away.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct UvdarFix {
     /// Identity; `at` is the time of exposure.
@@ -46,7 +47,7 @@ pub struct UvdarFix {
 }
 
 /// A reading of the belly rangefinder.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct RangeSample {
     /// Identity; `at` is the time of measurement.
@@ -58,7 +59,7 @@ pub struct RangeSample {
 }
 
 /// What the bridge knows of the link and of the clocks.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct LinkState {
     /// Identity.
@@ -84,7 +85,7 @@ pub struct LinkState {
 }
 
 /// Where the forecast gets its knowledge from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum Source {
     /// Nothing yet.
@@ -99,7 +100,7 @@ pub enum Source {
 }
 
 /// The deck at one instant of the forecast, in the drone's NED.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct DeckStage {
     /// Deck centre, m.
@@ -166,7 +167,7 @@ impl DeckStage {
 }
 
 /// The deck's predicted motion, in the drone's NED and on the drone's clock.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct DeckForecast {
     /// Identity; `at` is the time of the first stage (about now).

@@ -1,6 +1,7 @@
 //! The drone's own state, its plan and its set-point.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -15,7 +16,7 @@ use crate::time::{DroneClock, Span, Time};
 pub const PLAN_STAGES: usize = 41;
 
 /// The drone's odometry as its autopilot gives it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct DroneState {
     /// Identity and time of validity.
@@ -106,7 +107,7 @@ pub(crate) fn quaternion(q: &[f64; 4]) -> UnitQuaternion<f64> {
 }
 
 /// What the autopilot is doing, reduced to what matters for landing.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum AutopilotMode {
     /// A person flies, or a mode of the autopilot's own: Alight does not command.
@@ -123,7 +124,7 @@ pub enum AutopilotMode {
 }
 
 /// The autopilot's own opinion of where it is.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum LandedState {
     /// Not known.
@@ -136,7 +137,7 @@ pub enum LandedState {
 }
 
 /// The autopilot's state.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct AutopilotState {
     /// Identity and time of validity.
@@ -169,7 +170,7 @@ pub struct AutopilotState {
 }
 
 /// What a landing that only looks on would command, beside what the person who flies does.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct ShadowComparison {
     /// Roll and pitch that would be commanded, rad.
@@ -189,7 +190,7 @@ pub struct ShadowComparison {
 /// Checkpoint of the link to the autopilot: a successor goes on commanding before the autopilot's own failsafe begins.
 ///
 /// It is published 50 times a second, and validated by the successor before it counts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct LinkCheckpoint {
     /// Identity of the writer and time of writing; boot 0: there is none.
@@ -234,7 +235,7 @@ pub struct LinkCheckpoint {
 ///
 /// It is published with every forecast once the camera has seen the deck, and validated by the successor before it
 /// counts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct PredictorCheckpoint {
     /// Identity of the writer and time of writing; boot 0: there is none.
@@ -265,7 +266,7 @@ pub struct PredictorCheckpoint {
 }
 
 /// How a solve ended.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum Solve {
     /// Optimal to the solver's tolerance.
@@ -278,7 +279,7 @@ pub enum Solve {
 }
 
 /// One instant of a plan.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct PlanStage {
     /// Centre of mass in the drone's NED, m.
@@ -294,7 +295,7 @@ pub struct PlanStage {
 }
 
 /// A trajectory that the pilot samples at its own rate.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Plan {
     /// Identity; `at` is the time of the first stage.
@@ -362,7 +363,7 @@ impl Plan {
 }
 
 /// What a set-point asks for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum SetPointKind {
     /// Nothing: the autopilot's own behaviour.
@@ -375,7 +376,7 @@ pub enum SetPointKind {
 }
 
 /// What a set-point asks of the motors.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum Motors {
     /// Turn.
@@ -386,7 +387,7 @@ pub enum Motors {
 }
 
 /// How the drone's attitude answers set-points, `T_r w'(t) + w(t) = (c(t - tau) - x(t)) / T` for roll and for pitch.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct AttitudeResponse {
     /// The dead time `tau` from a set-point to the first answer, its way to the autopilot included, s.
@@ -411,7 +412,7 @@ impl Default for AttitudeResponse {
 }
 
 /// The pilot's set-point to the autopilot.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct SetPoint {
     /// Identity and time it is meant for.

@@ -2,6 +2,7 @@
 
 use core::f64::consts::TAU;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Header;
@@ -43,7 +44,7 @@ impl WaitingPlace {
 pub const MAX_STEADY_S: f32 = 3600.0;
 
 /// What the helm intends with course and speed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 pub enum Course {
     /// Nothing is stated, or what was has expired.
     #[default]
@@ -73,7 +74,7 @@ impl Course {
 
 /// The vessel announces which drone may descend to its deck. Repeated while it runs: a drone descends only
 /// on a fresh grant that names it, and breaks a descent off on one that names another.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct DeckGrant<C: Clock> {

@@ -3,6 +3,7 @@
 use core::fmt;
 
 use nalgebra::Vector3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -15,7 +16,7 @@ use crate::time::{Clock, DroneClock, Time, VesselClock};
 use crate::topics;
 
 /// States of the landing mission (Procházka et al., section IV).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum State {
     /// Waits for a landing command, flight and the vessel's state.
@@ -42,7 +43,7 @@ pub enum State {
 }
 
 /// Phases that choose weights and rates.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum Phase {
     /// No planning.
@@ -127,7 +128,7 @@ impl State {
 }
 
 /// Why a transition happened, or why the next one does not.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum ReasonCode {
     /// No reason.
@@ -274,7 +275,7 @@ pub enum ReasonCode {
 }
 
 /// A reason with the figure that decided and its limit.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Reason {
     /// What.
@@ -493,7 +494,7 @@ impl fmt::Display for Reason {
 }
 
 /// Where a drone with a low battery lands.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 #[serde(rename_all = "kebab-case")]
 pub enum BatteryPlace {
@@ -506,7 +507,7 @@ pub enum BatteryPlace {
 }
 
 /// How far a landing goes: the ladder to a first landing.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 #[serde(rename_all = "kebab-case")]
 pub enum LandingMode {
@@ -519,8 +520,45 @@ pub enum LandingMode {
     Land,
 }
 
-/// The mission's state and what it permits.
+/// What of the mission's configuration an operator changes from a ground station. Heights are of the drone's centre of mass
+/// above the deck's mean level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct MissionSettings {
+    /// How far the landing goes.
+    pub mode: LandingMode,
+    /// Approach height, m.
+    pub approach_height_m: f64,
+    /// Tracking height, m; shown, and not changed.
+    pub tracking_height_m: f64,
+    /// With [`LandingMode::Match`] the feet come no nearer to the deck, m.
+    pub lowest_clearance_m: f64,
+}
+
+impl MissionSettings {
+    /// Each is a height over a deck.
+    fn is_sane(&self) -> bool {
+        let heights = [
+            self.approach_height_m,
+            self.tracking_height_m,
+            self.lowest_clearance_m,
+        ];
+        heights.iter().all(|h| (0.0..=1e3).contains(h))
+    }
+}
+
+/// A ground station changes the mission's settings.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct SettingsOrder {
+    /// Identity, and the time at which it was given.
+    pub header: Header<DroneClock>,
+    /// All of them, as they are to be.
+    pub settings: MissionSettings,
+}
+
+/// The mission's state and what it permits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct MissionState {
     /// Identity.
@@ -551,8 +589,10 @@ pub struct MissionState {
     pub with_deck: bool,
     /// Waits beside the deck: there, from the deck's centre, north and east, m.
     pub waiting_offset: Option<[f64; 2]>,
-    /// How far the landing goes.
-    pub mode: LandingMode,
+    /// What an operator may have changed.
+    pub settings: MissionSettings,
+    /// They may be changed: the drone is disarmed, and no landing is ordered.
+    pub settable: bool,
     /// No plan leads lower over the deck, along its normal, m; None: onto it.
     pub lowest_clearance_m: Option<f64>,
     /// Below this clearance only hard reasons break a landing off, m.
@@ -610,7 +650,7 @@ impl MissionState {
 /// Checkpoint of the mission: a successor goes on from there when the process ends in flight.
 ///
 /// It is published with every [`MissionState`], and validated by the successor before it counts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct MissionCheckpoint {
     /// Identity of the writer and time of writing; boot 0: there is none.
@@ -641,10 +681,12 @@ pub struct MissionCheckpoint {
     pub datum: Datum,
     /// The deck's mean level, drone's NED z, m.
     pub mean_deck_z: Option<f64>,
+    /// Without an order it has been away from the deck: it climbs when the vessel comes to it.
+    pub was_away: bool,
 }
 
 /// What an operator wants.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum CommandKind {
     /// Land on the vessel.
@@ -662,7 +704,7 @@ pub type Command = OperatorCommand<DroneClock>;
 
 /// A command for the drone that its header names: from an operator to the vessel, from the vessel to the drone, and to
 /// the mission.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct OperatorCommand<C: Clock> {
@@ -676,7 +718,7 @@ message!(@C OperatorCommand<C>, C, |m| {});
 restamped!(OperatorCommand { kind });
 
 /// How far an operator's command has come at the vessel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 #[serde(rename_all = "snake_case")]
 pub enum CommandProgress {
@@ -696,7 +738,7 @@ pub enum CommandProgress {
 }
 
 /// Receipt of one command of an operator.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct CommandReceipt {
     /// Identity of the vessel, the drone that the command is for, and the time of this progress.
@@ -744,7 +786,7 @@ impl CommandKind {
 }
 
 /// Status of the drone for the vessel, for the deck's operator.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct DroneStatus {
     /// Identity.
@@ -844,12 +886,16 @@ message!(DroneStatus, DroneClock, |m| {
 message!(MissionState, DroneClock, |m| {
     within(&m.hold_position, MAX_POSITION_M) && within([&m.hold_yaw], 50.0) => "hold_position",
     within(m.waiting_offset.iter().flatten(), MAX_POSITION_M) => "waiting_offset",
+    m.settings.is_sane() => "settings",
     m.lowest_clearance_m.is_none_or(|c| (0.0..=1e3).contains(&c)) => "lowest_clearance_m",
     (0.0..=10.0).contains(&m.commit_clearance_m) => "commit_clearance_m",
     (0.0..=1e3).contains(&m.battery_reserve) => "battery_reserve",
     m.likelihood.is_none_or(|p| FRACTION.contains(&p)) => "likelihood",
     m.wind.is_none_or(|w| within(&w, MAX_SPEED_MPS)) => "wind",
     (0.0..=1e3).contains(&m.height_m) && (0.0..=10.0).contains(&m.descent_mps) => "height_m or descent_mps",
+});
+message!(SettingsOrder, DroneClock, |m| {
+    m.settings.is_sane() => "settings",
 });
 message!(MissionCheckpoint, DroneClock, |m| {
     m.state.header.version == m.header.version && super::Message::check(&m.state).is_ok() => "state",

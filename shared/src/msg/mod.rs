@@ -64,7 +64,8 @@ pub use grant::{
 pub use half::f16;
 pub use mission::{
     BatteryPlace, Charge, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, LandingMode,
-    MissionCheckpoint, MissionState, OperatorCommand, Phase, Reason, ReasonCode, State, Wind, still_armed,
+    MissionCheckpoint, MissionSettings, MissionState, OperatorCommand, Phase, Reason, ReasonCode,
+    SettingsOrder, State, Wind, still_armed,
 };
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use seq::Seq;
@@ -74,6 +75,7 @@ pub use vessel::{
     TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode, WaveModel,
 };
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::time::{Clock, Time};
@@ -82,7 +84,7 @@ use crate::time::{Clock, Time};
 pub const MESSAGE_VERSION: u16 = 20;
 
 /// Identity, order and time of validity of a message.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct Header<C: Clock> {

@@ -1,6 +1,7 @@
 //! Measurements of the vessel's sensors, on the vessel's clock, in the sensor's own axes turned to
 //! the vessel's FRD. Lever arms are configuration.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Header, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, MAX_TILT_RAD, positive, within};
@@ -14,7 +15,7 @@ pub const MAX_SOURCES: usize = 8;
 pub const NOT_MEASURED_SD: f64 = 5e3;
 
 /// An inertial measurement.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct ImuSample {
     /// Identity and time of measurement.
@@ -30,7 +31,7 @@ pub struct ImuSample {
 }
 
 /// A GNSS fix of the antenna.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct GnssFix {
     /// Identity and time of measurement.
@@ -55,7 +56,7 @@ pub struct GnssFix {
 }
 
 /// A heading, from a compass or from two GNSS antennas.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct HeadingFix {
     /// Identity and time of measurement.
@@ -72,7 +73,7 @@ pub struct HeadingFix {
 
 /// An attitude, and what comes with it, as a motion sensor or an INS works it out itself. It stands
 /// in for the inertial sensor where there is none.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct AttitudeFix {
     /// Identity and time of measurement.

@@ -48,6 +48,7 @@
 //! | + 48..54 | that of the whole course: place, heading (3 x f16) |
 
 use nalgebra::Vector3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -55,6 +56,7 @@ use super::{
 };
 use crate::frames::wrap_angle;
 use crate::geodesy::Datum;
+use crate::schema::F16;
 use crate::surroundings::Surroundings;
 use crate::time::{Clock, Time, VesselClock};
 use crate::vessel_model::{SURGE, SWAY, YAW};
@@ -72,7 +74,7 @@ pub const PREDICTION_STAGES: usize = 16;
 
 /// The vessel's 6-DOF state. Degrees of freedom in order: surge/north, sway/east, heave/down,
 /// roll, pitch, yaw.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct VesselEstimate<C: Clock> {
@@ -85,8 +87,10 @@ pub struct VesselEstimate<C: Clock> {
     /// `eta_dot`: velocity in NED (m/s), then Euler-angle rates (rad/s).
     pub eta_dot: [f32; 6],
     /// `eta_ddot`: acceleration in NED (m/s²), then Euler-angle accelerations (rad/s²).
+    #[schemars(with = "[F16; 6]")]
     pub eta_ddot: [f16; 6],
     /// Per degree of freedom: standard deviation of eta, that of eta_dot, their correlation.
+    #[schemars(with = "[[F16; 3]; 6]")]
     pub uncertainty: [[f16; 3]; 6],
     /// Centre of the landing deck's surface in the vessel's body frame, m.
     pub deck_centre: [f32; 3],
@@ -98,18 +102,19 @@ pub struct VesselEstimate<C: Clock> {
 
 /// One mode of the vessel's motion (`alight_shared::vessel_model`): a damped oscillator that the six degrees of
 /// freedom share (Fossen 2011, section 8.2.6; Procházka 2024, eq. 3).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct WaveMode {
     /// Real part (not positive) and imaginary part of the pole, 1/s.
     pub pole: [f32; 2],
     /// Real and imaginary part of the shape: velocity north and east (m/s), heave (m down), tilt about north and about
     /// east (rad), heading (rad).
+    #[schemars(with = "[[F16; 2]; 6]")]
     pub shape: [[f16; 2]; 6],
 }
 
 /// The vessel's wave model: what rolls its estimate on.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct WaveModel<C: Clock> {
@@ -131,23 +136,26 @@ pub struct WaveModel<C: Clock> {
 }
 
 /// One stage of the vessel's prediction.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct PredictedStage {
     /// Position relative to `origin` in the vessel's NED (m), then roll, pitch, yaw (rad).
     pub eta: [f32; 6],
     /// Velocity in NED (m/s), then Euler-angle rates (rad/s).
+    #[schemars(with = "[F16; 6]")]
     pub eta_dot: [f16; 6],
     /// Standard deviation of the error that rolling the modes on this far adds to the estimate's own, as measured on
     /// those that have come due: velocity north and east (m/s), heave (m), tilt about north and about east
     /// (rad), heading (rad).
+    #[schemars(with = "[F16; 6]")]
     pub sd: [f16; 6],
     /// The same of the whole course, mean and waves: place north and east (m), heading (rad).
+    #[schemars(with = "[F16; 3]")]
     pub course_sd: [f16; 3],
 }
 
 /// The vessel's predicted trajectory.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct VesselPrediction<C: Clock> {
@@ -162,7 +170,7 @@ pub struct VesselPrediction<C: Clock> {
 }
 
 /// What stands around the vessel's deck.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct VesselSurroundings<C: Clock> {
@@ -173,11 +181,11 @@ pub struct VesselSurroundings<C: Clock> {
 }
 
 /// The drone asks the vessel for its time.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
+#[serde(bound = "")]
 pub struct TimeRequest<C: Clock> {
     /// Which vessel and drone, and the drone's time of sending (t1).
-    #[serde(bound = "")]
     pub header: Header<C>,
     /// Time of validity of the newest estimate that the drone admitted: tells the vessel how the
     /// link is.
@@ -187,17 +195,15 @@ pub struct TimeRequest<C: Clock> {
 }
 
 /// The vessel answers with the time stamps of Mills' on-wire protocol (RFC 5905, section 8).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
+#[serde(bound = "")]
 pub struct TimeReply<V: Clock, D: Clock> {
     /// Identity; `at` is the vessel's time of sending (t3).
-    #[serde(bound = "")]
     pub header: Header<V>,
     /// The request's time of sending on the drone's clock (t1).
-    #[serde(bound = "")]
     pub requested_at: Time<D>,
     /// The request's time of arrival on the vessel's clock (t2).
-    #[serde(bound = "")]
     pub received_at: Time<V>,
 }
 

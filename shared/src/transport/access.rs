@@ -2,11 +2,15 @@
 //! sides.
 //!
 //! Keys are `alight/NAME/TOPIC`, and NAME is the common name of the speaker's certificate. Everything
-//! is denied but this: we publish our own keys, a peer publishes keys under its own name, and
-//! either may subscribe. zenoh does not report a rejection to the publisher.
+//! is denied but this: we publish our own keys, a peer publishes and answers keys under its own name, and
+//! either may subscribe and ask. zenoh does not report a rejection to the publisher.
 
 use serde_json::{Value, json};
 
+/// The chunk below a name under which the schemas of its messages are: a `**` of others does not match it.
+pub const SCHEMA: &str = "@schema";
+/// The subject of what comes through a router.
+const ROUTER: &str = "router";
 /// Peers at most.
 pub const PEERS: usize = 64;
 
@@ -19,38 +23,60 @@ pub fn is_name(name: &str) -> bool {
             .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-')
 }
 
-/// zenoh's `access_control` for a side that publishes `own` and listens to `peers`.
-pub fn rules(own: &[String], peers: &[String]) -> Value {
-    let rule = |id: &str, flows: &[&str], message: &str, keys: Value| {
+/// zenoh's `access_control` for a side whose keys begin with `name`, which publishes `own` and listens to `peers`.
+/// Through a router every message comes over the router's link: the keys of the peers are admitted there, and which
+/// certificate may use which is the router's to check.
+pub fn rules(name: &str, own: &[String], peers: &[String], router: bool) -> Value {
+    let both = ["ingress", "egress"];
+    let rule = |id: &str, flows: &[&str], messages: &[&str], keys: Value| {
         json!({
-            "id": id, "permission": "allow", "flows": flows, "messages": [message], "key_exprs": keys,
+            "id": id, "permission": "allow", "flows": flows, "messages": messages, "key_exprs": keys,
         })
     };
-    let mut rules = vec![rule(
-        "subscribe",
-        &["ingress", "egress"],
+    let of = |name: &str| json!([format!("{name}/**"), format!("{name}/{SCHEMA}/**")]);
+    let all = json!(["alight/**", format!("alight/*/{SCHEMA}/**")]);
+    let listened = [
         "declare_subscriber",
-        json!(["alight/**"]),
-    )];
-    let mut granted = vec!["subscribe"];
+        "declare_liveliness_subscriber",
+        "liveliness_query",
+        "query",
+    ];
+    let answered = ["reply", "declare_queryable", "liveliness_token"];
+    let mut rules = vec![
+        rule("subscribe", &both, &listened, all),
+        rule("answer", &["egress"], &answered, of(name)),
+    ];
+    let mut granted = vec!["subscribe", "answer"];
     if !own.is_empty() {
-        rules.push(rule("speak", &["egress"], "put", json!(own)));
+        rules.push(rule("speak", &["egress"], &["put"], json!(own)));
         granted.push("speak");
     }
-    let mut policies = vec![json!({ "rules": granted, "subjects": peers })];
+    let subject = |peer: &str| {
+        if router {
+            ROUTER.to_owned()
+        } else {
+            peer.to_owned()
+        }
+    };
+    let subjects: Vec<String> = if router {
+        vec![ROUTER.into()]
+    } else {
+        peers.to_vec()
+    };
+    let mut policies = vec![json!({ "rules": granted, "subjects": subjects })];
     for peer in peers {
-        let id = format!("hear-{peer}");
-        rules.push(rule(
-            &id,
-            &["ingress"],
-            "put",
-            json!([format!("alight/{peer}/**")]),
-        ));
-        policies.push(json!({ "rules": [id], "subjects": [peer] }));
+        let (hear, answers) = (format!("hear-{peer}"), format!("answers-{peer}"));
+        let own = format!("alight/{peer}");
+        rules.push(rule(&hear, &["ingress"], &["put"], json!([format!("{own}/**")])));
+        rules.push(rule(&answers, &["ingress"], &answered, of(&own)));
+        policies.push(json!({ "rules": [hear, answers], "subjects": [subject(peer)] }));
     }
-    let subjects: Vec<Value> = peers
+    let subjects: Vec<Value> = subjects
         .iter()
-        .map(|peer| json!({ "id": peer, "cert_common_names": [peer] }))
+        .map(|peer| match router {
+            true => json!({ "id": peer }),
+            false => json!({ "id": peer, "cert_common_names": [peer] }),
+        })
         .collect();
     json!({
         "enabled": true,
@@ -69,7 +95,7 @@ mod tests {
     fn access_rules_by_name() {
         let own = vec!["alight/vessel-1/estimate".to_owned()];
         let peers = ["drone-1".to_owned(), "drone-2".to_owned()];
-        let rules = rules(&own, &peers);
+        let rules = rules("alight/vessel-1", &own, &peers, false);
         let mut config = zenoh::Config::default();
         config.insert_json5("access_control", &rules.to_string()).unwrap();
         for peer in &peers {

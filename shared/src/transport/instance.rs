@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use iceoryx2::prelude::*;
+use iceoryx2::service::attribute::{AttributeDefinitionError, AttributeKey, AttributeValue};
 
 use crate::msg::MESSAGE_VERSION;
 use crate::transport::{Doing, TransportError};
@@ -18,11 +19,39 @@ const MAX_SOCKET_PATH: usize = 108;
 /// iceoryx2 names a socket by 32 digits and `.event`, in a directory of its own.
 const SOCKET_NAME: usize = 1 + 32 + 6;
 
-/// A name that only processes of the same program share: the version of the messages' layout and of
-/// the package are part of it.
+/// The name of a topic's service.
 pub(super) fn service_name(name: &str) -> Result<ServiceName, TransportError> {
-    let name = format!("{name}/m{MESSAGE_VERSION}/{}", env!("CARGO_PKG_VERSION"));
-    ServiceName::new(&name).doing(|| format!("naming the service {name}"))
+    ServiceName::new(name).doing(|| format!("naming the service {name}"))
+}
+
+/// Adds a service's attributes, each under its key: the version of the messages' layout and that of the program. Our
+/// processes open a service only where both are their own, so that processes of one program alone share it.
+fn attributes<A>(
+    empty: A,
+    add: impl Fn(A, &AttributeKey, &AttributeValue) -> Result<A, AttributeDefinitionError>,
+) -> Result<A, TransportError> {
+    let message = MESSAGE_VERSION.to_string();
+    let all = [
+        ("alight.message_version", message.as_str()),
+        ("alight.version", env!("CARGO_PKG_VERSION")),
+    ];
+    all.into_iter().try_fold(empty, |sum, (key, value)| {
+        let doing = || format!("naming the attribute {key} = {value} of a service");
+        let name = AttributeKey::try_from(key).doing(doing)?;
+        add(sum, &name, &AttributeValue::try_from(value).doing(doing)?).doing(doing)
+    })
+}
+/// What a service is created with.
+pub(super) fn defined() -> Result<AttributeSpecifier, TransportError> {
+    attributes(AttributeSpecifier::new(), |all, key, value| {
+        all.define(key, value)
+    })
+}
+/// What a service is to have.
+pub(super) fn required() -> Result<AttributeVerifier, TransportError> {
+    attributes(AttributeVerifier::new(), |all, key, value| {
+        all.require(key, value)
+    })
 }
 
 /// One set of processes on a computer; several may run side by side under different names.

@@ -18,9 +18,9 @@ use iceoryx2::service::port_factory::{event, publish_subscribe};
 use iceoryx2_bb_posix::file_descriptor::FileDescriptorBased;
 
 use crate::topics::Topic;
-use crate::transport::images::{ImagePublisher, ImageService, ImageSubscriber};
+use crate::transport::images::{ImagePublisher, ImageServices, ImageSubscriber, ImageTopic};
 pub use crate::transport::instance::Instance;
-use crate::transport::instance::{Ipc, service_name};
+use crate::transport::instance::{Ipc, defined, required, service_name};
 use crate::transport::plain::{self, Plain};
 use crate::transport::statistics::InputStatistics;
 use crate::transport::{Doing, TransportError};
@@ -94,13 +94,19 @@ impl Memory {
     /// A publisher of messages `T`, on their topic.
     pub fn publisher<T: Plain>(&self) -> Result<Publisher<T>, TransportError> {
         let doing = || format!("publishing {}", T::TOPIC.name);
-        let messages = self.messages::<T>()?.open().doing(doing)?;
+        let messages = self
+            .messages::<T>()?
+            .open_with_attributes(&required()?)
+            .doing(doing)?;
         let port = messages
             .publisher_builder()
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .doing(doing)?;
-        let events = self.events(T::TOPIC)?.open().doing(doing)?;
+        let events = self
+            .events(T::TOPIC)?
+            .open_with_attributes(&required()?)
+            .doing(doing)?;
         Ok(Publisher {
             port,
             notifier: events.notifier_builder().create().doing(doing)?,
@@ -110,7 +116,10 @@ impl Memory {
     /// A subscriber to messages `T`, on their topic.
     pub fn subscriber<T: Plain>(&self) -> Result<Subscriber<T>, TransportError> {
         let doing = || format!("reading {}", T::TOPIC.name);
-        let messages = self.messages::<T>()?.open().doing(doing)?;
+        let messages = self
+            .messages::<T>()?
+            .open_with_attributes(&required()?)
+            .doing(doing)?;
         let port = messages
             .subscriber_builder()
             .buffer_size(T::TOPIC.buffer)
@@ -121,18 +130,21 @@ impl Memory {
             statistics: InputStatistics::new(T::TOPIC),
         })
     }
-    /// A publisher of images of at most `pixels`.
-    pub fn image_publisher(&self, pixels: usize) -> Result<ImagePublisher, TransportError> {
-        ImagePublisher::open(&self.node, pixels)
+    /// A publisher of images whose pixels take `bytes` at most.
+    pub fn image_publisher(&self, topic: ImageTopic, bytes: usize) -> Result<ImagePublisher, TransportError> {
+        ImagePublisher::open(&self.node, topic, bytes)
     }
     /// A subscriber to images.
-    pub fn image_subscriber(&self) -> Result<ImageSubscriber, TransportError> {
-        ImageSubscriber::open(&self.node)
+    pub fn image_subscriber(&self, topic: ImageTopic) -> Result<ImageSubscriber, TransportError> {
+        ImageSubscriber::open(&self.node, topic)
     }
     /// Wakes up when a message `T` is published.
     pub fn listener<T: Plain>(&self) -> Result<Listener, TransportError> {
         let doing = || format!("listening for {}", T::TOPIC.name);
-        let events = self.events(T::TOPIC)?.open().doing(doing)?;
+        let events = self
+            .events(T::TOPIC)?
+            .open_with_attributes(&required()?)
+            .doing(doing)?;
         let port = events.listener_builder().create().doing(doing)?;
         Ok(Listener { port })
     }
@@ -147,14 +159,14 @@ type Held = (Box<dyn core::any::Any>, event::PortFactory<Ipc>);
 pub struct Services {
     #[allow(dead_code, reason = "a service lives as long as somebody holds it")]
     held: Vec<Held>,
-    /// That of images, which are no messages.
-    _images: ImageService,
+    /// Those of images, which are no messages.
+    _images: ImageServices,
 }
 
 impl Services {
     /// Creates the service of every topic of shared memory.
     pub fn create(memory: &Memory) -> Result<Services, TransportError> {
-        let images = ImageService::create(&memory.node)?;
+        let images = ImageServices::create(&memory.node)?;
         let mut created = Created(memory, Vec::new());
         plain::each(&mut created)?;
         Ok(Services {
@@ -170,9 +182,14 @@ impl plain::Visitor for Created<'_> {
     fn visit<T: Plain>(&mut self) -> Result<(), TransportError> {
         let Created(memory, held) = self;
         let doing = || format!("creating {}", T::TOPIC.name);
-        let messages: publish_subscribe::PortFactory<Ipc, T, ()> =
-            memory.messages::<T>()?.create().doing(doing)?;
-        let events = memory.events(T::TOPIC)?.create().doing(doing)?;
+        let messages: publish_subscribe::PortFactory<Ipc, T, ()> = memory
+            .messages::<T>()?
+            .create_with_attributes(&defined()?)
+            .doing(doing)?;
+        let events = memory
+            .events(T::TOPIC)?
+            .create_with_attributes(&defined()?)
+            .doing(doing)?;
         held.push((Box::new(messages), events));
         Ok(())
     }
@@ -360,22 +377,26 @@ mod tests {
         instance.wipe().unwrap();
         let memory = Memory::join(&instance, "test").unwrap();
         let services = Services::create(&memory).unwrap();
-        let mut images = memory.image_publisher(64 * 48).unwrap();
-        let mut reader = memory.image_subscriber().unwrap();
+        let mut images = memory.image_publisher(ImageTopic::Marked, 64 * 48).unwrap();
+        let mut others = memory.image_subscriber(ImageTopic::Simulated).unwrap();
+        assert!(!images.is_read());
+        let mut reader = memory.image_subscriber(ImageTopic::Marked).unwrap();
+        assert!(images.is_read());
         let pixels: Vec<u8> = (0..64 * 48).map(|k| (k % 251) as u8).collect();
         for k in 1..=5 {
-            images.send(k, [64, 48], &pixels);
+            images.send(k, [64, 48], [3, 1], &pixels);
         }
-        images.send(6, [640, 480], &vec![0; 640 * 480]);
+        images.send(6, [640, 480], [0; 2], &vec![0; 640 * 480]);
         assert_eq!(images.unsent(), 1);
+        assert_eq!(others.next_image(), None);
         // Two wait, the older ones gave way.
         let first = reader.next_image().unwrap();
-        assert_eq!((first.at_ns, first.size), (4, [64, 48]));
+        assert_eq!((first.at_ns, first.size, first.marks), (4, [64, 48], [3, 1]));
         assert_eq!(first.pixels, pixels);
         assert_eq!(reader.next_image().map(|i| i.at_ns), Some(5));
         assert_eq!(reader.next_image(), None);
-        assert_eq!(crate::transport::images::decode(&[0; 15]), None);
-        drop((images, reader, services, memory));
+        assert_eq!(crate::transport::images::decode(&[0; 23]), None);
+        drop((images, reader, others, services, memory));
         instance.wipe().unwrap();
         std::fs::remove_dir_all(instance.directory()).unwrap();
     }

@@ -1,5 +1,6 @@
 //! Metrics of processes, each under its own name.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize, Serializer};
 
 use crate::admission::RejectionReason;
@@ -14,11 +15,10 @@ pub type Metrics = Seq<Metric, MAX_METRICS>;
 macro_rules! names {
     ($($metric:ident: $name:literal,)*) => {
         /// What a metric is of.
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-        #[allow(missing_docs, reason = "the text beside each says what it is")]
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
         #[repr(u8)]
         pub enum MetricName {
-            $($metric,)*
+            $(#[doc = $name] $metric,)*
             /// Inputs rejected for this reason.
             Rejected(RejectionReason),
             /// Peers rejected for this reason.
@@ -42,6 +42,7 @@ names! {
     BytesSent: "bytes sent",
     PacketsDropped: "packets dropped",
     TimeRequestsRejected: "time requests rejected",
+    DroneSessions: "sessions of drones",
     DroneMessages: "drone messages received",
     DroneMessagesRejected: "drone messages rejected",
     DroneMessageAge: "age of drone message",
@@ -57,6 +58,8 @@ names! {
     BytesReceived: "bytes received",
     SessionsReopened: "sessions reopened",
     VesselStatusRejected: "vessel status rejected",
+    NewestAsked: "newest messages asked for",
+    VesselSession: "sessions of the vessel",
     // Of the pilot.
     VesselToSetPointP50: "vessel measurement to set-point p50",
     VesselToSetPointP99: "vessel measurement to set-point p99",
@@ -105,7 +108,7 @@ names! {
 }
 
 /// The value of a metric, with its unit.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C, u8)]
 pub enum MetricValue {
     /// A number of things.
@@ -121,7 +124,7 @@ pub enum MetricValue {
 }
 
 /// A metric.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Metric {
     /// What it is of.

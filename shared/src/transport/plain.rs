@@ -32,13 +32,17 @@ pub(super) trait Visitor {
 // SAFETY: every type below is plain data of fixed size without pointers, references or handles,
 // all the way down, and `repr(C)` but for two details whose layout Rust fixes only within one
 // compilation: enumerations (`repr(u8)`) with few valid values, and `Option` in a plan, in surroundings, in the checkpoints, in
-// metrics and in what the vessel's processes report. Both are sound here because a service's name carries `MESSAGE_VERSION` and the package's version, so
+// metrics and in what the vessel's processes report. Both are sound here because a service's attributes carry `MESSAGE_VERSION` and the package's version, so
 // that only processes of one program ever share a service, and because no process writes a message
 // otherwise than by copying a whole valid value. Bounded lists check their length when they are read.
 macro_rules! plain {
     ($($ty:ty => $topic:ident;)*) => {
         $(
-            unsafe impl ZeroCopySend for $ty {}
+            unsafe impl ZeroCopySend for $ty {
+                unsafe fn type_name() -> &'static str {
+                    topics::$topic.type_name()
+                }
+            }
             impl Plain for $ty {
                 const TOPIC: &'static Topic = &topics::$topic;
                 fn order(&self) -> Option<(u32, u32)> {
@@ -73,6 +77,7 @@ plain! {
     msg::Plan => PLAN;
     msg::SetPoint => SET_POINT;
     msg::Command => COMMAND;
+    msg::SettingsOrder => SETTINGS;
     msg::MissionCheckpoint => MISSION_CHECKPOINT;
     msg::PredictorCheckpoint => PREDICTOR_CHECKPOINT;
     msg::LinkCheckpoint => LINK_CHECKPOINT;
@@ -83,7 +88,11 @@ plain! {
 }
 
 // SAFETY: as above.
-unsafe impl ZeroCopySend for ProcessState {}
+unsafe impl ZeroCopySend for ProcessState {
+    unsafe fn type_name() -> &'static str {
+        topics::PROCESS.type_name()
+    }
+}
 impl Plain for ProcessState {
     const TOPIC: &'static Topic = &topics::PROCESS;
     fn order(&self) -> Option<(u32, u32)> {

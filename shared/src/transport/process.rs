@@ -2,6 +2,7 @@
 
 use iceoryx2_bb_posix::process::{Process, ProcessId};
 use iceoryx2_bb_posix::signal::Signal as OsSignal;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::msg::Seq;
@@ -41,7 +42,7 @@ pub fn signal(pid: u32, signal: Signal) -> Result<(), TransportError> {
 pub const MAX_INPUTS: usize = 12;
 
 /// The processes of a vessel and its drone.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum ProcessKind {
     /// The simulated vehicles.
@@ -121,7 +122,7 @@ impl ProcessKind {
 }
 
 /// What a process read on one topic.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct InputState {
     /// Index of the topic in [`crate::topics::ALL`].
@@ -142,7 +143,7 @@ pub struct InputState {
 pub const MAX_FLOWS: usize = 9;
 
 /// What a process sent over the radio on one key.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct RadioFlow {
     /// Index of the topic in [`crate::topics::ALL`]; beyond it: its own report.
@@ -154,7 +155,7 @@ pub struct RadioFlow {
 }
 
 /// What a process reports about itself, twice a second.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct ProcessState {
     /// Which.
@@ -181,6 +182,7 @@ pub struct ProcessState {
     pub unsent: u64,
     /// What it counts and measures beside.
     #[serde(serialize_with = "metrics::serialize")]
+    #[schemars(with = "Metrics")]
     pub metrics: Metrics,
     /// What it reads.
     pub inputs: Seq<InputState, MAX_INPUTS>,

@@ -5,286 +5,67 @@
 //! message that does not fit into the local queue is dropped, never waited for. A session that went
 //! silent is closed (which may hang, so it is left to a thread of its own) and opened anew.
 
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
-use std::sync::{Arc, atomic::AtomicU64, atomic::Ordering};
+mod answers;
+mod config;
+mod held;
+mod presence;
+mod publication;
+
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
+use std::sync::{Arc, atomic::AtomicBool, atomic::AtomicU64, atomic::Ordering};
 use std::time::Duration;
 
 use tokio::sync::Notify;
 use zenoh::Wait;
+use zenoh::bytes::ZBytes;
+use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
+use zenoh::query::{Querier, Queryable};
+use zenoh::sample::Sample;
 
 use crate::admission::Sender;
-use crate::config;
 use crate::config::{Check, Keys};
 use crate::transport::clock::steady_ns;
 use crate::transport::observe::{ReceiveChannel, receive_channel};
+use crate::transport::radio::config::ZenohFile;
+pub use crate::transport::radio::config::{RadioConfig, TlsConfig};
+use crate::transport::radio::presence::Present;
+pub use crate::transport::radio::publication::{Publication, Urgency};
 use crate::transport::rejections::PlaintextAttempts;
-use crate::transport::{Received, TransportError, access};
+use crate::transport::{Received, TransportError};
 use crate::wire::MAX_WIRE_BYTES;
 
-/// An attempt to open a session is given up after this long, ms. Over datagrams nothing is repeated
-/// within it: soon, the next attempt is the repetition.
-const DATAGRAM_OPEN_MS: u32 = 1000;
-/// Over streams: TCP or QUIC and zenoh exchange three times, 0.6 s at 100 ms each way without any loss, and
-/// a lost packet is repeated after 1 s at first (over 30 % loss and 100 ms: no stream's session in 33 s with
-/// attempts of 1 s; with 3 s one in four succeeds and a session came back after up to 30 s).
-const STREAM_OPEN_MS: u32 = 8000;
-
-/// What an endpoint of QUIC is given beside its address: if the other side can too, one connection has a
-/// stream for what must arrive (handshake, declarations) and datagrams for what we publish, where only the
-/// newest counts.
-const QUIC_METADATA: &str = "?mixed_rel=auto";
-
-/// Largest batch of the middleware: with the headers of IPv6 and TCP it fits into one packet.
-const BATCH_BYTES: u32 = 1380;
-/// Longest message that the middleware puts together of its parts, bytes: a message of ours fits into one batch; the rest is
-/// room for its own declarations. Its default is 1 GB, which one peer could have this computer hold.
-const MAX_MESSAGE_BYTES: u32 = 16_384;
-/// Sessions of each peer: one, and that before it started anew, until that has expired.
-const SESSIONS_PER_PEER: usize = 2;
-/// Sessions beside those, for peers that start again and again.
-const SPARE_SESSIONS: usize = 8;
-/// What a stream's socket may hold, bytes; the system counts its own overhead too, about as much
-/// again as the payload.
-const SOCKET_BYTES: u32 = 16_384;
+/// A publisher's answer is awaited for so long; its broadcasts come meanwhile.
+const ASK_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Messages that wait for the process; what comes on top is dropped.
 const INBOX: usize = 256;
 
-config! {
-    /// Who listens, who dials, over what.
-    pub struct RadioConfig {
-        /// Endpoints to listen on, such as `udp/0.0.0.0:7447`; a vessel's.
-        pub listen: Vec<String> = Vec::new();
-        /// Endpoints to dial, such as `udp/192.168.7.1:7447`; a drone's.
-        pub connect: Vec<String> = Vec::new();
-        /// A link over datagrams that carries nothing for this long is given up, s.
-        /// Measured: with 10 s (the middleware's default) TCP delivers a backlog of 5.5 s after an
-        /// outage of 5 s, with 2 s what comes is fresh.
-        pub lease_s: f64 = 2.0, in 0.5..=60.0;
-        /// The same of a link over a stream or QUIC, which may only wait for a retransmission, s.
-        /// Measured at 30 % loss and 100 ms: a stream is silent for more than 2 s every 20 s and
-        /// goes on within 5 s by itself, while a new session takes 2 to 10 s.
-        pub stream_lease_s: f64 = 5.0, in 0.5..=60.0;
-        /// A session over datagrams without any message for this long is opened anew, s; one over a stream or
-        /// QUIC is left the time of its lease and of one attempt to open beside. A session that brings only what
-        /// is older than this, for as long and its lease, is opened anew too.
-        /// Chosen: a lease, the slowest retry, and as much again.
-        pub reopen_after_s: f64 = 5.0, in 1.0..=600.0;
-        /// Certificates, for endpoints that begin with `quic/`.
-        pub tls: TlsConfig;
-    }
-    check |this, at| {
-        at.require(
-            this.listen.is_empty() != this.connect.is_empty(),
-            "listen, connect",
-            format!("{:?}, {:?}", this.listen, this.connect),
-            "either endpoints to listen on (vessel) or endpoints to dial (drone)",
-        )?;
-        if let Some(endpoint) = this.listen.iter().chain(&this.connect).find(|e| !is_endpoint(e)) {
-            at.require(
-                false,
-                "listen, connect",
-                endpoint,
-                "udp/, tcp/ or, with certificates, quic/, and address:port, as quic/192.168.7.1:7447 (tls/ was taken \
-                 out: zenoh 1.10 reads and writes such a connection at once without a lock)",
-            )?;
-        }
-        let peers = &this.tls.peers;
-        at.require(
-            this.tls.authority.is_empty() || !peers.is_empty() && peers.len() <= access::PEERS,
-            "tls.peers",
-            format!("{} names", peers.len()),
-            "with certificates, the names of the admitted peers, such as [\"drone-1\"]; 64 at most",
-        )?;
-        at.require(
-            peers.iter().all(|p| access::is_name(p)),
-            "tls.peers",
-            format!("{peers:?}"),
-            "names as in certificates: small letters, digits and hyphens",
-        )?;
-    }
-}
-
-config! {
-    /// Certificate files (PEM); empty for endpoints without TLS, which is part of QUIC (RFC 9001).
-    pub struct TlsConfig {
-        /// The authority that signed both sides' certificates.
-        pub authority: String = String::new();
-        /// Our certificate.
-        pub certificate: String = String::new();
-        /// Its private key.
-        pub key: String = String::new();
-        /// Names in the certificates of admitted peers, `vessel-N` or `drone-N`: each under its own key
-        /// expressions only.
-        pub peers: Vec<String> = Vec::new();
-    }
-}
-
-/// Whether a text is an endpoint: `protocol/host:port`, with or without Zenoh's metadata (`?`) and configuration (`#`).
-fn is_endpoint(text: &str) -> bool {
-    let bare = text.split(['?', '#']).next().unwrap_or_default();
-    let is_host = |host: &str| {
-        let mut all = host.chars();
-        !host.is_empty() && all.all(|c| c.is_ascii_alphanumeric() || ".-_:[]%".contains(c))
-    };
-    bare.split_once('/').is_some_and(|(protocol, address)| {
-        let parts = address.rsplit_once(':');
-        matches!(protocol, "udp" | "tcp" | "quic")
-            && parts.is_some_and(|(host, port)| is_host(host) && port.parse::<u16>().is_ok())
-    })
-}
-
-impl RadioConfig {
-    /// Listens at one endpoint, with these certificates.
-    pub fn listening(endpoint: impl Into<String>, tls: TlsConfig) -> RadioConfig {
-        RadioConfig {
-            listen: vec![endpoint.into()],
-            tls,
-            ..RadioConfig::default()
-        }
-    }
-    /// Dials one endpoint, with these certificates.
-    pub fn dialling(endpoint: impl Into<String>, tls: TlsConfig) -> RadioConfig {
-        RadioConfig {
-            connect: vec![endpoint.into()],
-            tls,
-            ..RadioConfig::default()
-        }
-    }
-    /// Whether the session is opened, and kept alive, over something that repeats what was lost.
-    fn is_stream(&self) -> bool {
-        let stream = |e: &String| e.starts_with("tcp/") || e.starts_with("quic/");
-        self.listen.iter().chain(&self.connect).any(stream)
-    }
-    fn open_ms(&self) -> u32 {
-        if self.is_stream() {
-            STREAM_OPEN_MS
-        } else {
-            DATAGRAM_OPEN_MS
-        }
-    }
-    fn link_lease_s(&self) -> f64 {
-        if self.is_stream() {
-            self.stream_lease_s
-        } else {
-            self.lease_s
-        }
-    }
-    /// Silence after which the watchdog acts, s.
-    fn silence_limit_s(&self) -> f64 {
-        if self.is_stream() {
-            self.reopen_after_s + self.stream_lease_s + f64::from(STREAM_OPEN_MS) * 1e-3
-        } else {
-            self.reopen_after_s
-        }
-    }
-    fn max_sessions(&self) -> usize {
-        let peers = match self.tls.peers.len() {
-            // Without certificates nobody is named.
-            0 => access::PEERS,
-            named => named,
-        };
-        SESSIONS_PER_PEER * peers + SPARE_SESSIONS
-    }
-    fn session(&self, own: &[String]) -> Result<zenoh::Config, TransportError> {
-        let ms = |s: f64| (s * 1e3).round().to_string();
-        let text = |v: &dyn core::fmt::Debug| format!("{v:?}");
-        let open_ms = self.open_ms().to_string();
-        let ends = |endpoints: &[String]| text(&endpoints.iter().map(|e| completed(e)).collect::<Vec<_>>());
-        let mut settings: Vec<(&str, String)> = vec![
-            ("mode", text(&"peer")),
-            ("listen/endpoints", ends(&self.listen)),
-            ("connect/endpoints", ends(&self.connect)),
-            // Retry for ever, in the background.
-            ("connect/timeout_ms", "-1".into()),
-            ("connect/exit_on_failure", "false".into()),
-            (
-                "connect/retry",
-                r#"{ "period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5 }"#.into(),
-            ),
-            ("scouting/multicast/enabled", "false".into()),
-            ("scouting/gossip/enabled", "false".into()),
-            ("transport/link/tx/lease", ms(self.link_lease_s())),
-            ("transport/unicast/open_timeout", open_ms.clone()),
-            ("transport/unicast/accept_timeout", open_ms),
-            // What waits in the middleware and in the socket is old before it leaves: a batch holds
-            // one packet, not 64 kB, and the socket a few.
-            ("transport/link/tx/batch_size", BATCH_BYTES.to_string()),
-            ("transport/link/tcp/so_sndbuf", SOCKET_BYTES.to_string()),
-            (
-                "transport/link/rx/max_message_size",
-                MAX_MESSAGE_BYTES.to_string(),
-            ),
-            // One certificate could open a thousand otherwise; the middleware bounds the sum only.
-            ("transport/unicast/max_sessions", self.max_sessions().to_string()),
-        ];
-        if !self.tls.authority.is_empty() {
-            settings.extend([
-                (
-                    "transport/link/tls/root_ca_certificate",
-                    text(&self.tls.authority),
-                ),
-                (
-                    "transport/link/tls/listen_certificate",
-                    text(&self.tls.certificate),
-                ),
-                ("transport/link/tls/listen_private_key", text(&self.tls.key)),
-                (
-                    "transport/link/tls/connect_certificate",
-                    text(&self.tls.certificate),
-                ),
-                ("transport/link/tls/connect_private_key", text(&self.tls.key)),
-                ("transport/link/tls/enable_mtls", "true".into()),
-                ("transport/link/protocols", r#"["quic"]"#.into()),
-                ("access_control", access::rules(own, &self.tls.peers).to_string()),
-            ]);
-        }
-        let mut config = zenoh::Config::default();
-        for (key, value) in settings {
-            config
-                .insert_json5(key, &value)
-                .map_err(|e| TransportError::because(format!("setting {key} of the radio to {value}"), e))?;
-        }
-        Ok(config)
-    }
-}
-
-/// The endpoint as the middleware is given it.
-fn completed(endpoint: &str) -> String {
-    if endpoint.starts_with("quic/") && !endpoint.contains(['?', '#']) {
-        format!("{endpoint}{QUIC_METADATA}")
-    } else {
-        endpoint.to_owned()
-    }
-}
-
-/// How urgent a key's messages are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Urgency {
-    /// State and time: before everything else.
-    State,
-    /// Models and predictions.
-    Model,
-    /// For people.
-    Status,
-}
-
-/// A key to publish on.
+/// A key to read.
 #[derive(Clone, Debug)]
-pub struct Publication {
+pub struct Subscription {
     /// The key expression.
-    pub key: String,
-    /// How urgent.
-    pub urgency: Urgency,
+    key: String,
+    /// The newest message is asked for, too ([`Radio::ask`]).
+    asked: bool,
 }
 
-impl Publication {
-    /// Of this key and urgency.
-    pub fn new(key: impl Into<String>, urgency: Urgency) -> Publication {
+impl Subscription {
+    /// The newest message is asked of the publisher as soon as there is one.
+    pub fn asked(key: impl Into<String>) -> Subscription {
         let key = key.into();
-        Publication { key, urgency }
+        Subscription { key, asked: true }
+    }
+}
+impl From<String> for Subscription {
+    fn from(key: String) -> Subscription {
+        Subscription { key, asked: false }
+    }
+}
+impl From<&str> for Subscription {
+    fn from(key: &str) -> Subscription {
+        key.to_owned().into()
     }
 }
 
@@ -311,6 +92,8 @@ pub struct RadioCounts {
     pub unsent: u64,
     /// Messages that came.
     pub received: u64,
+    /// Newest messages that were asked for.
+    pub asked: u64,
     /// Messages dropped because they were too long or the process did not read.
     pub dropped: u64,
     /// How often the watchdog opened the session anew.
@@ -319,15 +102,11 @@ pub struct RadioCounts {
 
 /// One side of the radio.
 pub struct Radio {
-    config: RadioConfig,
-    publications: Vec<Publication>,
-    subscriptions: Vec<String>,
+    parts: Parts,
     open: Option<Open>,
-    sender: SyncSender<Received>,
+    /// A router's client that is not connected yet.
+    opening: Option<Receiver<Result<Open, TransportError>>>,
     inbox: Receiver<Received>,
-    /// Something has arrived.
-    arrival: Arc<Notify>,
-    dropped: Arc<AtomicU64>,
     counts: RadioCounts,
     flows: Vec<Flow>,
     last_received_ns: Option<i64>,
@@ -339,40 +118,173 @@ pub struct Radio {
     channel: Option<Box<dyn ReceiveChannel>>,
 }
 
+/// What a session is opened with.
+#[derive(Clone)]
+struct Parts {
+    config: RadioConfig,
+    /// Zenoh's own configuration, as it was at the start.
+    file: Option<ZenohFile>,
+    publications: Vec<Publication>,
+    subscriptions: Vec<Subscription>,
+    sender: SyncSender<Received>,
+    /// Something has arrived.
+    arrival: Arc<Notify>,
+    dropped: Arc<AtomicU64>,
+    /// Somebody holds what we ask for, and was not asked yet.
+    due: Arc<AtomicBool>,
+}
+
+/// The open session. What is declared in it ends with it.
 struct Open {
-    session: zenoh::Session,
     publishers: Vec<Publisher<'static>>,
+    /// Each with the number of its subscription.
+    queriers: Vec<(usize, Querier<'static>)>,
+    #[allow(dead_code, reason = "who answers lives as long as this is held")]
+    queryables: Vec<Queryable<()>>,
+    #[allow(dead_code, reason = "a token is there as long as this is held")]
+    token: Option<LivelinessToken>,
+    /// Who else is there.
+    present: Present,
+    session: zenoh::Session,
+}
+
+impl Parts {
+    /// The beginning of our keys, `alight/NAME`; None: we publish nothing.
+    fn name(&self) -> Option<&str> {
+        let key = self.publications.first()?.key.as_str();
+        let (at, _) = key.match_indices('/').nth(1)?;
+        key.get(..at)
+    }
+    fn open(&self) -> Result<Open, TransportError> {
+        let own: Vec<String> = self.publications.iter().map(|o| o.key.clone()).collect();
+        let name = self.name().unwrap_or("alight/nobody");
+        let session = zenoh::open(self.config.session(name, &own, self.file.as_ref())?)
+            .wait()
+            .map_err(|e| TransportError::because("opening the radio's session", e))?;
+        let declaring = |e| TransportError::because(format!("declaring {name} on the radio"), e);
+        let mut open = Open {
+            publishers: self.publishers(&session)?,
+            queriers: Vec::new(),
+            queryables: Vec::new(),
+            token: None,
+            present: Present::of(&session).map_err(declaring)?,
+            session,
+        };
+        if let Some(name) = self.name() {
+            open.queryables = answers::declare(&open.session, name, &self.publications).map_err(declaring)?;
+            open.token = Some(presence::declare(&open.session, name).map_err(declaring)?);
+        }
+        for (number, subscription) in self.subscriptions.iter().enumerate() {
+            let receive = self.receiver(number);
+            open.session
+                .declare_subscriber(subscription.key.clone())
+                .callback(move |sample| receive(&sample))
+                .background()
+                .wait()
+                .map_err(|e| TransportError::because(format!("reading {}", subscription.key), e))?;
+            if subscription.asked {
+                let querier = self.querier(&open.session, &subscription.key);
+                let querier = querier
+                    .map_err(|e| TransportError::because(format!("asking for {}", subscription.key), e))?;
+                open.queriers.push((number, querier));
+            }
+        }
+        Ok(open)
+    }
+    fn publishers(&self, session: &zenoh::Session) -> Result<Vec<Publisher<'static>>, TransportError> {
+        let declared = self.publications.iter().map(|publication| {
+            session
+                .declare_publisher(publication.key.clone())
+                .encoding(publication.encoding())
+                .congestion_control(CongestionControl::Drop)
+                .priority(publication.urgency.priority())
+                .express(true)
+                // Repeated, the old would hold up the new; over TCP and UDP this changes nothing.
+                .reliability(Reliability::BestEffort)
+                .wait()
+                .map_err(|e| TransportError::because(format!("publishing {}", publication.key), e))
+        });
+        declared.collect()
+    }
+    /// What is done with a message of a subscription, whether it was broadcast or is an answer.
+    fn receiver(&self, subscription: usize) -> impl Fn(&Sample) + Send + Sync + use<> {
+        let (sender, dropped) = (self.sender.clone(), Arc::clone(&self.dropped));
+        let arrival = Arc::clone(&self.arrival);
+        move |sample| {
+            let payload = sample.payload();
+            if payload.len() > MAX_WIRE_BYTES {
+                dropped.fetch_add(1, Ordering::Relaxed);
+                return;
+            }
+            let bytes = payload.to_bytes().into_owned();
+            let received = Received {
+                subscription,
+                sender: Sender::of_key(sample.key_expr().as_str()),
+                at_ns: steady_ns(),
+                bytes,
+            };
+            match sender.try_send(received) {
+                Ok(()) => arrival.notify_one(),
+                Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {
+                    dropped.fetch_add(1, Ordering::Relaxed);
+                }
+            }
+        }
+    }
+    /// Asks on a key, and notices when somebody is there to answer.
+    fn querier(&self, session: &zenoh::Session, key: &str) -> zenoh::Result<Querier<'static>> {
+        let querier = session
+            .declare_querier(key.to_owned())
+            .congestion_control(CongestionControl::Drop)
+            .priority(Priority::InteractiveHigh)
+            .express(true)
+            .timeout(ASK_TIMEOUT)
+            .wait()?;
+        let due = Arc::clone(&self.due);
+        let answerable = querier.matching_listener().callback(move |status| {
+            due.fetch_or(status.matching(), Ordering::Relaxed);
+        });
+        answerable.background().wait()?;
+        Ok(querier)
+    }
 }
 
 impl Radio {
-    /// Opens the session, publishes on `publications` and reads `subscriptions`.
+    /// Opens the session, publishes on `publications` and reads `subscriptions`. A router that is not there is awaited in the
+    /// background.
     pub fn open(
         config: &RadioConfig,
         publications: Vec<Publication>,
-        subscriptions: Vec<String>,
+        subscriptions: Vec<impl Into<Subscription>>,
     ) -> Result<Radio, TransportError> {
         // Whoever opens it, also an operator's command: what cannot work is reported before it is tried.
         config
             .check(&Keys::ROOT)
             .map_err(|e| TransportError::because("checking the radio's configuration", e))?;
+        config.check_zenoh()?;
         let (sender, inbox) = sync_channel(INBOX);
         let mut radio = Radio {
-            config: config.clone(),
             flows: vec![Flow::default(); publications.len()],
-            publications,
-            subscriptions,
+            parts: Parts {
+                config: config.clone(),
+                file: ZenohFile::of(config)?,
+                publications,
+                subscriptions: subscriptions.into_iter().map(Into::into).collect(),
+                sender,
+                arrival: Arc::new(Notify::new()),
+                dropped: Arc::default(),
+                due: Arc::default(),
+            },
             open: None,
-            sender,
+            opening: None,
             inbox,
-            arrival: Arc::new(Notify::new()),
-            dropped: Arc::new(AtomicU64::new(0)),
             counts: RadioCounts::default(),
             last_received_ns: None,
             last_fresh_ns: steady_ns(),
             plaintext_attempts: None,
             channel: receive_channel(),
         };
-        radio.open = Some(radio.session()?);
+        radio.begin()?;
         radio.plaintext_attempts = PlaintextAttempts::at(&config.listen);
         // A session that never receives anything is silent too: an opening that stalled half way
         // (seen once, over UDP on a computer under load) ends there.
@@ -380,59 +292,63 @@ impl Radio {
         Ok(radio)
     }
 
-    fn session(&self) -> Result<Open, TransportError> {
-        let own: Vec<String> = self.publications.iter().map(|o| o.key.clone()).collect();
-        let session = zenoh::open(self.config.session(&own)?)
-            .wait()
-            .map_err(|e| TransportError::because("opening the radio's session", e))?;
-        let mut publishers = Vec::with_capacity(self.publications.len());
-        for publication in &self.publications {
-            let priority = match publication.urgency {
-                Urgency::State => Priority::RealTime,
-                Urgency::Model => Priority::InteractiveHigh,
-                Urgency::Status => Priority::Background,
-            };
-            let publisher = session
-                .declare_publisher(publication.key.clone())
-                .congestion_control(CongestionControl::Drop)
-                .priority(priority)
-                .express(true)
-                // Repeated, the old would hold up the new; over TCP and UDP this changes nothing.
-                .reliability(Reliability::BestEffort)
-                .wait()
-                .map_err(|e| TransportError::because(format!("publishing {}", publication.key), e))?;
-            publishers.push(publisher);
+    /// Opens the session; a client's, whose opening waits for its router, in a thread of its own.
+    fn begin(&mut self) -> Result<(), TransportError> {
+        if !self.parts.config.router {
+            self.open = Some(self.parts.open()?);
+            return Ok(());
         }
-        for (subscription, key) in self.subscriptions.iter().enumerate() {
-            let (sender, dropped) = (self.sender.clone(), Arc::clone(&self.dropped));
-            let arrival = Arc::clone(&self.arrival);
-            session
-                .declare_subscriber(key.clone())
-                .callback(move |sample| {
-                    let payload = sample.payload();
-                    if payload.len() > MAX_WIRE_BYTES {
-                        dropped.fetch_add(1, Ordering::Relaxed);
-                        return;
-                    }
-                    let bytes = payload.to_bytes().into_owned();
-                    let received = Received {
-                        subscription,
-                        sender: Sender::of_key(sample.key_expr().as_str()),
-                        at_ns: steady_ns(),
-                        bytes,
-                    };
-                    match sender.try_send(received) {
-                        Ok(()) => arrival.notify_one(),
-                        Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {
-                            dropped.fetch_add(1, Ordering::Relaxed);
-                        }
-                    }
-                })
-                .background()
-                .wait()
-                .map_err(|e| TransportError::because(format!("reading {key}"), e))?;
+        let (sender, opened) = sync_channel(1);
+        let parts = self.parts.clone();
+        let opening = move || {
+            // Whoever waits for it may have ended.
+            let _gone = sender.send(parts.open());
+        };
+        std::thread::Builder::new()
+            .name("open".into())
+            .spawn(opening)
+            .map_err(|e| TransportError::because("starting a thread that opens the radio's session", e))?;
+        self.opening = Some(opened);
+        Ok(())
+    }
+    /// Takes over the session that a thread has opened.
+    fn take_opened(&mut self) {
+        let Some(opening) = &self.opening else { return };
+        match opening.try_recv() {
+            Err(TryRecvError::Empty) => return,
+            Ok(Ok(open)) => self.open = Some(open),
+            // The watchdog tries again.
+            Ok(Err(_)) | Err(TryRecvError::Disconnected) => {}
         }
-        Ok(Open { session, publishers })
+        self.opening = None;
+    }
+
+    /// Asks for the newest message of each subscription that is to be asked for, once since somebody is there who answers.
+    /// What comes is received like every other message, and is to be judged like one.
+    pub fn ask(&mut self) {
+        let Some(open) = self.open.as_ref().filter(|o| !o.queriers.is_empty()) else {
+            return;
+        };
+        if !self.parts.due.swap(false, Ordering::Relaxed) {
+            return;
+        }
+        for (number, querier) in &open.queriers {
+            let receive = self.parts.receiver(*number);
+            let ask = querier.get().callback(move |reply| {
+                // An error is no message: the next broadcast is.
+                if let Ok(sample) = reply.result() {
+                    receive(sample);
+                }
+            });
+            if ask.wait().is_ok() {
+                self.counts.asked += 1;
+            }
+        }
+    }
+    /// How many of these have a session, by their liveliness tokens. A process that stands still keeps its token: what it
+    /// sends, and when, is what counts.
+    pub fn count_present(&self, of: impl Fn(&Sender) -> bool) -> usize {
+        self.open.as_ref().map_or(0, |o| o.present.count(of))
     }
 
     /// Publishes on publication `publication`.
@@ -440,12 +356,20 @@ impl Radio {
         let length = bytes.len() as u64;
         let open = self.open.as_ref();
         let publisher = open.and_then(|o| o.publishers.get(publication));
+        let bytes = ZBytes::from(bytes);
+        let kept = self.parts.publications.get(publication);
+        if let Some(held) = kept.and_then(|p| p.held.as_ref()) {
+            held.set(&bytes);
+        }
         if publisher.is_some_and(|p| p.put(bytes).wait().is_ok()) {
             self.counts.sent += 1;
             self.counts.sent_bytes += length;
+            let schema = kept
+                .and_then(|p| p.topic)
+                .map_or(0, |t| t.encoding_schema().len() as u64);
             if let Some(flow) = self.flows.get_mut(publication) {
                 flow.messages += 1;
-                flow.bytes += length + HEADER_BYTES;
+                flow.bytes += length + schema + HEADER_BYTES;
             }
         } else {
             self.counts.unsent += 1;
@@ -454,13 +378,14 @@ impl Radio {
 
     /// Waits until something has arrived since the last wait, for who waits for other things, too.
     pub async fn arrival(&self) {
-        self.arrival.notified().await;
+        self.parts.arrival.notified().await;
     }
     /// The next message; waits at most `timeout` for it.
     pub fn receive(&mut self, timeout: Duration) -> Option<Received> {
         if let Some(plaintext_attempts) = &self.plaintext_attempts {
             plaintext_attempts.poll();
         }
+        self.take_opened();
         let mut next = if timeout.is_zero() {
             self.inbox.try_recv().ok()
         } else {
@@ -487,17 +412,17 @@ impl Radio {
     /// that listens keeps its socket, and silence is no news to it; what it cannot mend is
     /// [`Radio::survives_pause`].
     pub fn watch(&mut self, age_s: f64) {
-        if self.config.connect.is_empty() {
+        if self.parts.config.connect.is_empty() || self.opening.is_some() {
             return;
         }
         let now = steady_ns();
         let since_s = |at: i64| now.saturating_sub(at) as f64 * 1e-9;
-        let (limit_s, lease_s) = (self.config.reopen_after_s, self.config.link_lease_s());
+        let (limit_s, lease_s) = (self.parts.config.reopen_after_s, self.parts.config.link_lease_s());
         if age_s <= limit_s {
             self.last_fresh_ns = now;
         }
         let silent_s = self.last_received_ns.map_or(0.0, since_s);
-        let silent = silent_s > self.config.silence_limit_s();
+        let silent = silent_s > self.parts.config.silence_limit_s();
         let old = silent_s < lease_s && since_s(self.last_fresh_ns) > limit_s + lease_s;
         if !silent && !old && self.open.is_some() {
             return;
@@ -505,15 +430,15 @@ impl Radio {
         if let Some(old) = self.open.take() {
             // Closing may hang for ten seconds under loss; nobody waits for it.
             let _detached = std::thread::Builder::new().name("close".into()).spawn(move || {
-                drop(old.publishers);
-                let _closed = old.session.close().wait();
+                let session = old.session.clone();
+                drop(old);
+                let _closed = session.close().wait();
             });
         }
         // A session that cannot be opened is tried again after the same silence.
         self.last_received_ns = Some(now);
         self.last_fresh_ns = now;
-        if let Ok(open) = self.session() {
-            self.open = Some(open);
+        if self.begin().is_ok() {
             self.counts.reopened += 1;
         }
     }
@@ -523,7 +448,8 @@ impl Radio {
     /// keeps the port (measured: SIGSTOP for 2 s, 9 of 9 never read again; closing the session does not
     /// free it). Only a new process receives again.
     pub fn survives_pause(&self, gap_s: f64) -> bool {
-        !self.config.connect.is_empty() || gap_s < 0.9 * self.config.link_lease_s()
+        let config = &self.parts.config;
+        !config.connect.is_empty() || gap_s < 0.9 * config.link_lease_s()
     }
 
     /// Leaves the session as it is: closing one that is stuck would wait for ever. For a process that
@@ -539,28 +465,8 @@ impl Radio {
     /// What was counted.
     pub fn counts(&self) -> RadioCounts {
         RadioCounts {
-            dropped: self.dropped.load(Ordering::Relaxed),
+            dropped: self.parts.dropped.load(Ordering::Relaxed),
             ..self.counts
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn memory_and_sessions_that_peers_may_take() {
-        let mut config = RadioConfig::listening("quic/127.0.0.1:7447", TlsConfig::default());
-        config.tls.peers = (1..=3).map(|k| format!("drone-{k}")).collect();
-        let number = |config: &RadioConfig, key: &str| -> usize {
-            let session = config.session(&[]).unwrap();
-            session.get_json(key).unwrap().parse().unwrap()
-        };
-        let longest = number(&config, "transport/link/rx/max_message_size");
-        assert!((2 * MAX_WIRE_BYTES..=16_384).contains(&longest), "{longest}");
-        assert_eq!(number(&config, "transport/unicast/max_sessions"), 14);
-        config.tls.peers.clear();
-        assert!(number(&config, "transport/unicast/max_sessions") > 2 * 64);
     }
 }

@@ -15,6 +15,7 @@ use std::fmt::{Debug, Write};
 use std::net::TcpListener;
 use std::sync::{Mutex, Once, PoisonError};
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tracing::field::{Field, Visit};
 use tracing::{Event, Metadata, Subscriber};
@@ -24,7 +25,7 @@ use tracing_subscriber::layer::{Context, SubscriberExt};
 use tracing_subscriber::registry::LookupSpan;
 
 /// Why a peer was rejected.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum AccessRejection {
     /// A session without a certificate.
@@ -166,7 +167,9 @@ fn of(target: &str, text: &str) -> Option<AccessRejection> {
     if text.contains("did not match any configured ACL subject") {
         return Some(AccessRejection::Name);
     }
-    let put = text.contains("is unauthorized to Put (ingress)");
+    let put = ["Put", "Reply"]
+        .iter()
+        .any(|what| text.contains(&format!("is unauthorized to {what} (ingress)")));
     let tried = text.starts_with("Using cached") || !BEFOREHAND.get();
     (put && tried).then_some(AccessRejection::Key)
 }

@@ -352,6 +352,7 @@ impl DroneComputer {
             plan,
             set_point: self.last_set_point,
             commands: self.commands.drain(..).collect(),
+            settings: flown.settings,
             deck: received.deck,
             ranges: readings.ranges.clone(),
             checkpoint: self.mission.as_ref().and_then(|m| self.keeper.answer(m.boot())),

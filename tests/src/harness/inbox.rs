@@ -75,6 +75,7 @@ impl Waits for MissionIn {
             plan: later.plan.or(self.plan),
             set_point: later.set_point.or(self.set_point),
             commands: both(self.commands, later.commands),
+            settings: later.settings.or(self.settings),
             deck: later.deck.or(self.deck),
             ranges: both(self.ranges, later.ranges),
             checkpoint: later.checkpoint.or(self.checkpoint),

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::rc::Rc;
 
-use alight_shared::msg::{AutopilotState, Command, LinkCheckpoint};
+use alight_shared::msg::{AutopilotState, Command, LinkCheckpoint, SettingsOrder};
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_uav::autopilot::message::{Address, Frame, Message, command};
@@ -94,6 +94,8 @@ pub struct LinkedAutopilot {
     state: Option<AutopilotState>,
     /// The same of a command.
     command: Option<Command>,
+    /// The same of the mission's settings.
+    settings: Option<SettingsOrder>,
 }
 
 impl LinkedAutopilot {
@@ -119,6 +121,7 @@ impl LinkedAutopilot {
             boot,
             state: None,
             command: None,
+            settings: None,
         }
     }
     /// The link's process dies.
@@ -170,13 +173,15 @@ impl LinkedAutopilot {
         );
         out.state = out.state.or(self.state.take());
         out.command = out.command.or(self.command.take());
+        out.settings = out.settings.or(self.settings.take());
         out
     }
-    /// A step of the link with what those published. A state that it reports, and a command, is given with what is received
+    /// A step of the link with what those published. A state that it reports, and an order, is given with what is received
     /// next.
     pub fn send(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, input: AutopilotIn) -> AutopilotOut {
         let mut out = self.step(t, now, input);
         (self.state, self.command) = (out.state.take(), out.command.take());
+        self.settings = out.settings.take();
         out
     }
     fn step(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, input: AutopilotIn) -> AutopilotOut {

@@ -479,15 +479,16 @@ impl Physics {
     pub fn trace_point(&self, k: usize) -> TracePoint {
         let (deck, drone) = (self.deck(), self.drone(k).unwrap_or_default());
         let feet = self.feet(&drone, &deck);
+        let (roll, pitch, yaw) = (deck.attitude.inverse() * drone.attitude).euler();
         TracePoint {
             t_s: self.time_since_start().secs(),
             drone: drone.position.0.into(),
             deck: deck.position.0.into(),
             drone_velocity: drone.velocity.0.into(),
             deck_velocity: deck.velocity.0.into(),
-            drone_euler: drone.euler().into(),
-            deck_euler: deck.euler().into(),
-            clearance_m: feet.iter().map(|f| f[2]).fold(f64::INFINITY, f64::min),
+            deck_yaw: deck.euler().z,
+            displacement: core::array::from_fn(|axis| feet.iter().map(|f| f[axis]).sum::<f64>() / 4.0),
+            relative_euler: [roll, pitch, yaw],
         }
     }
 }

@@ -110,9 +110,6 @@ pub fn land(
             state = mission.state;
             let (name, reason) = (state.name(), mission.entered);
             (watch.on_event)(&Event::Phase { t_s, name, reason });
-            if let Some(trace) = trace.as_mut() {
-                trace.phases.push((t_s, name, reason.to_string()));
-            }
             if state == State::Descent {
                 likelihood = mission.likelihood;
                 world.ask_change();

@@ -104,7 +104,12 @@ fn message() -> impl Strategy<Value = Message> {
         )
             .prop_map(|(name, (bits, integer))| {
                 let value = ParameterValue { bits, integer };
-                Message::Parameter { name, value }
+                Message::Parameter {
+                    name,
+                    value,
+                    index: 0,
+                    count: 1,
+                }
             }),
         (commands(), any::<u8>()).prop_map(|(command, confirmation)| {
             Message::Command(CommandLong {
@@ -112,8 +117,32 @@ fn message() -> impl Strategy<Value = Message> {
                 ..CommandLong::new(Address::default(), command, [])
             })
         }),
-        (commands(), Just(CommandResult::Denied))
-            .prop_map(|(command, result)| Message::CommandAck { command, result }),
+        (commands(), Just(CommandResult::Denied)).prop_map(|(command, result)| Message::CommandAck {
+            command,
+            result,
+            to: Address::default(),
+        }),
+        (
+            prop_oneof![Just("ALIGHT_MODE"), Just("ALIGHT_APPR_H"), Just("ALIGHT_X")],
+            any::<(u32, bool)>(),
+        )
+            .prop_map(|(name, (bits, integer))| Message::ParameterSet {
+                to: Address::new(1, 191),
+                name: name.into(),
+                value: ParameterValue { bits, integer },
+            }),
+        (0..9_u16).prop_map(|index| Message::ParameterRequest {
+            to: Address::new(1, 191),
+            name: String::new(),
+            index: Some(index),
+        }),
+        (0..2_u8).prop_map(|component| Message::ParameterList {
+            to: Address::new(1, 191 * component),
+        }),
+        commands().prop_map(|command| Message::CommandInt {
+            to: Address::new(1, 191),
+            command,
+        }),
         (0..8_u8, "\\PC{0,60}").prop_map(|(severity, text)| Message::Text { severity, text }),
         any::<u16>().prop_map(|flags| Message::EstimatorStatus { flags }),
         any::<u16>().prop_map(|flags| Message::EkfStatus { flags }),

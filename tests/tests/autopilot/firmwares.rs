@@ -1,10 +1,11 @@
 //! Responses of PX4 and ArduCopter to attitude and thrust, as measured on the makers' own programs.
 
+use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::msg::{DroneState, SetPoint, State};
-use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::autopilot::message::{Address, LandingTarget, Message, TargetFrame};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::wire::{Decoder, Encoder};
+use alight_uav::autopilot::{AutopilotLinkConfig, DeckMessage};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::rig::{LinkRig, hover, press};
@@ -161,4 +162,36 @@ fn landing_target_of_the_other_firmware() {
             assert_eq!(a.targets_rejected, u32::from(!expected), "{firmware:?} {frame:?}");
         }
     }
+}
+
+#[test]
+fn deck_for_a_target_estimator() {
+    let c = AutopilotLinkConfig {
+        publish_deck: true,
+        deck_message: DeckMessage::Target,
+        ..config()
+    };
+    let mut p = LinkRig::at(Firmware::Px4, 6.0, 1.1, &c);
+    p.deck_offset = [2.0, -1.0];
+    p.take_command();
+    p.mission = State::Descent;
+    p.run(0.8);
+    assert!(p.targets.is_empty() && p.relative.len() > 30 && p.absolute.len() > 30);
+    let own = p.odometry.last().expect("odometry").1;
+    let seen = p.relative.last().expect("a target");
+    let apart = Vector3::from(seen.position) - Vector3::new(2.0, -1.0, -own.position[2]);
+    assert!(apart.norm() < 0.1, "{seen:?} {own:?}");
+    // Of our clock, which PX4 knows by our answers to TIMESYNC.
+    let late_s = p.t_s - 1e-6 * seen.time_us as f64;
+    assert!((0.0..0.2).contains(&late_s), "{late_s}");
+    let received = p.absolute.last().expect("a target");
+    let deck = Vector3::from(own.position) + Vector3::new(2.0, -1.0, -own.position[2]);
+    let expected = own.datum.at(&Vector::<DroneNed>::from(deck));
+    assert!(received.place.distance_m(&expected) < 0.2, "{received:?}");
+
+    // ArduCopter takes no other than LANDING_TARGET.
+    let mut p = LinkRig::commanding(Firmware::ArduCopter, 6.0, &c);
+    p.mission = State::Descent;
+    p.run(0.8);
+    assert!(!p.targets.is_empty() && p.relative.is_empty() && p.absolute.is_empty());
 }

@@ -1,15 +1,15 @@
 //! Reports to a ground station through the autopilot, and commands by the remote control's switch.
 
 use alight_shared::mavlink::{FrameReader, dialect};
-use alight_shared::msg::{CommandKind, ReasonCode, State};
+use alight_shared::msg::{CommandKind, LandingMode, ReasonCode, State};
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::autopilot::ground_station::{AGE, DISTANCE, MAX_TEXT, WIND};
 use alight_uav::autopilot::message::{
-    Address, CommandLong, CommandResult, LandingTarget, Message, RC_RECEIVER, RcChannels, TargetFrame,
-    command, severity,
+    Address, CommandLong, CommandResult, LandingTarget, Message, ParameterValue, RC_RECEIVER, RcChannels,
+    TargetFrame, command, severity,
 };
 use alight_uav::autopilot::wire::{Decoder, Encoder};
 
@@ -265,6 +265,125 @@ fn orders_of_a_ground_station() {
 }
 
 #[test]
+fn order_by_command_int() {
+    for firmware in BOTH {
+        let mut p = LinkRig::new(firmware, 5.0, &config());
+        p.run(3.0);
+        p.waits_for_flight = true;
+        let to = Address::new(VEHICLE, 191);
+        let command = command::USER_1;
+        p.inject(STATION, &Message::CommandInt { to, command });
+        p.run(1.0);
+        let results = [CommandResult::InProgress, CommandResult::Accepted];
+        assert_eq!(p.answers, results.map(|r| (command, r)), "{firmware:?}");
+        assert_eq!(p.answered, [STATION; 2]);
+        assert!(p.orders.iter().all(|c| c.kind == CommandKind::Land) && !p.orders.is_empty());
+        // Another component's, and everybody's.
+        p.orders.clear();
+        for component in [0, 154] {
+            let to = Address::new(VEHICLE, component);
+            p.inject(STATION, &Message::CommandInt { to, command });
+        }
+        p.run(1.0);
+        assert_eq!((p.answers.len(), p.orders.len()), (2, 0));
+    }
+}
+
+fn set(component: u8, name: &str, value: f32) -> Message {
+    Message::ParameterSet {
+        to: Address::new(VEHICLE, component),
+        name: name.into(),
+        value: ParameterValue {
+            bits: value.to_bits(),
+            integer: false,
+        },
+    }
+}
+/// A link that has found a drone which is disarmed.
+fn disarmed(firmware: alight_uav::autopilot::modes::Firmware) -> LinkRig {
+    let mut p = LinkRig::new(firmware, 0.3, &config());
+    p.linked.autopilot.arm(false);
+    p.run(4.0);
+    assert!(!p.state().armed, "{firmware:?}");
+    p
+}
+
+#[test]
+fn parameters_of_the_companion() {
+    for firmware in BOTH {
+        let mut p = disarmed(firmware);
+        let own = Address::new(VEHICLE, 191);
+        let expected: Vec<(String, f32)> = [
+            ("ALIGHT_MODE", 2.0),
+            ("ALIGHT_APPR_H", 15.0),
+            ("ALIGHT_TRACK_H", 7.0),
+            ("ALIGHT_MATCH_H", 2.0),
+        ]
+        .map(|(name, value)| (name.to_owned(), value))
+        .into();
+        // Of this component, and of all.
+        for to in [own, Address::new(VEHICLE, 0)] {
+            p.inject(STATION, &Message::ParameterList { to });
+            p.run(0.1);
+            assert_eq!(core::mem::take(&mut p.parameters), expected, "{firmware:?}");
+        }
+        let read = |name: &str, index| Message::ParameterRequest {
+            to: own,
+            name: name.into(),
+            index,
+        };
+        for request in [read("", Some(3)), read("ALIGHT_MATCH_H", None), read("", Some(4))] {
+            p.inject(STATION, &request);
+        }
+        p.run(0.1);
+        let twice = [expected[3].clone(), expected[3].clone()];
+        assert_eq!(core::mem::take(&mut p.parameters), twice, "{firmware:?}");
+
+        // Set, and answered once the mission shows it.
+        p.inject(STATION, &set(191, "ALIGHT_MODE", 1.0));
+        p.run(0.05);
+        assert!(p.parameters.is_empty());
+        p.mission_settings = p.settings.last().expect("an order").settings;
+        assert_eq!(p.mission_settings.mode, LandingMode::Match);
+        p.run(0.1);
+        let mode = |value| vec![("ALIGHT_MODE".to_owned(), value)];
+        assert_eq!(core::mem::take(&mut p.parameters), mode(1.0), "{firmware:?}");
+        let text = "ground station 255 sets ALIGHT_MODE to 1 (match)";
+        assert!(p.texts.iter().any(|t| t == text), "{:?}", p.texts);
+    }
+}
+
+#[test]
+fn parameters_that_stay() {
+    for firmware in BOTH {
+        let mut p = disarmed(firmware);
+        let refused = |p: &mut LinkRig, component, value, why: &str| {
+            p.notes.clear();
+            p.inject(STATION, &set(component, "ALIGHT_APPR_H", value));
+            p.run(0.1);
+            let text = format!("ALIGHT_APPR_H stays: {why}");
+            let known = core::mem::take(&mut p.parameters);
+            assert!(p.settings.is_empty(), "{firmware:?} {why}");
+            (p.notes.iter().any(|(_, t)| *t == text), known.len())
+        };
+        assert_eq!(refused(&mut p, 191, 500.0, "500 not in 2 to 200"), (true, 1));
+        // Another component's, and everybody's: not even answered.
+        assert_eq!(refused(&mut p, 1, 12.0, ""), (false, 0));
+        assert_eq!(refused(&mut p, 0, 12.0, ""), (false, 0));
+        p.settable = false;
+        p.run(0.1);
+        assert_eq!(refused(&mut p, 191, 12.0, "a landing is ordered"), (true, 1));
+        p.settable = true;
+        p.linked.autopilot.arm(true);
+        p.run(1.5);
+        assert_eq!(refused(&mut p, 191, 12.0, "the drone is armed"), (true, 1));
+        p.mission_silent = true;
+        p.run(1.0);
+        assert_eq!(refused(&mut p, 191, 12.0, "no mission reports"), (true, 1));
+    }
+}
+
+#[test]
 fn landing_and_abort_by_ground_station() {
     let mut rig = Rig::landing(&Scenario::default(), &NodeConfigs::default(), 1).expect("a world");
     let send = |rig: &mut Rig, number: u16| {
@@ -311,9 +430,37 @@ fn message_values_over_the_wire() {
         order(command::USER_1),
         order(command::USER_2),
         order(command::USER_3),
+        Message::CommandInt {
+            to: Address::new(VEHICLE, 191),
+            command: command::USER_2,
+        },
         Message::CommandAck {
             command: command::USER_2,
             result: CommandResult::InProgress,
+            to: STATION,
+        },
+        Message::ParameterList {
+            to: Address::new(VEHICLE, 0),
+        },
+        Message::ParameterRequest {
+            to: Address::new(VEHICLE, 191),
+            name: "ALIGHT_MODE".into(),
+            index: None,
+        },
+        Message::ParameterRequest {
+            to: Address::new(VEHICLE, 191),
+            name: String::new(),
+            index: Some(3),
+        },
+        set(191, "ALIGHT_MODE", 1.0),
+        Message::Parameter {
+            name: "ALIGHT_MODE".into(),
+            value: ParameterValue {
+                bits: 2.0_f32.to_bits(),
+                integer: false,
+            },
+            index: 1,
+            count: 4,
         },
         Message::SystemStatus {
             present: RC_RECEIVER | 1,

@@ -7,7 +7,8 @@ use alight_shared::frames::{Deck, Point};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, BatteryPlace, Command, DeckForecast, DeckStage, DroneState, Header,
-    MissionState, Motors, RangeSample, Reason, ReasonCode, Seq, SetPoint, SetPointKind, State,
+    MissionSettings, MissionState, Motors, RangeSample, Reason, ReasonCode, Seq, SetPoint, SetPointKind,
+    SettingsOrder, State,
 };
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_sim::autopilots::simulated::{SimulatedAutopilot, mode_number};
@@ -17,12 +18,13 @@ use alight_sim::physics::body::RigidState;
 use alight_sim::physics::drone::{DroneConfig, DroneStart, NavigationConfig, SimulatedDrone};
 use alight_sim::physics::streams::Streams;
 use alight_uav::autopilot::message::{
-    Address, CommandLong, CommandResult, Heartbeat, LandingTarget, Message,
+    Address, CommandLong, CommandResult, Heartbeat, LandingTarget, Message, TargetAbsolute, TargetRelative,
 };
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::{
     AutopilotIn, AutopilotLink, AutopilotLinkConfig, AutopilotOut, ControlAuthority,
 };
+use alight_uav::mission::MissionConfig;
 use alight_uav::odometry::OdometryConfig;
 use nalgebra::Vector3;
 
@@ -88,12 +90,24 @@ pub struct LinkRig {
     pub orders: Vec<Command>,
     /// Answers to commands.
     pub answers: Vec<(u16, CommandResult)>,
+    /// Who was answered.
+    pub answered: Vec<Address>,
+    /// Parameters of the companion: name and value.
+    pub parameters: Vec<(String, f32)>,
+    /// What stations set of the mission.
+    pub settings: Vec<SettingsOrder>,
+    /// The mission's settings, which may be changed.
+    pub mission_settings: MissionSettings,
+    pub settable: bool,
     /// Messages about the deck.
     pub deck_messages: usize,
     /// The deck's centre from below the drone, north and east, m.
     pub deck_offset: [f64; 2],
     /// Landing targets sent by the link.
     pub targets: Vec<LandingTarget>,
+    /// The same for a target estimator.
+    pub relative: Vec<TargetRelative>,
+    pub absolute: Vec<TargetAbsolute>,
     sequence: u32,
     newest: Option<DroneState>,
 }
@@ -181,9 +195,16 @@ impl LinkRig {
             heartbeats: Vec::new(),
             orders: Vec::new(),
             answers: Vec::new(),
+            answered: Vec::new(),
+            parameters: Vec::new(),
+            settings: Vec::new(),
+            mission_settings: MissionConfig::default().settings(),
+            settable: true,
             deck_messages: 0,
             deck_offset: [0.0; 2],
             targets: Vec::new(),
+            relative: Vec::new(),
+            absolute: Vec::new(),
             sequence: 0,
             newest: None,
         }
@@ -289,6 +310,8 @@ impl LinkRig {
                 since: self.since,
                 low_battery: self.low_battery,
                 abort: self.abort,
+                settings: self.mission_settings,
+                settable: self.settable,
                 waiting: Reason::plain(if self.waits_for_flight {
                     ReasonCode::NotFlying
                 } else {
@@ -323,9 +346,17 @@ impl LinkRig {
             match m {
                 Message::Position(_) | Message::AttitudeThrust(_) => self.sent.push((self.t_s, m.clone())),
                 Message::LandingTarget(t) => self.targets.push(*t),
+                Message::TargetRelative(t) => self.relative.push(*t),
+                Message::TargetAbsolute(t) => self.absolute.push(*t),
                 Message::Deck { .. } => self.deck_messages += 1,
                 Message::Command(c) => self.commands.push((self.t_s, *c)),
-                Message::CommandAck { command, result } => self.answers.push((*command, *result)),
+                Message::CommandAck { command, result, to } => {
+                    self.answers.push((*command, *result));
+                    self.answered.push(*to);
+                }
+                Message::Parameter { name, value, .. } => {
+                    self.parameters.push((name.clone(), f32::from_bits(value.bits)));
+                }
                 Message::Text { severity, text } => self.notes.push((*severity, text.clone())),
                 Message::NamedValue { name, value, .. } => {
                     self.values.push((self.t_s, name.clone(), *value));
@@ -340,6 +371,7 @@ impl LinkRig {
         }
         self.states.extend(out.state);
         self.orders.extend(out.command);
+        self.settings.extend(out.settings);
         self.ranges.extend(out.ranges);
         self.texts.extend(out.texts);
     }

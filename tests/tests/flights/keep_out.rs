@@ -74,7 +74,7 @@ fn approach_through_the_sector() {
             let (north, east) = (p.drone[0] - p.deck[0], p.drone[1] - p.deck[1]);
             // Over the deck, or clear of the vessel.
             if (3.5..9.5).contains(&north.hypot(east)) {
-                let out = around.outside_sector(east.atan2(north) - p.deck_euler[2], 0.0);
+                let out = around.outside_sector(east.atan2(north) - p.deck_yaw, 0.0);
                 worst = worst.max(out.abs().to_degrees());
             }
         }

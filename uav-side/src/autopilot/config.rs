@@ -18,6 +18,17 @@ pub enum Diversion {
     Land,
 }
 
+/// In what message the deck is sent to PX4.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DeckMessage {
+    /// `LANDING_TARGET`.
+    #[default]
+    LandingTarget,
+    /// `TARGET_RELATIVE` and `TARGET_ABSOLUTE`.
+    Target,
+}
+
 config! {
     /// The link to the autopilot.
     pub struct AutopilotLinkConfig {
@@ -101,6 +112,9 @@ config! {
         pub deck_tag_m: f64 = 1.0;
         /// `LANDING_TARGET` and the estimated deck are sent to other users of the link.
         pub publish_deck: bool = false;
+        /// In what PX4 is sent the deck: "landing-target" (LANDING_TARGET), or "target" (TARGET_RELATIVE and TARGET_ABSOLUTE,
+        /// for one that is built with its vision target estimator and MAVLink's development dialect, 1.18 and later).
+        pub deck_message: DeckMessage = DeckMessage::LandingTarget;
     }
     check |this, at| {
         at.require(this.component > 0, "component", this.component, "1 to 255")?;

@@ -1,13 +1,16 @@
-//! The deck for other users of the link, when that is configured: `LANDING_TARGET` and a list of numbers.
+//! The deck for other users of the link, when that is configured: `LANDING_TARGET`, or `TARGET_RELATIVE` and
+//! `TARGET_ABSOLUTE`, and a list of numbers.
 
 use alight_shared::frames::{DroneNed, Vector};
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{DeckStage, SetPoint, SetPointKind};
 use alight_shared::time::Span;
 use alight_shared::topics;
 use nalgebra::{UnitQuaternion, Vector3};
 
+use super::config::DeckMessage;
 use super::message::command::SET_HOME;
-use super::message::{CommandLong, LandingTarget, Message, TargetFrame};
+use super::message::{CommandLong, LandingTarget, Message, TargetAbsolute, TargetFrame, TargetRelative};
 use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, DroneTime};
 
@@ -46,8 +49,14 @@ impl AutopilotLink {
         let time_us = self.clock.remote_time_us(now, now);
         let (position, velocity) = (there.position, there.velocity);
         let target = match self.peer.as_ref().map(|p| p.firmware) {
+            Some(Firmware::Px4) if self.config.deck_message == DeckMessage::Target => {
+                let (relative, absolute) = (self.target_relative(), self.target_absolute(now, &d, velocity));
+                out.messages.extend(relative.map(Message::TargetRelative));
+                out.messages.extend(absolute.map(Message::TargetAbsolute));
+                None
+            }
             Some(Firmware::Px4) => Some(LandingTarget {
-                time_us,
+                time_us: own_us(now),
                 frame: TargetFrame::LocalNed,
                 position,
                 distance_m: 0.0,
@@ -79,17 +88,57 @@ impl AutopilotLink {
             size_m: self.config.deck_tag_m,
         })
     }
+    /// The deck as PX4's vision target estimator takes a marker that was seen: from the vehicle, at the time of its newest
+    /// odometry.
+    fn target_relative(&self) -> Option<TargetRelative> {
+        let state = self.state?;
+        let deck = self.deck(state.header.at)?;
+        let [_, _, yaw_sd] = deck.euler_sd;
+        Some(TargetRelative {
+            time_us: own_us(state.header.at),
+            position: (Vector3::from(deck.position) - state.position()).into(),
+            position_sd: deck.position_sd,
+            attitude: quaternion(&attitude(&deck)),
+            yaw_sd,
+        })
+    }
+    /// The deck as the same takes a receiver on the target, with its velocity in the autopilot's frame; None until the origin
+    /// is known.
+    fn target_absolute(
+        &self,
+        now: DroneTime,
+        deck: &DeckStage,
+        velocity: [f64; 3],
+    ) -> Option<TargetAbsolute> {
+        let (place, sea_m) = self.place(deck)?;
+        let [north, east, down] = deck.position_sd;
+        Some(TargetAbsolute {
+            time_us: own_us(now),
+            place: Datum {
+                height_m: sea_m,
+                ..place
+            },
+            place_sd: [north.max(east), down],
+            velocity,
+            velocity_sd: deck.velocity_sd,
+        })
+    }
+    /// Where the deck's centre is, and its height above the sea, m; None until the origin is known.
+    fn place(&self, deck: &DeckStage) -> Option<(Datum, f64)> {
+        let (datum, geoid_m) = self.datum.zip(self.geoid_m)?;
+        let from_datum = Vector3::from(deck.position) - self.smooth.jumps().offset;
+        let place = datum.at(&Vector::<DroneNed>::from(from_datum));
+        let sea_m = place.height_m - geoid_m;
+        Some((place, sea_m))
+    }
     /// Sends the deck's place as home, where that is configured. The command's single precision is half a metre of it.
     pub(super) fn send_home(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let fresh = self.forecast.fresh(now, topics::FORECAST.stale_after).is_some();
-        let (Some(datum), Some(geoid_m), Some(peer)) = (self.datum, self.geoid_m, &self.peer) else {
+        let deck = self.deck(now).filter(|_| self.config.send_home && fresh);
+        let place = deck.and_then(|d| self.place(&d));
+        let (Some((place, sea_m)), Some(peer)) = (place, &self.peer) else {
             return;
         };
-        let Some(deck) = self.deck(now).filter(|_| self.config.send_home && fresh) else {
-            return;
-        };
-        let from_datum = Vector3::from(deck.position) - self.smooth.jumps().offset;
-        let place = datum.at(&Vector::<DroneNed>::from(from_datum));
         let due = self.home.is_none_or(|(at, sent)| {
             let age = now - at;
             age >= HOME_REPEAT || age >= HOME_PERIOD && place.distance_m(&sent) > HOME_MOVED_M
@@ -97,13 +146,18 @@ impl AutopilotLink {
         if !due {
             return;
         }
-        let (lat, lon, height_m) = (place.latitude_deg, place.longitude_deg, place.height_m - geoid_m);
-        let command = CommandLong::new(peer.address, SET_HOME, [0.0, 0.0, 0.0, 0.0, lat, lon, height_m]);
+        let (lat, lon) = (place.latitude_deg, place.longitude_deg);
+        let command = CommandLong::new(peer.address, SET_HOME, [0.0, 0.0, 0.0, 0.0, lat, lon, sea_m]);
         out.messages.push(Message::Command(command));
         self.home = Some((now, place));
     }
 }
 
+/// Our own time, us: PX4 takes a target's time for that of whoever answers its TIMESYNC, and converts it
+/// (`MavlinkTimesync::sync_stamp`).
+fn own_us(at: DroneTime) -> u64 {
+    u64::try_from(at.nanos() / 1000).unwrap_or_default()
+}
 /// NED from deck.
 fn attitude(d: &DeckStage) -> UnitQuaternion<f64> {
     let [roll, pitch, yaw] = d.euler;

@@ -12,7 +12,7 @@ use super::message::{
 use super::modes::Firmware;
 use super::orders::named;
 use super::peer::Peer;
-use super::station::Received;
+use super::station::{Answer, Received};
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output, drone_state, thrust};
 
 /// No sea is further from the ellipsoid, m (EGM2008: -107 to 86).
@@ -34,10 +34,7 @@ impl AutopilotLink {
         if let Message::Heartbeat(heartbeat) = &frame.message {
             return self.on_heartbeat(now, frame.from, heartbeat);
         }
-        if let Message::Command(c) = &frame.message
-            && c.to == self.address()
-        {
-            self.command_by_station(now, frame.from, c, out);
+        if self.asked_by_station(now, frame, out) {
             return false;
         }
         let Some(peer) = self.peer.as_mut().filter(|p| p.address == frame.from) else {
@@ -111,10 +108,10 @@ impl AutopilotLink {
                 let attitude = self.state.map(|s| s.attitude);
                 peer.thrust(now, *thrust / attitude.map_or(1.0, |a| peer.tilt_compensation(a)));
             }
-            Message::Parameter { name, value } => peer.parameters.received(name, *value),
+            Message::Parameter { name, value, .. } => peer.parameters.received(name, *value),
             Message::Origin(origin) => self.on_origin(origin),
             Message::GnssHeights { sea_m, ellipsoid_m } => self.on_heights(*sea_m, *ellipsoid_m),
-            Message::CommandAck { command, result } => self.on_answer(now, *command, *result, out),
+            Message::CommandAck { command, result, .. } => self.on_answer(now, *command, *result, out),
             Message::SystemStatus { present, healthy } => {
                 peer.streams.received(message::id::SYS_STATUS);
                 self.switch.on_status(now, *present, *healthy);
@@ -140,11 +137,16 @@ impl AutopilotLink {
                 }
             }
             // Meant for others.
-            Message::ParameterRequest { .. }
+            Message::ParameterList { .. }
+            | Message::ParameterRequest { .. }
+            | Message::ParameterSet { .. }
             | Message::Command(_)
+            | Message::CommandInt { .. }
             | Message::Position(_)
             | Message::AttitudeThrust(_)
             | Message::LandingTarget(_)
+            | Message::TargetRelative(_)
+            | Message::TargetAbsolute(_)
             | Message::Deck { .. }
             | Message::RemoteControlOverride { .. }
             | Message::NamedValue { .. }
@@ -221,20 +223,65 @@ impl AutopilotLink {
         out.alarm(severity, format!("the remote control commands {order}"));
     }
 
+    /// Takes what a ground station asks of the companion itself; false where it is something else.
+    fn asked_by_station(&mut self, now: DroneTime, frame: &Frame, out: &mut AutopilotOut) -> bool {
+        let own = self.address();
+        if let Message::Command(c) = &frame.message
+            && c.to == own
+        {
+            self.command_by_station(now, frame.from, c, out);
+            return true;
+        }
+        if let Message::CommandInt { to, command } = &frame.message
+            && *to == own
+        {
+            // It does not state whether it repeats another.
+            let c = CommandLong {
+                confirmation: 1,
+                ..CommandLong::new(own, *command, [])
+            };
+            self.command_by_station(now, frame.from, &c, out);
+            return true;
+        }
+        // A station asks for the list of all components at once.
+        if let Message::ParameterList { to } = &frame.message
+            && (*to == own || *to == Address::new(own.system, message::ALL_COMPONENTS))
+        {
+            self.list_parameters(out);
+            return *to == own;
+        }
+        if let Message::ParameterRequest { to, name, index } = &frame.message
+            && *to == own
+        {
+            self.read_parameter(name, *index, out);
+            return true;
+        }
+        if let Message::ParameterSet { to, name, value } = &frame.message
+            && *to == own
+        {
+            self.set_parameter(now, frame.from, name, *value, out);
+            return true;
+        }
+        false
+    }
+
     /// A command to us: an order to the mission, or none of ours.
     fn command_by_station(&mut self, now: DroneTime, from: Address, c: &CommandLong, out: &mut AutopilotOut) {
-        let answer = |command, result| Message::CommandAck { command, result };
-        match self.station.received(now, c, self.switch.bars()) {
-            Received::Answered(result) => out.messages.push(answer(c.command, result)),
+        let answer = |result| Message::CommandAck {
+            command: c.command,
+            result,
+            to: from,
+        };
+        match self.station.received(now, from, c, self.switch.bars()) {
+            Received::Answered(result) => out.messages.push(answer(result)),
             Received::Order(kind) => {
                 let header = self.header(Output::Command, now);
-                let replaced = self.station.give(c.command, header);
+                let replaced = self.station.give(c.command, from, header);
                 if kind == CommandKind::Abort {
                     self.station.stopped(now);
                 }
-                out.messages
-                    .extend(replaced.map(|number| answer(number, CommandResult::Other)));
-                out.messages.push(answer(c.command, CommandResult::InProgress));
+                out.messages.extend(replaced.iter().flat_map(Answer::messages));
+                out.messages.push(answer(CommandResult::InProgress));
                 let (severity, order) = named(kind);
                 out.alarm(
                     severity,

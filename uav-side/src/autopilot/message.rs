@@ -27,6 +27,8 @@ impl Address {
 pub const AUTOPILOT_COMPONENT: u8 = 1;
 /// `MAV_COMP_ID_ONBOARD_COMPUTER`.
 pub const COMPANION_COMPONENT: u8 = 191;
+/// `MAV_COMP_ID_ALL`.
+pub const ALL_COMPONENTS: u8 = 0;
 /// `MAV_TYPE_ONBOARD_CONTROLLER`.
 pub const COMPANION_TYPE: u8 = 18;
 /// `MAV_AUTOPILOT_INVALID`: not an autopilot.
@@ -342,7 +344,7 @@ impl TargetFrame {
 /// `LANDING_TARGET` with a position (`position_valid` 1).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LandingTarget {
-    /// Autopilot's time, us.
+    /// PX4: our time, which it converts; ArduPilot: its own; us.
     pub time_us: u64,
     /// Frame of position and attitude.
     pub frame: TargetFrame,
@@ -354,6 +356,36 @@ pub struct LandingTarget {
     pub attitude: [f64; 4],
     /// Size of the tag, m.
     pub size_m: f64,
+}
+
+/// `TARGET_RELATIVE`: a target as the vehicle sees it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TargetRelative {
+    /// Our time, us.
+    pub time_us: u64,
+    /// From the vehicle, NED, m.
+    pub position: [f64; 3],
+    /// Its standard deviations, m.
+    pub position_sd: [f64; 3],
+    /// NED from target (w, x, y, z).
+    pub attitude: [f64; 4],
+    /// Standard deviation of its heading, rad.
+    pub yaw_sd: f64,
+}
+
+/// `TARGET_ABSOLUTE`: a target as its own receiver has it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TargetAbsolute {
+    /// Our time, us.
+    pub time_us: u64,
+    /// Where it is; height above the sea.
+    pub place: Datum,
+    /// Standard deviations of that, horizontal and vertical, m.
+    pub place_sd: [f64; 2],
+    /// NED, m/s.
+    pub velocity: [f64; 3],
+    /// Its standard deviations, m/s.
+    pub velocity_sd: [f64; 3],
 }
 
 /// One message.
@@ -404,12 +436,28 @@ pub enum Message {
         /// Collective, 0 to 1.
         thrust: f64,
     },
-    /// `PARAM_REQUEST_READ` by name.
+    /// `PARAM_REQUEST_LIST`.
+    ParameterList {
+        /// Receiver.
+        to: Address,
+    },
+    /// `PARAM_REQUEST_READ`.
     ParameterRequest {
         /// Receiver.
         to: Address,
         /// At most 16 characters.
         name: String,
+        /// In place of the name.
+        index: Option<u16>,
+    },
+    /// `PARAM_SET`.
+    ParameterSet {
+        /// Receiver.
+        to: Address,
+        /// At most 16 characters.
+        name: String,
+        /// Its value.
+        value: ParameterValue,
     },
     /// `PARAM_VALUE`.
     Parameter {
@@ -417,6 +465,10 @@ pub enum Message {
         name: String,
         /// Its value.
         value: ParameterValue,
+        /// Its place among the sender's.
+        index: u16,
+        /// How many those are.
+        count: u16,
     },
     /// `GPS_GLOBAL_ORIGIN`: where the autopilot's NED begins; height above mean sea level.
     Origin(Datum),
@@ -430,12 +482,21 @@ pub enum Message {
     },
     /// `COMMAND_LONG`.
     Command(CommandLong),
+    /// `COMMAND_INT`, without its parameters: no order has any.
+    CommandInt {
+        /// Receiver.
+        to: Address,
+        /// Which.
+        command: u16,
+    },
     /// `COMMAND_ACK`.
     CommandAck {
         /// Which command.
         command: u16,
         /// The answer.
         result: CommandResult,
+        /// Whoever gave the command; zeros: not stated.
+        to: Address,
     },
     /// `SET_POSITION_TARGET_LOCAL_NED`.
     Position(PositionTarget),
@@ -443,6 +504,10 @@ pub enum Message {
     AttitudeThrust(AttitudeTarget),
     /// `LANDING_TARGET`: the deck for the autopilot's own guidance.
     LandingTarget(LandingTarget),
+    /// `TARGET_RELATIVE`: the same for PX4's vision target estimator ...
+    TargetRelative(TargetRelative),
+    /// `TARGET_ABSOLUTE`: ... and as if a receiver stood on the deck.
+    TargetAbsolute(TargetAbsolute),
     /// `DEBUG_FLOAT_ARRAY` named "deck": the estimated deck. Not `ODOMETRY`, which an autopilot would
     /// take for a measurement of its own pose.
     Deck {

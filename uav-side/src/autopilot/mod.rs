@@ -4,7 +4,7 @@
 //!
 //! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
 //! [`lapse`] (whose hold it is), `heading` (whether it is aligned), [`disarm`] (when motors are stopped), this file (one step), [`inbound`] and [`outbound`] (its two
-//! halves), [`ground_station`], [`station`] and [`rc_switch`] (people at a ground station and at the remote control, and their [`orders`]), [`shadow`] (a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
+//! halves), [`ground_station`], [`station`] and [`rc_switch`] (people at a ground station and at the remote control, and their [`orders`]), [`station_parameters`] (what a ground station sets of the mission), [`shadow`] (a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
 //! [`parameters`] (what a landing relies on), and [`wire`] for the bytes.
 //!
 //! Safety does not rest on this node being alive. Without its set-points PX4 leaves OFFBOARD after
@@ -32,12 +32,13 @@ mod peer;
 mod rc_switch;
 mod shadow;
 mod station;
+mod station_parameters;
 mod streams;
 mod thrust;
 pub mod wire;
 
 pub use authority::ControlAuthority;
-pub use config::{AutopilotLinkConfig, Diversion};
+pub use config::{AutopilotLinkConfig, DeckMessage, Diversion};
 pub use disarm::{DisarmInhibit, still_armed_s};
 
 use std::collections::VecDeque;
@@ -47,7 +48,7 @@ use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Command, DeckForecast, DroneState, Header, LandedState, LandingMode,
-    LinkCheckpoint, MissionState, RangeSample, Reason, ReasonCode, SetPoint,
+    LinkCheckpoint, MissionState, RangeSample, Reason, ReasonCode, SetPoint, SettingsOrder,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -68,6 +69,7 @@ use message::{Address, CUSTOM_MODE, CommandLong, Frame, Heartbeat, Message, comm
 use peer::Peer;
 use rc_switch::RcSwitch;
 use station::StationOrders;
+use station_parameters::StationParameters;
 use thrust::{HoverThrust, SentThrust};
 
 type DroneTime = Time<DroneClock>;
@@ -123,6 +125,8 @@ pub struct AutopilotOut {
     pub checkpoint: Option<LinkCheckpoint>,
     /// Of the remote control's switch or a ground station, to the mission.
     pub command: Option<Command>,
+    /// Of a ground station, to the mission.
+    pub settings: Option<SettingsOrder>,
     /// For a person: changes of control authority, denied commands, the autopilot's own texts.
     pub texts: Vec<String>,
 }
@@ -150,6 +154,7 @@ enum Output {
     Range,
     Checkpoint,
     Command,
+    Settings,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -173,7 +178,7 @@ pub struct AutopilotLink {
     attitudes: bool,
     drone_id: u32,
     boot: u32,
-    sequences: [u32; 5],
+    sequences: [u32; 6],
     /// Of a crashed predecessor.
     recovery: Recovery<LinkCheckpoint>,
     /// It waits no longer for a predecessor's checkpoint.
@@ -224,6 +229,7 @@ pub struct AutopilotLink {
     ground: GroundReports,
     switch: RcSwitch,
     station: StationOrders,
+    parameters: StationParameters,
     set_points: u32,
     /// The abort for which the disarm was begun anew.
     abort: Option<[u32; 2]>,
@@ -376,10 +382,9 @@ impl AutopilotLink {
         let (command, answer) = self.station.poll(now, mission);
         out.command = command;
         if let Some(answer) = answer {
-            let (ack, text) = answer.messages();
-            out.messages.push(ack);
-            if let Some((severity, text)) = text {
-                out.alarm(severity, text);
+            out.messages.extend(answer.messages());
+            if let Some(text) = answer.text {
+                out.alarm(severity::WARNING, text);
             }
         }
     }
@@ -467,7 +472,7 @@ impl Node for AutopilotLink {
         if let Some(m) = &input.mission
             && self.mission.offer(now, m)
         {
-            self.mode = Some(m.mode);
+            self.mode = Some(m.settings.mode);
             if m.abort.is_some() && m.abort != aborted {
                 self.station.stopped(now);
             }
@@ -493,6 +498,7 @@ impl Node for AutopilotLink {
         self.report_armed(now, &mut out);
         self.report_to_ground(now, &mut out);
         self.publish_order(now, &mut out);
+        self.publish_settings(now, &mut out);
         self.send_periodic(now, &mut out);
         self.publish_deck(now, &mut out);
         self.disarm_own_landing(now, &mut out);

@@ -145,6 +145,7 @@ impl Parameters {
         Some(Message::ParameterRequest {
             to,
             name: item.parameter.name.into(),
+            index: None,
         })
     }
     /// Each with what is known of it.

@@ -1,9 +1,9 @@
-//! Orders of a ground station: `COMMAND_LONG` to the companion, answered by `COMMAND_ACK`.
+//! Orders of a ground station: `COMMAND_LONG` or `COMMAND_INT` to the companion, answered by `COMMAND_ACK` to whoever gave it.
 //!
 //! `MAV_CMD_USER_1` lands, `MAV_CMD_USER_2` aborts, `MAV_CMD_USER_3` holds, all without parameters. An order is answered with
 //! IN_PROGRESS at once and each second, with ACCEPTED when the mission has taken it, and with TEMPORARILY_REJECTED, or FAILED
 //! where no mission reports, when it has not in 5 s. It is admitted by the mission as any other. An order to land or to hold
-//! that a station repeats (its confirmation counts), or gives within a second of it, is refused after an abort or after a
+//! that a station repeats (its confirmation counts; a `COMMAND_INT`, which has none, may be a repetition), or gives within a second of it, is refused after an abort or after a
 //! person took the drone over: whoever gave it cannot have seen that. Whoever reaches the autopilot's link may fly the drone
 //! without us, too: `signing_key` keeps others out of both.
 
@@ -13,7 +13,7 @@ use alight_shared::msg::{Command, CommandKind, Header, MissionState};
 use alight_shared::time::{DroneClock, Span};
 
 use super::DroneTime;
-use super::message::{CommandLong, CommandResult, Message, command, severity};
+use super::message::{Address, CommandLong, CommandResult, Message, command};
 use super::orders::{Order, Progress, named};
 
 /// What a number orders.
@@ -31,19 +31,24 @@ const REPEATED: Span = Span::from_millis(15_000);
 /// An order under way is answered again at this period: a station gives up a command without an answer.
 const ANSWERED: Span = Span::from_millis(1000);
 
+/// Stations that wait for the answer to one order, at most.
+const MAX_STATIONS: usize = 4;
+
 /// The order of a station under way.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct Given {
     number: u16,
     order: Order,
     answers: Periodic<DroneClock>,
+    /// Who gave it, and who gave it again.
+    stations: Vec<Address>,
 }
 
 /// The orders of all stations.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct StationOrders {
     given: Option<Given>,
-    /// The last order that was decided: who gave it, its number, the answer, when.
+    /// The last order that was decided: its number, the answer, when.
     decided: Option<(u16, CommandResult, DroneTime)>,
     /// When a landing was stopped last: by an abort of anybody, or by a person who took the drone over.
     stopped: Option<DroneTime>,
@@ -64,15 +69,30 @@ impl StationOrders {
         self.stopped = Some(now);
     }
     /// A command to the companion. `barred`: the remote control's switch aborts or stands there.
-    pub(super) fn received(&self, now: DroneTime, c: &CommandLong, barred: bool) -> Received {
+    pub(super) fn received(
+        &mut self,
+        now: DroneTime,
+        from: Address,
+        c: &CommandLong,
+        barred: bool,
+    ) -> Received {
         let Some(kind) = ordered(c.command) else {
             return Received::Answered(CommandResult::Unsupported);
         };
-        if self.given.is_some_and(|g| g.number == c.command) {
+        if let Some(same) = self.given.as_mut().filter(|g| g.number == c.command) {
+            if !same.stations.contains(&from) && same.stations.len() < MAX_STATIONS {
+                same.stations.push(from);
+            }
             return Received::Answered(CommandResult::InProgress);
         }
         let is_repeated = c.confirmation > 0;
         let recent = |at: DroneTime, within| now - at < within;
+        // Before the answer that it had once: what it ordered is no longer in force.
+        let unaware = if is_repeated { REPEATED } else { UNAWARE_OF_ABORT };
+        let stopped = self.stopped.is_some_and(|at| recent(at, unaware));
+        if kind != CommandKind::Abort && (stopped || barred || self.aborts()) {
+            return Received::Answered(CommandResult::TemporarilyRejected);
+        }
         if let Some((number, result, at)) = self.decided
             && is_repeated
             && number == c.command
@@ -80,15 +100,10 @@ impl StationOrders {
         {
             return Received::Answered(result);
         }
-        let unaware = if is_repeated { REPEATED } else { UNAWARE_OF_ABORT };
-        let stopped = self.stopped.is_some_and(|at| recent(at, unaware));
-        if kind != CommandKind::Abort && (stopped || barred || self.aborts()) {
-            return Received::Answered(CommandResult::TemporarilyRejected);
-        }
         Received::Order(kind)
     }
-    /// Begins a new order; the number of the one that it takes the place of.
-    pub(super) fn give(&mut self, number: u16, header: Header<DroneClock>) -> Option<u16> {
+    /// Begins a new order; the answer to the one that it takes the place of.
+    pub(super) fn give(&mut self, number: u16, from: Address, header: Header<DroneClock>) -> Option<Answer> {
         let order = Order::new(header, ordered(number)?);
         let mut answers = Periodic::default();
         answers.restart(header.at, ANSWERED);
@@ -96,12 +111,14 @@ impl StationOrders {
             number,
             order,
             answers,
+            stations: vec![from],
         });
-        before.map(|g| g.number)
+        before.map(|g| g.answer(CommandResult::Other))
     }
     /// An abort is under way.
     pub(super) fn aborts(&self) -> bool {
-        self.given.is_some_and(|g| g.order.kind() == CommandKind::Abort)
+        let given = self.given.as_ref();
+        given.is_some_and(|g| g.order.kind() == CommandKind::Abort)
     }
     /// What is to be published now, and the answer where it is decided, with a text where it was not taken.
     pub(super) fn poll(
@@ -112,21 +129,39 @@ impl StationOrders {
         let Some(given) = &mut self.given else {
             return (None, None);
         };
-        let (number, kind) = (given.number, given.order.kind());
         let answer = match given.order.poll(now, mission) {
             Progress::UnderWay(command) => {
                 let again = given.answers.is_due_spaced(now, ANSWERED);
-                return (
-                    command,
-                    again.then(|| Answer::of(number, CommandResult::InProgress)),
-                );
+                return (command, again.then(|| given.answer(CommandResult::InProgress)));
             }
-            Progress::Taken => Answer::of(number, CommandResult::Accepted),
-            Progress::GivenUp => Answer::refused(number, kind, mission),
+            Progress::Taken => given.answer(CommandResult::Accepted),
+            Progress::GivenUp => given.refused(mission),
         };
         self.given = None;
-        self.decided = Some((number, answer.result, now));
+        self.decided = Some((answer.number, answer.result, now));
         (None, Some(answer))
+    }
+}
+
+impl Given {
+    fn answer(&self, result: CommandResult) -> Answer {
+        Answer {
+            number: self.number,
+            result,
+            stations: self.stations.clone(),
+            text: None,
+        }
+    }
+    fn refused(&self, mission: Option<&MissionState>) -> Answer {
+        let (_, order) = named(self.order.kind());
+        let (result, why) = match mission {
+            Some(m) => (CommandResult::TemporarilyRejected, m.state.because(&m.waiting)),
+            None => (CommandResult::Failed, "no mission reports".into()),
+        };
+        Answer {
+            text: Some(format!("{order} was not taken: {why}")),
+            ..self.answer(result)
+        }
     }
 }
 
@@ -135,36 +170,20 @@ impl StationOrders {
 pub(super) struct Answer {
     number: u16,
     result: CommandResult,
-    text: Option<String>,
+    /// Who waits for it.
+    stations: Vec<Address>,
+    /// Why it was not taken.
+    pub(super) text: Option<String>,
 }
 
 impl Answer {
-    fn of(number: u16, result: CommandResult) -> Answer {
-        Answer {
-            number,
-            result,
-            text: None,
-        }
-    }
-    fn refused(number: u16, kind: CommandKind, mission: Option<&MissionState>) -> Answer {
-        let (_, order) = named(kind);
-        let (result, why) = match mission {
-            Some(m) => (CommandResult::TemporarilyRejected, m.state.because(&m.waiting)),
-            None => (CommandResult::Failed, "no mission reports".into()),
-        };
-        Answer {
-            number,
-            result,
-            text: Some(format!("{order} was not taken: {why}")),
-        }
-    }
-    /// As messages to the station.
-    pub(super) fn messages(self) -> (Message, Option<(u8, String)>) {
-        let ack = Message::CommandAck {
+    /// As messages to all who wait for it.
+    pub(super) fn messages(&self) -> impl Iterator<Item = Message> + '_ {
+        self.stations.iter().map(|to| Message::CommandAck {
             command: self.number,
             result: self.result,
-        };
-        (ack, self.text.map(|text| (severity::WARNING, text)))
+            to: *to,
+        })
     }
 }
 
@@ -174,11 +193,10 @@ mod tests {
     use alight_shared::msg::{ReasonCode, State};
     use alight_shared::time::Time;
 
-    use crate::autopilot::message::Address;
-
     fn at(s: f64) -> DroneTime {
         Time::from_secs(s)
     }
+    const STATION: Address = Address::new(255, 190);
     fn to(command: u16) -> CommandLong {
         CommandLong::new(Address::new(1, 191), command, [])
     }
@@ -186,50 +204,69 @@ mod tests {
     #[test]
     fn station_orders_and_repetitions() {
         let mut orders = StationOrders::default();
-        let answered = |orders: &StationOrders, s, c| orders.received(at(s), &to(c), false);
+        let answered = |orders: &mut StationOrders, s, c| orders.received(at(s), STATION, &to(c), false);
         let (land, abort) = (command::USER_1, command::USER_2);
         assert_eq!(
-            answered(&orders, 9.9, command::SET_MODE),
+            answered(&mut orders, 9.9, command::SET_MODE),
             Received::Answered(CommandResult::Unsupported)
         );
-        assert_eq!(answered(&orders, 9.9, land), Received::Order(CommandKind::Land));
-        assert_eq!(orders.give(land, Header::new(0, 1, 7, 1, at(10.0))), None);
         assert_eq!(
-            answered(&orders, 10.0, land),
+            answered(&mut orders, 9.9, land),
+            Received::Order(CommandKind::Land)
+        );
+        assert_eq!(
+            orders.give(land, STATION, Header::new(0, 1, 7, 1, at(10.0))),
+            None
+        );
+        assert_eq!(
+            answered(&mut orders, 10.0, land),
             Received::Answered(CommandResult::InProgress)
         );
         // An abort takes its place, and bars what is no abort.
         assert_eq!(
-            answered(&orders, 10.1, abort),
+            answered(&mut orders, 10.1, abort),
             Received::Order(CommandKind::Abort)
         );
-        assert_eq!(orders.give(abort, Header::new(0, 1, 7, 2, at(10.1))), Some(land));
+        let replaced = orders.give(abort, STATION, Header::new(0, 1, 7, 2, at(10.1)));
+        assert_eq!(
+            replaced.map(|a| (a.number, a.result)),
+            Some((land, CommandResult::Other))
+        );
         assert!(orders.aborts());
         let refused = Received::Answered(CommandResult::TemporarilyRejected);
-        assert_eq!(answered(&orders, 10.2, land), refused);
+        assert_eq!(answered(&mut orders, 10.2, land), refused);
     }
 
     #[test]
     fn station_orders_unaware_of_an_abort() {
         let mut orders = StationOrders::default();
         orders.stopped(at(10.0));
-        let again = |orders: &StationOrders, s, confirmation| {
+        let again = |orders: &mut StationOrders, s, confirmation| {
             let c = CommandLong {
                 confirmation,
                 ..to(command::USER_1)
             };
-            orders.received(at(s), &c, false)
+            orders.received(at(s), STATION, &c, false)
         };
         let (new, refused) = (
             Received::Order(CommandKind::Land),
             Received::Answered(CommandResult::TemporarilyRejected),
         );
-        assert_eq!([again(&orders, 10.5, 0), again(&orders, 11.5, 0)], [refused, new]);
-        // A station's repetition of what it ordered before.
-        assert_eq!([again(&orders, 13.0, 1), again(&orders, 26.0, 1)], [refused, new]);
-        assert_eq!(orders.received(at(30.0), &to(command::USER_1), true), refused);
         assert_eq!(
-            orders.received(at(10.1), &to(command::USER_2), true),
+            [again(&mut orders, 10.5, 0), again(&mut orders, 11.5, 0)],
+            [refused, new]
+        );
+        // A station's repetition of what it ordered before.
+        assert_eq!(
+            [again(&mut orders, 13.0, 1), again(&mut orders, 26.0, 1)],
+            [refused, new]
+        );
+        assert_eq!(
+            orders.received(at(30.0), STATION, &to(command::USER_1), true),
+            refused
+        );
+        assert_eq!(
+            orders.received(at(10.1), STATION, &to(command::USER_2), true),
             Received::Order(CommandKind::Abort)
         );
         // Whose answer was lost is answered again, and orders nothing.
@@ -238,13 +275,35 @@ mod tests {
             state: State::Approach,
             ..MissionState::default()
         };
-        orders.give(command::USER_1, Header::new(0, 1, 7, 1, at(30.0)));
+        orders.give(command::USER_1, STATION, Header::new(0, 1, 7, 1, at(30.0)));
         assert!(orders.poll(at(31.0), Some(&mission)).1.is_some());
         assert_eq!(
-            again(&orders, 33.0, 1),
+            again(&mut orders, 33.0, 1),
             Received::Answered(CommandResult::Accepted)
         );
-        assert_eq!(again(&orders, 33.0, 0), new);
+        assert_eq!(again(&mut orders, 33.0, 0), new);
+        // Unless it was stopped since.
+        orders.stopped(at(34.0));
+        assert_eq!(again(&mut orders, 35.5, 1), refused);
+    }
+
+    #[test]
+    fn station_order_answered_to_all_who_gave_it() {
+        let mut orders = StationOrders::default();
+        orders.give(command::USER_1, STATION, Header::new(0, 1, 7, 1, at(10.0)));
+        let others: Vec<Address> = (1..9).map(|k| Address::new(k, 190)).collect();
+        for other in [&STATION].into_iter().chain(&others) {
+            let answered = orders.received(at(10.1), *other, &to(command::USER_1), false);
+            assert_eq!(answered, Received::Answered(CommandResult::InProgress));
+        }
+        let (_, answer) = orders.poll(at(20.0), None);
+        let told: Vec<Message> = answer.iter().flat_map(Answer::messages).collect();
+        let expected = [STATION, others[0], others[1], others[2]].map(|to| Message::CommandAck {
+            command: command::USER_1,
+            result: CommandResult::Failed,
+            to,
+        });
+        assert_eq!(told, expected);
     }
 
     #[test]
@@ -257,7 +316,7 @@ mod tests {
         };
         let result = |mission: Option<&MissionState>| {
             let mut orders = StationOrders::default();
-            orders.give(command::USER_1, Header::new(0, 1, 7, 1, at(10.0)));
+            orders.give(command::USER_1, STATION, Header::new(0, 1, 7, 1, at(10.0)));
             let (mut published, mut answers) = (0, Vec::new());
             for k in 0..600 {
                 let (command, a) = orders.poll(at(10.0 + 0.01 * f64::from(k)), mission);

@@ -13,6 +13,8 @@ use super::image::check_image;
 const MAX_STEPS: usize = 20;
 /// It has converged when a step is smaller than this, at unit distance.
 const CONVERGED: f64 = 1e-9;
+/// A pixel whose direction differs by more from that of the point it is an image of, at unit distance, is none of it.
+const FOLDED: f64 = 1e-3;
 /// Points further off the axis than this are not searched, at unit distance: 81 deg.
 const MAX_RADIUS: f64 = 6.5;
 
@@ -88,6 +90,12 @@ impl Lens {
             let (moved, _) = self.distorted(p.xy() / p.z);
             moved.component_mul(&Vector2::from(self.focal_px)) + Vector2::from(self.centre_px)
         })
+    }
+    /// The same of a point that this lens can see: far off the axis the distortion's polynomial folds back into the image.
+    pub fn project_inside(&self, p: &Vector3<f64>) -> Option<Vector2<f64>> {
+        let px = self.project(p)?;
+        let back = self.normalised(px)?;
+        ((back - p.xy() / p.z).norm() < FOLDED).then_some(px)
     }
     /// Direction of a pixel, at unit distance: Newton's method on the distortion. None where the
     /// distortion's polynomial folds the image over, so that no lens can be meant.

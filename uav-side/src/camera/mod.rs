@@ -2,13 +2,14 @@
 //!
 //! Read in this order: [`image`], [`lens`] (the direction of a pixel), [`layout`] (which tags are seen from where),
 //! [`detector`] (their corners), [`motion_blur`], [`square_pose`] (the deck's pose and covariance), [`node`]; [`light`] and [`metering`] (exposure and
-//! gain); then [`uvdar`], the second camera.
+//! gain); [`marked`] (the image for people); then [`uvdar`], the second camera.
 
 pub mod detector;
 pub mod image;
 pub mod layout;
 pub mod lens;
 pub mod light;
+pub mod marked;
 pub mod metering;
 pub mod motion_blur;
 pub mod node;

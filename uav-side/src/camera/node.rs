@@ -1,14 +1,16 @@
 //! The camera node: image -> corners of the deck's tags -> pose of the deck with its covariance.
 
+use alight_shared::geometry::DeckGeometry;
 use alight_shared::msg::{Header, TagPose};
 use alight_shared::node::Node;
 use alight_shared::tags::Tags;
 use alight_shared::time::{DroneClock, Time};
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
 
 use super::detector::{TagCounts, TagDetection, TagDetector, TagSettings};
 use super::image::{Frame, GreyImage};
 use super::light::TagLight;
+use super::marked::MarkedImage;
 use super::motion_blur::width_px;
 use super::square_pose::{SeenTag, solve};
 use super::{CameraSettings, Lens};
@@ -75,13 +77,20 @@ pub struct CameraOut {
 pub struct CameraNode {
     lens: Lens,
     /// Rotation of the designed camera from the mounted one.
-    mount: nalgebra::UnitQuaternion<f64>,
+    mount: UnitQuaternion<f64>,
     tag: TagSettings,
     /// How exactly the tags' places on the deck are known; one alone stands for the deck.
     place_sd_m: f64,
     detector: TagDetector,
     exposures: Exposures,
-    light: Option<TagLight>,
+    newest: Newest,
+}
+
+/// What the newest image shows.
+#[derive(Default)]
+struct Newest {
+    tags: Vec<TagDetection>,
+    pose: Option<TagPose>,
 }
 
 impl CameraNode {
@@ -98,12 +107,38 @@ impl CameraNode {
             },
             detector: TagDetector::new(&settings.tag, tags),
             exposures: Exposures::of(identity),
-            light: None,
+            newest: Newest::default(),
         }
     }
     /// The light on the largest tag in the newest image; None where none was detected.
     pub fn light(&self) -> Option<TagLight> {
-        self.light
+        let width = |d: &TagDetection| width_px(&d.corners);
+        let largest = self
+            .newest
+            .tags
+            .iter()
+            .max_by(|a, b| width(a).total_cmp(&width(b)));
+        largest.map(|d| d.light)
+    }
+    /// The newest image that was processed, if it is this one, small, with what was detected of the deck drawn in.
+    pub fn marked(&self, frame: &Frame, deck: &DeckGeometry) -> Option<MarkedImage> {
+        if self.exposures.last != Some(frame.at) {
+            return None;
+        }
+        let mut marked = MarkedImage::of(&frame.image);
+        if let Some(pose) = &self.newest.pose {
+            // The pose is in the designed camera, the image is of the mounted one.
+            let [w, i, j, k] = pose.attitude;
+            let back = self.mount.inverse();
+            let attitude = back * UnitQuaternion::new_normalize(Quaternion::new(w, i, j, k));
+            let position = back * Vector3::from(pose.position);
+            marked.draw_outline(deck, |p| self.lens.project_inside(&(attitude * p + position)));
+        }
+        self.newest
+            .tags
+            .iter()
+            .for_each(|tag| marked.draw_tag(&tag.corners));
+        Some(marked)
     }
     /// Images and detections by result.
     pub fn counts(&self) -> TagCounts {
@@ -111,16 +146,15 @@ impl CameraNode {
     }
     /// The deck in one image.
     pub fn detect(&mut self, image: &GreyImage) -> Option<TagPose> {
-        self.light = None;
+        self.newest = Newest::default();
         if !image.has_size(self.lens.width_px, self.lens.height_px) {
             self.detector.counts.wrong_size += 1;
             return None;
         }
-        let detections = self.detector.find(image);
-        let width = |d: &TagDetection| width_px(&d.corners);
-        let largest = detections.iter().max_by(|a, b| width(a).total_cmp(&width(b)));
-        self.light = Some(largest?.light);
-        self.estimate_pose(&detections)
+        let tags = self.detector.find(image);
+        let pose = self.estimate_pose(&tags);
+        self.newest = Newest { tags, pose };
+        pose
     }
     /// The corners of the deck's tags in one image.
     pub fn find(&mut self, image: &GreyImage) -> Vec<TagDetection> {
@@ -237,9 +271,7 @@ impl Node for CameraNode {
 mod tests {
     use super::super::square_pose::corners_of;
     use super::*;
-    use alight_shared::geometry::DeckGeometry;
     use alight_shared::tags::DeckTag;
-    use nalgebra::UnitQuaternion;
 
     #[test]
     fn pose_without_a_loose_tag() {

@@ -1,7 +1,8 @@
 //! Parameters of the mission.
 
 use alight_shared::config;
-use alight_shared::msg::{BatteryPlace, LandingMode};
+use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::msg::{BatteryPlace, LandingMode, MissionSettings};
 
 config! {
     /// Parameters of the state machine. Heights are of the drone's centre of mass above the deck's
@@ -163,6 +164,27 @@ config! {
 const MATCH_MARGIN_M: f64 = 0.5;
 
 impl MissionConfig {
+    /// What an operator may change of it.
+    pub fn settings(&self) -> MissionSettings {
+        MissionSettings {
+            mode: self.mode,
+            approach_height_m: self.approach_height_m,
+            tracking_height_m: self.tracking_height_m,
+            lowest_clearance_m: self.lowest_clearance_m,
+        }
+    }
+    /// The same mission with other settings, where they are within the limits of the configuration.
+    pub fn with(&self, settings: &MissionSettings) -> Result<MissionConfig, ConfigError> {
+        let changed = MissionConfig {
+            mode: settings.mode,
+            approach_height_m: settings.approach_height_m,
+            tracking_height_m: settings.tracking_height_m,
+            lowest_clearance_m: settings.lowest_clearance_m,
+            ..self.clone()
+        };
+        changed.check(&Keys::ROOT)?;
+        Ok(changed)
+    }
     /// What a second of waiting costs, as a probability.
     pub fn waiting_cost_per_s(&self) -> f64 {
         self.waiting_cost_per_min / 60.0

@@ -34,6 +34,8 @@ mod ladder_tests;
 #[cfg(test)]
 mod node_tests;
 #[cfg(test)]
+mod settings_tests;
+#[cfg(test)]
 mod tests;
 
 pub use alight_shared::checkpoint::CheckpointRejection;
@@ -44,7 +46,8 @@ use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header, MissionCheckpoint,
-    MissionState, Motors, Phase, Plan, RangeSample, Reason, ReasonCode, SetPoint, Solve, State,
+    MissionSettings, MissionState, Motors, Phase, Plan, RangeSample, Reason, ReasonCode, SetPoint,
+    SettingsOrder, Solve, State,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -85,6 +88,8 @@ pub struct MissionIn {
     pub set_point: Option<SetPoint>,
     /// Operators' commands, in the order of their arrival.
     pub commands: Vec<Command>,
+    /// What a ground station sets.
+    pub settings: Option<SettingsOrder>,
     /// Who has the vessel's deck.
     pub deck: Option<DeckGrant<DroneClock>>,
     /// Readings of the rangefinder.
@@ -113,8 +118,8 @@ const WIND_SD_MPS: f64 = 3.0;
 pub struct Mission {
     /// Its heights are above all volumes around the deck.
     config: MissionConfig,
-    /// Configured heights of tracking and approach, m.
-    heights_m: [f64; 2],
+    /// What an operator may change, as it is set.
+    settings: MissionSettings,
     drone_geometry: DroneGeometry,
     deck_geometry: DeckGeometry,
     drone_id: u32,
@@ -175,7 +180,7 @@ impl Mission {
     ) -> Self {
         Mission {
             config: config.clone(),
-            heights_m: [config.tracking_height_m, config.approach_height_m],
+            settings: config.settings(),
             drone_geometry: *drone,
             deck_geometry: *deck,
             drone_id,
@@ -236,9 +241,7 @@ impl Mission {
             && self.forecast.offer(now, &m)
         {
             self.moved = None;
-            let lowest = m.surroundings.wait_height_m();
-            self.config.tracking_height_m = self.heights_m[0].max(lowest);
-            self.config.approach_height_m = self.heights_m[1].max(lowest);
+            self.raise_heights();
             if let Some(z) = forecast_mean(&m) {
                 self.follow_level(m.header.at, z);
             }
@@ -256,6 +259,35 @@ impl Mission {
             self.grant.offer(now, m);
         }
         self.see_surface(now, &input.ranges);
+    }
+
+    /// Its heights are above all volumes around the deck.
+    fn raise_heights(&mut self) {
+        let lowest_m = self
+            .forecast
+            .get()
+            .map_or(0.0, |f| f.surroundings.wait_height_m());
+        self.config.tracking_height_m = self.settings.tracking_height_m.max(lowest_m);
+        self.config.approach_height_m = self.settings.approach_height_m.max(lowest_m);
+    }
+    /// What an operator may change is not changed under a drone that may fly, nor under an order to land.
+    fn is_settable(&self, s: &Situation) -> bool {
+        s.flight == ControlState::Disarmed && !self.progress.landing
+    }
+    /// Takes what a ground station sets, where that may be changed now and is within the configuration's limits.
+    fn set(&mut self, now: Time<DroneClock>, order: &SettingsOrder, s: &Situation) {
+        let age = now - order.header.at;
+        let fresh = (Span::ZERO..=topics::SETTINGS.stale_after).contains(&age);
+        let others = order.settings.tracking_height_m == self.settings.tracking_height_m;
+        if fresh && others && self.is_settable(s) {
+            self.adjust(&order.settings);
+        }
+    }
+    fn adjust(&mut self, settings: &MissionSettings) {
+        if let Ok(config) = self.config.with(settings) {
+            (self.config, self.settings) = (config, *settings);
+            self.raise_heights();
+        }
     }
 
     /// How likely a landing from here succeeds, and above which probability waiting on is not worth it: anew with each
@@ -446,8 +478,10 @@ impl Mission {
             let drone = self.drone.get();
             let same_frame = drone.is_none_or(|d| (d.frames, d.datum) == (m.frames, m.datum));
             let (phase, changed) = checkpoint::restored(m, same_frame, s, &self.config);
+            self.adjust(&m.state.settings);
             self.phase = phase;
             self.progress = checkpoint::progress(m);
+            self.was_away = m.was_away;
             self.previous = m.state.previous;
             self.since = m.state.since;
             self.entered = m.state.entered;
@@ -560,6 +594,7 @@ impl Mission {
             frames: self.drone.get().map_or(0, |d| d.frames),
             datum: self.drone.get().map_or(Datum::default(), |d| d.datum),
             mean_deck_z: self.mean_deck_z.value(),
+            was_away: self.was_away,
         }
     }
 
@@ -593,7 +628,8 @@ impl Mission {
             hold_yaw: place.yaw,
             with_deck: place.with_deck,
             waiting_offset: place.offset,
-            mode: c.mode,
+            settings: self.settings,
+            settable: self.is_settable(s),
             lowest_clearance_m: c.lowest_plan_m(),
             commit_clearance_m: c.commit_clearance_m,
             battery_reserve: s.battery_reserve,
@@ -624,7 +660,10 @@ impl Node for Mission {
         let Some((order, rejected)) = self.order(now, input, &s) else {
             return MissionOut::default();
         };
-        if begins {
+        if let Some(order) = &input.settings {
+            self.set(now, order, &s);
+        }
+        if begins || input.settings.is_some() {
             s = self.situation(now);
         }
         self.follows = self.follows(&s);

@@ -10,7 +10,7 @@ use super::tests::{COMMITTED, DroneTime, at, config};
 use super::*;
 use crate::fixtures::{airborne, command, drone, forecast, header, level, plan};
 
-fn node() -> Mission {
+pub(super) fn node() -> Mission {
     Mission::new(
         &config(),
         &DroneGeometry::default(),
@@ -21,7 +21,7 @@ fn node() -> Mission {
 }
 
 /// Everything fresh for a hovering drone over a level deck.
-fn fresh_input(n: u32, t: DroneTime, position: [f64; 3]) -> MissionIn {
+pub(super) fn fresh_input(n: u32, t: DroneTime, position: [f64; 3]) -> MissionIn {
     let header = header(n, t);
     MissionIn {
         forecast: Some(deck(n, t, -1.3)),

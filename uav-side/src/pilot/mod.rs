@@ -458,7 +458,7 @@ impl Node for Pilot {
         }
         let near = below.as_ref().filter(|b| b.is_near(&body, 0.0, &self.geometry));
         self.learn(now, new.as_ref(), dt, near);
-        if mission.is_some_and(|m| m.mode == LandingMode::Shadow) {
+        if mission.is_some_and(|m| m.settings.mode == LandingMode::Shadow) {
             // Nobody follows the last command.
             self.tracker.reset();
         }

@@ -379,7 +379,7 @@ impl Node for Planner {
                     return PlannerOut::default();
                 }
                 self.begin_landing(phase);
-                if mission.mode == LandingMode::Shadow {
+                if mission.settings.mode == LandingMode::Shadow {
                     // Nobody follows the last plan.
                     self.solved = None;
                 }

@@ -11,6 +11,7 @@ use crate::lab::args::{Autopilot, SceneArgs};
 use crate::lab::live::config::AutopilotKind;
 use crate::lab::live::fault::FaultSpec;
 use crate::process::args::{ProcessArgs, ViewArgs};
+use crate::terminal::Form;
 
 /// One landing, live.
 #[derive(Args, Clone, Debug)]
@@ -83,9 +84,9 @@ pub struct LandArgs {
     /// Whether and where people look on.
     #[command(flatten)]
     pub view: ViewArgs,
-    /// Print the outcome as one JSON object, the last line
-    #[arg(long)]
-    pub json: bool,
+    /// How the result is printed.
+    #[command(flatten)]
+    pub form: Form,
     /// End when standard input closes
     #[arg(long, hide = true)]
     pub supervised: bool,
@@ -128,8 +129,8 @@ pub struct LandsArgs {
     pub jobs: u16,
     #[arg(long, default_value = "lands")]
     pub instance: String,
-    #[arg(long)]
-    pub json: bool,
+    #[command(flatten)]
+    pub form: Form,
     #[arg(last = true)]
     pub land: Vec<String>,
 }

@@ -165,7 +165,7 @@ fn record(args: &LandArgs, scene: &Scene, plan: &LandingSetup, ending: &Ending) 
     for line in recording::write(path, flight, &subject, &landed.outcome)? {
         note(true, line);
     }
-    note(args.json, format!("recording: {}", path.display()));
+    note(args.form.alone(), format!("recording: {}", path.display()));
     Ok(())
 }
 
@@ -183,22 +183,22 @@ impl Ending {
             WorldReport::Landed(landed) => landed,
             WorldReport::TooSlow(too_slow) => {
                 note(true, format_args!("alight: {too_slow}"));
-                if args.json {
-                    terminal::json(&WorldReport::TooSlow(too_slow))?;
-                }
+                let report = WorldReport::TooSlow(too_slow);
+                args.form.print(&report, &[&report])?;
                 return Ok(Exit::TooSlow);
             }
         };
         let outcome = landed.outcome;
         let exit = Exit::of(outcome.success);
-        if args.json {
+        if args.form.alone() {
             note(true, report);
             let live = LiveReport {
                 first_contact_s: landed.first_contact_s,
                 motors_on_deck_s: landed.motors_on_deck_s,
                 ..self.report
             };
-            terminal::json(&LiveOutcome { outcome, live })?;
+            let landed = LiveOutcome { outcome, live };
+            args.form.print(&landed, &[&landed])?;
         } else {
             terminal::line(format_args!("\n{}\n{report}", outcome_table::outcome(&outcome)));
             if let Some(path) = &args.plot {
@@ -397,7 +397,7 @@ impl<'a> Landing<'a> {
         if let Some(view) = args.view.over(&plan.drone.view) {
             // Outside the emulated radio's namespaces: people are at neither end of it.
             let lines = supervisor.start_view(&plan.drone_file, &view)?;
-            lines.into_iter().for_each(|line| note(args.json, line));
+            lines.into_iter().for_each(|line| note(args.form.alone(), line));
         }
         let of_list = list.iter().flat_map(|l| &l.processes);
         let of_list = of_list.map(|(spec, times)| Fault::at(*spec, *times));
@@ -502,7 +502,7 @@ impl<'a> Landing<'a> {
                 let name = &fault.report.fault;
                 signal(pid, what).doing(format_args!("the fault {name}"))?;
                 if what != Signal::Continue {
-                    note(self.args.json, format!("{t_s:>7.2} s  fault {name}"));
+                    note(self.args.form.alone(), format!("{t_s:>7.2} s  fault {name}"));
                 }
             }
         }
@@ -516,7 +516,7 @@ impl<'a> Landing<'a> {
             .filter_map(|order| order.poll(t_s, mission.as_ref()))
             .collect();
         for kind in due {
-            note(self.args.json, format!("{t_s:>7.2} s  order: {kind:?}"));
+            note(self.args.form.alone(), format!("{t_s:>7.2} s  order: {kind:?}"));
             self.send(now, kind);
         }
     }
@@ -552,7 +552,7 @@ impl<'a> Landing<'a> {
         {
             self.state = m.state;
             note(
-                self.args.json,
+                self.args.form.alone(),
                 format!("{t_s:>7.2} s  {:<16} {}", m.state.name(), m.entered),
             );
             if self.phases.len() < MAX_PHASES {

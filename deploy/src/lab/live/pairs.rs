@@ -15,7 +15,7 @@ use crate::exit::{CliError, Doing, Exit};
 use crate::lab::study::pooled::aborts;
 use crate::process::snapshot::time;
 use crate::table::{Cell, Table};
-use crate::terminal::{self, note};
+use crate::terminal::{Form, note};
 
 /// The median; no number without any.
 fn median(values: impl IntoIterator<Item = f64>) -> f64 {
@@ -109,7 +109,7 @@ pub fn run(args: &LandArgs, trials: u32) -> Result<Exit, CliError> {
         instance: args.instance.clone(),
         flags: flags_of_each(std::env::args().skip(2)),
     };
-    fly_pairs(args, &plan)?.show(args.json)
+    fly_pairs(args, &plan)?.show(args.form)
 }
 
 /// `alight lands`, the former name.
@@ -121,7 +121,7 @@ pub fn run_lands(args: &LandsArgs) -> Result<Exit, CliError> {
         instance: args.instance.clone(),
         flags: args.land.clone(),
     };
-    fly_pairs(&land_flags(&plan.flags)?, &plan)?.show(args.json)
+    fly_pairs(&land_flags(&plan.flags)?, &plan)?.show(args.form)
 }
 
 /// The flags of a command line that each of its landings gets, too: not those that differ among them.
@@ -129,7 +129,7 @@ fn flags_of_each(mut all: impl Iterator<Item = String>) -> Vec<String> {
     let mut flags = Vec::new();
     while let Some(flag) = all.next() {
         match flag.as_str() {
-            "--json" => {}
+            "--json" | "--csv" => {}
             "--trials" | "--seed" | "--jobs" | "--instance" => {
                 all.next();
             }
@@ -226,12 +226,10 @@ impl PairedSummary {
             pairs,
         }
     }
-    /// Prints the tables and, with `json`, the summary.
-    pub fn show(&self, json: bool) -> Result<Exit, CliError> {
-        note(json, self.text());
-        if json {
-            terminal::json(self)?;
-        }
+    /// Prints the tables or, for machines, the summary or the pairs.
+    pub fn show(&self, form: Form) -> Result<Exit, CliError> {
+        note(form.alone(), self.text());
+        form.print(self, &self.pairs)?;
         Ok(Exit::of(self.live.landed == self.trials))
     }
     fn text(&self) -> String {

@@ -10,7 +10,7 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 use std::time::Duration;
 
 use alight_shared::transport::clock::steady_ns;
-use alight_shared::transport::images::ImagePublisher;
+use alight_shared::transport::images::{ImagePublisher, ImageTopic};
 use alight_shared::transport::memory::{Instance, Memory};
 use alight_sim::harness::scenario::Scenario;
 use alight_sim::physics::streams::Streams;
@@ -49,7 +49,7 @@ impl Sink {
     fn take(&mut self, shot: &Shot, size: [u32; 2], pixels: &[u8]) -> bool {
         match self {
             Sink::Memory { images, .. } => {
-                images.send(shot.at.nanos(), size, pixels);
+                images.send(shot.at.nanos(), size, [0; 2], pixels);
                 true
             }
             Sink::Pipe(pipe) => pipe.write(shot.at.nanos(), pixels),
@@ -123,7 +123,7 @@ impl RenderThread {
         let open = move || {
             // Shared memory's ports belong to the thread that uses them.
             let memory = Memory::join(&instance, "render_thread")?;
-            let images = memory.image_publisher(pixels)?;
+            let images = memory.image_publisher(ImageTopic::Simulated, pixels)?;
             Ok(Sink::Memory {
                 images,
                 _memory: memory,

@@ -6,7 +6,7 @@ use std::fmt;
 use std::time::Duration;
 
 use alight_shared::config;
-use alight_shared::msg::{DeckForecast, MissionState, Seq, State};
+use alight_shared::msg::{DeckForecast, MissionState, Seq};
 use alight_shared::time::{Time, TrueTime, VesselClock};
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};
@@ -224,7 +224,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
             MetricName::SlicesUnanswered.count(unanswered),
             MetricName::ImagesDropped.count(lost),
         ]);
-        history.update(&physics, t_s, &phase);
+        history.update(&physics, t_s);
         let seen = physics.observation(0, &phase);
         if stays_until_s.is_none() && t_s > 0.0 && judge.observe(&seen, half_deck) {
             stays_until_s = Some(t_s + world.scenario.stay_s);
@@ -260,7 +260,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     outcome.wall_time_s = clock.now::<TrueTime>().secs();
     if let (Some(path), Some(mut trace)) = (&world.plot, history.trace) {
         trace.touchdown_s = judge.first_contact_s();
-        chart::landing(&trace, &outcome, path)?;
+        chart::landing::write(&trace, &chart::landing::title(&outcome), path)?;
     }
     let report = WorldReport::Landed(Box::new(Landed {
         outcome,
@@ -343,7 +343,6 @@ impl DroneSide {
 /// What a picture of the landing is drawn from.
 struct History {
     trace: Option<Trace>,
-    state: State,
     next_s: f64,
 }
 
@@ -356,19 +355,10 @@ impl History {
             step_s: Self::STEP_S,
             ..Trace::default()
         });
-        History {
-            trace,
-            state: State::Idle,
-            next_s: 0.0,
-        }
+        History { trace, next_s: 0.0 }
     }
-    fn update(&mut self, physics: &Physics, t_s: f64, mission: &MissionState) {
+    fn update(&mut self, physics: &Physics, t_s: f64) {
         let Some(trace) = &mut self.trace else { return };
-        if mission.state != self.state {
-            self.state = mission.state;
-            let reason = mission.entered.to_string();
-            trace.phases.push((t_s, mission.state.name(), reason));
-        }
         if t_s >= self.next_s {
             self.next_s += Self::STEP_S;
             trace.points.push(physics.trace_point(0));

@@ -5,6 +5,7 @@ use alight_shared::time::{Time, TrueTime};
 use alight_sim::harness::scenario::Scenario;
 use alight_sim::physics::body::RigidState;
 use mcap::McapError;
+use nalgebra::Vector3;
 
 use crate::record::Recorder;
 use crate::record::schema::Truth;
@@ -52,25 +53,38 @@ impl TruthViews {
 
     fn relation(&self, deck: &RigidState<Deck>, drone: &RigidState<DroneBody>) -> Truth {
         let (offset, speed) = (drone.position - deck.position, drone.velocity.0 - deck.velocity.0);
-        let up = (deck.attitude.inverse() * offset).0;
+        let below = Vector3::new(0.0, 0.0, self.scenario.airframe.feet_below_m);
+        let feet = drone.at::<DroneBody>(below).position;
+        let feet = (deck.attitude.inverse() * (feet - deck.position)).0;
+        let (roll, pitch, yaw) = (deck.attitude.inverse() * drone.attitude).euler();
         let tilt = deck.attitude.down().dot(&drone.attitude.down());
         let (d, q) = (
             deck.euler().map(f64::to_degrees),
             drone.euler().map(f64::to_degrees),
         );
         Truth {
+            deck_north_m: deck.position.0.x,
+            deck_east_m: deck.position.0.y,
             deck_heave_m: -deck.position.0.z,
             deck_roll_deg: d.x,
             deck_pitch_deg: d.y,
             deck_yaw_deg: d.z,
             deck_velocity_mps: deck.velocity.0.into(),
+            drone_north_m: drone.position.0.x,
+            drone_east_m: drone.position.0.y,
+            drone_height_m: -drone.position.0.z,
             drone_roll_deg: q.x,
             drone_pitch_deg: q.y,
             drone_yaw_deg: q.z,
             drone_velocity_mps: drone.velocity.0.into(),
             horizontal_distance_m: offset.0.xy().norm(),
-            height_above_deck_m: -up.z - self.scenario.airframe.feet_below_m,
+            forward_m: feet.x,
+            starboard_m: feet.y,
+            height_above_deck_m: -feet.z,
             relative_speed_mps: speed.norm(),
+            roll_error_deg: roll.to_degrees(),
+            pitch_error_deg: pitch.to_degrees(),
+            yaw_error_deg: yaw.to_degrees(),
             tilt_error_deg: tilt.clamp(-1.0, 1.0).acos().to_degrees(),
         }
     }

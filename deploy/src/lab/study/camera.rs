@@ -4,6 +4,7 @@
 use alight_sim::studies::camera::{CameraBench, CameraRow, Condition, ModelFit};
 use alight_sim::studies::false_detections::{FalseDetectionBench, FalseDetectionRow, SceneKind};
 use alight_sim::studies::uvdar;
+use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::cells;
@@ -31,12 +32,12 @@ const EMPTY_PER_TRIAL: usize = 100;
 const FRAMES_PER_HOUR: f64 = 108_000.0;
 
 /// Runs it: `--trials` images a cell.
-pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
+pub fn run(args: &StudyArgs) -> Result<(), CliError> {
     let scene = Scene::of(&args.scene)?;
     let images = args.trials as usize;
     let (sensors, settings) = (&scene.scenario.sensors, &scene.nodes.drone.camera);
     let mut bench = CameraBench::new(sensors, settings, &scene.scenario.deck, args.seed0);
-    let print = |line: String| note(args.json, line);
+    let print = |line: String| note(args.form.alone(), line);
     print(format!(
         "{images} rendered images a row, seed {}; in brackets the measurement model of lock-step",
         args.seed0
@@ -100,11 +101,29 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
             json!({"glints": glints, "images": seen, "fixes": fixes})
         })
         .collect();
-    Ok(json!({
+    let value = json!({
         "range": range, "incidence": incidence, "blur": blur, "glare": glare,
         "misfit": misfit,
         "markers": markers, "without_markers": dark, "empty": empty,
-    }))
+    });
+    let varied = [
+        ("range", range),
+        ("incidence", incidence),
+        ("blur", blur),
+        ("glare", glare),
+    ];
+    let varied = varied.into_iter();
+    let rows = varied.flat_map(|(varied, rows)| rows.into_iter().map(move |row| VariedRow { varied, row }));
+    args.form.print(&value, &rows.collect::<Vec<_>>())?;
+    Ok(())
+}
+
+/// A row of the tag's tables: what is varied, and what of it.
+#[derive(Serialize)]
+struct VariedRow {
+    varied: &'static str,
+    #[serde(flatten)]
+    row: CameraRow,
 }
 
 /// The ultraviolet camera's rows: range, then incidence.
@@ -144,7 +163,7 @@ fn with_markers(scene: &Scene, flights: usize, args: &StudyArgs) -> Vec<uvdar::U
             row.outliers.into(),
         ]);
     }
-    note(args.json, table.text());
+    note(args.form.alone(), table.text());
     rows
 }
 
@@ -181,7 +200,7 @@ fn without_a_tag(scene: &Scene, args: &StudyArgs) -> Vec<FalseDetectionRow> {
         ]);
     }
     note(
-        args.json,
+        args.form.alone(),
         format_args!("Without the deck's whole tag\n{}", table.text()),
     );
     rows

@@ -11,7 +11,7 @@ mod tasks;
 
 use alight_sim::physics::vessel::VesselConfig;
 use alight_sim::studies::rao::{WAVELENGTHS_M, rao as simulated_rao};
-use serde_json::{Value, json};
+use serde_json::json;
 
 use super::args::{RaoArgs, StudyArgs};
 use crate::exit::{CliError, Doing, Exit};
@@ -23,17 +23,11 @@ pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
     if !args.dirs.is_empty() && args.name != "merge" {
         return Err(CliError("directories are given to `study merge` only".into()));
     }
-    let value = match args.name.as_str() {
-        name if args.tasks.is_some() => {
-            print_tasks(args, name)?;
-            return Ok(Exit::Success);
-        }
+    match args.name.as_str() {
+        name if args.tasks.is_some() => print_tasks(args, name)?,
         "camera" => camera::run(args)?,
         "merge" => merge(args)?,
         name => fly(args, name)?,
-    };
-    if args.json {
-        terminal::line(value);
     }
     Ok(Exit::Success)
 }
@@ -57,7 +51,7 @@ fn print_tasks(args: &StudyArgs, name: &str) -> Result<(), CliError> {
 }
 
 /// Flies the study of that name, or of the file of that name.
-fn fly(args: &StudyArgs, name: &str) -> Result<Value, CliError> {
+fn fly(args: &StudyArgs, name: &str) -> Result<(), CliError> {
     let text = definition::text(name)?;
     let definition = definition::parse(&text, name)?;
     let mut rows = rows::expand(&definition, args).doing(format_args!("study {name}"))?;
@@ -77,7 +71,7 @@ fn fly(args: &StudyArgs, name: &str) -> Result<Value, CliError> {
 }
 
 /// Joins the rows of shards into `--out`.
-fn merge(args: &StudyArgs) -> Result<Value, CliError> {
+fn merge(args: &StudyArgs) -> Result<(), CliError> {
     let Some(out) = &args.out else {
         return Err(CliError(
             "study merge: give the directory for the joined rows with --out".into(),
@@ -103,8 +97,7 @@ fn merge(args: &StudyArgs) -> Result<Value, CliError> {
 /// The response amplitude operators of the simulated vessel.
 pub fn rao(args: &RaoArgs) -> Result<Exit, CliError> {
     let rows = WAVELENGTHS_M.map(|length_m| simulated_rao(&VesselConfig::default(), length_m));
-    if args.json {
-        terminal::line(json!({ "rows": rows }));
+    if args.form.print(&json!({ "rows": rows }), &rows)? {
         return Ok(Exit::Success);
     }
     let mut table = Table::new(0.., ["wavelength m", "period s", "surge", "heave", "pitch"]);

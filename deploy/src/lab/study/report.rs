@@ -205,8 +205,19 @@ struct Report {
     failures: Vec<String>,
 }
 
+/// A row as it is printed for machines.
+#[derive(Serialize)]
+struct PrintedRow<'a> {
+    #[serde(flatten)]
+    row: &'a ReportRow,
+    configuration: &'a str,
+    /// The first planner against that of this row.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    against: Option<&'a Comparison>,
+}
+
 /// Reports what a study found.
-pub fn publish(args: &StudyArgs, study: &Study<'_>) -> Result<Value, CliError> {
+pub fn publish(args: &StudyArgs, study: &Study<'_>) -> Result<(), CliError> {
     let outcomes: Vec<&Outcome> = study.outcomes.iter().collect();
     let rows: Vec<ReportRow> = outcomes
         .chunk_by(|a, b| (&a.sea, &a.planner) == (&b.sea, &b.planner))
@@ -221,23 +232,14 @@ pub fn publish(args: &StudyArgs, study: &Study<'_>) -> Result<Value, CliError> {
     };
     let (title, hash) = (study.title, study.hash);
     for text in report.console(title, hash) {
-        note(args.json, text);
+        note(args.form.alone(), text);
     }
-    let mut values = Vec::new();
-    for row in &report.rows {
-        let mut value = json!(row);
-        value["configuration"] = hash.into();
-        let is_row = |c: &&Comparison| c.scenario.as_ref() == Some(&row.scenario) && c.other == row.planner;
-        if let Some(comparison) = report.comparisons.iter().find(is_row) {
-            value["against"] = json!(comparison);
-        }
-        values.push(value);
-    }
-    let mut value = Value::Array(values);
+    let printed = report.printed(hash);
+    let mut value = json!(printed);
     let pooled = study.definition.pooled_by.as_ref().map(|by| {
         let pools = pooled::of(study.rows, &planners, study.outcomes);
         let table = pooled::table(by, &pools);
-        note(args.json, table.text());
+        note(args.form.alone(), table.text());
         let json: Vec<Value> = pools.iter().map(pooled::Pool::json).collect();
         value = json!({ "rows": value, "pooled": json });
         table
@@ -259,11 +261,12 @@ pub fn publish(args: &StudyArgs, study: &Study<'_>) -> Result<Value, CliError> {
             ],
         )?;
         note(
-            args.json,
+            args.form.alone(),
             format_args!("written: {}", out.join("report.html").display()),
         );
     }
-    Ok(value)
+    args.form.print(&value, &printed)?;
+    Ok(())
 }
 
 fn seeds_of(outcomes: &[Outcome]) -> String {
@@ -343,6 +346,19 @@ fn failures(outcomes: &[Outcome]) -> Vec<String> {
 }
 
 impl Report {
+    /// The rows for machines; `hash` is that of the configuration.
+    fn printed<'a>(&'a self, hash: &'a str) -> Vec<PrintedRow<'a>> {
+        let printed = |row: &'a ReportRow| {
+            let is_row =
+                |c: &&Comparison| c.scenario.as_ref() == Some(&row.scenario) && c.other == row.planner;
+            PrintedRow {
+                row,
+                configuration: hash,
+                against: self.comparisons.iter().find(is_row),
+            }
+        };
+        self.rows.iter().map(printed).collect()
+    }
     /// The rows; with intervals, what is published and all metrics, or as a terminal has room for them.
     fn summary(&self, full: bool) -> Table {
         let metrics = || SHOWN.iter().filter(|s| full || s.0 != "tangential_speed_mps");

@@ -1,7 +1,7 @@
 //! Runs a grid of scenes and planners: resumable, sharded, every trial a row in a CSV.
 
 use std::collections::BTreeSet;
-use std::fs::OpenOptions;
+use std::fs::{File, OpenOptions};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
@@ -38,7 +38,7 @@ pub struct GridRun<'a> {
     /// The first failed trials are flown again and recorded.
     pub records_failed: bool,
     /// The result stands alone on standard output.
-    pub json: bool,
+    pub alone: bool,
 }
 
 impl<'a> GridRun<'a> {
@@ -53,7 +53,7 @@ impl<'a> GridRun<'a> {
             shard: args.shard,
             within: args.within.map(|percent| f64::from(percent) / 100.0),
             records_failed: true,
-            json: args.json,
+            alone: args.form.alone(),
         }
     }
 }
@@ -215,27 +215,52 @@ fn file_name(scenario: &str) -> String {
     format!("{safe}.toml")
 }
 
-/// Flies what is not flown yet; all outcomes in the order of rows and seeds.
-pub fn fly_grid(args: &GridRun<'_>, rows: &[Row]) -> Result<Vec<Outcome>, CliError> {
-    let seeds = seeds(args.seed0, args.trials)?;
-    let mut done = Vec::new();
-    let mut writer = None;
-    if let Some(out) = args.out {
+/// Scenario, planner and seed of a trial.
+type TrialKey = (String, String, u64);
+
+fn key_of(o: &Outcome) -> TrialKey {
+    (o.sea.clone(), o.planner.clone(), o.seed)
+}
+fn wanted_key((row, seed): &(&Row, u64)) -> TrialKey {
+    (row.scenario.clone(), row.planner.clone(), *seed)
+}
+
+/// The rows' file of a study.
+struct RowsWriter(Mutex<csv::Writer<File>>);
+
+impl RowsWriter {
+    /// Opens it, and reads what was flown before.
+    fn open(args: &GridRun<'_>, out: &Path, rows: &[Row]) -> Result<(RowsWriter, Vec<Outcome>), CliError> {
         prepare(args.study, out, rows)?;
         let path = rows_file(out);
         let fresh = !path.exists();
-        if !fresh {
-            done = read_rows(out)?;
-        }
+        let done = if fresh { Vec::new() } else { read_rows(out)? };
         let file = OpenOptions::new().create(true).append(true).open(&path);
         let file = file.map_err(|e| CliError::because(format!("writing the rows {}", path.display()), e))?;
         let lines = csv::WriterBuilder::new().has_headers(fresh).from_writer(file);
-        writer = Some(Mutex::new(lines));
+        Ok((RowsWriter(Mutex::new(lines)), done))
     }
-    // Scenario, planner and seed of a trial.
-    let key = |o: &Outcome| (o.sea.clone(), o.planner.clone(), o.seed);
-    let wanted_key = |(row, seed): &(&Row, u64)| (row.scenario.clone(), row.planner.clone(), *seed);
-    let known: BTreeSet<_> = done.iter().map(key).collect();
+    fn add(&self, outcome: &Outcome) -> Result<(), CliError> {
+        // Whoever panicked while writing has ended the study.
+        let Ok(mut writer) = self.0.lock() else {
+            return Ok(());
+        };
+        writer
+            .serialize(outcome)
+            .and_then(|()| writer.flush().map_err(Into::into))
+            .map_err(|e| CliError::because("writing a row", e))
+    }
+}
+
+/// Flies what is not flown yet; all outcomes in the order of rows and seeds.
+pub fn fly_grid(args: &GridRun<'_>, rows: &[Row]) -> Result<Vec<Outcome>, CliError> {
+    let seeds = seeds(args.seed0, args.trials)?;
+    let opened = args
+        .out
+        .map(|out| RowsWriter::open(args, out, rows))
+        .transpose()?;
+    let (writer, mut done) = opened.map_or((None, Vec::new()), |(writer, done)| (Some(writer), done));
+    let known: BTreeSet<_> = done.iter().map(key_of).collect();
     let all = || {
         rows.iter()
             .flat_map(|row| seeds.iter().map(move |seed| (row, *seed)))
@@ -247,22 +272,17 @@ pub fn fly_grid(args: &GridRun<'_>, rows: &[Row]) -> Result<Vec<Outcome>, CliErr
             "{taken} of {} trials were flown before and are taken from rows.csv",
             wanted.len()
         );
-        note(args.json, text);
+        note(args.alone, text);
     }
     let fly = |(row, seed): &(&Row, u64)| {
         let outcome = Outcome {
             planner: row.planner.clone(),
             ..fly_seed(&row.world, &row.nodes, *seed, &row.scenario)?
         };
-        if let Some(Ok(mut writer)) = writer.as_ref().map(Mutex::lock) {
-            writer
-                .serialize(&outcome)
-                .and_then(|()| writer.flush().map_err(Into::into))
-                .map_err(|e| CliError::because("writing a row", e))?;
-        }
+        writer.as_ref().map_or(Ok(()), |w| w.add(&outcome))?;
         Ok(outcome)
     };
-    done.retain(|o| wanted.contains(&key(o)));
+    done.retain(|o| wanted.contains(&key_of(o)));
     if let Some(within) = args.within {
         for block in seeds.chunks(LOOKED_AT) {
             let open: Vec<&Row> = rows.iter().filter(|row| !is_known(row, &done, within)).collect();
@@ -328,7 +348,7 @@ fn record_failed(args: &GridRun<'_>, out: &Path, rows: &[Row], done: &[Outcome])
             trace_step_s: None,
         };
         record::fly(Some(&path), &subject, watch, None)?.1?;
-        note(args.json, format_args!("recorded: {}", path.display()));
+        note(args.alone, format_args!("recorded: {}", path.display()));
     }
     Ok(())
 }

@@ -104,6 +104,19 @@ fn worst(v: &Vessel, now_s: i64) -> (Level, Vec<&'static str>) {
 }
 
 #[test]
+fn vessel_speed_while_it_is_known() {
+    let mut estimator = vessel().status.estimator;
+    assert_eq!(speed(&estimator, true).value, None);
+    estimator.mean_velocity = Some([0.0, 2.0]);
+    let shown = speed(&estimator, true);
+    assert_eq!(shown.value.as_deref(), Some("3.9 kn"));
+    assert_eq!(shown.note, "course over ground 090 deg");
+    assert_eq!(speed(&estimator, false).value.as_deref(), Some("2.0 m/s"));
+    estimator.estimate_age_s = Some(5.0);
+    assert_eq!(speed(&estimator, true).value, None);
+}
+
+#[test]
 fn vessel_status_of_each_fault() {
     assert_eq!(worst(&vessel(), 100).0, Level::Fine);
     assert_eq!(worst(&vessel(), 110), (Level::Broken, vec!["processes"]));

@@ -75,7 +75,7 @@ async fn received(
                             )
                         });
                 }
-                (Message::Parameter { name, value }, Some((from, p))) if *from == frame.from => {
+                (Message::Parameter { name, value, .. }, Some((from, p))) if *from == frame.from => {
                     p.received(name, *value);
                 }
                 (Message::Origin(origin), Some((from, _))) if *from == frame.from => {

@@ -11,6 +11,7 @@ use alight_uav::camera::metering::Setting;
 use alight_usv::sensors::Remark;
 
 use crate::certificates::Certificate;
+use crate::status::situation::SourceHealth;
 use crate::status::subject::Computer;
 
 /// The three files of the radio's tls section.
@@ -172,6 +173,8 @@ pub struct Facts {
     pub running: bool,
     /// Certificates; None when the configuration names none.
     pub identity: Option<Identity>,
+    /// Why the file of Zenoh's own configuration cannot be used, if it cannot.
+    pub zenoh: Option<String>,
     /// The system's clock, s since 1970.
     pub clock_s: i64,
     /// How it is kept; None when no program reports it.
@@ -194,8 +197,10 @@ pub struct Facts {
     pub flown: Option<[f64; 2]>,
     /// Each camera that is configured.
     pub cameras: Vec<CameraCheck>,
-    /// The vessel's real sensors; None when they are the running process's.
-    pub sources: Option<Vec<SourceCheck>>,
+    /// The vessel's real sensors that were listened to.
+    pub sources: Vec<SourceCheck>,
+    /// Those that the running process has, as it reports them.
+    pub held_sources: Vec<SourceHealth>,
     /// The deck's digital inputs that are configured.
     pub deck_inputs: Vec<DeckInputCheck>,
     /// How the frequency of each processor is chosen; empty without frequency scaling.

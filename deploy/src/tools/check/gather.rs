@@ -36,7 +36,7 @@ use crate::vessel::deck_inputs;
 
 /// Longest look into a file of the system.
 const TIMEOUT: Duration = Duration::from_secs(2);
-/// The drone's processes are observed for so long.
+/// Running processes are observed for so long.
 const OBSERVATION_TIME: Duration = Duration::from_millis(1500);
 /// Processors that are looked at.
 const MAX_PROCESSORS: usize = 1024;
@@ -48,6 +48,7 @@ pub fn gather(path: &Path) -> Facts {
         config: path.into(),
         running: false,
         identity: None,
+        zenoh: None,
         clock_s: certificates::today_s(),
         sync: sync(),
         memory: None,
@@ -59,7 +60,8 @@ pub fn gather(path: &Path) -> Facts {
         frame: None,
         flown: None,
         cameras: Vec::new(),
-        sources: None,
+        sources: Vec::new(),
+        held_sources: Vec::new(),
         deck_inputs: Vec::new(),
         governors: governors(),
         realtime: scheduling::real_time_permitted(),
@@ -83,7 +85,9 @@ pub fn gather(path: &Path) -> Facts {
                     level: line.read(),
                 })
                 .collect();
-            facts.sources = (!facts.running).then(|| sources::listen(v));
+            let running = instance.as_ref().ok().filter(|_| facts.running);
+            let seen = running.and_then(snapshot);
+            (facts.held_sources, facts.sources) = sources::of(path, v, seen.as_ref());
             facts.memory = Some(memory(instance.map_err(|e| e.to_string())));
         }
         Ok(Computer::Drone(d)) => {
@@ -131,7 +135,7 @@ fn flown(directory: &str) -> Option<[f64; 2]> {
     })
 }
 
-/// What the processes of a running drone publish.
+/// What running processes publish.
 fn snapshot(instance: &Instance) -> Option<Snapshot> {
     let memory = Memory::join(instance, "check").ok()?;
     let mut observer = Observer::join(&memory).ok()?;
@@ -224,6 +228,7 @@ impl Facts {
         if !radio.tls.authority.is_empty() {
             self.identity = Some(identity(&radio.tls));
         }
+        self.zenoh = radio.check_zenoh().err().map(|e| e.to_string());
         self.ports = radio
             .listen
             .iter()

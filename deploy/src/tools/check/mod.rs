@@ -21,7 +21,7 @@ use serde_json::json;
 use crate::exit::{CliError, Exit};
 use crate::status::finding::Level;
 use crate::status::subject::{Computer, SHIPPED};
-use crate::terminal;
+use crate::terminal::{self, Form};
 
 /// A check of this computer.
 #[derive(Args, Debug)]
@@ -34,9 +34,9 @@ pub struct CheckArgs {
     /// or /etc/alight/drone.toml, whichever is there]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// One JSON object instead of lines
-    #[arg(long)]
-    pub json: bool,
+    /// How the result is printed.
+    #[command(flatten)]
+    pub form: Form,
 }
 
 /// Collects, judges and prints.
@@ -50,12 +50,13 @@ pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
             ))
         })?,
     };
-    if !args.json {
+    if !args.form.alone() {
         return Ok(print(&path).exit());
     }
     let findings = rules::judge(&gather::gather(&path));
     let worst = Level::worst(&findings);
-    terminal::line(json!({ "config": path, "worst": worst, "findings": findings }));
+    let value = json!({ "config": path, "worst": worst, "findings": findings });
+    args.form.print(&value, &findings)?;
     Ok(worst.exit())
 }
 

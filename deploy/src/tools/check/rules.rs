@@ -9,7 +9,7 @@ use crate::certificates::common_name;
 use crate::status::certificate;
 use crate::status::drone::frame;
 use crate::status::finding::{Finding, Topic};
-use crate::status::sources::remark;
+use crate::status::sources::{self, remark};
 use crate::status::subject::Computer;
 use crate::tools::check::facts::{
     AutopilotReport, CameraCheck, DeckInputCheck, Facts, Identity, Port, PortState, Reach, SharedMemory,
@@ -54,6 +54,8 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     let mut all = vec![Topic("configuration").fine(format!("{path} is a {side}'s, number {id}"))];
     all.extend(clock(facts));
     all.extend(identity(facts, side, id, radio));
+    let remedy = "correct the file that radio.zenoh names: neither vessel nor drone starts with it";
+    all.extend(facts.zenoh.as_ref().map(|why| Topic("zenoh").broken(why, remedy)));
     if let Computer::Drone(d) = computer {
         all.extend(hears_vessel(radio, d.bridge.vessel_id));
     }
@@ -88,7 +90,8 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     all.extend(facts.cameras.iter().filter_map(camera_view));
     if let Computer::Vessel(v) = computer {
         all.extend(v.sensor.sources.is_empty().then(no_sensor));
-        for found in facts.sources.iter().flatten() {
+        all.extend(facts.held_sources.iter().flat_map(sources::of));
+        for found in &facts.sources {
             all.push(source(found));
             all.extend(
                 found
@@ -97,7 +100,9 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
                     .map(|r| remark(&found.name, &r.text, r.remedy.as_deref())),
             );
         }
-        all.extend(facts.sources.as_deref().and_then(equipment::vessel));
+        // By what all of them gave.
+        let listened = facts.held_sources.is_empty().then_some(&facts.sources);
+        all.extend(listened.and_then(|s| equipment::vessel(s)));
         all.extend(facts.deck_inputs.iter().map(deck_input));
     }
     all.extend(processors(facts, matches!(computer, Computer::Drone(_))));

@@ -1,8 +1,10 @@
-//! Short reception of the vessel's real sensors, as by `alight sensors`.
+//! The vessel's real sensors: those of a running process by its reports, the others by a short reception.
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
+use alight_shared::config;
 use alight_shared::msg::SourceStatus;
 use alight_shared::node::Node;
 use alight_shared::transport::clock::steady_ns;
@@ -14,6 +16,9 @@ use crate::io::byte_link::ByteLink;
 use crate::io::byte_links::ByteLinks;
 use crate::io::peer::Speaks;
 use crate::io::runtime;
+use crate::process::sealed;
+use crate::process::snapshot::Snapshot;
+use crate::status::situation::{Known, Situation, SourceHealth};
 use crate::tools::check::facts::SourceCheck;
 use crate::vessel::sensors::{self, strangers_remark};
 
@@ -22,6 +27,27 @@ use crate::vessel::sensors::{self, strangers_remark};
 pub const LISTEN_S: f64 = 2.5;
 /// The node is stepped at least this often.
 const STEP_PERIOD: Duration = Duration::from_millis(20);
+
+/// The sources of the process that runs by this file, as it reports them in `seen`, and the others, listened to. Beside a
+/// vessel of another configuration all of them are others: what that one has cannot be opened, and that is their finding.
+pub fn of(path: &Path, v: &VesselComputer, seen: Option<&Snapshot>) -> (Vec<SourceHealth>, Vec<SourceCheck>) {
+    let flown: Option<VesselComputer> = seen
+        .and_then(|_| sealed::running(path))
+        .and_then(|text| config::parse(&text, &path.display().to_string()).ok());
+    let is_flown = |source: &SourceConfig| {
+        let flown = flown.as_ref().map(|f| &f.sensor.sources);
+        flown.is_some_and(|sources| sources.contains(source))
+    };
+    let (held, open): (Vec<_>, Vec<_>) = v.sensor.sources.iter().cloned().partition(is_flown);
+    let mut reported = Vec::new();
+    if let (Some(flown), Some(seen)) = (&flown, seen) {
+        reported = Situation::of(Known::vessel(flown), seen, steady_ns()).sources();
+    }
+    reported.retain(|r| held.iter().any(|s| s.name == r.name));
+    let mut others = v.clone();
+    others.sensor.sources = open;
+    (reported, listen(&others))
+}
 
 /// What each source sends. The ports must be free: a serial port gives each byte to one reader.
 pub fn listen(computer: &VesselComputer) -> Vec<SourceCheck> {
@@ -93,4 +119,60 @@ async fn open(source: &SourceConfig) -> Result<ByteLink, String> {
     let speaks: Speaks = Arc::new(source.format.speaks());
     let link = ByteLink::with_peer(source.connect.parse()?, Some(speaks)).await;
     link.map_err(|e| e.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::{SourceReport, VesselStatus};
+
+    use crate::process::sealed::SealedConfig;
+
+    /// A vessel's file with sources of these names, each at a port where nothing comes.
+    fn file(names: &[&str]) -> String {
+        let source = |name: &&str| {
+            format!(
+                "[[sensor.sources]]\nname = \"{name}\"\nconnect = \"udpin://127.0.0.1:0\"\nformat = \"nmea\"\n"
+            )
+        };
+        format!("vessel_id = 1\n{}", names.iter().map(source).collect::<String>())
+    }
+
+    #[test]
+    fn sources_beside_a_running_vessel() {
+        let name = format!("alight-check-sources-{}.toml", std::process::id());
+        let path = std::env::temp_dir().join(name);
+        std::fs::write(&path, file(&["imu", "compass"])).unwrap();
+        let computer: VesselComputer = config::load(&path).unwrap();
+        let mut seen = Snapshot::default();
+        let names = |checked: &[SourceCheck]| checked.iter().map(|s| s.name.clone()).collect::<Vec<_>>();
+        // It runs by another file.
+        let (held, listened) = of(&path, &computer, Some(&seen));
+        assert!(held.is_empty());
+        assert_eq!(names(&listened), ["imu", "compass"]);
+
+        let (_, sealed) = SealedConfig::begin::<VesselComputer>(&path).unwrap();
+        let now = steady_ns();
+        seen.vessel.set(now, Some(VesselStatus::default()));
+        seen.sources = (0..2)
+            .map(|number| {
+                let report = SourceReport {
+                    number,
+                    ..SourceReport::default()
+                };
+                (number, report)
+            })
+            .collect();
+        // A source was added since the start.
+        std::fs::write(&path, file(&["imu", "compass", "receiver"])).unwrap();
+        let edited: VesselComputer = config::load(&path).unwrap();
+        let (held, listened) = of(&path, &edited, Some(&seen));
+        assert_eq!(
+            held.iter().map(|h| &*h.name).collect::<Vec<_>>(),
+            ["imu", "compass"]
+        );
+        assert_eq!(names(&listened), ["receiver"]);
+        drop(sealed);
+        std::fs::remove_file(path).unwrap();
+    }
 }

@@ -26,7 +26,9 @@ use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::Exit;
 use crate::io::mavlink_key;
 use crate::status::finding::{Finding, Level};
+use crate::status::situation::SourceHealth;
 use crate::status::subject::Computer;
+use crate::terminal::Form;
 use crate::tools::check::facts::{
     AutopilotReport, CameraCheck, CameraView, ClockSync, DeckInputCheck, Facts, Identity, Port, PortState,
     Reach, SharedMemory, SigningCheck, SourceCheck,
@@ -61,6 +63,7 @@ fn vessel() -> Facts {
         config: PathBuf::from("/etc/alight/vessel.toml"),
         computer: Ok(Computer::Vessel(Box::new(computer))),
         running: false,
+        zenoh: None,
         identity: Some(Identity {
             authority: Ok(certificate("Alight private authority", 3000)),
             own: Ok(certificate("vessel-1", 800)),
@@ -88,7 +91,8 @@ fn vessel() -> Facts {
         frame: None,
         flown: None,
         cameras: Vec::new(),
-        sources: Some(Vec::new()),
+        sources: Vec::new(),
+        held_sources: Vec::new(),
         deck_inputs: Vec::new(),
         governors: vec!["performance".into(); 4],
         realtime: true,
@@ -111,7 +115,6 @@ fn drone() -> Facts {
     facts.ports.clear();
     facts.dialled = vec![("quic/192.168.7.1:7447".into(), Reach::Answers)];
     facts.autopilot = Some(("serial:///dev/ttyACM0:921600".into(), Ok(Reach::Answers)));
-    facts.sources = None;
     facts
 }
 
@@ -215,12 +218,12 @@ fn check_of_each_fault() {
         v.sensor.sources.clear();
     }
     fn source(f: &mut Facts, received: Result<(usize, SourceStatus), String>) {
-        f.sources = Some(vec![SourceCheck {
+        f.sources = vec![SourceCheck {
             name: "compass".into(),
             connect: "serial:///dev/ttyUSB0:115200".into(),
             received,
             remarks: Vec::new(),
-        }]);
+        }];
     }
     fn input(f: &mut Facts, level: Result<bool, String>) {
         f.deck_inputs = vec![DeckInputCheck {
@@ -460,11 +463,21 @@ fn check_of_an_origin_without_both_heights() {
 }
 
 #[test]
-fn check_of_a_port_used_by_alight() {
+fn check_beside_a_running_vessel() {
     let mut facts = vessel();
     facts.ports[0].state = PortState::Busy;
     facts.running = true;
-    assert_eq!(worst(&judge(&facts)), Level::Fine);
+    facts.held_sources = vec![SourceHealth {
+        name: "imu".into(),
+        age_s: Some(0.1),
+        ..SourceHealth::default()
+    }];
+    let all = judge(&facts);
+    assert_eq!(worst(&all), Level::Fine);
+    assert!(
+        all.iter()
+            .any(|f| f.topic == "source" && f.found.starts_with("imu"))
+    );
 }
 
 fn scratch(name: &str) -> PathBuf {
@@ -476,7 +489,10 @@ fn scratch(name: &str) -> PathBuf {
 fn check(config: &Path) -> Exit {
     run(&CheckArgs {
         config: Some(config.into()),
-        json: true,
+        form: Form {
+            json: true,
+            ..Form::default()
+        },
     })
     .unwrap()
 }

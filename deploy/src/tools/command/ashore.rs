@@ -221,11 +221,11 @@ pub fn run(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliE
     let config = RadioConfig::dialling(endpoint, certificates::files(keys, vec![vessel])?);
     config.check(&Keys::ROOT)?;
     let key = format!("alight/{own}/{}", topics::OPERATOR.name);
-    let publications = vec![Publication::new(key, Urgency::State)];
+    let publications = vec![Publication::new(key, Urgency::State).of(&topics::OPERATOR)];
     // The grants come whether or not a drone is received.
     let received = [&topics::DRONES, &topics::RECEIPTS, &topics::DECK];
     let received = received.map(|topic| vessel_key(args.vessel_id, topic.name));
-    let mut radio = Radio::open(&config, publications, received.into())?;
+    let mut radio = Radio::open(&config, publications, Vec::from(received))?;
     let kind = args.order.kind();
     let mut ashore = Ashore {
         order: OperatorCommand {

@@ -18,7 +18,7 @@ use crate::config::VesselComputer;
 use crate::exit::{CliError, Doing, Exit};
 use crate::record::log::{Log, Order};
 use crate::record::reading::{contained, is_mcap};
-use crate::terminal::{self, note};
+use crate::terminal::{Form, note};
 
 /// Largest recording that is read, bytes.
 const MAX_BYTES: u64 = 512 << 20;
@@ -37,9 +37,9 @@ pub struct EstimateArgs {
     /// Which of the configuration's [[sensor.sources]] is mounted like what was recorded [default: the first]
     #[arg(long, value_name = "NAME", requires = "config")]
     pub source: Option<String>,
-    /// Print the report as one JSON object, the last line
-    #[arg(long)]
-    pub json: bool,
+    /// How the result is printed.
+    #[command(flatten)]
+    pub form: Form,
 }
 
 /// Reads, estimates, reports.
@@ -61,10 +61,8 @@ pub fn run(args: &EstimateArgs) -> Result<Exit, CliError> {
             review.notes.iter().map(|n| format!("; {n}")).collect::<String>()
         )));
     }
-    note(args.json, show::table(&origin, &review).trim_end());
-    if args.json {
-        terminal::json(&review)?;
-    }
+    note(args.form.alone(), show::table(&origin, &review).trim_end());
+    args.form.print(&review, &review.predictions)?;
     Ok(Exit::Success)
 }
 

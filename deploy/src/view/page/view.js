@@ -334,7 +334,7 @@ function drawSide(scene) {
   path(pen, [[0.35 * arm, -8], [arm, -8]], "drone", false, 3);
   path(pen, [[-0.4 * arm, 0.7 * arm], [-0.25 * arm, 0], [0.25 * arm, 0], [0.4 * arm, 0.7 * arm]], "drone", false, 3);
   pen.restore();
-  say(pen, `${at[2].toFixed(1)} m above the deck`, width - 4, height - 6, "drone", "right");
+  say(pen, `${at[2].toFixed(1)} m above the deck`, width - 4, 16, "drone", "right");
 }
 
 function drawMotion(motion) {
@@ -435,15 +435,39 @@ function drawTrack(track) {
   });
 }
 
+// Its image comes by itself, one at a time, and only to a tab that is looked at.
+function showCamera(camera) {
+  $("camera").hidden = !camera;
+  if (!camera) return;
+  $("camera").classList.toggle("stale", camera.old);
+  text("camera-age", camera.old ? `OLD: ${ago(camera.age_s)} ago` : "");
+  text("camera-text", camera.text);
+  const image = $("camera-image");
+  if (document.hidden || !image.complete || image.dataset.number === String(camera.number)) return;
+  image.dataset.number = camera.number;
+  image.alt = `Down from the drone: ${camera.text}`;
+  image.src = `/camera.jpg?${camera.number}`;
+}
+
+// Of three beside each other by two the last has a row of its own.
+function fillRows() {
+  const shown = ["camera", "bow", "ground"].filter((id) => !$(id).hidden);
+  shown.forEach((id, k) => $(id).classList.toggle("lonely", k % 2 === 0 && k === shown.length - 1));
+}
+
 function draw() {
   if (!picture) return;
-  document.querySelectorAll(".scene").forEach((s) => s.classList.toggle("none", !picture.scene));
+  // The vessel's computer knows no deck and drone beside each other.
+  document.querySelectorAll(".scene").forEach((s) => {
+    s.hidden = !picture.scene && "vessel" in picture;
+    s.classList.toggle("none", !picture.scene);
+  });
   drawAbove(picture.scene);
   drawSide(picture.scene);
   drawCompass(picture.compass);
   drawTrack(picture.track);
-  $("bow").classList.toggle("lonely", $("ground").hidden);
-  $("ground").classList.toggle("lonely", $("bow").hidden);
+  showCamera(picture.camera);
+  fillRows();
   drawMotion(picture.motion);
 }
 addEventListener("resize", draw);

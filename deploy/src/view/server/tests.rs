@@ -84,6 +84,10 @@ fn viewers_page_over_loopback() {
     assert!(ask(to, "GET", "/state", &host).starts_with("HTTP/1.1 503"));
     server.show(picture("Approach"));
     assert!(ask(to, "GET", "/state", &host).contains("\"name\":\"Approach\""));
+    assert!(ask(to, "GET", "/camera.jpg?1", &host).starts_with("HTTP/1.1 404"));
+    server.show_camera(b"an image".into());
+    let image = ask(to, "GET", "/camera.jpg?2", &host);
+    assert!(image.contains("image/jpeg") && image.contains("no-store") && image.ends_with("an image"));
     assert!(!server.is_watched());
     let mut viewer = connect(to);
     viewer

@@ -7,9 +7,9 @@ use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotMode, LandedState};
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_uav::autopilot::message::{
-    ARDUPILOT, ARMED, AttitudeReport, CUSTOM_MODE, CommandLong, CommandResult, DistanceReport, Heartbeat,
-    ImuReport, LandingTarget, Message, OdometryReport, PX4, PositionReport, RC_RECEIVER, RcChannels,
-    TargetFrame, VelocityFrame, command, id, severity,
+    ARDUPILOT, ARMED, Address, AttitudeReport, CUSTOM_MODE, CommandLong, CommandResult, DistanceReport,
+    Heartbeat, ImuReport, LandingTarget, Message, OdometryReport, PX4, PositionReport, RC_RECEIVER,
+    RcChannels, TargetFrame, VelocityFrame, command, id, severity,
 };
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -179,15 +179,18 @@ impl SimulatedAutopilot {
                 self.outbox.push(Message::CommandAck {
                     command: c.command,
                     result,
+                    to: Address::default(),
                 });
             }
-            Message::ParameterRequest { to, name } if *to == self.address => {
+            Message::ParameterRequest { to, name, .. } if *to == self.address => {
                 let integer = INTEGERS.contains(&name.as_str());
                 let value = self.parameters.get(name.as_str());
                 let value = value.map(|v| self.firmware().parameter_value(*v, integer));
                 self.outbox.extend(value.map(|value| Message::Parameter {
                     name: name.clone(),
                     value,
+                    index: 0,
+                    count: self.parameters.len() as u16,
                 }));
             }
             Message::Position(p) if p.to == self.address => {

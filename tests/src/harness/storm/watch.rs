@@ -132,12 +132,11 @@ impl Scene {
     /// What of it excuses another drone than the one that faults meet.
     const fn of_others(&self) -> Scene {
         Scene {
-            faults: if self.faults > 2 { self.faults } else { 2 },
-            newest_s: self.newest_s,
             uncommanded: false,
             without_power: false,
             aborted_s: None,
             withdrawn_s: None,
+            ..*self
         }
     }
 }

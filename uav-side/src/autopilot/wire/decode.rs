@@ -8,7 +8,9 @@ use super::super::message::{
     HilSensor, ImuReport, Message, OdometryReport, ParameterValue, PositionReport, PositionTarget,
     RcChannels, VelocityFrame,
 };
-use super::extension::{DISTANCE_INVALID, DISTANCE_QUALITY_AT, ELLIPSOID_HEIGHT_AT, RESET_COUNTER_AT};
+use super::extension::{
+    ACK_TO_AT, DISTANCE_INVALID, DISTANCE_QUALITY_AT, ELLIPSOID_HEIGHT_AT, RESET_COUNTER_AT,
+};
 use super::{text, wide};
 
 /// Standard gravity as `SCALED_IMU` means it, m/s² per mG.
@@ -88,19 +90,25 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
         M::ATTITUDE_TARGET(d) => Message::AttitudeTargetThrust {
             thrust: d.thrust.into(),
         },
+        M::PARAM_REQUEST_LIST(d) => Message::ParameterList {
+            to: Address::new(d.target_system, d.target_component),
+        },
         M::PARAM_REQUEST_READ(d) => Message::ParameterRequest {
             to: Address::new(d.target_system, d.target_component),
             name: text(&d.param_id),
+            // -1: by name.
+            index: u16::try_from(d.param_index).ok(),
+        },
+        M::PARAM_SET(d) => Message::ParameterSet {
+            to: Address::new(d.target_system, d.target_component),
+            name: text(&d.param_id),
+            value: parameter(d.param_value, d.param_type),
         },
         M::PARAM_VALUE(d) => Message::Parameter {
             name: text(&d.param_id),
-            value: ParameterValue {
-                bits: d.param_value.to_bits(),
-                integer: !matches!(
-                    d.param_type,
-                    m::MavParamType::MAV_PARAM_TYPE_REAL32 | m::MavParamType::MAV_PARAM_TYPE_REAL64
-                ),
-            },
+            value: parameter(d.param_value, d.param_type),
+            index: d.param_index,
+            count: d.param_count,
         },
         M::GPS_GLOBAL_ORIGIN(d) => Message::Origin(Datum::new(
             f64::from(d.latitude) * 1e-7,
@@ -119,8 +127,13 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
                 d.param1, d.param2, d.param3, d.param4, d.param5, d.param6, d.param7,
             ]),
         }),
+        M::COMMAND_INT(d) => Message::CommandInt {
+            to: Address::new(d.target_system, d.target_component),
+            command: d.command as u16,
+        },
         M::COMMAND_ACK(d) => Message::CommandAck {
             command: d.command as u16,
+            to: Address::new(payload.u8(ACK_TO_AT), payload.u8(ACK_TO_AT + 1)),
             result: match d.result {
                 m::MavResult::MAV_RESULT_ACCEPTED => CommandResult::Accepted,
                 m::MavResult::MAV_RESULT_TEMPORARILY_REJECTED => CommandResult::TemporarilyRejected,
@@ -222,6 +235,14 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
         },
         _ => return None,
     })
+}
+
+fn parameter(value: f32, kind: m::MavParamType) -> ParameterValue {
+    use m::MavParamType::{MAV_PARAM_TYPE_REAL32, MAV_PARAM_TYPE_REAL64};
+    ParameterValue {
+        bits: value.to_bits(),
+        integer: !matches!(kind, MAV_PARAM_TYPE_REAL32 | MAV_PARAM_TYPE_REAL64),
+    }
 }
 
 /// Voltage of a pack, V, from its cells' in mV; a pack without cells reports in the first one's place, 65535 is none.

@@ -3,7 +3,7 @@
 use alight_shared::mavlink::dialect as m;
 use num_traits::FromPrimitive;
 
-use super::super::message::{CommandResult, Message};
+use super::super::message::{Message, ParameterValue};
 use super::{chars, narrow};
 
 /// A message in the dialect; None for one whose payload is made byte by byte, or with a number that the
@@ -88,22 +88,35 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             thrust: *thrust as f32,
             ..m::ATTITUDE_TARGET_DATA::DEFAULT
         }),
-        Message::ParameterRequest { to, name } => M::PARAM_REQUEST_READ(m::PARAM_REQUEST_READ_DATA {
+        Message::ParameterList { to } => M::PARAM_REQUEST_LIST(m::PARAM_REQUEST_LIST_DATA {
+            target_system: to.system,
+            target_component: to.component,
+        }),
+        Message::ParameterRequest { to, name, index } => M::PARAM_REQUEST_READ(m::PARAM_REQUEST_READ_DATA {
             target_system: to.system,
             target_component: to.component,
             param_id: chars(name),
-            // By name.
-            param_index: -1,
+            // -1: by name.
+            param_index: index.and_then(|k| i16::try_from(k).ok()).unwrap_or(-1),
         }),
-        Message::Parameter { name, value } => M::PARAM_VALUE(m::PARAM_VALUE_DATA {
+        Message::ParameterSet { to, name, value } => M::PARAM_SET(m::PARAM_SET_DATA {
+            target_system: to.system,
+            target_component: to.component,
             param_id: chars(name),
             param_value: f32::from_bits(value.bits),
-            param_type: if value.integer {
-                m::MavParamType::MAV_PARAM_TYPE_INT32
-            } else {
-                m::MavParamType::MAV_PARAM_TYPE_REAL32
-            },
-            ..m::PARAM_VALUE_DATA::DEFAULT
+            param_type: kind(*value),
+        }),
+        Message::Parameter {
+            name,
+            value,
+            index,
+            count,
+        } => M::PARAM_VALUE(m::PARAM_VALUE_DATA {
+            param_id: chars(name),
+            param_value: f32::from_bits(value.bits),
+            param_type: kind(*value),
+            param_index: *index,
+            param_count: *count,
         }),
         Message::Origin(o) => M::GPS_GLOBAL_ORIGIN(m::GPS_GLOBAL_ORIGIN_DATA {
             latitude: (o.latitude_deg * 1e7).round() as i32,
@@ -120,18 +133,12 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             ] = narrow(c.parameters);
             M::COMMAND_LONG(d)
         }
-        Message::CommandAck { command, result } => M::COMMAND_ACK(m::COMMAND_ACK_DATA {
-            command: m::MavCmd::from_u16(*command)?,
-            result: match result {
-                CommandResult::Accepted => m::MavResult::MAV_RESULT_ACCEPTED,
-                CommandResult::TemporarilyRejected => m::MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
-                CommandResult::Denied => m::MavResult::MAV_RESULT_DENIED,
-                CommandResult::Unsupported => m::MavResult::MAV_RESULT_UNSUPPORTED,
-                CommandResult::Failed => m::MavResult::MAV_RESULT_FAILED,
-                CommandResult::InProgress => m::MavResult::MAV_RESULT_IN_PROGRESS,
-                CommandResult::Other => m::MavResult::MAV_RESULT_CANCELLED,
-            },
-        }),
+        Message::CommandInt { to, command } => {
+            let mut d = m::COMMAND_INT_DATA::DEFAULT;
+            (d.target_system, d.target_component) = (to.system, to.component);
+            d.command = m::MavCmd::from_u16(*command)?;
+            M::COMMAND_INT(d)
+        }
         Message::Position(p) => {
             // Nothing is to be ignored; neither autopilot uses the time, which would be its own.
             let mut d = m::SET_POSITION_TARGET_LOCAL_NED_DATA::DEFAULT;
@@ -163,10 +170,13 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
         }
         // Made byte by byte.
         Message::Odometry(_)
+        | Message::CommandAck { .. }
         | Message::GnssHeights { .. }
         | Message::EstimatorStatus { .. }
         | Message::EkfStatus { .. }
         | Message::LandingTarget(_)
+        | Message::TargetRelative(_)
+        | Message::TargetAbsolute(_)
         | Message::Deck { .. } => return None,
         Message::SystemStatus { present, healthy } => {
             let sensors = m::MavSysStatusSensor::from_bits_retain;
@@ -265,4 +275,12 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             ..m::HIL_ACTUATOR_CONTROLS_DATA::DEFAULT
         }),
     })
+}
+
+const fn kind(value: ParameterValue) -> m::MavParamType {
+    if value.integer {
+        m::MavParamType::MAV_PARAM_TYPE_INT32
+    } else {
+        m::MavParamType::MAV_PARAM_TYPE_REAL32
+    }
 }

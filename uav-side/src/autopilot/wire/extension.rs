@@ -1,8 +1,11 @@
-//! Messages with MAVLink 2's extension fields, by their place in the payload.
+//! Messages with MAVLink 2's extension fields, and of other dialects, by their place in the payload.
 
 use alight_shared::mavlink::{CharArray, Fields, dialect as m};
 
-use super::super::message::{LandingTarget, Message, OdometryReport, TargetFrame, VelocityFrame, id};
+use super::super::message::{
+    Address, CommandResult, LandingTarget, Message, OdometryReport, TargetAbsolute, TargetFrame,
+    TargetRelative, VelocityFrame, id,
+};
 use super::chars;
 
 /// Name of the float array that holds the deck.
@@ -38,6 +41,8 @@ const TARGET_FRAME_AT: usize = 29;
 const TARGET_PLACE_AT: usize = 30;
 const TARGET_IS_VALID_AT: usize = 59;
 const LIST_AT: usize = 20;
+/// `target_system` of `COMMAND_ACK`; the component follows.
+pub(super) const ACK_TO_AT: usize = 8;
 
 /// `LANDING_TARGET`: time, angles (not used), distance, size; number, frame; then the extension:
 /// place, attitude, kind (2: fiducial marker), place is valid.
@@ -49,6 +54,39 @@ pub(super) fn landing_target(t: &LandingTarget) -> Vec<u8> {
         .floats(&t.position)
         .floats(&t.attitude)
         .bytes(&[2, 1])
+        .0
+}
+/// `TARGET_RELATIVE`: time, place, its deviations, the heading's, attitudes of the target and of the sensor (none of its own);
+/// number, frame (2: `TARGET_OBS_FRAME_LOCAL_OFFSET_NED`), kind (2: fiducial marker).
+pub(super) fn target_relative(t: &TargetRelative) -> Vec<u8> {
+    Row::default()
+        .bytes(&t.time_us.to_le_bytes())
+        .floats(&t.position)
+        .floats(&t.position_sd)
+        .floats(&[t.yaw_sd])
+        .floats(&t.attitude)
+        .floats(&[1.0, 0.0, 0.0, 0.0])
+        .bytes(&[0, 2, 2])
+        .0
+}
+/// `TARGET_ABSOLUTE`: time, latitude, longitude, height above the sea, velocity, acceleration (not stated), attitude, rates (not
+/// stated), deviations of place, velocity and acceleration; number, what is stated (1: position, 2: velocity). The velocity is
+/// along the target's own axes by the definition, and north, east and down as PX4 takes it: the attitude makes the two one.
+pub(super) fn target_absolute(t: &TargetAbsolute) -> Vec<u8> {
+    let degrees = |d: f64| ((d * 1e7).round() as i32).to_le_bytes();
+    Row::default()
+        .bytes(&t.time_us.to_le_bytes())
+        .bytes(&degrees(t.place.latitude_deg))
+        .bytes(&degrees(t.place.longitude_deg))
+        .floats(&[t.place.height_m])
+        .floats(&t.velocity)
+        .floats(&[0.0; 3])
+        .floats(&[1.0, 0.0, 0.0, 0.0])
+        .floats(&[0.0; 3])
+        .floats(&t.place_sd)
+        .floats(&t.velocity_sd)
+        .floats(&[0.0; 3])
+        .bytes(&[0, 1 | 2])
         .0
 }
 /// One with a position in a frame that is known here.
@@ -63,6 +101,27 @@ fn read_landing_target(payload: Fields<'_>) -> Option<LandingTarget> {
         attitude: payload.floats(TARGET_PLACE_AT + 12),
         size_m: payload.float(TARGET_SIZE_AT),
     })
+}
+/// `COMMAND_ACK`: command, result; then the extension: progress (255: not known), a second result, receiver.
+pub(super) fn command_ack(command: u16, result: CommandResult, to: Address) -> Vec<u8> {
+    let number = match result {
+        CommandResult::Accepted => m::MavResult::MAV_RESULT_ACCEPTED,
+        CommandResult::TemporarilyRejected => m::MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
+        CommandResult::Denied => m::MavResult::MAV_RESULT_DENIED,
+        CommandResult::Unsupported => m::MavResult::MAV_RESULT_UNSUPPORTED,
+        CommandResult::Failed => m::MavResult::MAV_RESULT_FAILED,
+        CommandResult::InProgress => m::MavResult::MAV_RESULT_IN_PROGRESS,
+        CommandResult::Other => m::MavResult::MAV_RESULT_CANCELLED,
+    };
+    let progress = if result == CommandResult::InProgress {
+        255
+    } else {
+        0
+    };
+    Row::default()
+        .bytes(&command.to_le_bytes())
+        .bytes(&[number as u8, progress, 0, 0, 0, 0, to.system, to.component])
+        .0
 }
 /// `DEBUG_FLOAT_ARRAY`: time, number, name; then the extension: 58 floats.
 pub(super) fn deck(time_us: u64, values: &[[f64; 3]; 5]) -> Vec<u8> {
@@ -142,5 +201,40 @@ pub(super) fn read(number: u32, payload: Fields<'_>) -> Option<Message> {
             })
         }
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::geodesy::Datum;
+
+    /// By the definitions of MAVLink's development dialect: places, and lengths.
+    #[test]
+    fn targets_by_their_places() {
+        let bytes = target_relative(&TargetRelative {
+            time_us: 7,
+            position: [1.0, 2.0, 3.0],
+            position_sd: [0.5, 0.25, 0.125],
+            attitude: [0.5, -0.5, 0.5, -0.5],
+            yaw_sd: 0.75,
+        });
+        let f = Fields(&bytes);
+        assert_eq!((bytes.len(), f.u64(0), f.floats(8)), (71, 7, [1.0, 2.0, 3.0]));
+        assert_eq!((f.floats(20), f.float(32)), ([0.5, 0.25, 0.125], 0.75));
+        assert_eq!(f.floats(36), [0.5, -0.5, 0.5, -0.5]);
+        assert_eq!((f.floats(52), f.bytes(68)), ([1.0, 0.0, 0.0, 0.0], [0, 2, 2]));
+        let bytes = target_absolute(&TargetAbsolute {
+            time_us: 7,
+            place: Datum::new(47.5, -8.25, 12.5),
+            place_sd: [0.5, 0.25],
+            velocity: [1.0, 2.0, 3.0],
+            velocity_sd: [4.0, 5.0, 6.0],
+        });
+        let f = Fields(&bytes);
+        let place = [f.i32(8), f.i32(12), f.float(16)];
+        assert_eq!((bytes.len(), place), (106, [475e6, -82.5e6, 12.5]));
+        assert_eq!((f.floats(20), f.floats(72)), ([1.0, 2.0, 3.0], [0.5, 0.25]));
+        assert_eq!((f.floats(80), f.bytes(104)), ([4.0, 5.0, 6.0], [0, 3]));
     }
 }

@@ -90,7 +90,13 @@ fn outgoing(message: &Message) -> Option<Outgoing> {
         Message::GnssHeights { sea_m, ellipsoid_m } => {
             Outgoing::new(24, 24, extension::gnss_heights(*sea_m, *ellipsoid_m))
         }
+        Message::CommandAck { command, result, to } => {
+            Outgoing::new(77, 143, extension::command_ack(*command, *result, *to))
+        }
         Message::LandingTarget(t) => Outgoing::new(149, 200, extension::landing_target(t)),
+        // Of MAVLink's development dialect.
+        Message::TargetRelative(t) => Outgoing::new(511, 28, extension::target_relative(t)),
+        Message::TargetAbsolute(t) => Outgoing::new(510, 245, extension::target_absolute(t)),
         Message::Deck { time_us, values } => Outgoing::new(350, 232, extension::deck(*time_us, values)),
         Message::EstimatorStatus { flags } => Outgoing::new(230, 163, extension::estimator_status(*flags)),
         Message::EkfStatus { flags } => {

@@ -9,6 +9,7 @@ use clap::Args;
 
 use crate::lab::args::{Autopilot, SeaArg};
 use crate::lab::live::fault::FaultSpec;
+use crate::terminal::Form;
 
 /// Every service as it is installed, against the simulated world.
 #[derive(Args, Debug)]
@@ -58,9 +59,9 @@ pub struct RehearseArgs {
     /// Leave configurations and what the services wrote in this new directory
     #[arg(long, value_name = "DIR")]
     pub keep: Option<PathBuf>,
-    /// Print what was seen as one JSON object, the last line
-    #[arg(long)]
-    pub json: bool,
+    /// How the result is printed.
+    #[command(flatten)]
+    pub form: Form,
     /// End when standard input closes
     #[arg(long, hide = true)]
     pub supervised: bool,

@@ -4,6 +4,8 @@ use serde_json::Value;
 
 /// The topic under which `alight check` names the autopilot's parameters.
 const PARAMETERS: &str = "parameters";
+/// What it finds of the autopilot itself.
+const AUTOPILOTS_OWN: [&str; 2] = [PARAMETERS, "origin"];
 
 /// Whether it is as it should be, and in figures. A `firmware` that a person starts beside the rehearsal gets its parameters
 /// while the vehicles warm up, after this check: what was found of them is shown, and is looked at again before the landing
@@ -33,16 +35,32 @@ pub fn fitness(rejection: Option<&str>) -> (bool, String) {
     }
 }
 
-/// What the check printed (`--json`).
-pub fn findings(printed: &[u8]) -> Vec<Value> {
+/// What the check printed (`--json`). Without a `firmware` the autopilot is the simulated one: what it is found to be like says
+/// nothing of the installer's, and is left out.
+pub fn findings(printed: &[u8], firmware: bool) -> Vec<Value> {
     let printed: Value = serde_json::from_slice(printed).unwrap_or_default();
-    printed["findings"].as_array().cloned().unwrap_or_default()
+    let mut findings = printed["findings"].as_array().cloned().unwrap_or_default();
+    findings.retain(|f| firmware || AUTOPILOTS_OWN.iter().all(|own| f["topic"] != *own));
+    findings
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use serde_json::json;
+
+    #[test]
+    fn findings_of_the_simulated_autopilot() {
+        let topics = ["autopilot", "parameters", "origin", "camera"].map(|topic| json!({ "topic": topic }));
+        let printed = json!({ "findings": topics }).to_string();
+        let all = findings(printed.as_bytes(), true);
+        assert_eq!(all, topics);
+        assert_eq!(
+            findings(printed.as_bytes(), false),
+            [&all[0], &all[3]].map(Value::clone)
+        );
+        assert!(findings(b"no JSON", false).is_empty());
+    }
 
     #[test]
     fn parameters_set_after_the_first_check() {

@@ -31,15 +31,15 @@ pub struct Row {
 /// All of them, shown as they come.
 #[derive(Debug, Default)]
 pub struct CheckList {
-    json: bool,
+    alone: bool,
     rows: Vec<Row>,
 }
 
 impl CheckList {
-    /// For a person, or beside a JSON object.
-    pub fn new(json: bool) -> CheckList {
+    /// For a person, or beside a result that stands alone on standard output.
+    pub fn new(alone: bool) -> CheckList {
         CheckList {
-            json,
+            alone,
             rows: Vec::new(),
         }
     }
@@ -56,7 +56,7 @@ impl CheckList {
     }
     /// A line between the checks.
     pub fn say(&self, text: impl std::fmt::Display) {
-        note(self.json, text);
+        note(self.alone, text);
     }
     /// Whether all is as it should be.
     pub fn ok(&self) -> bool {

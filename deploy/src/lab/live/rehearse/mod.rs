@@ -85,7 +85,7 @@ pub fn run(args: &RehearseArgs) -> Result<Exit, CliError> {
     }
     scheduling::raise();
     let plan = Plan::of(args)?;
-    let mut list = CheckList::new(args.json);
+    let mut list = CheckList::new(args.form.alone());
     let names = match plan.certificates.as_slice() {
         [] => "none: the files ask for none".into(),
         names => names.join(", "),
@@ -106,27 +106,25 @@ pub fn run(args: &RehearseArgs) -> Result<Exit, CliError> {
     let mut rehearsal = Rehearsal::begin(args, plan)?;
     let whole = rehearsal.run(&mut list)?;
     if let Some(too_slow) = rehearsal.too_slow {
-        crate::terminal::note(true, format_args!("alight: {too_slow}"));
-        if args.json {
-            terminal::json(&WorldReport::TooSlow(too_slow))?;
-        }
+        terminal::note(true, format_args!("alight: {too_slow}"));
+        let report = WorldReport::TooSlow(too_slow);
+        args.form.print(&report, &[&report])?;
         return Ok(Exit::TooSlow);
     }
     if whole == Waited::Stopped {
-        crate::terminal::note(true, format_args!("stopped"));
+        terminal::note(true, format_args!("stopped"));
         return Ok(Exit::Failed);
     }
     if !list.ok() {
         rehearsal.complain(&list);
     }
-    if args.json {
-        terminal::json(&Rehearsed {
-            ok: list.ok(),
-            steps: list.rows(),
-            states: &rehearsal.states,
-            landed: rehearsal.landed.as_ref(),
-        })?;
-    }
+    let rehearsed = Rehearsed {
+        ok: list.ok(),
+        steps: list.rows(),
+        states: &rehearsal.states,
+        landed: rehearsal.landed.as_ref(),
+    };
+    args.form.print(&rehearsed, list.rows())?;
     Ok(Exit::of(list.ok()))
 }
 
@@ -186,8 +184,10 @@ impl<'a> Rehearsal<'a> {
     /// The steps in their order; Met when there was nothing left to wait for.
     fn run(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
         for step in [
-            Rehearsal::check,
+            Rehearsal::await_sensors,
+            Rehearsal::check_vessel,
             Rehearsal::start_vessel,
+            Rehearsal::check_drone,
             Rehearsal::start_drone,
             Rehearsal::know,
             Rehearsal::land,
@@ -313,29 +313,36 @@ impl<'a> Rehearsal<'a> {
         self.plan.directory.file(name).display().to_string()
     }
 
-    /// `alight check` on both computers, before any service is started.
-    fn check(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
+    /// Waits until the simulated vehicles send.
+    fn await_sensors(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
         let waited = self.until(list, WORLD_S, |r| r.sensing)?;
         if waited != Waited::Met {
             list.add(list::CHECK, "simulated vehicles", false, self.world.complaints());
-            return Ok(waited);
         }
-        // One after the other: the drone's measures a processor's work, and both computers are this one.
-        for side in ["vessel", "drone"] {
-            let config = self.file(&format!("{side}.toml"));
-            let check = self.ask(list, &["check", "--json", "--config", &config])?;
-            let Some(output) = check else {
-                return Ok(Waited::Stopped);
-            };
-            let findings = checked::findings(&output.stdout);
-            let of = |level: &'static str| findings.iter().filter(move |f| f["level"] == level);
-            let (ok, figure) = checked::judge(&findings, self.args.autopilot_at.is_some());
-            list.add(list::CHECK, format!("alight check, {side}"), ok, figure);
-            for (mark, level) in [("BROKEN", "broken"), ("WARNING", "warning")] {
-                for finding in of(level) {
-                    let text = |key: &str| finding[key].as_str().unwrap_or_default().to_owned();
-                    list.say(format_args!("{mark:>18}  {}: {}", text("topic"), text("found")));
-                }
+        Ok(waited)
+    }
+    /// `alight check` on the vessel, before her service is started: it listens to the sensors.
+    fn check_vessel(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
+        self.check("vessel", list)
+    }
+    /// `alight check` on the drone, which looks whether the vessel answers.
+    fn check_drone(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
+        self.check("drone", list)
+    }
+    fn check(&mut self, side: &str, list: &mut CheckList) -> Result<Waited, CliError> {
+        let config = self.file(&format!("{side}.toml"));
+        let Some(output) = self.ask(list, &["check", "--json", "--config", &config])? else {
+            return Ok(Waited::Stopped);
+        };
+        let firmware = self.args.autopilot_at.is_some();
+        let findings = checked::findings(&output.stdout, firmware);
+        let of = |level: &'static str| findings.iter().filter(move |f| f["level"] == level);
+        let (ok, figure) = checked::judge(&findings, firmware);
+        list.add(list::CHECK, format!("alight check, {side}"), ok, figure);
+        for (mark, level) in [("BROKEN", "broken"), ("WARNING", "warning")] {
+            for finding in of(level) {
+                let text = |key: &str| finding[key].as_str().unwrap_or_default().to_owned();
+                list.say(format_args!("{mark:>18}  {}: {}", text("topic"), text("found")));
             }
         }
         Ok(Waited::Met)

@@ -10,7 +10,7 @@ use std::path::Path;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::physics::sea::SeaConfig;
 use alight_sim::studies::statistics::{FailureCount, Summary, at_most_95, wilson};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::report::replay_command;
 use super::rows::Row;
@@ -20,7 +20,7 @@ use crate::lab::args::EnvelopeArgs;
 use crate::lab::report::document::{Block, Chart, Document, write_files};
 use crate::lab::scene::Scene;
 use crate::table::{Cell as TableCell, Table};
-use crate::terminal::{self, note};
+use crate::terminal::note;
 use grid::{Cell, Grid};
 
 /// Unsafe landings that the page flies again by a command.
@@ -103,7 +103,7 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     let scenes: Vec<Row> = grid.conditions().map(|c| scene(&base, c)).collect();
     let boat = args.scene.hull.as_deref().unwrap_or("the simulated vessel");
     note(
-        args.json,
+        args.form.alone(),
         format_args!(
             "envelope: {} landings on {boat}, {} in each of {} cells; a run that is cut off goes on where it stopped",
             scenes.len() * grid.trials as usize,
@@ -123,7 +123,7 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
         shard: None,
         within: None,
         records_failed: false,
-        json: args.json,
+        alone: args.form.alone(),
     };
     let outcomes = run::fly_grid(&flights, &scenes)?;
     let cells = cells(&grid, &outcomes);
@@ -131,7 +131,7 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     let title = format!("Landing envelope of {boat}");
     let limits = limits(&grid, &cells);
     note(
-        args.json,
+        args.form.alone(),
         format_args!(
             "{title}: relative wind, m/s, up to which at least {:.0} % land (-: not shown for the lightest)\n{}\n{}",
             100.0 * grid.rate,
@@ -139,11 +139,12 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
             bound(&cells)
         ),
     );
+    let rows: Vec<Value> = cells.iter().map(|c| c.json(grid.rate)).collect();
     let value = json!({
         "hull": boat, "configuration": hash, "grid": { "sea_states": grid.states, "winds_mps": grid.winds,
         "directions": grid.directions, "trials": grid.trials, "seed0": args.seed0 },
         "rate": grid.rate, "too_few": grid.too_few(),
-        "cells": cells.iter().map(|c| c.json(grid.rate)).collect::<Vec<_>>(),
+        "cells": rows,
     });
     let svg = polar::draw(&grid, &cells, &title).map_err(|e| CliError::because("drawing the envelope", e))?;
     let page = document(
@@ -163,12 +164,10 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
         ],
     )?;
     note(
-        args.json,
+        args.form.alone(),
         format_args!("written: {}", args.out.join("envelope.html").display()),
     );
-    if args.json {
-        terminal::line(value);
-    }
+    args.form.print(&value, &rows)?;
     Ok(Exit::Success)
 }
 

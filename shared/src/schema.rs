@@ -1,0 +1,335 @@
+//! Schemas of the messages, for programs of others: JSON Schema (draft 2020-12) made of the message types and their
+//! doc comments, with the unit and the frame that a comment or a name states.
+//!
+//! The fields of an object stand in `required` in the order in which they travel; the variants of an enumeration in
+//! that of their numbers. `format` is the width of a number.
+
+use std::borrow::Cow;
+
+use schemars::generate::SchemaSettings;
+use schemars::transform::transform_subschemas;
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde_json::Value;
+
+/// Units in comments: after a comma or a bracket.
+const UNITS: [&str; 17] = [
+    "m/s²", "m/s", "m²", "m", "rad/s²", "rad/s", "rad²", "rad", "deg", "1/s", "s", "ns", "Hz", "V", "A",
+    "bytes/s", "bytes",
+];
+/// Units in names, for fields whose comment has none.
+const SUFFIXES: [(&str, &str); 12] = [
+    ("bytes_per_s", "bytes/s"),
+    ("_mps2", "m/s²"),
+    ("_mps", "m/s"),
+    ("_m", "m"),
+    ("_rad", "rad"),
+    ("_deg", "deg"),
+    ("_ns", "ns"),
+    ("_s", "s"),
+    ("_hz", "Hz"),
+    ("_v", "V"),
+    ("_a", "A"),
+    ("_bytes", "bytes"),
+];
+/// Frames in comments, the more particular first.
+const FRAMES: [&str; 9] = [
+    "vessel's NED",
+    "drone's NED",
+    "vessel's body frame",
+    "vessel's body",
+    "body frame",
+    "camera frame",
+    "deck's axes",
+    "deck's centre",
+    "NED",
+];
+
+/// A number of 16 bits (IEEE 754 binary16) in schemas: [`half::f16`] has none of its own.
+pub enum F16 {}
+
+impl JsonSchema for F16 {
+    fn inline_schema() -> bool {
+        true
+    }
+    fn schema_name() -> Cow<'static, str> {
+        "f16".into()
+    }
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": "number", "format": "float16" })
+    }
+}
+
+/// The schema of a message.
+pub fn of<T: JsonSchema>() -> Schema {
+    let settings = SchemaSettings::draft2020_12().for_serialize();
+    let inlined = settings
+        .with(|s| s.inline_subschemas = true)
+        .with_transform(state);
+    inlined.into_generator().into_root_schema_for::<T>()
+}
+
+/// Puts comments on one line, and states units and frames beside them.
+fn state(schema: &mut Schema) {
+    if let Some(Value::String(text)) = schema.get_mut("description") {
+        *text = text.split_whitespace().collect::<Vec<_>>().join(" ");
+        text.retain(|c| !"[]`".contains(c));
+    }
+    transform_subschemas(&mut state, schema);
+    let properties = schema.get_mut("properties").and_then(Value::as_object_mut);
+    for (name, property) in properties.into_iter().flatten() {
+        let Some(property) = property.as_object_mut() else {
+            continue;
+        };
+        if !Kind::of(property).is_number() {
+            continue;
+        }
+        let text = property
+            .get("description")
+            .and_then(Value::as_str)
+            .unwrap_or_default()
+            .to_owned();
+        if let Some(unit) = unit(name, &text).filter(|_| !property.contains_key("unit")) {
+            property.insert("unit".into(), unit.into());
+        }
+        if let Some(frame) = FRAMES
+            .iter()
+            .find(|f| text.contains(**f))
+            .filter(|_| !property.contains_key("frame"))
+        {
+            property.insert("frame".into(), (*frame).into());
+        }
+    }
+}
+
+/// The units of a field, in the order in which its comment names them.
+fn unit(name: &str, comment: &str) -> Option<String> {
+    let mut found: Vec<&str> = Vec::new();
+    for (at, _) in comment.match_indices([',', '(']) {
+        let after = comment[at + 1..].trim_start();
+        let unit = UNITS.iter().find(|u| {
+            let rest = after.strip_prefix(**u);
+            rest.is_some_and(|r| r.is_empty() || r.starts_with([',', '.', ';', ':', ')', ' ']))
+        });
+        found.extend(unit.filter(|u| found.last() != Some(*u)));
+    }
+    if found.is_empty() {
+        found.extend(
+            SUFFIXES
+                .iter()
+                .find(|(end, _)| name.ends_with(end))
+                .map(|(_, unit)| unit),
+        );
+    }
+    (!found.is_empty()).then(|| found.join(", "))
+}
+
+type Object = serde_json::Map<String, Value>;
+
+/// How a value travels.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Kind<'a> {
+    /// A number of this `format`.
+    Number(&'a str),
+    /// True or false.
+    Bool,
+    /// A text of at most so many bytes.
+    Text(u64),
+    /// One of these, by number; each with its content, if it has any.
+    Enum(Vec<(&'a str, Option<&'a Object>)>),
+    /// So many.
+    Array(&'a Object, u64),
+    /// At most so many.
+    List(&'a Object, u64),
+    /// These, in this order.
+    Struct(Vec<(&'a str, &'a Object)>),
+    /// Of a layout that the schema does not tell.
+    Unknown,
+}
+
+impl<'a> Kind<'a> {
+    /// Of a schema; of an optional value that of the value.
+    pub fn of(schema: &'a Object) -> Kind<'a> {
+        let of_type = match schema.get("type") {
+            Some(Value::Array(types)) => types.iter().find_map(|t| t.as_str().filter(|t| *t != "null")),
+            one => one.and_then(Value::as_str),
+        };
+        let number = |key: &str| schema.get(key).and_then(Value::as_u64);
+        match of_type {
+            Some("number" | "integer") => {
+                Kind::Number(schema.get("format").and_then(Value::as_str).unwrap_or_default())
+            }
+            Some("boolean") => Kind::Bool,
+            Some("string") => Kind::text(schema),
+            Some("array") => match (schema.get("items").and_then(Value::as_object), number("maxItems")) {
+                (Some(items), Some(n)) if number("minItems") == Some(n) => Kind::Array(items, n),
+                (Some(items), Some(n)) => Kind::List(items, n),
+                (None, _) | (_, None) => Kind::Unknown,
+            },
+            Some("object") => Kind::structure(schema),
+            _ => Kind::choice(schema),
+        }
+    }
+    fn text(schema: &'a Object) -> Kind<'a> {
+        let names = schema.get("enum").and_then(Value::as_array);
+        match (names, schema.get("const").and_then(Value::as_str)) {
+            (Some(names), _) => Kind::Enum(
+                names
+                    .iter()
+                    .filter_map(Value::as_str)
+                    .map(|name| (name, None))
+                    .collect(),
+            ),
+            (None, Some(name)) => Kind::Enum(vec![(name, None)]),
+            (None, None) => Kind::Text(
+                schema
+                    .get("maxLength")
+                    .and_then(Value::as_u64)
+                    .unwrap_or(u64::MAX),
+            ),
+        }
+    }
+    fn structure(schema: &'a Object) -> Kind<'a> {
+        let names = schema
+            .get("required")
+            .and_then(Value::as_array)
+            .into_iter()
+            .flatten();
+        let property = |name: &str| schema.get("properties")?.get(name)?.as_object();
+        let fields: Option<Vec<_>> = names
+            .map(|n| Some((n.as_str()?, property(n.as_str()?)?)))
+            .collect();
+        fields.map_or(Kind::Unknown, Kind::Struct)
+    }
+    /// Of several: variants of an enumeration, or a value that may be absent.
+    fn choice(schema: &'a Object) -> Kind<'a> {
+        let several = |key: &str| Some(schema.get(key)?.as_array()?.iter().filter_map(Value::as_object));
+        if let Some(mut options) = several("anyOf") {
+            let present = options.find(|o| o.get("type").and_then(Value::as_str) != Some("null"));
+            return present.map_or(Kind::Unknown, Kind::of);
+        }
+        let variants = several("oneOf").into_iter().flatten().filter(|v| !is_null(v));
+        let variant = |v: &'a Object| match Kind::of(v) {
+            Kind::Enum(names) => names.first().map(|(name, _)| (*name, None)),
+            Kind::Struct(content) => content.first().map(|(name, content)| (*name, Some(*content))),
+            Kind::Number(_)
+            | Kind::Bool
+            | Kind::Text(_)
+            | Kind::Array(..)
+            | Kind::List(..)
+            | Kind::Unknown => None,
+        };
+        let variants: Option<Vec<_>> = variants.map(variant).collect();
+        variants
+            .filter(|v| !v.is_empty())
+            .map_or(Kind::Unknown, Kind::Enum)
+    }
+    /// A number, or several.
+    fn is_number(&self) -> bool {
+        match self {
+            Kind::Number(_) => true,
+            Kind::Array(items, _) | Kind::List(items, _) => Kind::of(items).is_number(),
+            Kind::Bool | Kind::Text(_) | Kind::Enum(_) | Kind::Struct(_) | Kind::Unknown => false,
+        }
+    }
+    /// The same as a person reads it.
+    pub fn name(&self) -> String {
+        match self {
+            Kind::Number(format) => short(format).into(),
+            Kind::Bool => "bool".into(),
+            Kind::Text(n) => format!("text <= {n}"),
+            Kind::Enum(variants) => format!("one of {}", variants.len()),
+            Kind::Array(items, n) => format!("{}[{n}]", Kind::of(items).name()),
+            Kind::List(items, n) => format!("{}[<= {n}]", Kind::of(items).name()),
+            Kind::Struct(_) => "struct".into(),
+            Kind::Unknown => "-".into(),
+        }
+    }
+}
+
+fn is_null(schema: &Object) -> bool {
+    schema.get("type").and_then(Value::as_str) == Some("null")
+}
+
+/// Whether a value may be absent.
+pub fn is_optional(schema: &Object) -> bool {
+    let null = |key: &str| {
+        schema.get(key).and_then(Value::as_array).is_some_and(|all| {
+            all.iter()
+                .any(|t| t.as_str() == Some("null") || t.as_object().is_some_and(is_null))
+        })
+    };
+    null("type") || null("anyOf") || null("oneOf")
+}
+
+/// Rust's name of a number's format.
+fn short(format: &str) -> &str {
+    match format {
+        "double" => "f64",
+        "float" => "f32",
+        "float16" => "f16",
+        "int64" => "i64",
+        "int32" => "i32",
+        "int16" => "i16",
+        "int8" => "i8",
+        "uint64" => "u64",
+        "uint32" => "u32",
+        "uint16" => "u16",
+        "uint8" => "u8",
+        other => other,
+    }
+}
+
+/// A field of a message.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Field {
+    /// Its name, with those of what it is in: `modes[].pole`.
+    pub path: String,
+    /// How it travels; `?` behind it: it may be absent.
+    pub kind: String,
+    /// Its units; empty: it has none.
+    pub unit: String,
+    /// Its frame, or the clock of a time; empty: it has none.
+    pub frame: String,
+    /// What it is.
+    pub description: String,
+}
+
+/// The fields of a message in the order in which they travel.
+pub fn fields(schema: &Schema) -> Vec<Field> {
+    let mut found = Vec::new();
+    if let Some(Kind::Struct(content)) = schema.as_object().map(Kind::of) {
+        content
+            .into_iter()
+            .for_each(|(name, field)| add(name, field, &mut found));
+    }
+    found
+}
+
+fn add(path: &str, schema: &Object, found: &mut Vec<Field>) {
+    let text = |key: &str| {
+        schema
+            .get(key)
+            .and_then(Value::as_str)
+            .unwrap_or_default()
+            .to_owned()
+    };
+    let kind = Kind::of(schema);
+    found.push(Field {
+        path: path.into(),
+        kind: format!("{}{}", kind.name(), if is_optional(schema) { "?" } else { "" }),
+        unit: text("unit"),
+        frame: text("frame"),
+        description: text("description"),
+    });
+    let (inner, path) = match kind {
+        Kind::Array(items, _) | Kind::List(items, _) => (Kind::of(items), format!("{path}[]")),
+        Kind::Number(_) | Kind::Bool | Kind::Text(_) | Kind::Enum(_) | Kind::Struct(_) | Kind::Unknown => {
+            (kind, path.to_owned())
+        }
+    };
+    if let Kind::Struct(content) = inner {
+        content
+            .into_iter()
+            .for_each(|(name, field)| add(&format!("{path}.{name}"), field, found));
+    }
+}

@@ -1,0 +1,59 @@
+//! The newest message of a publication, kept for who asks.
+
+use std::sync::{Mutex, PoisonError};
+
+use zenoh::bytes::ZBytes;
+
+/// A held message is sent so often a second at most, beside its broadcasts: each drone asks once when it connects.
+const MAX_ANSWERS_PER_S: u32 = 20;
+/// The newest message of a publication.
+#[derive(Debug, Default)]
+pub(super) struct Held(Mutex<Newest>);
+
+#[derive(Debug, Default)]
+struct Newest {
+    bytes: Option<ZBytes>,
+    /// The second in which answers are counted, and their number.
+    second: i64,
+    answers: u32,
+}
+
+impl Held {
+    /// Another one takes its place.
+    pub(super) fn set(&self, bytes: &ZBytes) {
+        let mut newest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        newest.bytes = Some(bytes.clone());
+    }
+    /// It, for somebody who asked at `now_ns`, as long as not too many do.
+    pub(super) fn take(&self, now_ns: i64) -> Option<ZBytes> {
+        let mut newest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let second = now_ns.div_euclid(1_000_000_000);
+        if second != newest.second {
+            (newest.second, newest.answers) = (second, 0);
+        }
+        if newest.answers >= MAX_ANSWERS_PER_S {
+            return None;
+        }
+        newest.answers += 1;
+        newest.bytes.clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn newest_message_for_many_who_ask() {
+        let held = Held::default();
+        assert!(held.take(0).is_none(), "nothing was published yet");
+        held.set(&ZBytes::from(vec![1]));
+        held.set(&ZBytes::from(vec![2]));
+        let answered = |at_ns| (0..100).filter_map(|_| held.take(at_ns)).collect::<Vec<_>>();
+        let all = answered(1_500_000_000);
+        assert_eq!(all.len(), MAX_ANSWERS_PER_S as usize);
+        assert!(all.iter().all(|b| b.to_bytes()[..] == [2]));
+        assert!(answered(1_999_999_999).is_empty());
+        assert_eq!(answered(2_000_000_000).len(), MAX_ANSWERS_PER_S as usize);
+    }
+}

@@ -1,0 +1,420 @@
+//! Parameters of the companion: what an operator changes of the mission at a ground station, by MAVLink's parameter protocol.
+//!
+//! The mission's state has their values, and whether they may be changed. A PARAM_SET goes to the mission as a
+//! [`SettingsOrder`], repeated until that state shows it, and is answered with PARAM_VALUE then. One that is refused is
+//! answered with the value as it is and a text that says why. What is set counts until the processes are started anew, and
+//! outlives the crash of one by the mission's checkpoint. Each value is REAL32, for which the two encodings of MAVLink's
+//! parameters, by bytes and by value, are one.
+
+use alight_shared::admission::Retransmission;
+use alight_shared::config::ConfigError;
+use alight_shared::msg::{LandingMode, MissionSettings, MissionState, SettingsOrder};
+use alight_shared::time::{DroneClock, Span};
+use alight_shared::topics;
+
+use super::message::{Address, Message, ParameterValue, severity};
+use super::modes::Firmware;
+use super::{AutopilotLink, AutopilotOut, DroneTime, Output};
+use crate::mission::MissionConfig;
+
+/// A change is repeated at this period until the mission shows it ...
+const REPEAT: Span = Span::from_millis(100);
+/// ... for no longer than this: a station asks again after a second.
+const GIVEN_UP: Span = Span::from_millis(800);
+/// Values are rounded to a thousandth: the message's single precision has no more of a height.
+const STEPS: f64 = 1e3;
+/// Each name begins so.
+const PREFIX: &str = "ALIGHT_";
+/// By their numbers.
+const MODES: [(LandingMode, &str); 3] = [
+    (LandingMode::Shadow, "shadow"),
+    (LandingMode::Match, "match"),
+    (LandingMode::Land, "land"),
+];
+
+/// A parameter; its place is its index.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Parameter {
+    Mode,
+    ApproachHeight,
+    TrackingHeight,
+    LowestClearance,
+}
+
+impl Parameter {
+    const ALL: [Parameter; 4] = [
+        Parameter::Mode,
+        Parameter::ApproachHeight,
+        Parameter::TrackingHeight,
+        Parameter::LowestClearance,
+    ];
+    /// Sixteen characters at most.
+    const fn name(self) -> &'static str {
+        match self {
+            Parameter::Mode => "ALIGHT_MODE",
+            Parameter::ApproachHeight => "ALIGHT_APPR_H",
+            Parameter::TrackingHeight => "ALIGHT_TRACK_H",
+            Parameter::LowestClearance => "ALIGHT_MATCH_H",
+        }
+    }
+    /// Its key in `[drone.mission]`.
+    const fn key(self) -> &'static str {
+        match self {
+            Parameter::Mode => "mode",
+            Parameter::ApproachHeight => "approach_height_m",
+            Parameter::TrackingHeight => "tracking_height_m",
+            Parameter::LowestClearance => "lowest_clearance_m",
+        }
+    }
+    fn named(name: &str) -> Option<Parameter> {
+        Parameter::ALL.into_iter().find(|p| p.name() == name)
+    }
+    fn value(self, s: &MissionSettings) -> f64 {
+        match self {
+            Parameter::Mode => MODES
+                .iter()
+                .position(|(mode, _)| *mode == s.mode)
+                .map_or(f64::NAN, |k| k as f64),
+            Parameter::ApproachHeight => s.approach_height_m,
+            Parameter::TrackingHeight => s.tracking_height_m,
+            Parameter::LowestClearance => s.lowest_clearance_m,
+        }
+    }
+    /// These settings with another value of it, or why there are none.
+    fn changed(self, s: &MissionSettings, value: f64) -> Result<MissionSettings, String> {
+        let value = (value * STEPS).round() / STEPS;
+        let mut changed = *s;
+        match self {
+            Parameter::Mode => {
+                let with_number =
+                    |(k, (mode, _)): (usize, &(LandingMode, _))| (k as f64 == value).then_some(*mode);
+                let mode = MODES.iter().enumerate().find_map(with_number);
+                changed.mode = mode.ok_or(format!("{value} is not 0, 1 or 2"))?;
+            }
+            Parameter::ApproachHeight => changed.approach_height_m = value,
+            // The exposure of the camera's images was checked against the one in the file.
+            Parameter::TrackingHeight => return Err("only the file sets it".into()),
+            Parameter::LowestClearance => changed.lowest_clearance_m = value,
+        }
+        // No limit of these depends on the rest of the mission's configuration.
+        match MissionConfig::default().with(&changed) {
+            Ok(_) => Ok(changed),
+            Err(ConfigError::Range { key, value, allowed }) => {
+                let other = Parameter::ALL.into_iter().find(|p| p.key() == key && *p != self);
+                let whose = other.map_or(String::new(), |p| {
+                    format!("{} ", p.name().trim_start_matches(PREFIX))
+                });
+                Err(format!("{whose}{value} not in {allowed}"))
+            }
+            Err(why @ (ConfigError::Read { .. } | ConfigError::Parse { .. })) => Err(why.to_string()),
+        }
+    }
+    /// Its value for people.
+    fn shown(self, s: &MissionSettings) -> String {
+        let value = self.value(s);
+        let mode = MODES
+            .iter()
+            .find(|(mode, _)| self == Parameter::Mode && *mode == s.mode);
+        mode.map_or(format!("{value}"), |(_, name)| format!("{value} ({name})"))
+    }
+    fn message(self, s: &MissionSettings) -> Message {
+        let index = Parameter::ALL.iter().position(|p| *p == self).unwrap_or_default();
+        Message::Parameter {
+            name: self.name().into(),
+            value: ParameterValue {
+                bits: (self.value(s) as f32).to_bits(),
+                integer: false,
+            },
+            index: index as u16,
+            count: Parameter::ALL.len() as u16,
+        }
+    }
+}
+
+/// A change under way to the mission.
+#[derive(Clone, Debug)]
+struct UnderWay {
+    order: SettingsOrder,
+    sending: Retransmission<DroneClock>,
+    /// What it changes, and the station that asked last.
+    changes: Vec<Parameter>,
+    station: u8,
+}
+
+/// The parameters as the stations know them.
+#[derive(Clone, Debug, Default)]
+pub(super) struct StationParameters {
+    /// As the mission's state had them last.
+    known: Option<MissionSettings>,
+    under_way: Option<UnderWay>,
+}
+
+/// What a mission's state leads to.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Polled {
+    order: Option<SettingsOrder>,
+    /// Whose values the stations are sent.
+    values: Vec<Parameter>,
+    texts: Vec<(u8, String)>,
+}
+
+impl StationParameters {
+    /// Begins to set `p`, besides what is under way: all of it is wanted.
+    fn begin(&mut self, order: SettingsOrder, station: u8, p: Parameter) {
+        let before = self.under_way.take().map(|u| u.changes);
+        let mut changes = before.unwrap_or_default();
+        if !changes.contains(&p) {
+            changes.push(p);
+        }
+        self.under_way = Some(UnderWay {
+            order,
+            sending: Retransmission::new(order.header.at, REPEAT, GIVEN_UP),
+            changes,
+            station,
+        });
+    }
+    /// By the mission's newest settings.
+    fn poll(&mut self, now: DroneTime, settings: &MissionSettings) -> Polled {
+        let before = self.known.replace(*settings);
+        let mut polled = Polled::default();
+        let Some(under_way) = &mut self.under_way else {
+            let moved = |p: &Parameter| before.is_some_and(|b| p.value(&b) != p.value(settings));
+            polled.values = Parameter::ALL.into_iter().filter(moved).collect();
+            let again =
+                |p: &Parameter| format!("{} is {} now: mission restarted", p.name(), p.shown(settings));
+            polled.texts = polled
+                .values
+                .iter()
+                .map(|p| (severity::WARNING, again(p)))
+                .collect();
+            return polled;
+        };
+        let is_taken = under_way.order.settings == *settings;
+        if !is_taken && !under_way.sending.is_over(now) {
+            polled.order = under_way.sending.is_due(now).then_some(under_way.order);
+            return polled;
+        }
+        let text = |p: &Parameter| {
+            let (name, station) = (p.name(), under_way.station);
+            if is_taken {
+                let value = p.shown(settings);
+                (
+                    severity::NOTICE,
+                    format!("ground station {station} sets {name} to {value}"),
+                )
+            } else {
+                (
+                    severity::WARNING,
+                    format!("{name} stays: the mission did not take it"),
+                )
+            }
+        };
+        polled.texts = under_way.changes.iter().map(text).collect();
+        polled.values.clone_from(&under_way.changes);
+        self.under_way = None;
+        polled
+    }
+}
+
+impl AutopilotLink {
+    /// A station asks for all parameters. Nobody knows them before the mission has reported.
+    pub(super) fn list_parameters(&self, out: &mut AutopilotOut) {
+        let known = self.mission.get().map(|m| m.settings);
+        let all = known.iter().flat_map(|s| Parameter::ALL.map(|p| p.message(s)));
+        out.messages.extend(all);
+    }
+    /// A station asks for one, by its index or its name.
+    pub(super) fn read_parameter(&self, name: &str, index: Option<u16>, out: &mut AutopilotOut) {
+        let parameter = match index {
+            Some(k) => Parameter::ALL.get(usize::from(k)).copied(),
+            None => Parameter::named(name),
+        };
+        let known = self.mission.get().map(|m| m.settings);
+        out.messages
+            .extend(parameter.zip(known).map(|(p, s)| p.message(&s)));
+    }
+    /// A station sets one.
+    pub(super) fn set_parameter(
+        &mut self,
+        now: DroneTime,
+        from: Address,
+        name: &str,
+        value: ParameterValue,
+        out: &mut AutopilotOut,
+    ) {
+        let Some(p) = Parameter::named(name) else {
+            out.alarm(
+                severity::WARNING,
+                format!("{name} is no parameter of this companion"),
+            );
+            return;
+        };
+        let firmware = self.peer.as_ref().map_or(Firmware::Px4, |peer| peer.firmware);
+        match self.changed_settings(now, p, firmware.parameter(value)) {
+            Ok(settings) if self.mission.get().is_some_and(|m| m.settings == settings) => {
+                self.read_parameter(name, None, out);
+            }
+            Ok(settings) => {
+                let header = self.header(Output::Settings, now);
+                self.parameters
+                    .begin(SettingsOrder { header, settings }, from.system, p);
+            }
+            Err(why) => {
+                self.read_parameter(name, None, out);
+                out.alarm(severity::WARNING, format!("{name} stays: {why}"));
+            }
+        }
+    }
+    /// The settings with this value of `p`, or why they stay.
+    fn changed_settings(&self, now: DroneTime, p: Parameter, value: f64) -> Result<MissionSettings, String> {
+        let mission = self.mission.fresh(now, topics::MISSION.stale_after);
+        let mission = mission.ok_or("no mission reports")?;
+        if let Some(why) = self.is_locked(now, mission) {
+            return Err(why.into());
+        }
+        let under_way = self.parameters.under_way.as_ref();
+        let wanted = under_way.map_or(mission.settings, |u| u.order.settings);
+        p.changed(&wanted, value)
+    }
+    /// Why nothing may be set now.
+    fn is_locked(&self, now: DroneTime, mission: &MissionState) -> Option<&'static str> {
+        let peer = self.peer.as_ref();
+        let alive = peer.is_some_and(|p| (now - p.heartbeat_at).secs() <= self.config.heartbeat_loss_s);
+        match peer {
+            Some(p) if p.armed => Some("the drone is armed"),
+            Some(_) if alive => (!mission.settable).then_some("a landing is ordered"),
+            Some(_) | None => Some("the autopilot is silent"),
+        }
+    }
+    /// Passes on what is set, and tells the stations what has changed.
+    pub(super) fn publish_settings(&mut self, now: DroneTime, out: &mut AutopilotOut) {
+        let Some(settings) = self.mission.get().map(|m| m.settings) else {
+            return;
+        };
+        let polled = self.parameters.poll(now, &settings);
+        out.settings = polled.order;
+        let values = polled.values.iter().map(|p| p.message(&settings));
+        out.messages.extend(values);
+        for (severity, text) in polled.texts {
+            out.alarm(severity, text);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::autopilot::ground_station::MAX_TEXT;
+    use alight_shared::msg::Header;
+    use alight_shared::time::Time;
+    use proptest::prelude::*;
+
+    fn at(s: f64) -> DroneTime {
+        Time::from_secs(s)
+    }
+    fn configured() -> MissionSettings {
+        MissionConfig::default().settings()
+    }
+    fn order(s: f64, settings: MissionSettings) -> SettingsOrder {
+        let header = Header::new(0, 1, 7, 1, at(s));
+        SettingsOrder { header, settings }
+    }
+
+    #[test]
+    fn parameter_names_of_sixteen_characters() {
+        for p in Parameter::ALL {
+            assert!(p.name().len() <= 16 && p.name().starts_with(PREFIX));
+            assert!(Parameter::named(p.name()) == Some(p));
+        }
+        let file = alight_shared::config::commented(&MissionConfig::default()).unwrap();
+        assert!(Parameter::ALL.iter().all(|p| file.contains(p.key())), "{file}");
+    }
+
+    #[test]
+    fn parameter_limits_of_the_configuration() {
+        use Parameter::{ApproachHeight, LowestClearance, Mode, TrackingHeight};
+        let c = configured();
+        let matching = Mode.changed(&c, 1.0).unwrap();
+        assert_eq!(matching.mode, LandingMode::Match);
+        for (of, p, value, expected) in [
+            (c, Mode, 3.0, "3 is not 0, 1 or 2"),
+            (c, Mode, 0.5, "0.5 is not 0, 1 or 2"),
+            (c, Mode, f64::NAN, "NaN is not 0, 1 or 2"),
+            (c, ApproachHeight, 500.0, "500 not in 2 to 200"),
+            (c, ApproachHeight, f64::NAN, "NaN not in 2 to 200"),
+            (c, ApproachHeight, 5.0, "TRACK_H 7 not in 2 to 5"),
+            (c, TrackingHeight, 6.0, "only the file sets it"),
+            (matching, LowestClearance, 6.5, "6.5 not in 1 to 6"),
+        ] {
+            assert_eq!(p.changed(&of, value), Err(expected.into()), "{p:?}");
+            let text = format!("{} stays: {expected}", p.name());
+            assert!(text.len() <= MAX_TEXT, "{text}");
+        }
+        // By single precision.
+        let height = ApproachHeight.changed(&c, f64::from(12.3_f32)).unwrap();
+        assert_eq!(height.approach_height_m, 12.3);
+    }
+
+    #[test]
+    fn settings_until_the_mission_shows_them() {
+        let (mut parameters, before) = (StationParameters::default(), configured());
+        assert_eq!(parameters.poll(at(9.9), &before), Polled::default());
+        let first = Parameter::Mode.changed(&before, 1.0).unwrap();
+        parameters.begin(order(10.0, first), 255, Parameter::Mode);
+        let both = Parameter::ApproachHeight.changed(&first, 12.0).unwrap();
+        parameters.begin(order(10.01, both), 255, Parameter::ApproachHeight);
+        let sent = (0..10).filter_map(|k| parameters.poll(at(10.01 + 0.02 * f64::from(k)), &before).order);
+        let sent: Vec<_> = sent.collect();
+        assert_eq!(sent, [order(10.01, both); 2]);
+        let done = parameters.poll(at(10.3), &both);
+        assert_eq!(done.values, [Parameter::Mode, Parameter::ApproachHeight]);
+        assert_eq!(
+            done.texts[0].1,
+            "ground station 255 sets ALIGHT_MODE to 1 (match)"
+        );
+        assert_eq!(parameters.poll(at(10.4), &both), Polled::default());
+        // The mission's successor has lost them.
+        let lost = parameters.poll(at(20.0), &before);
+        assert_eq!(lost.values, done.values);
+        assert_eq!(lost.texts[0].1, "ALIGHT_MODE is 2 (land) now: mission restarted");
+        assert!(
+            lost.texts
+                .iter()
+                .chain(&done.texts)
+                .all(|(_, t)| t.len() <= MAX_TEXT)
+        );
+    }
+
+    #[test]
+    fn settings_that_the_mission_does_not_take() {
+        let (mut parameters, before) = (StationParameters::default(), configured());
+        let wanted = Parameter::Mode.changed(&before, 0.0).unwrap();
+        parameters.begin(order(10.0, wanted), 255, Parameter::Mode);
+        let mut last = Polled::default();
+        let mut published = 0;
+        for k in 0..50 {
+            last = parameters.poll(at(10.0 + 0.02 * f64::from(k)), &before);
+            published += usize::from(last.order.is_some());
+            if !last.values.is_empty() {
+                break;
+            }
+        }
+        assert_eq!(last.values, [Parameter::Mode]);
+        assert!((8..=9).contains(&published), "{published}");
+        assert_eq!(last.texts[0].1, "ALIGHT_MODE stays: the mission did not take it");
+    }
+
+    proptest! {
+        /// Whatever is set, the mission has a configuration that its file could have.
+        #[test]
+        fn settings_by_arbitrary_values(values in prop::collection::vec((0..4_usize, any::<f32>()), 1..20)) {
+            let mut settings = configured();
+            for (k, value) in values {
+                if let Ok(changed) = Parameter::ALL[k].changed(&settings, f64::from(value)) {
+                    settings = changed;
+                }
+                prop_assert!(MissionConfig::default().with(&settings).is_ok());
+            }
+        }
+    }
+}

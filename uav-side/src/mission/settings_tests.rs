@@ -1,0 +1,158 @@
+//! What a ground station sets of the mission, and what of an idle mission outlives its process.
+
+use alight_shared::msg::LandingMode;
+
+use super::node_tests::{fresh_input, node};
+use super::tests::{DroneTime, at, config};
+use super::*;
+use crate::fixtures::{command, header};
+
+fn order(t: f64, settings: MissionSettings) -> Option<SettingsOrder> {
+    let header = header(1, at(t));
+    Some(SettingsOrder { header, settings })
+}
+fn matching() -> MissionSettings {
+    MissionSettings {
+        mode: LandingMode::Match,
+        approach_height_m: 12.0,
+        ..config().settings()
+    }
+}
+/// A drone at rest on the ground, disarmed.
+fn disarmed(t: f64) -> MissionIn {
+    let mut input = fresh_input((t * 100.0) as u32, at(t), [30.0, 0.0, 0.0]);
+    input.autopilot.as_mut().unwrap().armed = false;
+    input
+}
+/// The mission's settings after this input.
+fn after(m: &mut Mission, t: f64, input: &MissionIn) -> MissionState {
+    m.step(at(t), input).state.unwrap()
+}
+
+#[test]
+fn settings_of_a_ground_station() {
+    let (before, wanted) = (config().settings(), matching());
+    let mut m = node();
+    assert_eq!(after(&mut m, 1.0, &disarmed(1.0)).settings, before);
+    let set = |t, settings| MissionIn {
+        settings: order(t, settings),
+        ..disarmed(t)
+    };
+    let state = after(&mut m, 2.0, &set(2.0, wanted));
+    assert!(state.settings == wanted && state.settable);
+    assert_eq!(
+        (m.config.mode, m.config.approach_height_m),
+        (LandingMode::Match, 12.0)
+    );
+    // Beyond the configuration's limits, or the file's alone.
+    for (t, wrong) in [
+        (
+            3.0,
+            MissionSettings {
+                approach_height_m: 500.0,
+                ..wanted
+            },
+        ),
+        (
+            4.0,
+            MissionSettings {
+                lowest_clearance_m: 6.5,
+                ..wanted
+            },
+        ),
+        (
+            5.0,
+            MissionSettings {
+                tracking_height_m: 6.0,
+                ..wanted
+            },
+        ),
+    ] {
+        assert_eq!(after(&mut m, t, &set(t, wrong)).settings, wanted);
+    }
+    // Too old, and from the future.
+    for given in [4.9, 6.1] {
+        let input = MissionIn {
+            settings: order(given, before),
+            ..disarmed(6.0)
+        };
+        m.step(at(6.0), &input);
+        assert_eq!(m.settings, wanted, "{given}");
+    }
+}
+
+#[test]
+fn settings_while_armed_or_ordered_to_land() {
+    let (before, wanted) = (config().settings(), matching());
+    let mut m = node();
+    let flying = MissionIn {
+        settings: order(1.0, wanted),
+        ..fresh_input(100, at(1.0), [30.0, 0.0, -16.0])
+    };
+    let state = after(&mut m, 1.0, &flying);
+    assert!(state.settings == before && !state.settable);
+    // Nothing is known of the autopilot.
+    let mut m = node();
+    let unknown = MissionIn {
+        autopilot: None,
+        ..flying
+    };
+    assert_eq!(after(&mut m, 1.0, &unknown).settings, before);
+    // The order to land comes first, then after it.
+    let mut m = node();
+    let ordered = MissionIn {
+        commands: vec![command(header(1, at(1.0)), CommandKind::Land)],
+        ..disarmed(1.0)
+    };
+    assert!(!after(&mut m, 1.0, &ordered).settable);
+    let late = MissionIn {
+        settings: order(1.1, wanted),
+        ..disarmed(1.1)
+    };
+    assert_eq!(after(&mut m, 1.1, &late).settings, before);
+}
+
+/// The first state of a mission that takes the place of one that left this checkpoint.
+fn successor(t: DroneTime, checkpoint: MissionCheckpoint, input: MissionIn) -> (Mission, MissionState) {
+    let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
+    let mut m = Mission::new(&config(), &drone, &deck, 1, 2).as_successor();
+    let input = MissionIn {
+        checkpoint: Some(checkpoint),
+        ..input
+    };
+    let state = m.step(t, &input).state.unwrap();
+    (m, state)
+}
+
+#[test]
+fn settings_of_a_crashed_mission() {
+    let mut m = node();
+    let set = MissionIn {
+        settings: order(1.0, matching()),
+        ..disarmed(1.0)
+    };
+    let left = m.step(at(1.0), &set).checkpoint.unwrap();
+    let (next, state) = successor(at(1.5), left, disarmed(1.5));
+    assert_eq!(state.settings, matching());
+    assert_eq!(next.config.mode, LandingMode::Match);
+}
+
+/// A drone that hovers without an order, low, was away from the vessel, and the vessel comes near.
+#[test]
+fn vessel_that_comes_near_after_a_crash() {
+    let hovers = |t: f64, north_m: f64| fresh_input((t * 100.0) as u32, at(t), [north_m, 0.0, -2.6]);
+    let mut m = node();
+    let left = m.step(at(1.0), &hovers(1.0, 20.0)).checkpoint.unwrap();
+    assert!(left.was_away && left.state.state == State::Idle);
+    let near = |was_away| {
+        let left = MissionCheckpoint { was_away, ..left };
+        successor(at(1.2), left, hovers(1.2, 8.0)).1
+    };
+    let climbs = near(true);
+    assert_eq!(
+        (climbs.state, climbs.entered.code),
+        (State::GaveUp, ReasonCode::TooNear)
+    );
+    // Handed over near the deck it stays there.
+    assert_eq!(near(false).state, State::Idle);
+}
