@@ -17,7 +17,7 @@ use crate::process::shell;
 use crate::status::command as status;
 use crate::tools::playback::ForeignLaw;
 use crate::tools::{
-    calibrate, check, command, config, estimate, flights, init, keys, replay, ros2, tag, view,
+    calibrate, check, command, config, estimate, flights, init, keys, replay, ros2, signalk, tag, view,
 };
 use crate::{drone, terminal, vessel};
 
@@ -68,7 +68,9 @@ const GROUPS: [(&str, &[&str]); 3] = [
     ),
     (
         "Operate",
-        &["status", "view", "command", "ros2", "flights", "replay"],
+        &[
+            "status", "view", "command", "ros2", "signalk", "flights", "replay",
+        ],
     ),
 ];
 
@@ -172,6 +174,9 @@ pub enum Command {
     View(view::ViewCommand),
     /// Be a node of ROS 2: poses, diagnostics, orders to land and abort.
     Ros2(ros2::Ros2Args),
+    /// Show deck, drone and alarms on the boat's Signal K server.
+    #[command(name = "signalk")]
+    SignalK(signalk::SignalKArgs),
     /// All processes of the vessel's computer, as its service runs them.
     Vessel(ServiceArgs),
     /// All processes of the drone's computer, as its service runs them.
@@ -197,7 +202,7 @@ pub enum Command {
     /// Process of the vessel: estimator, deck arbiter and broadcast.
     #[command(hide = true)]
     Estimator(ProcessArgs),
-    /// Process of the vessel: its real sensors (NMEA 0183 and 2000, UBX, MAVLink).
+    /// Process of the vessel: its real sensors (NMEA, Signal K, UBX, MAVLink).
     #[command(hide = true)]
     Sensors(ProcessArgs),
     /// Process of the drone: the link to a real autopilot (PX4, ArduCopter) by MAVLink.
@@ -253,6 +258,7 @@ impl Command {
             Command::Status(a) => status::run(a),
             Command::View(a) => view::run(a),
             Command::Ros2(a) => ros2::run(a),
+            Command::SignalK(a) => signalk::run(a),
             Command::Vessel(a) => vessel::run(a),
             Command::Drone(a) => drone::run(a),
             Command::Operate(a) => command::run(a),

@@ -15,7 +15,7 @@ use crate::process::snapshot::time;
 use crate::vessel::{deck_inputs, helm_lamp};
 
 /// A drone reports at 2 Hz; without a report for this long it is out of reach, s.
-const LOST_CONTACT_S: f64 = 5.0;
+pub const LOST_CONTACT_S: f64 = 5.0;
 /// A turn that takes less than a tenth of the tilt away is not worth it.
 pub const WORTH_TURNING: f64 = 0.9;
 

@@ -11,6 +11,7 @@ pub mod keys;
 pub mod playback;
 pub mod replay;
 pub mod ros2;
+pub mod signalk;
 pub mod tag;
 pub mod view;
 mod view_vessel;

@@ -26,5 +26,6 @@ mod recorder;
 mod rehearse;
 mod ros2;
 mod sensors;
+mod signalk;
 mod survival;
 mod view;
