@@ -17,7 +17,7 @@ use crate::process::shell;
 use crate::status::command as status;
 use crate::tools::replay::Laboratory;
 use crate::tools::{
-    calibrate, check, command, config, estimate, flights, init, keys, replay, ros2, schema, tag, view,
+    calibrate, check, command, config, estimate, flights, init, keys, replay, ros2, schema, signalk, tag, view,
 };
 use crate::{drone, terminal, vessel};
 
@@ -68,7 +68,9 @@ const GROUPS: [(&str, &[&str]); 3] = [
     ),
     (
         "Operate",
-        &["status", "view", "command", "ros2", "schema", "flights", "replay"],
+        &[
+            "status", "view", "command", "ros2", "signalk", "schema", "flights", "replay",
+        ],
     ),
 ];
 
@@ -174,6 +176,9 @@ pub enum Command {
     Ros2(ros2::Ros2Args),
     /// List the messages on Zenoh and iceoryx2, and the fields of one.
     Schema(schema::SchemaArgs),
+    /// Show deck, drone and alarms on the boat's Signal K server.
+    #[command(name = "signalk")]
+    SignalK(signalk::SignalKArgs),
     /// All processes of the vessel's computer, as its service runs them.
     Vessel(ServiceArgs),
     /// All processes of the drone's computer, as its service runs them.
@@ -199,7 +204,7 @@ pub enum Command {
     /// Process of the vessel: estimator, deck arbiter and broadcast.
     #[command(hide = true)]
     Estimator(ProcessArgs),
-    /// Process of the vessel: its real sensors (NMEA 0183 and 2000, UBX, MAVLink).
+    /// Process of the vessel: its real sensors (NMEA, Signal K, UBX, MAVLink).
     #[command(hide = true)]
     Sensors(ProcessArgs),
     /// Process of the drone: the link to a real autopilot (PX4, ArduCopter) by MAVLink.
@@ -262,6 +267,7 @@ impl Command {
             Command::View(a) => view::run(a),
             Command::Ros2(a) => ros2::run(a),
             Command::Schema(a) => schema::run(a),
+            Command::SignalK(a) => signalk::run(a),
             Command::Vessel(a) => vessel::run(a),
             Command::Drone(a) => drone::run(a),
             Command::Operate(a) => command::run(a),

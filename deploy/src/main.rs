@@ -2,7 +2,7 @@
 //!
 //! What a vessel and a drone install, in layers, each of which uses only those before it: [`exit`] and
 //! [`terminal`]; [`config`]; [`certificates`] and [`io`]; [`record`]; [`process`], [`vessel`] and [`drone`];
-//! [`status`]; [`view`] and [`ros2`]; [`tools`]. [`lab`] is simulation and experiments, and is no part of the packages; [`cli`] names every command.
+//! [`status`]; [`view`], [`ros2`] and [`signalk`]; [`tools`]. [`lab`] is simulation and experiments, and is no part of the packages; [`cli`] names every command.
 
 // Some of what only the laboratory uses is unused without it.
 #![cfg_attr(not(feature = "lab"), allow(dead_code))]
@@ -18,6 +18,7 @@ mod lab;
 mod process;
 mod record;
 mod ros2;
+mod signalk;
 mod status;
 mod table;
 mod terminal;

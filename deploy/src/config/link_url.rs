@@ -1,5 +1,5 @@
 //! Addresses of autopilots and sensors, as MAVSDK writes them. One that listens may name the only address that is
-//! listened to (`?from=HOST`).
+//! listened to (`?from=HOST`), and a Signal K server may ask for a token (`?token=FILE`).
 
 use std::fmt;
 use std::net::IpAddr;
@@ -7,10 +7,13 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 /// Ports and rates that are usual when none is given: PX4's link for companions, ArduPilot's for the
-/// first TCP client, a Pixhawk's telemetry port.
+/// first TCP client, a Pixhawk's telemetry port; Signal K's server.
 const UDP_PORT: u16 = 14540;
 const TCP_PORT: u16 = 5760;
 const BAUD: u32 = 57600;
+const SIGNALK_PORT: u16 = 3000;
+/// Longest name of a network interface (IFNAMSIZ without its end).
+const MAX_INTERFACE: usize = 15;
 /// Rates that serial ports know.
 const BAUDS: [u32; 11] = [
     9600, 19200, 38400, 57600, 115_200, 230_400, 460_800, 500_000, 921_600, 1_500_000, 3_000_000,
@@ -29,11 +32,16 @@ pub enum LinkUrl {
     TcpOut(String),
     /// A serial port and its rate, Bd.
     Serial(PathBuf, u32),
+    /// A CAN interface, read only.
+    Can(String),
+    /// Connects to a Signal K server, with the token in a file where it asks for one.
+    SignalK(String, Option<PathBuf>),
 }
 
 /// The accepted forms.
 const FORMS: &str = "write udpin://127.0.0.1:14540, udpin://0.0.0.0:14540?from=IP, udpout://HOST:PORT, \
-                     tcpout://HOST:PORT, tcpin://127.0.0.1:PORT or serial:///dev/ttyACM0:921600";
+                     tcpout://HOST:PORT, tcpin://127.0.0.1:PORT or serial:///dev/ttyACM0:921600; a sensor may be at \
+                     can://can0 or ws://HOST:3000, too";
 
 impl LinkUrl {
     /// An address that an autopilot may be at. One that listens to every computer of a network would fly whichever sends
@@ -45,6 +53,9 @@ impl LinkUrl {
                 "the address {text:?} is open to every computer of the network, and the first that sends would be taken for \
                  the autopilot: write udpin://127.0.0.1:PORT for one on this computer, {text}?from=IP for one at the address \
                  IP, or a serial line"
+            )),
+            LinkUrl::Can(_) | LinkUrl::SignalK(..) => Err(format!(
+                "the address {text:?} is a boat's bus, and no autopilot's link; {FORMS}"
             )),
             LinkUrl::UdpIn(..)
             | LinkUrl::TcpIn(..)
@@ -70,6 +81,15 @@ impl FromStr for LinkUrl {
             .split_once(':')
             .ok_or_else(|| wrong("the kind of link is missing"))?;
         let rest = rest.strip_prefix("//").unwrap_or(rest);
+        let (rest, token) = match rest.split_once("?token=") {
+            Some((rest, file)) if kind == "ws" && file.starts_with('/') => (rest, Some(file.into())),
+            Some(_) => {
+                return Err(wrong(
+                    "token= belongs to ws, and names the absolute path of a file",
+                ));
+            }
+            None => (rest, None),
+        };
         let (rest, from) = match rest.split_once("?from=") {
             Some((rest, ip)) => (
                 rest,
@@ -122,6 +142,17 @@ impl FromStr for LinkUrl {
                 }
                 Ok(LinkUrl::Serial(path.into(), baud))
             }
+            "can" => {
+                let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-' | '_');
+                let sound = (1..=MAX_INTERFACE).contains(&rest.len()) && rest.chars().all(allowed);
+                sound
+                    .then(|| LinkUrl::Can(rest.into()))
+                    .ok_or_else(|| wrong("not the name of an interface"))
+            }
+            "ws" => Ok(LinkUrl::SignalK(host(SIGNALK_PORT)?, token)),
+            "wss" => Err(wrong(
+                "without encryption only: ws on the boat's own network, or through a tunnel",
+            )),
             "udp" | "tcp" => Err(wrong("name the direction, udpin or udpout, tcpin or tcpout")),
             _ => Err(wrong("not a kind of link")),
         }
@@ -138,6 +169,9 @@ impl fmt::Display for LinkUrl {
             LinkUrl::TcpIn(a, Some(from)) => write!(f, "tcpin://{a}?from={from}"),
             LinkUrl::TcpOut(a) => write!(f, "tcpout://{a}"),
             LinkUrl::Serial(path, baud) => write!(f, "serial://{}:{baud}", path.display()),
+            LinkUrl::Can(interface) => write!(f, "can://{interface}"),
+            LinkUrl::SignalK(a, None) => write!(f, "ws://{a}"),
+            LinkUrl::SignalK(a, Some(token)) => write!(f, "ws://{a}?token={}", token.display()),
         }
     }
 }
@@ -165,7 +199,18 @@ mod tests {
             from,
             LinkUrl::UdpIn("0.0.0.0:14540".into(), Some([192, 168, 7, 20].into()))
         );
-        for u in [&listen, &serial, &from] {
+        assert_eq!(url("can://can0"), LinkUrl::Can("can0".into()));
+        let server = url("ws://venus.local?token=/etc/alight/signalk.token");
+        let token = Some("/etc/alight/signalk.token".into());
+        assert_eq!(server, LinkUrl::SignalK("venus.local:3000".into(), token));
+        for u in [
+            &listen,
+            &serial,
+            &from,
+            &server,
+            &url("can://can0"),
+            &url("ws://10.0.0.7:80"),
+        ] {
             assert_eq!(&url(&u.to_string()), u);
         }
     }
@@ -187,6 +232,12 @@ mod tests {
             "udpin://0.0.0.0:14540?from=autopilot",
             "udpout://127.0.0.1:14540?from=127.0.0.1",
             "tcpout://a b:1",
+            "can://",
+            "can://can0/..",
+            "wss://venus.local",
+            "ws://venus.local/signalk",
+            "ws://venus.local?token=signalk.token",
+            "tcpout://venus.local:3000?token=/token",
         ] {
             let e = t.parse::<LinkUrl>().unwrap_err();
             assert!(
@@ -209,6 +260,13 @@ mod tests {
             assert!(
                 why.contains(&format!("{open}?from=IP")) && why.contains("udpin://127.0.0.1"),
                 "{why}"
+            );
+        }
+        for bus in ["can://can0", "ws://127.0.0.1"] {
+            assert!(
+                LinkUrl::of_autopilot(bus)
+                    .unwrap_err()
+                    .contains("no autopilot's link")
             );
         }
         for owned in [

@@ -1,4 +1,4 @@
-//! Bytes to and from an autopilot or a sensor: UDP, TCP, serial, on tokio. A broken link is reopened after a pause that
+//! Bytes to and from an autopilot or a sensor: UDP, TCP, serial, and lines of a boat's bus, on tokio. A broken link is reopened after a pause that
 //! doubles up to a bound, in a task of its own: neither a name that is looked up nor a peer that does not answer holds up
 //! who reads and writes.
 
@@ -23,7 +23,9 @@ use tokio::time::{Instant, sleep_until, timeout};
 
 use crate::config::link_url::LinkUrl;
 use crate::exit::{CliError, Doing};
+use crate::io::can;
 use crate::io::peer::{Peer, Speaks};
+use crate::io::web_socket;
 
 /// First pause before a link is opened again; doubles with each failure.
 const INITIAL_BACKOFF: Duration = Duration::from_millis(100);
@@ -49,6 +51,10 @@ enum Open {
     /// TCP, and the listener that accepted it.
     Tcp(AsyncFd<TcpStream>, Option<Listener>),
     Serial(AsyncFd<File>),
+    /// A CAN interface and its name: a line a frame. Nothing is sent.
+    Can(AsyncFd<File>, String),
+    /// A Signal K server: a line a message. Nothing is sent.
+    Lines(AsyncFd<File>),
 }
 
 /// Accepts one connection, where an address is named from there only.
@@ -101,6 +107,17 @@ impl Open {
             Open::Serial(port) => when_ready(port, Interest::READABLE, |mut s| ended(s.read(buffer)))
                 .await
                 .map(|n| Received::Bytes(n, None)),
+            Open::Can(socket, interface) => {
+                let mut frame = [0; can::FRAME];
+                when_ready(socket, Interest::READABLE, |mut s| ended(s.read(&mut frame))).await?;
+                let line = can::line(interface, &frame);
+                let room = buffer.get_mut(..line.len()).unwrap_or_default();
+                room.copy_from_slice(line.as_bytes().get(..room.len()).unwrap_or_default());
+                Ok(Received::Bytes(room.len(), None))
+            }
+            Open::Lines(lines) => when_ready(lines, Interest::READABLE, |mut s| ended(s.read(buffer)))
+                .await
+                .map(|n| Received::Bytes(n, None)),
         }
     }
     /// What has come already.
@@ -116,7 +133,7 @@ impl Open {
         match self {
             Open::Tcp(stream, _) => when_ready(stream, Interest::WRITABLE, |mut s| s.write(bytes)).await,
             Open::Serial(port) => when_ready(port, Interest::WRITABLE, |mut s| s.write(bytes)).await,
-            Open::Udp { .. } | Open::Listening(_) => Ok(bytes.len()),
+            Open::Udp { .. } | Open::Listening(_) | Open::Can(..) | Open::Lines(_) => Ok(bytes.len()),
         }
     }
     /// Writes what can be written now; None while there is nobody to write to.
@@ -125,7 +142,7 @@ impl Open {
             Open::Udp { socket, peer, .. } => Some(socket.get_ref().send_to(bytes, peer.address()?)),
             Open::Tcp(stream, _) => Some(stream.get_ref().write(bytes)),
             Open::Serial(port) => Some(port.get_ref().write(bytes)),
-            Open::Listening(_) => None,
+            Open::Listening(_) | Open::Can(..) | Open::Lines(_) => None,
         }
     }
 }
@@ -166,11 +183,11 @@ impl ByteLink {
             LinkUrl::UdpIn(..) | LinkUrl::UdpOut(_) | LinkUrl::TcpIn(..) => {
                 Some(open(url.clone(), speaks.clone()).await.doing(doing())?)
             }
-            LinkUrl::TcpOut(host) => {
+            LinkUrl::TcpOut(host) | LinkUrl::SignalK(host, _) => {
                 resolve(host).await.doing(doing())?;
                 None
             }
-            LinkUrl::Serial(_, _) => None,
+            LinkUrl::Serial(..) | LinkUrl::Can(_) => None,
         };
         Ok(ByteLink {
             url,
@@ -193,14 +210,16 @@ impl ByteLink {
     pub fn foreign(&self) -> u64 {
         match &self.open {
             Some(Open::Udp { peer, .. }) => peer.foreign(),
-            Some(Open::Listening(_) | Open::Tcp(..) | Open::Serial(_)) | None => 0,
+            Some(Open::Listening(_) | Open::Tcp(..) | Open::Serial(_) | Open::Can(..) | Open::Lines(_))
+            | None => 0,
         }
     }
     /// The same, and who sent the newest; None without any.
     pub fn strangers(&self) -> Option<(u64, SocketAddr)> {
         match &self.open {
             Some(Open::Udp { peer, .. }) => Some((peer.foreign(), peer.newest_stranger()?)),
-            Some(Open::Listening(_) | Open::Tcp(..) | Open::Serial(_)) | None => None,
+            Some(Open::Listening(_) | Open::Tcp(..) | Open::Serial(_) | Open::Can(..) | Open::Lines(_))
+            | None => None,
         }
     }
     /// Messages that could not be sent.
@@ -282,7 +301,8 @@ impl ByteLink {
     fn is_from_peer(&mut self, from: SocketAddr, datagram: &[u8]) -> bool {
         match &mut self.open {
             Some(Open::Udp { peer, .. }) => peer.takes(Instant::now(), from, datagram),
-            Some(Open::Listening(_) | Open::Tcp(..) | Open::Serial(_)) | None => true,
+            Some(Open::Listening(_) | Open::Tcp(..) | Open::Serial(_) | Open::Can(..) | Open::Lines(_))
+            | None => true,
         }
     }
 
@@ -315,7 +335,15 @@ impl ByteLink {
         self.rest.clear();
         self.open = match self.open.take() {
             Some(Open::Tcp(_, Some(listener))) => Some(Open::Listening(listener)),
-            Some(Open::Udp { .. } | Open::Listening(_) | Open::Tcp(_, None) | Open::Serial(_)) | None => None,
+            Some(
+                Open::Udp { .. }
+                | Open::Listening(_)
+                | Open::Tcp(_, None)
+                | Open::Serial(_)
+                | Open::Can(..)
+                | Open::Lines(_),
+            )
+            | None => None,
         };
         if self.open.is_none() {
             self.wait(why);
@@ -392,6 +420,14 @@ async fn open(url: LinkUrl, speaks: Option<Speaks>) -> io::Result<Open> {
         LinkUrl::Serial(path, baud) => serial(path, *baud)
             .and_then(|port| watched(port, BOTH))
             .map(Open::Serial),
+        LinkUrl::Can(interface) => {
+            let socket = watched(can::open(interface)?, Interest::READABLE)?;
+            Ok(Open::Can(socket, interface.clone()))
+        }
+        LinkUrl::SignalK(host, token) => {
+            let lines = web_socket::lines(host, token.as_deref()).await?;
+            Ok(Open::Lines(watched(lines, Interest::READABLE)?))
+        }
     }
 }
 
@@ -628,6 +664,47 @@ mod tests {
             );
             assert_eq!(link.opened(), round);
             drop(other);
+            link.read(|_| {}).await;
+            assert!(link.open.is_none() && link.last_error().is_some());
+        }
+    }
+
+    #[tokio::test]
+    #[ignore = "needs a virtual CAN interface: ip link add vcan0 type vcan; ip link set vcan0 up"]
+    async fn frames_of_a_can_interface() {
+        let mut link = ByteLink::new("can://vcan0".parse().unwrap()).await.unwrap();
+        link.read(|_| {}).await;
+        assert_eq!((link.opened(), link.last_error()), (1, None));
+        let id: can_socket::ExtendedId = 0x09f8_0115_u32.try_into().unwrap();
+        let bus = can_socket::CanSocket::bind("vcan0").unwrap();
+        for k in 0..100_u8 {
+            bus.send(&can_socket::CanFrame::new(id, [k; 8])).unwrap();
+        }
+        let line = |k: u8| format!("vcan0 09F80115#{}\n", format!("{k:02X}").repeat(8));
+        let all: String = (0..100).map(line).collect();
+        assert_eq!(
+            String::from_utf8(read_at_least(&mut link, all.len()).await).unwrap(),
+            all
+        );
+    }
+
+    #[tokio::test]
+    async fn signalk_server_that_is_restarted() {
+        use futures_util::SinkExt;
+        use tokio_tungstenite::{accept_async, tungstenite::Message};
+
+        let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let url = LinkUrl::SignalK(listener.local_addr().unwrap().to_string(), None);
+        let mut link = ByteLink::new(url).await.unwrap();
+        for round in 1..=2 {
+            let accept = async { accept_async(listener.accept().await.unwrap().0).await.unwrap() };
+            let mut server = reading(&mut link, accept).await;
+            server.send(Message::text("{\"a\":\n1}")).await.unwrap();
+            server.send(Message::text("{}")).await.unwrap();
+            assert_eq!(read_at_least(&mut link, 12).await, b"{\"a\": 1}\n{}\n");
+            assert_eq!(link.opened(), round);
+            link.write(b"nothing is sent to it");
+            drop(server);
             link.read(|_| {}).await;
             assert!(link.open.is_none() && link.last_error().is_some());
         }

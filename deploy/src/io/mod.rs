@@ -1,8 +1,10 @@
-//! Bytes and levels of other equipment: sockets, serial ports, digital lines.
+//! Bytes and levels of other equipment: sockets, serial ports, CAN interfaces, digital lines.
 
 pub mod byte_link;
 pub mod byte_links;
+pub mod can;
 pub mod digital_line;
 pub mod mavlink_key;
 pub mod peer;
 pub mod runtime;
+pub mod web_socket;

@@ -50,6 +50,8 @@ const CERTIFICATE_PERIOD_NS: i64 = 60_000_000_000;
 pub struct Known {
     /// Whose situation it is.
     pub title: String,
+    /// Number of the drone whose computer it is.
+    pub drone_id: Option<u32>,
     /// The deck.
     pub deck: Option<DeckGeometry>,
     /// The motors on the deck.
@@ -74,6 +76,7 @@ impl Known {
     pub fn drone(computer: &DroneComputer) -> Known {
         Known {
             title: format!("drone {}, {}", computer.bridge.drone_id, computer.instance),
+            drone_id: Some(computer.bridge.drone_id),
             deck: Some(computer.drone.deck),
             disarm: computer.autopilot.disarm,
             processes: ProcessKind::DRONE.into(),

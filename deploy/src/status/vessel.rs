@@ -15,7 +15,7 @@ use crate::process::snapshot::time;
 use crate::vessel::{deck_inputs, helm_lamp};
 
 /// A drone reports at 2 Hz; without a report for this long it is out of reach, s.
-const LOST_CONTACT_S: f64 = 5.0;
+pub const LOST_CONTACT_S: f64 = 5.0;
 
 /// What a vessel's situation means.
 pub fn findings(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Vec<Finding> {

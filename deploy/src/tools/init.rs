@@ -332,20 +332,24 @@ impl<R: BufRead, W: Write> Installer<R, W> {
             if connect.is_empty() {
                 break;
             }
-            self.until("  its format: nmea, n2k, ubx or mavlink", "nmea", |answer| {
-                let format = if answer.is_empty() { "nmea" } else { answer };
-                let [connect, format] =
-                    [connect.as_str(), format].map(|text| toml::Value::String(text.into()));
-                let source = format!(
-                    "\n[[sensor.sources]]\nname = \"sensor-{k}\"\nconnect = {connect}\nformat = {format}"
-                );
-                let (mut all, mut changed) = (sources.clone(), shipped.clone());
-                all.push(source);
-                changed.replace(SOURCES, &all.join("\n"));
-                changed.check().map_err(|e| e.to_string())?;
-                (sources, *boat) = (all, changed);
-                Ok(())
-            })?;
+            self.until(
+                "  its format: nmea, n2k, signalk, ubx or mavlink",
+                "nmea",
+                |answer| {
+                    let format = if answer.is_empty() { "nmea" } else { answer };
+                    let [connect, format] =
+                        [connect.as_str(), format].map(|text| toml::Value::String(text.into()));
+                    let source = format!(
+                        "\n[[sensor.sources]]\nname = \"sensor-{k}\"\nconnect = {connect}\nformat = {format}"
+                    );
+                    let (mut all, mut changed) = (sources.clone(), shipped.clone());
+                    all.push(source);
+                    changed.replace(SOURCES, &all.join("\n"));
+                    changed.check().map_err(|e| e.to_string())?;
+                    (sources, *boat) = (all, changed);
+                    Ok(())
+                },
+            )?;
         }
         Ok(())
     }

@@ -12,6 +12,7 @@ pub mod playback;
 pub mod replay;
 pub mod ros2;
 pub mod schema;
+pub mod signalk;
 pub mod tag;
 pub mod view;
 mod view_vessel;

@@ -79,7 +79,8 @@ async fn read(args: &ProcessArgs) -> Result<Exit, CliError> {
     if sources.is_empty() {
         return Err(CliError(format!(
             "{}: no sensor is configured; add for each one a table [[sensor.sources]] with connect = \
-             \"serial:///dev/ttyUSB0:115200\" (or udpin://, tcpout://) and format = \"nmea\", \"ubx\" or \"mavlink\"",
+             \"serial:///dev/ttyUSB0:115200\" (or udpin://, tcpout://, can://, ws://) and format = \"nmea\", \"n2k\", \"signalk\", \"ubx\" or \
+             \"mavlink\"",
             args.config.display()
         )));
     }

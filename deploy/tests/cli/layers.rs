@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Modules of the program, lowest first: each imports only those before it.
-const LAYERS: [&str; 16] = [
+const LAYERS: [&str; 17] = [
     "exit",
     "terminal",
     "table",
@@ -18,6 +18,7 @@ const LAYERS: [&str; 16] = [
     "status",
     "view",
     "ros2",
+    "signalk",
     "tools",
     "lab",
     "cli",

@@ -26,6 +26,7 @@ mod recorder;
 mod rehearse;
 mod ros2;
 mod sensors;
+mod signalk;
 mod survival;
 mod view;
 mod wire;

@@ -20,16 +20,16 @@ fn sentence(body: &str) -> String {
     format!("${body}*{sum:02X}\r\n")
 }
 /// A vessel's memory without its other processes, and `alight sensors` with these sources in it.
-struct Sensors {
+pub struct Sensors {
     program: Running,
-    memory: Memory,
+    pub memory: Memory,
     _services: Services,
     instance: Instance,
     config: PathBuf,
 }
 
 impl Sensors {
-    fn start(name: &str, sources: &str) -> Sensors {
+    pub fn start(name: &str, sources: &str) -> Sensors {
         let name = instance(name);
         let instance = Instance::new(&name).unwrap();
         instance.wipe().unwrap();

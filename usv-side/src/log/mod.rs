@@ -1,8 +1,8 @@
 //! Recordings of a boat's sensors (offline): bytes to measurements, in their recorded order, with the sensors' own
 //! time.
 
+mod buses;
 mod csv;
-mod n2k;
 mod sentences;
 pub mod table;
 mod ulog;
@@ -14,8 +14,8 @@ use thiserror::Error;
 use crate::sensors::{Average, Measurement, Mount, SourceMeasurement};
 
 /// The formats that are read, for errors.
-const FORMATS: &str = "NMEA 0183 text, NMEA 2000 as a gateway's text, CSV (a line of columns with t_s), PX4 ULog and Alight's own MCAP are \
-     read";
+const FORMATS: &str = "NMEA 0183 text, NMEA 2000 as a gateway's text, deltas of Signal K (a line each), CSV (a line of columns with t_s), \
+                       PX4 ULog and Alight's own MCAP are read";
 /// What is looked at to tell the formats apart, bytes.
 const HEAD_BYTES: usize = 16 << 10;
 /// Most measurements that a recording may hold.
@@ -163,8 +163,8 @@ pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogE
     if bytes.starts_with(ulog::MAGIC) {
         return ulog::read(bytes, origin, mount);
     }
-    if n2k::is_n2k(head) {
-        return n2k::read(bytes, origin, mount);
+    if let Some(bus) = buses::Bus::of(head) {
+        return bus.read(bytes, origin, mount);
     }
     if table::is_table(head) {
         return csv::read(bytes, origin, mount);

@@ -72,8 +72,11 @@ pub enum Format {
     Ubx,
     /// MAVLink.
     Mavlink,
-    /// NMEA 2000 as text of a gateway: Yacht Devices RAW, Actisense N2K ASCII, candump, canboat.
+    /// NMEA 2000: frames of a CAN interface, or text of a gateway: Yacht Devices RAW, Actisense N2K ASCII, candump, canboat.
     N2k,
+    /// Deltas of a Signal K server.
+    #[serde(rename = "signalk")]
+    SignalK,
 }
 
 impl Format {
@@ -87,7 +90,7 @@ impl Format {
                 let found = decoder.decoded();
                 found.good > 0 || found.ignored == 0
             }
-            Format::Ubx | Format::Mavlink | Format::N2k => true,
+            Format::Ubx | Format::Mavlink | Format::N2k | Format::SignalK => true,
         }
     }
 }
@@ -97,7 +100,8 @@ config! {
     pub struct SourceConfig {
         /// Its name in messages to people.
         pub name: String = "source".into();
-        /// Its URL: `serial:///dev/ttyUSB0:115200`, `udpin://0.0.0.0:10110`, `tcpout://HOST:PORT`, ...
+        /// Its URL: `serial:///dev/ttyUSB0:115200`, `udpin://0.0.0.0:10110`, `tcpout://HOST:PORT`, `can://can0`,
+        /// `ws://HOST:3000` of a Signal K server, ...
         /// Source: NMEA over UDP as most multiplexers send it.
         pub connect: String = "udpin://0.0.0.0:10110".into();
         /// Its protocol.
@@ -120,6 +124,12 @@ config! {
             "empty",
             "a URL, such as udpin://0.0.0.0:10110",
         )?;
+        // What such an address brings is always this.
+        for (kind, format, name) in [("can:", Format::N2k, "n2k"), ("ws:", Format::SignalK, "signalk")] {
+            let fits = !this.connect.starts_with(kind) || this.format == format;
+            let given = format!("{:?}", this.format).to_lowercase();
+            at.require(fits, "format", given, &format!("{name:?} at {}", this.connect))?;
+        }
         at.require(
             this.signing_key.is_empty() || this.format == Format::Mavlink,
             "signing_key",

@@ -6,7 +6,7 @@ use alight_shared::geoid::{LocalGeoid, Undulation};
 use super::Remark;
 
 /// A stated separation this far from the geoid is no receiver's: the coarsest tables are off by 22.5 m, m.
-const DOUBTFUL_M: f64 = 25.0;
+pub(super) const DOUBTFUL_M: f64 = 25.0;
 
 /// The separation of sea and ellipsoid for a source's heights, and an account of whose it was.
 #[derive(Clone, Copy, Debug, Default)]

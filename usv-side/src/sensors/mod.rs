@@ -4,13 +4,16 @@
 //! offset between the source's clock and the vessel's.
 
 mod average;
+mod bus;
 mod clock;
 mod config;
 mod heights;
+mod lines;
 mod mav;
 mod n2k;
 mod nmea;
 mod node;
+mod signalk;
 mod stuck;
 mod ubx;
 
@@ -22,6 +25,7 @@ pub use mav::MavlinkDecoder;
 pub use n2k::N2kDecoder;
 pub use nmea::NmeaDecoder;
 pub use node::{MAX_STEP_BYTES, SensorNode, SensorsIn, SensorsOut};
+pub use signalk::SignalKDecoder;
 pub use stuck::{MAX_REPEATED, Repetition};
 pub use ubx::UbxDecoder;
 
@@ -191,11 +195,17 @@ pub trait Decoder {
     fn arrive(&mut self, _now: Time<VesselClock>) {}
     /// Takes bytes, cut anywhere, and appends the measurements that they complete.
     fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>);
+    /// The stream ends: appends the measurements that this completes.
+    fn finish(&mut self, _out: &mut Vec<SourceMeasurement>) {}
     /// Statistics of its bytes.
     fn decoded(&self) -> Decoded;
     /// The measurements of the bytes pushed last whose time is their arrival, because their source gives them none.
     fn timeless(&mut self) -> Vec<Measurement> {
         Vec::new()
+    }
+    /// Its kinds of measurements are of devices with clocks of their own.
+    fn has_clocks_by_kind(&self) -> bool {
+        false
     }
     /// What a person should know of its bytes beside the counts.
     fn remarks(&self) -> Vec<Remark> {

@@ -17,15 +17,15 @@ use alight_shared::time::{Time, VesselClock};
 use nmea_kit::nmea::NmeaSentence;
 use nmea_kit::{NmeaFrame, parse_frame};
 
-use super::clock::Rollover;
+use super::clock::{DAY_NS, Rollover, time_of_day_ns};
 use super::heights::Heights;
+use super::lines::{Cut, LineBuffer};
 use super::{Decoded, Decoder, Measurement, Mounting, Remark, SourceMeasurement};
 use account::{Account, Why};
 use attribution::Attribution;
 
 /// Longest line, bytes: the standard allows 82, makers' own sentences are longer.
 const MAX_LINE: usize = 512;
-const DAY_NS: i64 = 86_400_000_000_000;
 /// After this many epochs without the partner (velocity of a position, rate of a heading, a position with a height) it is
 /// not waited for.
 const MAX_EPOCHS_WITHOUT: u8 = 3;
@@ -44,9 +44,7 @@ const RATE_AGE_NS: i64 = 200_000_000;
 #[derive(Clone, Debug)]
 pub struct NmeaDecoder {
     mounting: Mounting,
-    line: Vec<u8>,
-    /// The line has grown too long: the rest of it is dropped.
-    overlong: bool,
+    lines: LineBuffer,
     /// Sentences without a checksum in a row from the start; None once there was one.
     unchecked: Option<u32>,
     decoded: Decoded,
@@ -134,8 +132,7 @@ impl NmeaDecoder {
     pub fn new(mounting: &Mounting) -> Self {
         NmeaDecoder {
             mounting: mounting.clone(),
-            line: Vec::with_capacity(MAX_LINE),
-            overlong: false,
+            lines: LineBuffer::new(MAX_LINE),
             unchecked: Some(0),
             decoded: Decoded::default(),
             account: Account::default(),
@@ -156,15 +153,6 @@ impl NmeaDecoder {
             without_true: MAX_SPARE,
         }
     }
-    /// Ends the stream: the last epoch is complete.
-    pub fn finish(&mut self, out: &mut Vec<SourceMeasurement>) {
-        if !self.line.is_empty() {
-            self.decoded.corrupted += 1;
-            self.line.clear();
-        }
-        self.close(None, out);
-    }
-
     fn take(&mut self, line: &[u8], out: &mut Vec<SourceMeasurement>) {
         let Some(text) = core::str::from_utf8(line).ok().filter(|t| t.is_ascii()) else {
             self.decoded.corrupted += 1;
@@ -447,30 +435,24 @@ impl Decoder for NmeaDecoder {
     }
     fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>) {
         for byte in bytes {
-            match byte {
-                b'\n' | b'\r' => {
-                    if self.overlong {
-                        self.decoded.corrupted += 1;
-                    } else if !self.line.is_empty() {
-                        let line = core::mem::take(&mut self.line);
-                        self.take(&line, out);
-                        self.line = line;
-                    }
-                    self.overlong = false;
-                    self.line.clear();
-                }
-                // A sentence begins in the middle of a line where bytes were lost.
-                b'$' if !self.line.is_empty() => {
-                    // The prefix that a logger writes before a sentence is no damage.
-                    self.decoded.corrupted += u64::from(self.line.starts_with(b"$"));
-                    self.overlong = false;
-                    self.line.clear();
-                    self.line.push(*byte);
-                }
-                _ if self.line.len() >= MAX_LINE => self.overlong = true,
-                _ => self.line.push(*byte),
+            // A sentence begins in the middle of a line where bytes were lost.
+            if *byte == b'$' {
+                // The prefix that a logger writes before a sentence is no damage.
+                let dropped = self.lines.restart();
+                self.decoded.corrupted += u64::from(dropped.starts_with(b"$"));
+            }
+            match self.lines.push(*byte) {
+                Some(Cut::Line(line)) => self.take(&line, out),
+                Some(Cut::Overlong) => self.decoded.corrupted += 1,
+                None => {}
             }
         }
+    }
+    fn finish(&mut self, out: &mut Vec<SourceMeasurement>) {
+        // A sentence without its end may be cut off.
+        self.decoded.corrupted += u64::from(self.lines.end().is_some());
+        // The last epoch is complete.
+        self.close(None, out);
     }
     fn decoded(&self) -> Decoded {
         self.decoded
@@ -485,23 +467,6 @@ impl Decoder for NmeaDecoder {
             .chain(self.account.remarks())
             .collect()
     }
-}
-
-/// `hhmmss` with a fraction, to nanoseconds of the day.
-pub(super) fn time_of_day_ns(text: &str) -> Option<i64> {
-    let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
-    let digits = |t: &str| t.bytes().all(|b| b.is_ascii_digit());
-    if whole.len() != 6 || !digits(whole) || !digits(fraction) || fraction.len() > 9 {
-        return None;
-    }
-    let two = |k: usize| whole.get(k..k + 2).and_then(|t| t.parse::<i64>().ok());
-    let (h, m, s) = (two(0)?, two(2)?, two(4)?);
-    // 60 is a leap second.
-    if h > 23 || m > 59 || s > 60 {
-        return None;
-    }
-    let fraction: i64 = format!("{fraction:0<9}").parse().ok()?;
-    Some(((h * 60 + m) * 60 + s) * 1_000_000_000 + fraction)
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Average, Decoder, Format, MavlinkDecoder, Measurement, Mounting, N2kDecoder, NmeaDecoder, Readings,
-    Remark, SourceClock, SourceConfig, SourceMeasurement, SourcesConfig, UbxDecoder,
+    Remark, SignalKDecoder, SourceClock, SourceConfig, SourceMeasurement, SourcesConfig, UbxDecoder,
 };
 use crate::node::KINDS;
 
@@ -41,8 +41,8 @@ pub struct SensorsOut {
 struct Source {
     decoder: Box<dyn Decoder>,
     least: Span,
-    /// Of times from the source's start, and of times from 1970.
-    clocks: [SourceClock; 2],
+    /// Of times from the source's start, and of times from 1970; one of each, or one a kind.
+    clocks: [[SourceClock; 2]; KINDS.len()],
     average: [Average; WITHIN as usize],
     /// Newest time passed on, per kind and source within, on the source's own clock, and of those dated by arrival.
     newest: [[[Option<i64>; WITHIN as usize + 1]; KINDS.len()]; 2],
@@ -57,6 +57,7 @@ impl Source {
             Format::Nmea => Box::new(NmeaDecoder::new(&mounting)),
             Format::Ubx => Box::new(UbxDecoder::new(&mounting)),
             Format::N2k => Box::new(N2kDecoder::new(&mounting)),
+            Format::SignalK => Box::new(SignalKDecoder::new(&mounting)),
             Format::Mavlink => Box::new(MavlinkDecoder::new(&mounting).of_system(config.system)),
         };
         Source {
@@ -89,8 +90,19 @@ impl Source {
     }
 
     /// The vessel's time of a time of the source's own clock.
-    fn source_time(&mut self, now: Time<VesselClock>, at_ns: i64) -> Option<Time<VesselClock>> {
-        let clock = self.clocks.get_mut(usize::from(at_ns > EPOCH_NS))?;
+    fn source_time(
+        &mut self,
+        now: Time<VesselClock>,
+        &SourceMeasurement { at_ns, measurement }: &SourceMeasurement,
+    ) -> Option<Time<VesselClock>> {
+        let kind = match self.decoder.has_clocks_by_kind() {
+            true => measurement.kind(),
+            false => 0,
+        };
+        let clock = self
+            .clocks
+            .get_mut(kind)?
+            .get_mut(usize::from(at_ns > EPOCH_NS))?;
         let before = clock.restarts();
         let at = clock.vessel_time(now, at_ns, self.least);
         if clock.restarts() > before {
@@ -121,7 +133,7 @@ impl Source {
 
     /// The measurement on the vessel's clock; None, and counted, when it is not passed on.
     fn date(&mut self, now: Time<VesselClock>, decoded: &SourceMeasurement) -> Option<Measurement> {
-        let Some(at) = self.source_time(now, decoded.at_ns) else {
+        let Some(at) = self.source_time(now, decoded) else {
             self.status.implausible_time += 1;
             return None;
         };

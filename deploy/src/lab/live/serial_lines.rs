@@ -125,7 +125,11 @@ impl Wire {
                     socket.doing(format_args!("sending a sensor's bytes to {at}"))?,
                 ))
             }
-            LinkUrl::UdpOut(_) | LinkUrl::TcpIn(..) | LinkUrl::TcpOut(_) => Err(CliError(format!(
+            LinkUrl::UdpOut(_)
+            | LinkUrl::TcpIn(..)
+            | LinkUrl::TcpOut(_)
+            | LinkUrl::Can(_)
+            | LinkUrl::SignalK(..) => Err(CliError(format!(
                 "{url}: a simulated sensor sends to serial:// or udpin:// alone"
             ))),
         }

@@ -370,6 +370,7 @@ fn reach_autopilot(url: &LinkUrl) -> Reach {
             Ok(_) => Reach::Answers,
             Err(e) => Reach::Unreachable(e.to_string()),
         },
+        LinkUrl::Can(_) | LinkUrl::SignalK(..) => Reach::Unreachable("no autopilot's link".into()),
     }
 }
 

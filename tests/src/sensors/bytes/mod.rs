@@ -1,5 +1,5 @@
 //! Bytes of a vessel's sensors on their wires: the measurements of [`super::VesselSensors`] as NMEA 0183, NMEA 2000,
-//! UBX or MAVLink, for the program that a vessel installs.
+//! Signal K, UBX or MAVLink, for the program that a vessel installs.
 //!
 //! Written from the makers' layouts, checksums included, and apart from the decoders of `alight_usv`: an error that
 //! writer and reader shared would not be seen.
@@ -7,7 +7,11 @@
 pub mod mavlink;
 pub mod n2k;
 pub mod nmea;
+pub mod signalk;
 pub mod ubx;
+
+#[cfg(test)]
+mod recordings;
 
 use alight_shared::geoid::LocalGeoid;
 use alight_shared::msg::{GnssFix, HeadingFix, ImuSample};
@@ -36,8 +40,20 @@ impl Carries {
     pub fn assign(formats: &[Format]) -> Option<Vec<Carries>> {
         let first = |wanted: &[Format]| wanted.iter().find_map(|w| formats.iter().position(|f| f == w));
         let imu = first(&[Format::Mavlink])?;
-        let gnss = first(&[Format::Ubx, Format::Nmea, Format::N2k, Format::Mavlink]);
-        let heading = first(&[Format::Nmea, Format::N2k, Format::Ubx, Format::Mavlink]);
+        let gnss = first(&[
+            Format::Ubx,
+            Format::Nmea,
+            Format::N2k,
+            Format::SignalK,
+            Format::Mavlink,
+        ]);
+        let heading = first(&[
+            Format::Nmea,
+            Format::N2k,
+            Format::SignalK,
+            Format::Ubx,
+            Format::Mavlink,
+        ]);
         let all = (0..formats.len()).map(|k| Carries {
             imu: k == imu,
             gnss: Some(k) == gnss,
@@ -153,6 +169,11 @@ impl BoatSensor {
                 let fix = n2k::gnss(at_ns, m.datum, m.position_sd[0] / 0.5, self.sequence);
                 [velocity, fix].concat()
             }
+            Format::SignalK => {
+                let velocity = signalk::velocity(at_ns, [m.velocity[0], m.velocity[1]]);
+                let fix = signalk::gnss(at_ns, (m.datum, geoid_m), m.position_sd[0] / 0.5);
+                [velocity, fix].concat()
+            }
             Format::Ubx => ubx::nav_pvt(at_ns, m.datum, m.velocity, &self.stated),
             Format::Mavlink => {
                 let payload = mavlink::gps_raw_int(at_ns, (m.datum, geoid_m), m.velocity, &self.stated, None);
@@ -165,6 +186,7 @@ impl BoatSensor {
         match self.format {
             Format::Nmea => [nmea::zda(at_ns, None), nmea::hdt(shown)].concat(),
             Format::N2k => n2k::heading(at_ns, shown),
+            Format::SignalK => signalk::heading(at_ns, shown),
             Format::Ubx => ubx::nav_relposned(at_ns, shown, m.heading_sd),
             Format::Mavlink => {
                 // Two antennas of one receiver: without a fix of its own in this message.

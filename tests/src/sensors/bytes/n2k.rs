@@ -35,6 +35,46 @@ pub fn velocity(at_ns: i64, [north, east]: [f64; 2]) -> Vec<u8> {
     let [c, d] = ((north.hypot(east) * 100.0).round() as u16).to_le_bytes();
     line(at_ns, 129_026, &[0xff, 0xfc, a, b, c, d, 0xff, 0xff])
 }
+/// 127251: a rate of turn, rad/s.
+pub fn rate_of_turn(at_ns: i64, rate: f64) -> Vec<u8> {
+    let [a, b, c, d] = ((rate * 32e6).round() as i32).to_le_bytes();
+    line(at_ns, 127_251, &[0xff, a, b, c, d, 0xff, 0xff, 0xff])
+}
+/// 127252: heave, m up.
+pub fn heave(at_ns: i64, heave_m: f64) -> Vec<u8> {
+    let [a, b] = ((heave_m * 100.0).round() as i16).to_le_bytes();
+    line(at_ns, 127_252, &[0xff, a, b, 0xff, 0xff, 0xff, 0xff, 0xff])
+}
+/// 127257: roll and pitch, rad.
+pub fn attitude(at_ns: i64, tilt: [f64; 2]) -> Vec<u8> {
+    let [[a, b], [c, d]] = tilt.map(|x| ((x * 1e4).round() as i16).to_le_bytes());
+    line(at_ns, 127_257, &[0xff, 0xff, 0x7f, c, d, a, b, 0xff])
+}
+/// 129025: a position without a height.
+pub fn position(at_ns: i64, place: Datum) -> Vec<u8> {
+    let place = [place.latitude_deg, place.longitude_deg].map(|d| ((d * 1e7).round() as i32).to_le_bytes());
+    line(at_ns, 129_025, &place.concat())
+}
+/// Frames of a message that is longer than one.
+fn frames(at_ns: i64, pgn: u32, message: &[u8], sequence: u8) -> Vec<u8> {
+    let head = sequence << 5;
+    let (first, rest) = message.split_at(6);
+    let mut bytes = line(at_ns, pgn, &[&[head, message.len() as u8], first].concat());
+    for (part, k) in rest.chunks(7).zip(1..) {
+        bytes.extend(line(at_ns, pgn, &[&[head | k], part].concat()));
+    }
+    bytes
+}
+/// 130842 of Furuno: angular rates of roll, pitch and yaw, rad/s.
+pub fn rates(at_ns: i64, rates: [f64; 3], sequence: u8) -> Vec<u8> {
+    let mut message = vec![0x3f, 0x9f];
+    message.resize(15, 0);
+    for rate in rates {
+        message.extend(((rate.to_degrees() * 1e3).round() as i32).to_le_bytes());
+    }
+    message.extend([0, 0]);
+    frames(at_ns, 130_842, &message, sequence)
+}
 /// 129029: a fix of quality 1 with its dilution, in seven frames.
 pub fn gnss(at_ns: i64, place: Datum, hdop: f64, sequence: u8) -> Vec<u8> {
     let wide = |x: f64, steps: f64| ((x * steps).round() as i64).to_le_bytes();
@@ -49,11 +89,5 @@ pub fn gnss(at_ns: i64, place: Datum, hdop: f64, sequence: u8) -> Vec<u8> {
     message.extend(((hdop * 100.0).round() as i16).to_le_bytes());
     message.extend([0xff, 0x7f]);
     message.extend([0xff, 0xff, 0xff, 0x7f, 0]);
-    let head = sequence << 5;
-    let (first, rest) = message.split_at(6);
-    let mut bytes = line(at_ns, 129_029, &[&[head, message.len() as u8], first].concat());
-    for (part, k) in rest.chunks(7).zip(1..) {
-        bytes.extend(line(at_ns, 129_029, &[&[head | k], part].concat()));
-    }
-    bytes
+    frames(at_ns, 129_029, &message, sequence)
 }

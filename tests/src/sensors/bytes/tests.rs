@@ -2,7 +2,8 @@ use alight_shared::geodesy::Datum;
 use alight_shared::msg::Header;
 use alight_shared::time::{Time, VesselClock};
 use alight_usv::sensors::{
-    Decoder, MavlinkDecoder, Measurement, Mounting, N2kDecoder, NmeaDecoder, SourceMeasurement, UbxDecoder,
+    Decoder, MavlinkDecoder, Measurement, Mounting, N2kDecoder, NmeaDecoder, SignalKDecoder,
+    SourceMeasurement, UbxDecoder,
 };
 use proptest::prelude::*;
 
@@ -107,6 +108,7 @@ fn read(format: Format, mount: &Mount, bytes: &[u8]) -> Vec<SourceMeasurement> {
         Format::Nmea => decoded(NmeaDecoder::new(&mounting), bytes),
         Format::Ubx => decoded(UbxDecoder::new(&mounting), bytes),
         Format::N2k => decoded(N2kDecoder::new(&mounting), bytes),
+        Format::SignalK => decoded(SignalKDecoder::new(&mounting), bytes),
         Format::Mavlink => decoded(MavlinkDecoder::new(&mounting), bytes),
     }
 }
@@ -134,7 +136,7 @@ proptest! {
             }],
             ..Readings::default()
         };
-        for format in [Format::Nmea, Format::Ubx, Format::N2k, Format::Mavlink] {
+        for format in [Format::Nmea, Format::Ubx, Format::N2k, Format::SignalK, Format::Mavlink] {
             let kinds = Carries { imu: format == Format::Mavlink, gnss: true, heading: true };
             let mut sensor = BoatSensor::new(format, &mount, kinds, STATED);
             let epochs = [at_ns - NS / 5, at_ns].map(|at_ns| sensor.bytes(&readings(at_ns)));
@@ -149,9 +151,9 @@ proptest! {
                         // 1e-7 deg is 1.1 cm.
                         prop_assert!((g.datum.latitude_deg - datum.latitude_deg).abs() < 1e-7, "{:?} {:?}", format, g);
                         prop_assert!((g.datum.longitude_deg - datum.longitude_deg).abs() < 1e-7, "{:?}", g);
-                        // NMEA 2000 leaves open what a height counts from; both are tried where it is read.
+                        // Neither says what a height counts from; both are tried where it is read.
                         let apart_m = (g.datum.height_m - datum.height_m).abs();
-                        prop_assert!(apart_m < 2e-3 || format == Format::N2k, "{:?}", g);
+                        prop_assert!(apart_m < 2e-3 || matches!(format, Format::N2k | Format::SignalK), "{:?}", g);
                         for (k, v) in [velocity.0, velocity.1].into_iter().enumerate() {
                             prop_assert!((g.velocity[k] - v).abs() < 0.01, "{:?} {:?}", format, g);
                         }

@@ -8,7 +8,7 @@
 //! 2016-04-09T16:41:09.078Z,3,127257,17,255,8,00,ff,7f,52,00   canboat's plain format: either
 //! ```
 
-use crate::sensors::nmea::time_of_day_ns;
+use crate::sensors::clock::{of_day_ns, time_of_day_ns, utc_ns};
 
 /// Longest message, bytes: 6 in the first and 7 in each of 31 further frames.
 pub(super) const MAX_MESSAGE: usize = 223;
@@ -133,15 +133,17 @@ fn actisense(words: &[&str]) -> Option<Line> {
 /// Time, priority, number, sender, receiver, length, bytes.
 fn plain(text: &str) -> Option<Line> {
     let mut fields = text.split(',');
-    let time = fields.next()?.trim_end_matches('Z');
-    let (_date, time) = time.split_at_checked(time.find(':')?.checked_sub(2)?)?;
-    let at = of_day_ns(time)?;
+    let time = fields.next()?;
+    let at = match of_day_ns(time.trim_end_matches('Z')) {
+        Some(of_day) => Stamp::OfDay(of_day),
+        None => Stamp::Unix(utc_ns(time)?),
+    };
     let pgn = fields.nth(1)?.parse().ok()?;
     let source = fields.next()?.parse().ok()?;
     let length: usize = fields.nth(1)?.parse().ok().filter(|n| *n <= MAX_MESSAGE)?;
     let data: Vec<u8> = fields.map(byte).collect::<Option<_>>()?;
     (data.len() == length).then_some(Line {
-        at: Stamp::OfDay(at),
+        at,
         pgn,
         source,
         whole: length > FRAME,
@@ -159,13 +161,6 @@ fn unix_ns(text: &str) -> Option<i64> {
     let whole = seconds.parse::<i64>().ok()?.checked_mul(1_000_000_000)?;
     whole.checked_add(fraction)
 }
-/// `hh:mm:ss` with a fraction, to nanoseconds of the day.
-fn of_day_ns(text: &str) -> Option<i64> {
-    let bytes = text.as_bytes();
-    let colons = bytes.get(2) == Some(&b':') && bytes.get(5) == Some(&b':');
-    colons.then(|| time_of_day_ns(&text.replacen(':', "", 2)))?
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -205,6 +200,7 @@ mod tests {
             (line.pgn, line.source, line.data.len(), line.whole),
             (127_257, 17, 8, false)
         );
+        assert_eq!(line.at, Stamp::Unix(1_460_220_069_078_000_000));
         // The example of Actisense's manual: 130323, which is longer than a frame.
         let line = Line::parse("A173321.107 23FF7 1F513 012F3070002F30709F").unwrap();
         assert_eq!(

@@ -1,48 +1,13 @@
 //! Fields of the parameter groups that are used. Numbers, resolutions and signs: canboat's database of NMEA 2000
 //! (`docs/canboat.json`); numbers of all ones are "not available", the two below them "out of range" and "reserved".
 
-use crate::sensors::nmea::sentences::STILL_MPS;
+use crate::sensors::bus::{Content, Gnss};
 
-/// Content of a message.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Content {
-    /// 127250: from the north or magnetic (rad), and the compass's own variation and deviation.
-    Heading {
-        heading: f64,
-        variation: Option<f64>,
-        deviation: Option<f64>,
-        magnetic: bool,
-    },
-    /// 127251, rad/s, to starboard positive.
-    Rate(f64),
-    /// 127257: roll, starboard down, and pitch, bow up, rad.
-    Attitude([f64; 2]),
-    /// 127252, m.
-    Heave(f64),
-    /// 127258: magnetic variation, east positive, rad.
-    Variation(f64),
-    /// 129025: latitude and longitude, deg.
-    Position([f64; 2]),
-    /// 129026: course over ground (rad) and speed (m/s).
-    Velocity { course: f64, speed: f64, magnetic: bool },
-    /// 129029.
-    Gnss(Gnss),
-}
-
-/// 129029: the whole fix.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Gnss {
-    /// Latitude and longitude, deg.
-    pub(super) place: [f64; 2],
-    /// As the receiver counts it, m.
-    pub(super) altitude_m: Option<f64>,
-    /// As in NMEA 0183's GGA: 0 none, 1 GNSS, 2 differential, 4 and 5 RTK, 6 reckoned, 7 by hand, 8 simulated.
-    pub(super) quality: u8,
-    pub(super) hdop: Option<f64>,
-}
+/// Manufacturer (11 bits), 2 reserved, and industry (3 bits) of Furuno's own messages: 1855, marine.
+const FURUNO: u16 = 1855 | 3 << 11 | 4 << 13;
 
 /// The groups that are used: number, name, and whether a message is longer than a frame.
-const USED: [(u32, &str, bool); 8] = [
+const USED: [(u32, &str, bool); 9] = [
     (127_250, "127250", false),
     (127_251, "127251", false),
     (127_252, "127252", false),
@@ -51,15 +16,14 @@ const USED: [(u32, &str, bool); 8] = [
     (129_025, "129025", false),
     (129_026, "129026", false),
     (129_029, "129029", true),
+    (130_842, "130842", true),
 ];
 
-/// Place of a group among those that are used, its name, and whether it is longer than a frame.
-pub(super) fn used(pgn: u32) -> Option<(usize, &'static str, bool)> {
-    let k = USED.iter().position(|(number, ..)| *number == pgn)?;
-    USED.get(k).map(|(_, name, long)| (k, *name, *long))
+/// Name of a group that is used, and whether it is longer than a frame.
+pub(super) fn used(pgn: u32) -> Option<(&'static str, bool)> {
+    let of = USED.iter().find(|(number, ..)| *number == pgn);
+    of.map(|(_, name, long)| (*name, *long))
 }
-/// How many groups are used.
-pub(super) const COUNT: usize = USED.len();
 
 /// A message's bytes, field by field.
 struct Fields<'a>(&'a [u8]);
@@ -113,28 +77,24 @@ pub(super) fn read(pgn: u32, data: &[u8]) -> Option<Content> {
         127_258 => Content::Variation(f.i16(4)? * ANGLE),
         129_025 => Content::Position([f.i32(0)? * 1e-7, f.i32(4)? * 1e-7]),
         129_026 => {
-            let speed = f.u16(4)? * 0.01;
-            match (f.u16(2), magnetic(1)) {
-                (Some(course), Some(magnetic)) => Content::Velocity {
-                    magnetic,
-                    course: course * ANGLE,
-                    speed,
-                },
-                // A vessel at rest has no course, and a velocity.
-                _ if speed < STILL_MPS => Content::Velocity {
-                    magnetic: false,
-                    course: 0.0,
-                    speed: 0.0,
-                },
-                _ => return None,
-            }
+            let course = f.u16(2).zip(magnetic(1));
+            let course = course.map(|(course, magnetic)| (course * ANGLE, magnetic));
+            Content::velocity(f.u16(4)? * 0.01, course)?
         }
         129_029 => Content::Gnss(Gnss {
             place: [f.i64(7)? * 1e-16, f.i64(15)? * 1e-16],
             altitude_m: f.i64(23).map(|x| x * 1e-6),
             quality: f.u8(31)? >> 4,
             hdop: f.i16(34).map(|x| x * 0.01),
+            separation_m: f.i32(38).map(|x| x * 0.01),
         }),
+        // Furuno's satellite compasses: angular rates of the boat in steps of 0.001 deg/s. Of its other fields neither
+        // meaning nor resolution is known; others send other things with this number.
+        130_842 => {
+            let own = f.bytes(0).map(u16::from_le_bytes) == Some(FURUNO);
+            let rate = |at| f.i32(at).map(|x| (x * 1e-3).to_radians()).filter(|_| own);
+            Content::Rates([rate(15)?, rate(19)?, rate(23)?])
+        }
         _ => return None,
     })
 }
@@ -173,6 +133,14 @@ mod tests {
             assert_eq!(read(pgn, &[0; 2]), None, "{pgn}");
         }
         assert_eq!(read(129_029, &[0xff; 30]), None);
+        // Furuno's, and Simrad's with the same number.
+        let mut rates = [0; 29];
+        rates[..2].copy_from_slice(&[0x3f, 0x9f]);
+        rates[23..27].copy_from_slice(&(-1000_i32).to_le_bytes());
+        let yaw = (-1.0_f64).to_radians();
+        assert_eq!(read(130_842, &rates), Some(Content::Rates([0.0, 0.0, yaw])));
+        rates[0] = 0x41;
+        assert_eq!(read(130_842, &rates), None);
         // At rest, and slow with a course.
         let velocity = |course, speed| {
             Some(Content::Velocity {

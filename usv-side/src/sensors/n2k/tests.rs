@@ -1,6 +1,7 @@
 use super::*;
 use crate::fixtures::{self, damage, damaged};
 use crate::sensors::Mount;
+use alight_shared::msg::{GnssFix, NOT_MEASURED_SD};
 use proptest::prelude::*;
 
 /// Frames as Yacht Devices' gateways show them, from the device `source`.
@@ -181,6 +182,41 @@ fn n2k_message_with_a_missing_frame() {
     // No fix, and one that is simulated.
     let (all, d) = decode(&[gnss(1.0, 50.0, 48.0, 0), gnss(5.0, 50.0, 48.0, 8)].concat());
     assert_eq!((all.len(), d.decoded().left_out), (0, 2));
+}
+
+#[test]
+fn n2k_log_with_a_date_and_a_night_between() {
+    let line = |at: &str| format!("{at},3,127257,17,255,8,00,ff,7f,52,00,21,fe,ff");
+    // The last line has no end, and is whole.
+    let text = [line("2016-04-09T16:41:09.078Z"), line("2016-04-10T08:00:00.078Z")].join("\n");
+    let (mut all, mut d) = decode(&text);
+    d.finish(&mut all);
+    let hours = (all[1].at_ns - all[0].at_ns) as f64 / 3.6e12;
+    assert!((hours - 15.314).abs() < 1e-3 && d.decoded().good == 2, "{hours}");
+    // One that is cut off gives nothing, and a message without its last frame is counted.
+    let whole = gnss(1.0, 50.0, 48.0, 1);
+    for cut in [whole.len() - 12, whole.len() - 40] {
+        let (mut all, mut d) = decode(&whole[..cut]);
+        d.finish(&mut all);
+        assert!(all.is_empty() && d.decoded().corrupted >= 1, "{cut}: {all:?}");
+    }
+}
+
+#[test]
+fn n2k_attitude_with_rates() {
+    let mut rates = vec![0x3f, 0x9f];
+    rates.resize(29, 0);
+    rates[15..19].copy_from_slice(&2000_i32.to_le_bytes());
+    let tilt = |at_s| raw(at_s, 127_257, 3, &[0, 0xff, 0x7f, 0xe8, 0x03, 0x18, 0xfc, 0xff]);
+    let (all, _) = decode(&[raw(1.0, 130_842, 3, &rates), tilt(1.02), tilt(2.0)].concat());
+    let rates = |k: usize| match all[k].measurement {
+        Measurement::Attitude(a) => a.rates,
+        _ => panic!("{all:?}"),
+    };
+    assert_eq!(
+        (rates(0), rates(1)),
+        (Some([2.0_f64.to_radians(), 0.0, 0.0]), None)
+    );
 }
 
 proptest! {

@@ -9,7 +9,7 @@ const MAX_ADDRESSES: usize = 48;
 /// Most that one remark names.
 const MAX_NAMED: usize = 6;
 /// Longest address, bytes.
-const MAX_ADDRESS: usize = 8;
+const MAX_ADDRESS: usize = 20;
 /// Above this fraction of one kind's sentences, stamps that repeat are the source's habit and no doubled datagram.
 const HABIT: f64 = 0.2;
 
@@ -23,6 +23,7 @@ pub(in crate::sensors) enum Why {
     NoFix,
     Simulated,
     Magnetic,
+    Cached,
 }
 
 impl Why {
@@ -35,19 +36,21 @@ impl Why {
             Why::NoFix => "no fix",
             Why::Simulated => "simulated or set by hand",
             Why::Magnetic => "magnetic, and the variation is not known",
+            Why::Cached => "the first after the server's greeting, of any age",
         }
     }
     /// What to do about it, where it is a fault.
     const fn remedy(self) -> Option<&'static str> {
         match self {
-            Why::NotRead | Why::Empty | Why::Spare => None,
+            Why::NotRead | Why::Empty | Why::Spare | Why::Cached => None,
             Why::Invalid => {
                 Some("the sensor itself does not trust it: see to its alignment and its antennas")
             }
             Why::NoFix => Some("the receiver has no fix: see to its antenna and its view of the sky"),
             Why::Simulated => Some("end the device's demonstration mode, or its position set by hand"),
             Why::Magnetic => Some(
-                "a heading from the north is needed: HDT, or RMC or HDG with the variation; on NMEA 2000 one from the north, or 127258",
+                "a heading from the north is needed: HDT, or RMC or HDG with the variation; on NMEA 2000 one from the north, or 127258; on \
+                 Signal K navigation.magneticVariation",
             ),
         }
     }
@@ -105,6 +108,7 @@ impl Account {
             Why::Magnetic,
             Why::Invalid,
             Why::Spare,
+            Why::Cached,
             Why::Empty,
             Why::NotRead,
         ] {

@@ -553,7 +553,7 @@ proptest! {
         let mut out = Vec::new();
         for part in bytes.chunks(cut) {
             d.push(part, &mut out);
-            prop_assert!(d.line.len() <= MAX_LINE && d.waiting.len() <= attribution::KINDS);
+            prop_assert!(d.waiting.len() <= attribution::KINDS);
         }
         d.finish(&mut out);
         prop_assert!(out.len() <= bytes.len());

@@ -122,22 +122,66 @@ fn sensor_node_with_a_sensor_without_a_time() {
     );
 }
 
+#[test]
+fn sensor_node_of_a_server_with_two_clocks() {
+    let source = SourceConfig {
+        format: Format::SignalK,
+        ..SourceConfig::default()
+    };
+    let mut n = SensorNode::new(
+        &SourcesConfig {
+            sources: vec![source],
+        },
+        1,
+        9,
+    );
+    let delta = |stamp: String, path: &str, value: &str| {
+        format!(
+            r#"{{"updates":[{{"$source":"a","timestamp":"{stamp}","values":[{{"path":"{path}","value":{value}}}]}}]}}"#
+        ) + "\n"
+    };
+    for k in 0..100_i64 {
+        // The receiver's own time is an hour off the server's.
+        let of_day = |hour: i64| format!("2026-05-20T{hour:02}:00:{:02}.{}Z", k / 10, k % 10);
+        let place = delta(
+            of_day(11),
+            "navigation.position",
+            r#"{"latitude":50,"longitude":14.5}"#,
+        );
+        let heading = delta(of_day(12), "navigation.headingTrue", "1.0");
+        let now = Time::from_secs(1000.0 + 0.1 * k as f64);
+        let out = n
+            .step(
+                now,
+                &SensorsIn {
+                    bytes: vec![(place + &heading).into_bytes()],
+                },
+            )
+            .readings;
+        assert_eq!((out.gnss.len(), out.heading.len()), (1, 1), "{k}");
+        for at in [out.gnss[0].header.at, out.heading[0].header.at] {
+            assert!((at - now).secs().abs() < 1e-6, "{k}: {at:?}");
+        }
+    }
+    assert_eq!((n.status()[0].restarts, n.status()[0].implausible_time), (0, 0));
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
     #[test]
     fn sensor_node_future_measurements(parts in prop::collection::vec(
-        (0_usize..4, prop::collection::vec(any::<u8>(), 0..300), any::<bool>()), 1..60
+        (0_usize..5, prop::collection::vec(any::<u8>(), 0..300), any::<bool>()), 1..60
     )) {
-        let formats = [Format::Nmea, Format::Ubx, Format::Mavlink, Format::N2k];
+        let formats = [Format::Nmea, Format::Ubx, Format::Mavlink, Format::N2k, Format::SignalK];
         let sources = formats.map(|format| SourceConfig { format, ..SourceConfig::default() });
         let mut n = SensorNode::new(&SourcesConfig { sources: sources.into() }, 1, 9);
         for (k, (which, bytes, good)) in parts.into_iter().enumerate() {
-            let mut all = vec![Vec::new(); 4];
+            let mut all = vec![Vec::new(); 5];
             all[which] = if good { messages(k as i64).into_bytes() } else { bytes };
             let now = at(k as i64);
             let out = n.step(now, &SensorsIn { bytes: all });
             for a in &out.readings.attitude {
-                prop_assert!(a.header.at <= now && usize::from(a.source) < 8);
+                prop_assert!(a.header.at <= now && usize::from(a.source) < 10);
             }
         }
     }

@@ -1,0 +1,294 @@
+//! WebSocket of a Signal K server: text messages both ways. A connection on which nothing comes is asked for a sign of
+//! life, and given up without one.
+
+use std::fs::{self, File};
+use std::io::{self, ErrorKind};
+use std::os::fd::OwnedFd;
+use std::path::Path;
+use std::time::Duration;
+
+use futures_util::{SinkExt, StreamExt};
+use tokio::net::{TcpStream, UnixStream};
+use tokio::time::{Instant, timeout, timeout_at};
+use tokio_tungstenite::tungstenite::client::IntoClientRequest;
+use tokio_tungstenite::tungstenite::http::header::{AUTHORIZATION, HeaderValue};
+use tokio_tungstenite::tungstenite::protocol::WebSocketConfig;
+use tokio_tungstenite::tungstenite::{Error, Message};
+use tokio_tungstenite::{WebSocketStream, client_async_with_config};
+
+/// A connection has this long to come about, its name and the server's answer included.
+const CONNECT: Duration = Duration::from_secs(3);
+/// A message that the server does not take for so long ends the connection.
+const SEND: Duration = Duration::from_secs(3);
+/// After so long without a message the server is pinged, and after as long again given up: a server pings every 30 s.
+const SILENT: Duration = Duration::from_secs(10);
+/// Longest message, bytes; what is sent and not taken is no more.
+const MAX_MESSAGE: usize = 256 << 10;
+/// Longest file of a token, bytes.
+const MAX_TOKEN: u64 = 4096;
+
+/// What a server sends by itself.
+#[derive(Clone, Copy, Debug)]
+pub enum Subscribe {
+    /// Everything about its own vessel.
+    Own,
+    /// Nothing.
+    None,
+}
+
+/// A connection.
+pub struct SignalKSocket {
+    stream: WebSocketStream<TcpStream>,
+    /// Something has to come until then.
+    due: Instant,
+    pinged: bool,
+}
+
+impl SignalKSocket {
+    /// Connects to the server at `host` (`HOST:PORT`), with the token in a file where it asks for one.
+    pub async fn connect(
+        host: &str,
+        subscribe: Subscribe,
+        token: Option<&Path>,
+    ) -> io::Result<SignalKSocket> {
+        let subscribe = match subscribe {
+            Subscribe::Own => "self",
+            Subscribe::None => "none",
+        };
+        // A value that the server received long ago is no measurement.
+        let url = format!("ws://{host}/signalk/v1/stream?subscribe={subscribe}&sendCachedValues=false");
+        let mut request = url.into_client_request().map_err(io::Error::other)?;
+        if let Some(file) = token {
+            request.headers_mut().insert(AUTHORIZATION, authorization(file)?);
+        }
+        let config = WebSocketConfig::default()
+            .read_buffer_size(16 << 10)
+            .write_buffer_size(0)
+            .max_write_buffer_size(MAX_MESSAGE)
+            .max_message_size(Some(MAX_MESSAGE))
+            .max_frame_size(Some(MAX_MESSAGE));
+        let connect = async {
+            let stream = TcpStream::connect(host).await?;
+            stream.set_nodelay(true)?;
+            let connected = client_async_with_config(request, stream, Some(config)).await;
+            connected.map_err(|e| refused(&e))
+        };
+        let silent = |_| {
+            let why = format!("no answer within {} s", CONNECT.as_secs());
+            io::Error::new(ErrorKind::TimedOut, why)
+        };
+        let (stream, _) = timeout(CONNECT, connect).await.map_err(silent)??;
+        Ok(SignalKSocket {
+            stream,
+            due: Instant::now() + SILENT,
+            pinged: false,
+        })
+    }
+    /// Waits for the next message. A wait that is given up loses nothing.
+    pub async fn receive(&mut self) -> io::Result<String> {
+        loop {
+            let Ok(message) = timeout_at(self.due, self.stream.next()).await else {
+                if self.pinged {
+                    let why = format!("the server is silent for {} s", 2 * SILENT.as_secs());
+                    return Err(io::Error::new(ErrorKind::TimedOut, why));
+                }
+                self.pinged = true;
+                self.due += SILENT;
+                self.put(Message::Ping(Vec::<u8>::new().into())).await?;
+                continue;
+            };
+            (self.due, self.pinged) = (Instant::now() + SILENT, false);
+            match message {
+                Some(Ok(Message::Text(text))) => return Ok(text.as_str().to_owned()),
+                None | Some(Ok(Message::Close(_))) => return Err(ErrorKind::UnexpectedEof.into()),
+                // Pings are answered by the next look.
+                Some(Ok(_)) => {}
+                Some(Err(e)) => return Err(io::Error::other(e)),
+            }
+        }
+    }
+    /// Sends a message.
+    pub async fn send(&mut self, text: String) -> io::Result<()> {
+        self.put(Message::text(text)).await
+    }
+    async fn put(&mut self, message: Message) -> io::Result<()> {
+        let sent = timeout(SEND, self.stream.send(message)).await?;
+        sent.map_err(io::Error::other)
+    }
+}
+
+/// The messages of a server's own vessel as lines of a stream, which ends with the connection.
+pub async fn lines(host: &str, token: Option<&Path>) -> io::Result<File> {
+    let mut socket = SignalKSocket::connect(host, Subscribe::Own, token).await?;
+    let (ours, theirs) = UnixStream::pair()?;
+    tokio::spawn(async move {
+        while let Ok(text) = socket.receive().await {
+            // Between the parts of a message a line feed is space.
+            let line = text.replace(['\n', '\r'], " ") + "\n";
+            if write(&ours, line.as_bytes()).await.is_err() {
+                return;
+            }
+        }
+    });
+    Ok(OwnedFd::from(theirs.into_std()?).into())
+}
+
+async fn write(stream: &UnixStream, mut bytes: &[u8]) -> io::Result<()> {
+    while !bytes.is_empty() {
+        stream.writable().await?;
+        match stream.try_write(bytes) {
+            Ok(n) => bytes = bytes.get(n..).unwrap_or_default(),
+            Err(e) if e.kind() == ErrorKind::WouldBlock => {}
+            Err(e) => return Err(e),
+        }
+    }
+    Ok(())
+}
+
+/// The header of a token, which is one line of a file.
+fn authorization(file: &Path) -> io::Result<HeaderValue> {
+    let doing = |e: io::Error| io::Error::new(e.kind(), format!("reading the token {}: {e}", file.display()));
+    let metadata = fs::metadata(file).map_err(doing)?;
+    let short = metadata.is_file() && metadata.len() <= MAX_TOKEN;
+    let text = if short {
+        fs::read_to_string(file).map_err(doing)?
+    } else {
+        String::new()
+    };
+    let header = HeaderValue::from_str(&format!("Bearer {}", text.trim())).ok();
+    let mut header = header.filter(|_| !text.trim().is_empty()).ok_or_else(|| {
+        doing(io::Error::new(
+            ErrorKind::InvalidData,
+            format!("it is no file of at most {MAX_TOKEN} bytes with one line"),
+        ))
+    })?;
+    header.set_sensitive(true);
+    Ok(header)
+}
+
+/// Why there is no WebSocket.
+fn refused(e: &Error) -> io::Error {
+    let what = match e {
+        Error::Http(answer) if matches!(answer.status().as_u16(), 401 | 403) => {
+            "the server asks for a token: let its administrator make one, and add ?token=FILE to the address"
+                .into()
+        }
+        Error::Http(answer) => format!("the server answers {}: it is no Signal K server", answer.status()),
+        e => e.to_string(),
+    };
+    io::Error::new(ErrorKind::ConnectionAborted, what)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tokio::net::TcpListener;
+    use tokio_tungstenite::accept_hdr_async;
+    use tokio_tungstenite::tungstenite::handshake::server::{ErrorResponse, Request, Response};
+
+    /// What a server sees of a client, and answers: these messages, then an end.
+    async fn server(
+        listener: TcpListener,
+        messages: Vec<Message>,
+        status: Option<u16>,
+    ) -> (String, Option<HeaderValue>, Vec<Message>) {
+        let (stream, _) = listener.accept().await.unwrap();
+        let (mut path, mut token) = (String::new(), None);
+        #[allow(clippy::result_large_err)]
+        let look = |request: &Request, response: Response| {
+            path = request.uri().to_string();
+            token = request.headers().get(AUTHORIZATION).cloned();
+            let Some(status) = status else { return Ok(response) };
+            let mut refusal = ErrorResponse::new(None);
+            *refusal.status_mut() = status.try_into().unwrap();
+            Err(refusal)
+        };
+        let mut received = Vec::new();
+        if let Ok(mut socket) = accept_hdr_async(stream, look).await {
+            for message in messages {
+                // One that is too long is not read to its end.
+                let _sent = socket.send(message).await;
+            }
+            while let Some(Ok(message)) = socket.next().await {
+                let is_text = message.is_text();
+                received.push(message);
+                if is_text {
+                    break;
+                }
+            }
+        }
+        (path, token, received)
+    }
+    async fn listening() -> (TcpListener, String) {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let host = listener.local_addr().unwrap().to_string();
+        (listener, host)
+    }
+
+    #[tokio::test]
+    async fn signalk_socket_both_ways_with_a_token() {
+        let file = std::env::temp_dir().join(format!("alight-token-{}", std::process::id()));
+        fs::write(&file, "eyJhbGci\n").unwrap();
+        let (listener, host) = listening().await;
+        let messages = vec![
+            Message::Ping(vec![1_u8].into()),
+            Message::text("{\"a\":\n1}"),
+            Message::text("two"),
+        ];
+        let server = tokio::spawn(server(listener, messages, None));
+        let mut socket = SignalKSocket::connect(&host, Subscribe::None, Some(&file))
+            .await
+            .unwrap();
+        assert_eq!(socket.receive().await.unwrap(), "{\"a\":\n1}");
+        assert_eq!(socket.receive().await.unwrap(), "two");
+        socket.send("three".into()).await.unwrap();
+        let (path, token, received) = server.await.unwrap();
+        assert_eq!(path, "/signalk/v1/stream?subscribe=none&sendCachedValues=false");
+        assert_eq!(token.unwrap(), "Bearer eyJhbGci");
+        assert_eq!(
+            received,
+            [Message::Pong(vec![1_u8].into()), Message::text("three")]
+        );
+        assert!(socket.receive().await.is_err(), "it has ended");
+        fs::remove_file(&file).unwrap();
+        let e = authorization(&file).unwrap_err().to_string();
+        assert!(e.contains(&file.display().to_string()), "{e}");
+    }
+
+    #[tokio::test]
+    async fn signalk_server_that_asks_for_a_token() {
+        for (status, why) in [(401, "?token=FILE"), (404, "no Signal K server")] {
+            let (listener, host) = listening().await;
+            let server = tokio::spawn(server(listener, Vec::new(), Some(status)));
+            let connected = SignalKSocket::connect(&host, Subscribe::Own, None).await;
+            let e = connected.err().unwrap().to_string();
+            assert!(e.contains(why), "{status}: {e}");
+            server.await.unwrap();
+        }
+    }
+
+    #[tokio::test]
+    async fn signalk_message_that_is_too_long() {
+        let (listener, host) = listening().await;
+        let messages = vec![Message::text("x".repeat(MAX_MESSAGE + 1))];
+        let server = tokio::spawn(server(listener, messages, None));
+        let mut socket = SignalKSocket::connect(&host, Subscribe::Own, None).await.unwrap();
+        let e = socket.receive().await.unwrap_err().to_string();
+        assert!(e.contains("too long"), "{e}");
+        drop(socket);
+        server.await.unwrap();
+    }
+
+    #[tokio::test]
+    async fn signalk_server_that_falls_silent() {
+        let (listener, host) = listening().await;
+        let server = tokio::spawn(server(listener, Vec::new(), None));
+        let mut socket = SignalKSocket::connect(&host, Subscribe::Own, None).await.unwrap();
+        // It was pinged, and the time for an answer is over.
+        (socket.due, socket.pinged) = (Instant::now(), true);
+        let e = socket.receive().await.unwrap_err();
+        assert_eq!(e.kind(), ErrorKind::TimedOut, "{e}");
+        drop(socket);
+        server.await.unwrap();
+    }
+}

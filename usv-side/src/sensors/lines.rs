@@ -1,0 +1,73 @@
+//! Lines of bounded length in a stream of bytes that is cut anywhere.
+
+/// The end of a line.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Cut {
+    /// A line that is not empty, without its end.
+    Line(Vec<u8>),
+    /// One that was longer than a line may be; it is dropped.
+    Overlong,
+}
+
+/// The line that is not complete yet.
+#[derive(Clone, Debug)]
+pub(super) struct LineBuffer {
+    line: Vec<u8>,
+    /// It has grown too long: the rest of it is dropped.
+    overlong: bool,
+    max: usize,
+}
+
+impl LineBuffer {
+    /// Of lines of at most `max` bytes.
+    pub(super) fn new(max: usize) -> Self {
+        LineBuffer {
+            line: Vec::new(),
+            overlong: false,
+            max,
+        }
+    }
+    /// Takes a byte; the line that it ends.
+    pub(super) fn push(&mut self, byte: u8) -> Option<Cut> {
+        match byte {
+            b'\n' | b'\r' => return self.end(),
+            _ if self.line.len() >= self.max => self.overlong = true,
+            _ => self.line.push(byte),
+        }
+        None
+    }
+    /// Ends the line, if there is one.
+    pub(super) fn end(&mut self) -> Option<Cut> {
+        let (line, overlong) = (
+            core::mem::take(&mut self.line),
+            core::mem::take(&mut self.overlong),
+        );
+        match overlong {
+            true => Some(Cut::Overlong),
+            false => (!line.is_empty()).then_some(Cut::Line(line)),
+        }
+    }
+    /// Drops what there is of the line; its beginning.
+    pub(super) fn restart(&mut self) -> Vec<u8> {
+        self.overlong = false;
+        core::mem::take(&mut self.line)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_of_bounded_length() {
+        let mut lines = LineBuffer::new(4);
+        let mut cuts: Vec<Cut> = b"ab\r\n\nabcde\nabcd\nrest"
+            .iter()
+            .filter_map(|b| lines.push(*b))
+            .collect();
+        cuts.extend(lines.end());
+        let line = |text: &[u8]| Cut::Line(text.to_vec());
+        assert_eq!(cuts, [line(b"ab"), Cut::Overlong, line(b"abcd"), line(b"rest")]);
+        assert_eq!(lines.end(), None);
+    }
+}

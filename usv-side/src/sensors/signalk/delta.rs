@@ -1,0 +1,169 @@
+//! Messages of a Signal K server, and what the values of an update say. Paths, units (SI, radians) and signs: Signal K's
+//! specification 1.7.
+
+use serde::Deserialize;
+use serde_json::Value;
+
+use crate::sensors::bus::{Content, Gnss};
+
+/// A message: the greeting of a server, or a delta.
+#[derive(Debug, Deserialize)]
+pub(super) struct Message {
+    /// The server's own vessel, in its greeting.
+    #[serde(rename = "self")]
+    pub(super) own: Option<String>,
+    /// Whose the values are; the server's own vessel where it is missing.
+    pub(super) context: Option<String>,
+    #[serde(default)]
+    pub(super) updates: Vec<Update>,
+}
+
+/// Values of one source at one time.
+#[derive(Debug, Deserialize)]
+pub(super) struct Update {
+    /// Name of the source.
+    #[serde(rename = "$source")]
+    source: Option<String>,
+    /// The same in parts, as it was written before there were names.
+    #[serde(rename = "source")]
+    parts: Option<Parts>,
+    pub(super) timestamp: Option<String>,
+    /// None where descriptions of paths are updated.
+    #[serde(default)]
+    pub(super) values: Vec<PathValue>,
+}
+
+#[derive(Debug, Deserialize)]
+struct Parts {
+    label: Option<String>,
+    /// Address on NMEA 2000, and talker on NMEA 0183.
+    src: Option<Value>,
+    talker: Option<String>,
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct PathValue {
+    pub(super) path: String,
+    #[serde(default)]
+    value: Value,
+}
+
+impl Update {
+    /// Name of its source; empty where it has none.
+    pub(super) fn source(&self) -> String {
+        let parts = || {
+            let parts = self.parts.as_ref()?;
+            let src = parts.src.as_ref().map(Value::to_string);
+            let of = src.or_else(|| parts.talker.clone()).unwrap_or_default();
+            Some(format!("{}.{of}", parts.label.as_deref().unwrap_or_default()))
+        };
+        self.source.clone().or_else(parts).unwrap_or_default()
+    }
+    fn value(&self, path: &str) -> Option<&Value> {
+        self.values.iter().find(|v| v.path == path).map(|v| &v.value)
+    }
+    fn number(&self, path: &str) -> Option<f64> {
+        self.value(path)?.as_f64()
+    }
+    /// Speed over ground (m/s), and course (rad, and whether it is magnetic).
+    pub(super) fn over_ground(&self) -> (Option<f64>, Option<(f64, bool)>) {
+        let course = |path, magnetic| self.number(path).map(|course| (course, magnetic));
+        let of_north = course("navigation.courseOverGroundTrue", false);
+        let of_magnetic = || course("navigation.courseOverGroundMagnetic", true);
+        let speed = self.number("navigation.speedOverGround");
+        (speed, of_north.or_else(of_magnetic))
+    }
+    /// The other things that its values say, each with its name for people.
+    pub(super) fn contents(&self) -> Vec<(&'static str, Content)> {
+        // What goes with others comes before them.
+        let all = [
+            (
+                "magneticVariation",
+                self.number("navigation.magneticVariation")
+                    .map(Content::Variation),
+            ),
+            (
+                "rateOfTurn",
+                self.number("navigation.rateOfTurn").map(Content::Rate),
+            ),
+            ("heave", self.number("environment.heave").map(Content::Heave)),
+            ("attitude", self.attitude()),
+            ("heading", self.heading()),
+            ("position", self.position()),
+        ];
+        all.into_iter()
+            .filter_map(|(name, content)| Some((name, content?)))
+            .collect()
+    }
+    fn attitude(&self) -> Option<Content> {
+        let value = self.value("navigation.attitude")?;
+        let angle = |name| value.get(name)?.as_f64();
+        Some(Content::Attitude([angle("roll")?, angle("pitch")?]))
+    }
+    fn heading(&self) -> Option<Content> {
+        let of_north = self.number("navigation.headingTrue");
+        // A magnetic heading has the compass's deviation in it already.
+        let heading = of_north.or_else(|| self.number("navigation.headingMagnetic"))?;
+        Some(Content::Heading {
+            heading,
+            variation: self.number("navigation.magneticVariation"),
+            deviation: None,
+            magnetic: of_north.is_none(),
+        })
+    }
+    fn position(&self) -> Option<Content> {
+        let value = self.value("navigation.position")?;
+        let number = |name| value.get(name)?.as_f64();
+        let place = [number("latitude")?, number("longitude")?];
+        let of_receiver = |name: &str| self.value(&format!("navigation.gnss.{name}"));
+        let receiver_number = |name| of_receiver(name)?.as_f64();
+        let quality = of_receiver("methodQuality").and_then(Value::as_str).map(quality);
+        let altitude_m = receiver_number("antennaAltitude").or(number("altitude"));
+        let hdop = receiver_number("horizontalDilution");
+        if quality.is_none() && altitude_m.is_none() && hdop.is_none() {
+            return Some(Content::Position(place));
+        }
+        Some(Content::Gnss(Gnss {
+            place,
+            altitude_m,
+            separation_m: receiver_number("geoidalSeparation"),
+            quality: quality.unwrap_or(1),
+            hdop,
+        }))
+    }
+}
+
+/// Paths of which something is read, beside those of `navigation.gnss`.
+const READ: [&str; 11] = [
+    "navigation.position",
+    "navigation.speedOverGround",
+    "navigation.courseOverGroundTrue",
+    "navigation.courseOverGroundMagnetic",
+    "navigation.headingTrue",
+    "navigation.headingMagnetic",
+    "navigation.magneticVariation",
+    "navigation.attitude",
+    "navigation.rateOfTurn",
+    "navigation.gnss",
+    "environment.heave",
+];
+
+/// Whether something of a path is read.
+pub(super) fn is_read(path: &str) -> bool {
+    READ.contains(&path) || path.starts_with("navigation.gnss.")
+}
+
+/// Quality as in GGA of its words in Signal K; words that are not known are no fix.
+fn quality(words: &str) -> u8 {
+    match words.to_ascii_lowercase().as_str() {
+        "gnss fix" => 1,
+        "dgnss fix" => 2,
+        "precise gnss" => 3,
+        "rtk fixed integer" => 4,
+        "rtk float" => 5,
+        "estimated (dr) mode" => 6,
+        "manual input" => 7,
+        "simulator mode" => 8,
+        _ => 0,
+    }
+}

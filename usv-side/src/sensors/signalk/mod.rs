@@ -1,0 +1,228 @@
+//! Deltas of a Signal K server, one a line ([`delta`]), of which [`Bus`] makes measurements.
+//!
+//! An update's time is the server's, when it received the values, or that of the receiver whose sentence had one. So
+//! devices have clocks of their own, one for each kind of measurement; what belongs together is found by the arrival, in a
+//! recording by those times. A time that comes again (the server cuts GGA's to whole seconds) is none: the arrival is.
+
+mod delta;
+
+use alight_shared::time::{Time, VesselClock};
+
+use super::bus::{BESIDE_NS, Bus, Content, is_beside};
+use super::clock::utc_ns;
+use super::lines::{Cut, LineBuffer};
+use super::nmea::account::{Account, Why};
+use super::{Decoded, Decoder, Measurement, Mounting, Remark, SourceMeasurement};
+use crate::node::KINDS;
+use delta::{Message, Update};
+
+/// Longest message, bytes.
+const MAX_MESSAGE: usize = 16 << 10;
+/// Sources that are distinguished; further ones count as one.
+const MAX_SOURCES: usize = 64;
+
+/// When an update was sent.
+#[derive(Clone, Copy, Debug)]
+struct When {
+    /// By which it is compared with others, ns.
+    at_ns: i64,
+    /// By its own clock, ns.
+    stamp_ns: Option<i64>,
+}
+
+/// Decodes Signal K.
+#[derive(Clone, Debug)]
+pub struct SignalKDecoder {
+    lines: LineBuffer,
+    decoded: Decoded,
+    account: Account,
+    bus: Bus,
+    /// When the bytes that are pushed arrive, ns; None in a recording.
+    now_ns: Option<i64>,
+    /// The server's own vessel.
+    own: Option<String>,
+    sources: Vec<String>,
+    /// Groups and sources of which something came since the server's greeting; None before one.
+    begun: Option<Vec<(usize, u32)>>,
+    /// The newest speed over ground, m/s, its source and time, ns.
+    speed: Option<(f64, u32, i64)>,
+    /// The newest time of each kind, ns.
+    newest_ns: [Option<i64>; KINDS.len()],
+    timeless: Vec<Measurement>,
+}
+
+impl SignalKDecoder {
+    /// For a source with this mounting.
+    pub fn new(mounting: &Mounting) -> Self {
+        SignalKDecoder {
+            lines: LineBuffer::new(MAX_MESSAGE),
+            decoded: Decoded::default(),
+            account: Account::default(),
+            bus: Bus::new(mounting),
+            now_ns: None,
+            own: None,
+            sources: Vec::new(),
+            begun: None,
+            speed: None,
+            newest_ns: [None; KINDS.len()],
+            timeless: Vec::new(),
+        }
+    }
+
+    fn cut(&mut self, cut: Option<Cut>, out: &mut Vec<SourceMeasurement>) {
+        match cut {
+            Some(Cut::Line(line)) => self.take(&line, out),
+            Some(Cut::Overlong) => self.decoded.corrupted += 1,
+            None => {}
+        }
+    }
+    fn take(&mut self, line: &[u8], out: &mut Vec<SourceMeasurement>) {
+        // A logger's prefix may be before it.
+        let begin = line.iter().position(|b| *b == b'{').unwrap_or_default();
+        let json = line.get(begin..).unwrap_or_default();
+        let Ok(message) = serde_json::from_slice::<Message>(json) else {
+            self.decoded.corrupted += 1;
+            return;
+        };
+        if let Some(own) = message.own {
+            let own = own.strip_prefix("vessels.").unwrap_or(&own);
+            (self.own, self.begun) = (Some(own.into()), Some(Vec::new()));
+        }
+        let is_own = self.is_own(message.context.as_deref());
+        for update in &message.updates {
+            for value in &update.values {
+                if !is_own {
+                    self.ignore("AIS");
+                } else if !delta::is_read(&value.path) {
+                    let name = value.path.rsplit('.').next().unwrap_or_default();
+                    self.ignore(name);
+                }
+            }
+            if is_own {
+                self.update(update, out);
+            }
+        }
+    }
+    fn ignore(&mut self, name: &str) {
+        self.decoded.ignored += 1;
+        self.account.leave_out(name, Why::NotRead);
+    }
+    /// Whether values of this context are the server's own vessel's.
+    fn is_own(&self, context: Option<&str>) -> bool {
+        let Some(context) = context else { return true };
+        let vessel = context.strip_prefix("vessels.");
+        vessel.is_some_and(|v| v == "self" || self.own.as_deref() == Some(v))
+    }
+    /// Number of a source.
+    fn number(&mut self, source: &str) -> u32 {
+        let known = self.sources.iter().position(|s| s == source);
+        let number = known.unwrap_or(self.sources.len());
+        if known.is_none() && number < MAX_SOURCES {
+            self.sources.push(source.into());
+        }
+        number as u32
+    }
+
+    fn update(&mut self, update: &Update, out: &mut Vec<SourceMeasurement>) {
+        let source = self.number(&update.source());
+        let stamp_ns = update.timestamp.as_deref().and_then(utc_ns);
+        let mut contents = update.contents();
+        let Some(at_ns) = self.now_ns.or(stamp_ns) else {
+            self.decoded.good += contents.len() as u64;
+            self.decoded.undated += contents.len() as u64;
+            return;
+        };
+        // Before the position that it goes with.
+        let velocity = self.velocity(update, source, at_ns);
+        drop(contents.splice(0..0, velocity.map(|v| ("velocity", v))));
+        for (name, content) in contents {
+            self.decoded.good += 1;
+            if self.is_cached(content.group(), source) {
+                self.left_out(name, Why::Cached);
+                continue;
+            }
+            self.content(name, source, When { at_ns, stamp_ns }, content, out);
+        }
+    }
+    fn content(
+        &mut self,
+        name: &str,
+        source: u32,
+        when: When,
+        content: Content,
+        out: &mut Vec<SourceMeasurement>,
+    ) {
+        let m = match self.bus.take(source, when.at_ns, content) {
+            Ok(Some(m)) => m,
+            Ok(None) => return,
+            Err(why) => return self.left_out(name, why),
+        };
+        let newest = self.newest_ns.get_mut(m.kind());
+        let repeated = newest.is_some_and(|n| core::mem::replace(n, when.stamp_ns) == when.stamp_ns);
+        match when.stamp_ns.filter(|_| !repeated) {
+            Some(stamp_ns) => out.push(SourceMeasurement::new(stamp_ns, m)),
+            None if self.now_ns.is_some() => {
+                self.decoded.by_arrival += 1;
+                self.timeless.push(m);
+            }
+            None => self.decoded.undated += 1,
+        }
+    }
+    fn left_out(&mut self, name: &str, why: Why) {
+        self.decoded.left_out += 1;
+        self.account.leave_out(name, why);
+    }
+    /// After its greeting a server sends the last it has of each path and source, however old.
+    fn is_cached(&mut self, group: usize, source: u32) -> bool {
+        let key = (group, source);
+        let begun = self.begun.as_mut().filter(|b| !b.contains(&key));
+        begun.map(|b| b.push(key)).is_some()
+    }
+    /// The velocity of an update, whose speed may have come with the update before.
+    fn velocity(&mut self, update: &Update, source: u32, at_ns: i64) -> Option<Content> {
+        let (speed, course) = update.over_ground();
+        if let Some(speed) = speed {
+            self.speed = Some((speed, source, at_ns));
+            return Content::velocity(speed, course);
+        }
+        let (speed, of, then_ns) = self.speed?;
+        let is_its = of == source && is_beside(at_ns, then_ns, BESIDE_NS);
+        Content::velocity(speed, Some(course.filter(|_| is_its)?))
+    }
+}
+
+impl Decoder for SignalKDecoder {
+    fn arrive(&mut self, now: Time<VesselClock>) {
+        self.now_ns = Some(now.nanos());
+    }
+    fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>) {
+        for byte in bytes {
+            let cut = self.lines.push(*byte);
+            self.cut(cut, out);
+        }
+    }
+    fn finish(&mut self, out: &mut Vec<SourceMeasurement>) {
+        // The last line of a file may have no end.
+        let cut = self.lines.end();
+        self.cut(cut, out);
+    }
+    fn decoded(&self) -> Decoded {
+        self.decoded
+    }
+    fn timeless(&mut self) -> Vec<Measurement> {
+        core::mem::take(&mut self.timeless)
+    }
+    fn has_clocks_by_kind(&self) -> bool {
+        true
+    }
+    fn remarks(&self) -> Vec<Remark> {
+        self.bus
+            .remark()
+            .into_iter()
+            .chain(self.account.remarks())
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests;

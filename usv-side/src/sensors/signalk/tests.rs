@@ -1,0 +1,204 @@
+use super::*;
+use crate::fixtures::{self, damage, damaged};
+use crate::sensors::Mount;
+use alight_shared::msg::{GnssFix, NOT_MEASURED_SD};
+use proptest::prelude::*;
+
+const HELLO: &str = r#"{"name":"signalk-server","version":"2.8.0","self":"vessels.urn:mrn:imo:mmsi:230099999","roles":["master"]}
+"#;
+
+/// A delta of `source`, so many seconds after noon.
+fn delta(at_s: f64, source: &str, values: &[(&str, &str)]) -> String {
+    let values: Vec<String> = values
+        .iter()
+        .map(|(path, value)| format!(r#"{{"path":"{path}","value":{value}}}"#))
+        .collect();
+    format!(
+        r#"{{"context":"vessels.urn:mrn:imo:mmsi:230099999","updates":[{{"$source":"{source}","timestamp":"2026-05-20T12:00:{at_s:06.3}Z","values":[{}]}}]}}
+"#,
+        values.join(",")
+    )
+}
+fn decode(text: &str) -> (Vec<SourceMeasurement>, SignalKDecoder) {
+    let decoder = SignalKDecoder::new(&Mounting::new(&Mount::default()));
+    fixtures::decode(decoder, text.as_bytes(), 7)
+}
+const PLACE: (&str, &str) = ("navigation.position", r#"{"latitude":50.0,"longitude":14.5}"#);
+
+fn fixes(all: &[SourceMeasurement]) -> Vec<GnssFix> {
+    let fix = |m: &SourceMeasurement| match m.measurement {
+        Measurement::Gnss(fix) => Some(fix),
+        _ => None,
+    };
+    all.iter().filter_map(fix).collect()
+}
+
+#[test]
+fn signalk_greeting_cached_values_and_other_vessels() {
+    let other = delta(2.0, "ais", &[PLACE]).replace("230099999", "211000001");
+    let place = |at_s| delta(at_s, "gps.GP", &[PLACE]);
+    // Before the greeting nobody knows whose a vessel's number is.
+    let before = place(0.5) + HELLO + &place(1.0) + &other + &place(2.0);
+    let text = before + HELLO + &place(3.0) + &place(4.0);
+    let (all, d) = decode(&text);
+    let noon = utc_ns("2026-05-20T12:00:00Z").unwrap();
+    let at: Vec<i64> = all.iter().map(|m| (m.at_ns - noon) / 1_000_000_000).collect();
+    assert_eq!(at, [2, 4]);
+    let counts = d.decoded();
+    assert_eq!(
+        (counts.good, counts.left_out, counts.ignored, counts.corrupted),
+        (4, 2, 2, 0)
+    );
+}
+
+#[test]
+fn signalk_position_with_velocity_and_height() {
+    let own = |text: String| text.replace("urn:mrn:imo:mmsi:230099999", "self");
+    let receiver = [
+        PLACE,
+        ("navigation.gnss.methodQuality", "\"DGNSS fix\""),
+        ("navigation.gnss.antennaAltitude", "2.5"),
+        ("navigation.gnss.geoidalSeparation", "44.0"),
+        ("navigation.gnss.horizontalDilution", "1.5"),
+    ];
+    let speed = ("navigation.speedOverGround", "3.0");
+    let course = ("navigation.courseOverGroundTrue", "1.5707963");
+    let text = [
+        delta(1.0, "gps.GP", &[speed, course]),
+        delta(1.1, "gps.GP", &receiver),
+        // The two in updates of their own, and another device's speed between.
+        delta(2.0, "gps.GP", &[speed]),
+        delta(2.05, "gps.GP", &[course]),
+        delta(2.1, "gps.GP", &[PLACE]),
+        delta(3.0, "log.VW", &[speed]),
+        delta(3.05, "gps.GP", &[course]),
+        delta(3.4, "gps.GP", &[PLACE]),
+    ]
+    .map(own)
+    .concat();
+    let (all, d) = decode(&text);
+    let fixes = fixes(&all);
+    assert_eq!((fixes.len(), d.decoded().corrupted), (3, 0), "{all:?}");
+    assert!((fixes[0].datum.height_m - 46.5).abs() < 1e-9 && fixes[0].height_spread == 0.0);
+    assert!((fixes[0].position_sd[0] - 0.45).abs() < 1e-9, "{:?}", fixes[0]);
+    for fix in &fixes[..2] {
+        assert!((fix.velocity[1] - 3.0).abs() < 1e-6 && fix.velocity_sd[0] < NOT_MEASURED_SD);
+    }
+    assert!(fixes[2].velocity_sd[0] >= NOT_MEASURED_SD && fixes[2].position_sd[2] >= NOT_MEASURED_SD);
+    // No fix, one that is simulated, and words that nobody knows.
+    for words in ["no GPS", "Simulator mode", "splendid"] {
+        let text = own(delta(
+            1.0,
+            "gps.GP",
+            &[PLACE, ("navigation.gnss.methodQuality", &format!("{words:?}"))],
+        ));
+        let (all, d) = decode(&text);
+        assert_eq!((all.len(), d.decoded().left_out), (0, 1), "{words}");
+    }
+}
+
+#[test]
+fn signalk_heading_attitude_and_what_is_null() {
+    let text = [
+        delta(1.0, "n2k.5", &[("navigation.headingMagnetic", "1.0")]),
+        delta(
+            1.1,
+            "n2k.5",
+            &[("navigation.rateOfTurn", "0.02"), ("environment.heave", "0.5")],
+        ),
+        delta(
+            1.2,
+            "n2k.5",
+            &[
+                ("navigation.headingMagnetic", "1.0"),
+                ("navigation.magneticVariation", "0.03"),
+            ],
+        ),
+        delta(1.25, "n2k.9", &[("navigation.headingTrue", "2.0")]),
+        delta(
+            1.3,
+            "n2k.5",
+            &[("navigation.attitude", r#"{"roll":-0.1,"pitch":0.1,"yaw":null}"#)],
+        ),
+        delta(
+            1.4,
+            "n2k.5",
+            &[
+                ("navigation.attitude", r#"{"roll":null,"pitch":0.1}"#),
+                ("environment.wind.speedApparent", "7"),
+            ],
+        ),
+        delta(1.5, "n2k.5", &[("navigation.headingTrue", "null")]),
+    ]
+    .concat()
+    .replace("urn:mrn:imo:mmsi:230099999", "self");
+    let (all, d) = decode(&text);
+    let [first, second] = &all[..] else {
+        panic!("{all:?}")
+    };
+    assert!(
+        matches!(first.measurement, Measurement::Heading(h) if (h.heading - 1.03).abs() < 1e-9 && h.rate == Some(0.02))
+    );
+    assert!(
+        matches!(second.measurement, Measurement::Attitude(a) if (a.tilt[0] + 0.1).abs() < 1e-9 && (a.tilt[1] - 0.1).abs() < 1e-9 && a.heave == Some(-0.5))
+    );
+    // Magnetic before the variation was known, and the second device.
+    let counts = d.decoded();
+    assert_eq!(
+        (counts.left_out, counts.ignored, counts.corrupted),
+        (2, 1, 0),
+        "{:?}",
+        d.remarks()
+    );
+}
+
+#[test]
+fn signalk_without_stamps_and_overlong() {
+    let mut d = SignalKDecoder::new(&Mounting::new(&Mount::default()));
+    let line = r#"{"updates":[{"values":[{"path":"navigation.headingTrue","value":1.0}]}]}"#;
+    let mut out = Vec::new();
+    d.push(format!("{line}\n").as_bytes(), &mut out);
+    assert_eq!((out.len(), d.timeless().len(), d.decoded().undated), (0, 0, 1));
+    d.arrive(Time::from_secs(100.0));
+    d.push(format!("{line}\n").as_bytes(), &mut out);
+    assert_eq!((out.len(), d.timeless().len(), d.decoded().by_arrival), (0, 1, 1));
+    let long = format!("{{\"updates\":[{}]}}\n", " ".repeat(MAX_MESSAGE));
+    let deep = format!("{}\n", "{\"updates\":[".repeat(500));
+    d.push((long + &deep + "not JSON\n").as_bytes(), &mut out);
+    assert_eq!(d.decoded().corrupted, 3);
+    // Sources without number.
+    for k in 0..1000 {
+        d.push(
+            delta(1.0, &format!("s{k}"), &[PLACE])
+                .replace("urn:mrn:imo:mmsi:230099999", "self")
+                .as_bytes(),
+            &mut out,
+        );
+    }
+    assert_eq!((d.sources.len(), out.len()), (MAX_SOURCES, 1));
+}
+
+#[test]
+fn signalk_whole_seconds_at_five_hertz() {
+    let place =
+        |at_s: f64| delta(at_s.floor(), "gps.GP", &[PLACE]).replace("urn:mrn:imo:mmsi:230099999", "self");
+    let mut d = SignalKDecoder::new(&Mounting::new(&Mount::default()));
+    let (mut out, mut timeless) = (Vec::new(), 0);
+    for k in 0..20 {
+        d.arrive(Time::from_secs(100.0 + 0.2 * f64::from(k)));
+        d.push(place(0.2 * f64::from(k)).as_bytes(), &mut out);
+        timeless += d.timeless().len();
+    }
+    assert_eq!((out.len(), timeless, d.decoded().by_arrival), (4, 16, 16));
+}
+
+proptest! {
+    #[test]
+    fn signalk_arbitrary_damage(damage in damage(60), noise in prop::collection::vec(any::<u8>(), 0..600), cut in 1_usize..700) {
+        let whole: String = (0..10).map(|k| delta(f64::from(k), "gps.GP", &[PLACE, ("navigation.headingTrue", "1.0")])).collect();
+        let bytes = [damaged((HELLO.to_owned() + &whole).into_bytes(), damage), noise].concat();
+        let decoder = SignalKDecoder::new(&Mounting::new(&Mount::default()));
+        let (all, _) = fixtures::decode(decoder, &bytes, cut);
+        prop_assert!(all.len() <= 20);
+    }
+}
