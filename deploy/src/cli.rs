@@ -17,7 +17,8 @@ use crate::process::shell;
 use crate::status::command as status;
 use crate::tools::replay::Laboratory;
 use crate::tools::{
-    calibrate, check, command, config, estimate, flights, init, keys, replay, ros2, schema, signalk, tag, view,
+    calibrate, check, command, config, estimate, flights, init, keys, replay, ros2, schema, signalk, tag,
+    view,
 };
 use crate::{drone, terminal, vessel};
 

@@ -522,7 +522,7 @@ pub enum LandingMode {
 
 /// What of the mission's configuration an operator changes from a ground station. Heights are of the drone's centre of mass
 /// above the deck's mean level.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct MissionSettings {
     /// How far the landing goes.
@@ -548,7 +548,7 @@ impl MissionSettings {
 }
 
 /// A ground station changes the mission's settings.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct SettingsOrder {
     /// Identity, and the time at which it was given.

@@ -107,7 +107,9 @@ impl ImagePublisher {
         bytes: usize,
     ) -> Result<ImagePublisher, TransportError> {
         let doing = || format!("publishing {}", topic.name());
-        let service = messages(node, topic)?.open_with_attributes(&required()?).doing(doing)?;
+        let service = messages(node, topic)?
+            .open_with_attributes(&required()?)
+            .doing(doing)?;
         let port = service
             .publisher_builder()
             .initial_max_slice_len(HEADER_BYTES + bytes)
