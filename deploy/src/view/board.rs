@@ -17,7 +17,7 @@ use alight_usv::ComputerOut;
 use crate::process::snapshot::minutes;
 use crate::status::Status;
 use crate::status::situation::{Known, Situation};
-use crate::view::camera::ShownImage;
+use crate::view::camera_image::ShownImage;
 use crate::view::motion::MotionHistory;
 use crate::view::picture::{
     DroneView, FlightLine, LogLine, OrderView, Picture, Place, ResultView, SceneView,

@@ -1,19 +1,17 @@
 //! The drone's camera on the page: marked images out of shared memory, encoded here, while somebody looks.
 
-use alight_shared::time::{DroneClock, Span, Time, TrueTime};
+use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_shared::transport::images::{ImageBytes, ImageSubscriber, ImageTopic};
 use alight_shared::transport::memory::Memory;
 use jpeg_encoder::{ColorType, Encoder};
 
-use crate::view::picture::CameraView;
+use crate::view::camera_image::ShownImage;
 use crate::view::watcher::Watcher;
 
 /// Most bytes of an encoded image.
 const MAX_BYTES: usize = 20_000;
 /// JPEG qualities, of which the first is taken that gives no more than those bytes; noise alone needs the last.
 const QUALITIES: [u8; 3] = [60, 30, 5];
-/// An image that is older is said to be old, s: of two a second four are missing.
-const OLD_S: f64 = 2.0;
 
 /// Reads the camera's images while somebody looks.
 #[derive(Default)]
@@ -45,45 +43,6 @@ impl CameraFeed {
             });
         }
     }
-}
-
-/// The image that the page shows.
-#[derive(Clone, Copy, Debug)]
-pub struct ShownImage {
-    /// Middle of its exposure, on the board's clock.
-    pub at: Time<TrueTime>,
-    /// The same on the drone's clock, ns.
-    pub at_ns: i64,
-    /// Tags and outlines of the deck in it.
-    pub marks: [u32; 2],
-}
-
-impl ShownImage {
-    /// For the page at `t`.
-    pub fn view(&self, t: Time<TrueTime>) -> CameraView {
-        let age = (t - self.at).max(Span::ZERO);
-        CameraView {
-            number: self.at_ns / 1_000_000,
-            age_s: (10.0 * age.secs()).round() / 10.0,
-            old: age > Span::from_secs(OLD_S),
-            text: describe(self.marks),
-        }
-    }
-}
-
-/// What is drawn in, for people.
-fn describe([tags, outlines]: [u32; 2]) -> String {
-    let tags = match tags {
-        0 => return "no tag of the deck is detected".into(),
-        1 => "1 tag of the deck is detected".to_owned(),
-        n => format!("{n} tags of the deck are detected"),
-    };
-    let outline = if outlines > 0 {
-        ", the deck's edge is drawn by them"
-    } else {
-        ", no pose of the deck fits them"
-    };
-    tags + outline
 }
 
 /// As a JPEG; None for one that no quality makes small enough, or whose size is not that of its bytes.
@@ -205,22 +164,5 @@ mod tests {
         };
         assert_eq!(of_size([0, 10]), None);
         assert_eq!(of_size([u32::MAX, 10]), None);
-    }
-
-    #[test]
-    fn camera_image_in_words() {
-        let shown = |marks| ShownImage {
-            at: Time::from_secs(100.0),
-            at_ns: 7_000_000,
-            marks,
-        };
-        let view = shown([2, 1]).view(Time::from_secs(100.42));
-        assert_eq!((view.number, view.age_s, view.old), (7, 0.4, false));
-        assert_eq!(
-            view.text,
-            "2 tags of the deck are detected, the deck's edge is drawn by them"
-        );
-        assert!(shown([0, 0]).view(Time::from_secs(103.0)).old);
-        assert!(describe([1, 0]).ends_with("no pose of the deck fits them"));
     }
 }

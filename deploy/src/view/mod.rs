@@ -6,6 +6,7 @@
 
 pub mod board;
 pub mod camera;
+pub mod camera_image;
 mod guard;
 mod live_sink;
 pub mod memory_feed;
