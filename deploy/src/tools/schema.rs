@@ -75,7 +75,7 @@ fn list(topics: &[&Topic]) -> String {
     }
     format!(
         "{}\nMessage version {MESSAGE_VERSION}. Bytes: the most on the radio, the size in memory.\n\
-         After so many seconds a message is stale. Fields of one: alight schema estimate. For programs: --json",
+         After `stale s` a message counts as missing.\nFields of one: alight schema estimate. For programs: --json",
         table.text()
     )
 }
