@@ -68,7 +68,10 @@ impl Shell for MissionShell {
         self.checkpoint.publish(out.checkpoint.as_ref());
         self.state.send_any(out.state.as_ref());
         if let Some(why) = out.rejected {
-            warn!("the checkpoint of the mission before this one does not count: it is {why}");
+            warn!(
+                "the checkpoint of the mission before this one does not count: it is {why}; what a ground station set is \
+                 the file's again: set it anew before the next landing"
+            );
         }
         out.state.is_some()
     }

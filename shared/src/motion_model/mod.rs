@@ -44,6 +44,8 @@ use regression::{OBSERVED, PUSH, SINKS, TILT};
 
 /// Time between two samples, s: ten a second, eight to the period of the fastest deck (0.95 Hz).
 pub const SAMPLE_S: f64 = 0.1;
+/// Times between two samples that state a rate of turn, s: they jitter, and over a gap it is not that of now.
+const TURN_S: core::ops::RangeInclusive<f64> = 0.5 * SAMPLE_S..=3.0 * SAMPLE_S;
 /// What no mode holds fades in this time, s: a quarter of a wave.
 pub const FADE_S: f64 = 1.0;
 /// Heel and trim change within this time, s: that of a helm.
@@ -67,6 +69,15 @@ pub struct MotionSample<C: Clock> {
 }
 
 impl<C: Clock> MotionSample<C> {
+    /// The vessel's rate of turn since the sample `before`, rad/s; zero after a gap.
+    fn rate_of_turn(&self, before: &MotionSample<C>) -> f64 {
+        let apart_s = (self.at - before.at).secs();
+        if TURN_S.contains(&apart_s) {
+            wrap_angle(self.mean_heading - before.mean_heading) / apart_s
+        } else {
+            0.0
+        }
+    }
     /// The same in axes turned by `angle` (rad) about down.
     fn turned(&self, angle: f64) -> MotionSample<C> {
         let turn = |v| turned(v, angle);
@@ -128,9 +139,7 @@ impl<C: Clock> MotionModel<C> {
         for i in &mut self.identified {
             i.push(&sample);
         }
-        let turned_by = self.newest.map_or(0.0, |last| {
-            wrap_angle(sample.mean_heading - last.mean_heading) / SAMPLE_S
-        });
+        let turn = self.newest.map_or(0.0, |last| sample.rate_of_turn(&last));
         self.newest = Some(sample);
         self.errors.compare(&sample);
         self.mix(&sample);
@@ -139,7 +148,7 @@ impl<C: Clock> MotionModel<C> {
         let (heel, modes) = (self.heel, self.modes.as_ref());
         self.errors.push(sample.at, |ahead| {
             let modal = modes.map_or_else(Motion::default, |m| m.motion(ahead));
-            about(heel.at(sample.mean_heading + turned_by * ahead), modal)
+            about(heel.at(sample.mean_heading + turn * ahead), modal)
         });
     }
 

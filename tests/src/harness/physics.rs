@@ -236,6 +236,10 @@ impl Physics {
     /// A drone stands on a pad where the scenario places it, motors off.
     pub fn place_drone_on_pad(&mut self, k: usize) {
         self.place_drone(k);
+        self.stand_on_pad(k);
+    }
+    /// A drone stands on a pad where it is, motors off.
+    pub fn stand_on_pad(&mut self, k: usize) {
         if let Some(drone) = self.drones.get_mut(k).and_then(|p| p.drone.as_mut()) {
             drone.stand();
         }

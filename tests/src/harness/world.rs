@@ -200,6 +200,11 @@ impl World {
         };
         self.drones[k].appear(&mut self.physics);
     }
+    /// A person has landed a drone on a pad where it is, and disarmed it.
+    pub fn stand_on_pad(&mut self, k: usize) {
+        self.physics.stand_on_pad(k);
+        self.linked(k).into_iter().for_each(|l| l.autopilot.arm(false));
+    }
     /// A drone's autopilot with the link to it; None before it has appeared.
     pub fn linked(&mut self, k: usize) -> Option<&mut LinkedAutopilot> {
         self.drones[k].linked.as_mut()

@@ -1,7 +1,8 @@
 //! Reports to a ground station through the autopilot, and commands by the remote control's switch.
 
 use alight_shared::mavlink::{FrameReader, dialect};
-use alight_shared::msg::{CommandKind, LandingMode, ReasonCode, State};
+use alight_shared::msg::{AutopilotMode, CommandKind, LandingMode, ReasonCode, State};
+use alight_sim::autopilots::simulated::mode_number;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 
@@ -12,6 +13,8 @@ use alight_uav::autopilot::message::{
     TargetFrame, command, severity,
 };
 use alight_uav::autopilot::wire::{Decoder, Encoder};
+
+use nalgebra::Vector3;
 
 use super::rig::{LinkRig, press, stop};
 use super::{BOTH, config};
@@ -289,6 +292,55 @@ fn order_by_command_int() {
     }
 }
 
+#[test]
+fn abort_given_again_after_its_answer() {
+    for firmware in BOTH {
+        let mut p = LinkRig::new(firmware, 5.0, &config());
+        p.run(3.0);
+        let (to, command) = (Address::new(VEHICLE, 191), command::USER_2);
+        p.inject(STATION, &Message::CommandInt { to, command });
+        p.run(0.2);
+        let first = p.orders.first().expect("an order").header;
+        p.abort = Some([first.boot, first.sequence]);
+        p.run(0.2);
+        let accepted = Some(&(command, CommandResult::Accepted));
+        assert_eq!(p.answers.last(), accepted, "{firmware:?}");
+        // Somebody else orders a landing, of which no station hears.
+        p.run(5.0);
+        p.orders.clear();
+        p.inject(STATION, &Message::CommandInt { to, command });
+        p.run(0.2);
+        let again = p.orders.first().expect("an order");
+        assert_eq!(again.kind, CommandKind::Abort, "{firmware:?}");
+        assert_ne!(again.header.sequence, first.sequence);
+        assert_eq!(p.answers.last(), Some(&(command, CommandResult::InProgress)));
+    }
+}
+
+#[test]
+fn answers_to_another_station() {
+    for firmware in BOTH {
+        let mut p = LinkRig::new(firmware, 5.0, &config());
+        p.run(3.0);
+        let autopilot = p.linked.autopilot.address;
+        let mut denied = |to| {
+            p.texts.clear();
+            let (command, result) = (command::SET_MODE, CommandResult::Denied);
+            p.inject(autopilot, &Message::CommandAck { command, result, to });
+            p.run(0.1);
+            p.texts.iter().filter(|t| t.contains("denied")).count()
+        };
+        let own = Address::new(VEHICLE, 191);
+        // A firmware that does not state whose it is leaves both, or the component, open.
+        for to in [own, Address::default(), Address::new(VEHICLE, 0)] {
+            assert_eq!(denied(to), 1, "{firmware:?} {to:?}");
+        }
+        for to in [STATION, Address::new(VEHICLE, 190), Address::new(255, 0)] {
+            assert_eq!(denied(to), 0, "{firmware:?} {to:?}");
+        }
+    }
+}
+
 fn set(component: u8, name: &str, value: f32) -> Message {
     Message::ParameterSet {
         to: Address::new(VEHICLE, component),
@@ -354,6 +406,41 @@ fn parameters_of_the_companion() {
 }
 
 #[test]
+fn parameter_set_back_while_its_change_is_under_way() {
+    for firmware in BOTH {
+        let mut p = disarmed(firmware);
+        let before_m = p.mission_settings.approach_height_m;
+        let ordered_m = |p: &mut LinkRig, value| {
+            p.inject(STATION, &set(191, "ALIGHT_APPR_H", value));
+            p.run(0.05);
+            let order = p.settings.last().expect("an order");
+            order.settings.approach_height_m
+        };
+        assert_eq!(ordered_m(&mut p, 12.0), 12.0, "{firmware:?}");
+        assert_eq!(ordered_m(&mut p, before_m as f32), before_m, "{firmware:?}");
+    }
+}
+
+#[test]
+fn mode_lost_with_mission_and_link() {
+    for firmware in BOTH {
+        let mut p = disarmed(firmware);
+        p.mission_settings.mode = LandingMode::Shadow;
+        p.run(1.0);
+        p.notes.clear();
+        // Both crash for so long that no checkpoint counts: the file's mode is back.
+        p.mission_settings.mode = LandingMode::Land;
+        p.restart_link(10.0);
+        p.run(3.0);
+        let told = (
+            severity::WARNING,
+            "ALIGHT_MODE is 2 (land) now: mission restarted".into(),
+        );
+        assert!(p.notes.contains(&told), "{firmware:?}: {:?}", p.notes);
+    }
+}
+
+#[test]
 fn parameters_that_stay() {
     for firmware in BOTH {
         let mut p = disarmed(firmware);
@@ -405,6 +492,45 @@ fn landing_and_abort_by_ground_station() {
     send(&mut rig, command::USER_1);
     let landed = rig.until(60.0, |r| r.state(0) == State::Landed);
     assert!(landed, "{:?}", rig.state(0));
+}
+
+/// A person takes off from the pad and gives the mode that takes set-points.
+fn take_off(rig: &mut Rig) {
+    let autopilot = &mut rig.world.linked(0).expect("a link").autopilot;
+    let firmware = autopilot.firmware();
+    let [by_hand, offboard] =
+        [AutopilotMode::Other, AutopilotMode::Offboard].map(|mode| mode_number(firmware, mode));
+    autopilot.arm(true);
+    autopilot.choose(by_hand);
+    autopilot.hold_at(autopilot.position() - 3.0 * Vector3::z());
+    rig.run(5.0);
+    let mut given = false;
+    rig.each(5.0, |rig| {
+        given = rig.world.linked(0).expect("a link").autopilot.choose(offboard);
+        given
+    });
+    assert!(given, "the mode was denied");
+    rig.run(2.0);
+}
+
+#[test]
+fn landing_from_a_height_of_a_ground_station() {
+    // The file has 15 m.
+    let height_m = 25.0;
+    let mut rig = Rig::new(&Scenario::default(), &NodeConfigs::default(), 1).expect("a world");
+    rig.world.stand_on_pad(0);
+    assert!(rig.until(5.0, |r| r.mission(0).settable));
+    let t = rig.world.physics().now();
+    let setting = set(191, "ALIGHT_APPR_H", height_m as f32);
+    rig.world.linked(0).expect("a link").up.send(t, STATION, &setting);
+    let is_set = rig.until(2.0, |r| r.mission(0).settings.approach_height_m == height_m);
+    assert!(is_set, "{:?}", rig.mission(0));
+    take_off(&mut rig);
+    rig.world.command(CommandKind::Land);
+    let over_deck = rig.until(90.0, |r| r.state(0) == State::Tracking);
+    assert!(over_deck, "{:?}", rig.mission(0));
+    let above_m = rig.world.observation().feet_height_m();
+    assert!((above_m - height_m).abs() < 4.0, "{above_m} m");
 }
 
 #[test]

@@ -26,7 +26,11 @@ impl AutopilotLink {
             return;
         }
         self.has_begun = self.recovery.poll(now, self.boot, given);
-        let Some(m) = self.recovery.checkpoint().filter(|m| m.commanding) else {
+        let before = self.recovery.checkpoint();
+        // However old: the mission's own may have been too old to count, too.
+        let readable = before.filter(|m| m.header.drone == self.drone_id && m.check().is_ok());
+        self.parameters.recall(readable.and_then(|m| m.mode));
+        let Some(m) = before.filter(|m| m.commanding) else {
             return;
         };
         self.lapse.succeed(now, m.header.at);

@@ -7,12 +7,12 @@ use alight_shared::msg::{CommandKind, DroneState, LandedState, Message as _};
 
 use super::heading::HeadingAlignment;
 use super::message::{
-    self, Address, CommandLong, CommandResult, DistanceReport, Frame, Heartbeat, Message, command, severity,
+    self, Address, CommandResult, DistanceReport, Frame, Heartbeat, Message, command, severity,
 };
 use super::modes::Firmware;
 use super::orders::named;
 use super::peer::Peer;
-use super::station::{Answer, Received};
+use super::station::{Answer, Received, Repetition};
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output, drone_state, thrust};
 
 /// No sea is further from the ellipsoid, m (EGM2008: -107 to 86).
@@ -111,7 +111,11 @@ impl AutopilotLink {
             Message::Parameter { name, value, .. } => peer.parameters.received(name, *value),
             Message::Origin(origin) => self.on_origin(origin),
             Message::GnssHeights { sea_m, ellipsoid_m } => self.on_heights(*sea_m, *ellipsoid_m),
-            Message::CommandAck { command, result, .. } => self.on_answer(now, *command, *result, out),
+            Message::CommandAck { command, result, to } => {
+                if self.is_addressed(*to) {
+                    self.on_answer(now, *command, *result, out);
+                }
+            }
             Message::SystemStatus { present, healthy } => {
                 peer.streams.received(message::id::SYS_STATUS);
                 self.switch.on_status(now, *present, *healthy);
@@ -193,7 +197,13 @@ impl AutopilotLink {
         }
     }
 
-    /// The answer to a command.
+    /// An answer to this address is ours: of this component, or of nobody's by a firmware that does not state whose.
+    fn is_addressed(&self, to: Address) -> bool {
+        let own = self.address();
+        let is = |stated: u8, own: u8| stated == 0 || stated == own;
+        is(to.system, own.system) && is(to.component, own.component)
+    }
+    /// The answer to a command of ours.
     fn on_answer(&mut self, now: DroneTime, command: u16, result: CommandResult, out: &mut AutopilotOut) {
         let Some(peer) = &mut self.peer else { return };
         if command == command::MESSAGE_INTERVAL {
@@ -229,18 +239,14 @@ impl AutopilotLink {
         if let Message::Command(c) = &frame.message
             && c.to == own
         {
-            self.command_by_station(now, frame.from, c, out);
+            let asked = (c.command, Repetition::counted(c.confirmation));
+            self.command_by_station(now, frame.from, asked, out);
             return true;
         }
         if let Message::CommandInt { to, command } = &frame.message
             && *to == own
         {
-            // It does not state whether it repeats another.
-            let c = CommandLong {
-                confirmation: 1,
-                ..CommandLong::new(own, *command, [])
-            };
-            self.command_by_station(now, frame.from, &c, out);
+            self.command_by_station(now, frame.from, (*command, Repetition::Perhaps), out);
             return true;
         }
         // A station asks for the list of all components at once.
@@ -266,17 +272,24 @@ impl AutopilotLink {
     }
 
     /// A command to us: an order to the mission, or none of ours.
-    fn command_by_station(&mut self, now: DroneTime, from: Address, c: &CommandLong, out: &mut AutopilotOut) {
+    fn command_by_station(
+        &mut self,
+        now: DroneTime,
+        from: Address,
+        asked: (u16, Repetition),
+        out: &mut AutopilotOut,
+    ) {
+        let command = asked.0;
         let answer = |result| Message::CommandAck {
-            command: c.command,
+            command,
             result,
             to: from,
         };
-        match self.station.received(now, from, c, self.switch.bars()) {
+        match self.station.received(now, from, asked, self.switch.bars()) {
             Received::Answered(result) => out.messages.push(answer(result)),
             Received::Order(kind) => {
                 let header = self.header(Output::Command, now);
-                let replaced = self.station.give(c.command, from, header);
+                let replaced = self.station.give(command, from, header);
                 if kind == CommandKind::Abort {
                     self.station.stopped(now);
                 }

@@ -3,9 +3,11 @@
 //! `MAV_CMD_USER_1` lands, `MAV_CMD_USER_2` aborts, `MAV_CMD_USER_3` holds, all without parameters. An order is answered with
 //! IN_PROGRESS at once and each second, with ACCEPTED when the mission has taken it, and with TEMPORARILY_REJECTED, or FAILED
 //! where no mission reports, when it has not in 5 s. It is admitted by the mission as any other. An order to land or to hold
-//! that a station repeats (its confirmation counts; a `COMMAND_INT`, which has none, may be a repetition), or gives within a second of it, is refused after an abort or after a
-//! person took the drone over: whoever gave it cannot have seen that. Whoever reaches the autopilot's link may fly the drone
-//! without us, too: `signing_key` keeps others out of both.
+//! that a station repeats (its confirmation counts; a `COMMAND_INT`, which has none, may be a repetition), or gives within a
+//! second of it, is refused after an abort or after a person took the drone over: whoever gave it cannot have seen that. One
+//! whose confirmation counts is answered as it was before; an abort is ordered anew each time, for somebody else may have
+//! ordered a landing since. Whoever reaches the autopilot's link may fly the drone without us, too: `signing_key` keeps others
+//! out of both.
 
 use alight_shared::admission::Periodic;
 use alight_shared::admission::command::UNAWARE_OF_ABORT;
@@ -13,7 +15,7 @@ use alight_shared::msg::{Command, CommandKind, Header, MissionState};
 use alight_shared::time::{DroneClock, Span};
 
 use super::DroneTime;
-use super::message::{Address, CommandLong, CommandResult, Message, command};
+use super::message::{Address, CommandResult, Message, command};
 use super::orders::{Order, Progress, named};
 
 /// What a number orders.
@@ -44,12 +46,34 @@ struct Given {
     stations: Vec<Address>,
 }
 
+/// Whether a command repeats another, by its message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Repetition {
+    /// Given for the first time.
+    No,
+    /// Its confirmation counts.
+    Yes,
+    /// The message does not state it.
+    Perhaps,
+}
+
+impl Repetition {
+    /// Of a `COMMAND_LONG` with this confirmation.
+    pub(super) fn counted(confirmation: u8) -> Repetition {
+        if confirmation > 0 {
+            Repetition::Yes
+        } else {
+            Repetition::No
+        }
+    }
+}
+
 /// The orders of all stations.
 #[derive(Clone, Debug, Default)]
 pub(super) struct StationOrders {
     given: Option<Given>,
-    /// The last order that was decided: its number, the answer, when.
-    decided: Option<(u16, CommandResult, DroneTime)>,
+    /// The answer to the last order that was decided, and when.
+    decided: Option<(Answer, DroneTime)>,
     /// When a landing was stopped last: by an abort of anybody, or by a person who took the drone over.
     stopped: Option<DroneTime>,
 }
@@ -68,39 +92,44 @@ impl StationOrders {
     pub(super) fn stopped(&mut self, now: DroneTime) {
         self.stopped = Some(now);
     }
-    /// A command to the companion. `barred`: the remote control's switch aborts or stands there.
+    /// A command with this number to the companion. `barred`: the remote control's switch aborts or stands there.
     pub(super) fn received(
         &mut self,
         now: DroneTime,
         from: Address,
-        c: &CommandLong,
+        (number, repetition): (u16, Repetition),
         barred: bool,
     ) -> Received {
-        let Some(kind) = ordered(c.command) else {
+        let Some(kind) = ordered(number) else {
             return Received::Answered(CommandResult::Unsupported);
         };
-        if let Some(same) = self.given.as_mut().filter(|g| g.number == c.command) {
+        if let Some(same) = self.given.as_mut().filter(|g| g.number == number) {
             if !same.stations.contains(&from) && same.stations.len() < MAX_STATIONS {
                 same.stations.push(from);
             }
             return Received::Answered(CommandResult::InProgress);
         }
-        let is_repeated = c.confirmation > 0;
+        if kind == CommandKind::Abort {
+            // Never by an old answer: somebody may have ordered a landing since, and a second abort does no harm.
+            return Received::Order(kind);
+        }
         let recent = |at: DroneTime, within| now - at < within;
         // Before the answer that it had once: what it ordered is no longer in force.
-        let unaware = if is_repeated { REPEATED } else { UNAWARE_OF_ABORT };
+        let unaware = match repetition {
+            Repetition::No => UNAWARE_OF_ABORT,
+            Repetition::Yes | Repetition::Perhaps => REPEATED,
+        };
         let stopped = self.stopped.is_some_and(|at| recent(at, unaware));
-        if kind != CommandKind::Abort && (stopped || barred || self.aborts()) {
+        if stopped || barred || self.aborts() {
             return Received::Answered(CommandResult::TemporarilyRejected);
         }
-        if let Some((number, result, at)) = self.decided
-            && is_repeated
-            && number == c.command
-            && recent(at, REPEATED)
-        {
-            return Received::Answered(result);
+        let same = |a: &Answer| a.number == number && a.stations.contains(&from);
+        match &self.decided {
+            Some((answer, at)) if repetition == Repetition::Yes && same(answer) && recent(*at, REPEATED) => {
+                Received::Answered(answer.result)
+            }
+            Some(_) | None => Received::Order(kind),
         }
-        Received::Order(kind)
     }
     /// Begins a new order; the answer to the one that it takes the place of.
     pub(super) fn give(&mut self, number: u16, from: Address, header: Header<DroneClock>) -> Option<Answer> {
@@ -138,7 +167,7 @@ impl StationOrders {
             Progress::GivenUp => given.refused(mission),
         };
         self.given = None;
-        self.decided = Some((answer.number, answer.result, now));
+        self.decided = Some((answer.clone(), now));
         (None, Some(answer))
     }
 }
@@ -197,14 +226,23 @@ mod tests {
         Time::from_secs(s)
     }
     const STATION: Address = Address::new(255, 190);
-    fn to(command: u16) -> CommandLong {
-        CommandLong::new(Address::new(1, 191), command, [])
+    const REFUSED: Received = Received::Answered(CommandResult::TemporarilyRejected);
+    /// A command that is given for the first time.
+    fn new(command: u16) -> (u16, Repetition) {
+        (command, Repetition::No)
+    }
+    fn tracking(s: f64) -> MissionState {
+        MissionState {
+            header: Header::new(0, 1, 5, 1, at(s)),
+            state: State::Tracking,
+            ..MissionState::default()
+        }
     }
 
     #[test]
     fn station_orders_and_repetitions() {
         let mut orders = StationOrders::default();
-        let answered = |orders: &mut StationOrders, s, c| orders.received(at(s), STATION, &to(c), false);
+        let answered = |orders: &mut StationOrders, s, c| orders.received(at(s), STATION, new(c), false);
         let (land, abort) = (command::USER_1, command::USER_2);
         assert_eq!(
             answered(&mut orders, 9.9, command::SET_MODE),
@@ -233,58 +271,99 @@ mod tests {
             Some((land, CommandResult::Other))
         );
         assert!(orders.aborts());
-        let refused = Received::Answered(CommandResult::TemporarilyRejected);
-        assert_eq!(answered(&mut orders, 10.2, land), refused);
+        assert_eq!(answered(&mut orders, 10.2, land), REFUSED);
     }
 
     #[test]
     fn station_orders_unaware_of_an_abort() {
         let mut orders = StationOrders::default();
         orders.stopped(at(10.0));
-        let again = |orders: &mut StationOrders, s, confirmation| {
-            let c = CommandLong {
-                confirmation,
-                ..to(command::USER_1)
-            };
-            orders.received(at(s), STATION, &c, false)
+        let lands = |orders: &mut StationOrders, s, repetition| {
+            orders.received(at(s), STATION, (command::USER_1, repetition), false)
         };
-        let (new, refused) = (
-            Received::Order(CommandKind::Land),
-            Received::Answered(CommandResult::TemporarilyRejected),
+        let ordered = Received::Order(CommandKind::Land);
+        let first = Repetition::No;
+        assert_eq!(
+            [lands(&mut orders, 10.5, first), lands(&mut orders, 11.5, first)],
+            [REFUSED, ordered]
+        );
+        // What repeats, or may repeat, what a station ordered before.
+        for again in [Repetition::Yes, Repetition::Perhaps] {
+            assert_eq!(
+                [lands(&mut orders, 13.0, again), lands(&mut orders, 26.0, again)],
+                [REFUSED, ordered]
+            );
+        }
+        assert_eq!(
+            orders.received(at(30.0), STATION, new(command::USER_1), true),
+            REFUSED
         );
         assert_eq!(
-            [again(&mut orders, 10.5, 0), again(&mut orders, 11.5, 0)],
-            [refused, new]
-        );
-        // A station's repetition of what it ordered before.
-        assert_eq!(
-            [again(&mut orders, 13.0, 1), again(&mut orders, 26.0, 1)],
-            [refused, new]
-        );
-        assert_eq!(
-            orders.received(at(30.0), STATION, &to(command::USER_1), true),
-            refused
-        );
-        assert_eq!(
-            orders.received(at(10.1), STATION, &to(command::USER_2), true),
+            orders.received(at(10.1), STATION, new(command::USER_2), true),
             Received::Order(CommandKind::Abort)
         );
-        // Whose answer was lost is answered again, and orders nothing.
-        let mission = MissionState {
-            header: Header::new(0, 1, 5, 1, at(31.0)),
-            state: State::Approach,
-            ..MissionState::default()
+    }
+
+    #[test]
+    fn station_order_whose_answer_was_lost() {
+        let mut orders = StationOrders::default();
+        let again = |orders: &mut StationOrders, s, from, repetition| {
+            orders.received(at(s), from, (command::USER_1, repetition), false)
         };
+        let ordered = Received::Order(CommandKind::Land);
+        // Whose answer was lost is answered again, and orders nothing.
         orders.give(command::USER_1, STATION, Header::new(0, 1, 7, 1, at(30.0)));
-        assert!(orders.poll(at(31.0), Some(&mission)).1.is_some());
+        assert!(orders.poll(at(31.0), Some(&tracking(31.0))).1.is_some());
         assert_eq!(
-            again(&mut orders, 33.0, 1),
+            again(&mut orders, 33.0, STATION, Repetition::Yes),
             Received::Answered(CommandResult::Accepted)
         );
-        assert_eq!(again(&mut orders, 33.0, 0), new);
+        // Another's, one that is new, and one that may be.
+        let other = Address::new(254, 190);
+        for (from, repetition) in [
+            (other, Repetition::Yes),
+            (STATION, Repetition::No),
+            (STATION, Repetition::Perhaps),
+        ] {
+            assert_eq!(again(&mut orders, 33.0, from, repetition), ordered);
+        }
         // Unless it was stopped since.
         orders.stopped(at(34.0));
-        assert_eq!(again(&mut orders, 35.5, 1), refused);
+        assert_eq!(again(&mut orders, 35.5, STATION, Repetition::Yes), REFUSED);
+    }
+
+    #[test]
+    fn station_order_refused_and_given_again() {
+        let mut orders = StationOrders::default();
+        orders.give(command::USER_1, STATION, Header::new(0, 1, 7, 1, at(10.0)));
+        let (_, answer) = orders.poll(at(16.0), None);
+        assert_eq!(answer.map(|a| a.result), Some(CommandResult::Failed));
+        for (repetition, expected) in [
+            (Repetition::Yes, Received::Answered(CommandResult::Failed)),
+            (Repetition::No, Received::Order(CommandKind::Land)),
+            (Repetition::Perhaps, Received::Order(CommandKind::Land)),
+        ] {
+            let received = orders.received(at(17.0), STATION, (command::USER_1, repetition), false);
+            assert_eq!(received, expected, "{repetition:?}");
+        }
+    }
+
+    #[test]
+    fn station_abort_after_a_landing_from_elsewhere() {
+        let mut orders = StationOrders::default();
+        let header = Header::new(0, 1, 7, 1, at(10.0));
+        orders.give(command::USER_2, STATION, header);
+        let mission = MissionState {
+            abort: Some([header.boot, header.sequence]),
+            ..tracking(10.1)
+        };
+        let (_, answer) = orders.poll(at(10.1), Some(&mission));
+        assert_eq!(answer.map(|a| a.result), Some(CommandResult::Accepted));
+        // Somebody else orders a landing meanwhile: no station hears of it.
+        for repetition in [Repetition::No, Repetition::Yes, Repetition::Perhaps] {
+            let received = orders.received(at(20.0), STATION, (command::USER_2, repetition), false);
+            assert_eq!(received, Received::Order(CommandKind::Abort), "{repetition:?}");
+        }
     }
 
     #[test]
@@ -293,7 +372,7 @@ mod tests {
         orders.give(command::USER_1, STATION, Header::new(0, 1, 7, 1, at(10.0)));
         let others: Vec<Address> = (1..9).map(|k| Address::new(k, 190)).collect();
         for other in [&STATION].into_iter().chain(&others) {
-            let answered = orders.received(at(10.1), *other, &to(command::USER_1), false);
+            let answered = orders.received(at(10.1), *other, new(command::USER_1), false);
             assert_eq!(answered, Received::Answered(CommandResult::InProgress));
         }
         let (_, answer) = orders.poll(at(20.0), None);

@@ -3,7 +3,8 @@
 //! The mission's state has their values, and whether they may be changed. A PARAM_SET goes to the mission as a
 //! [`SettingsOrder`], repeated until that state shows it, and is answered with PARAM_VALUE then. One that is refused is
 //! answered with the value as it is and a text that says why. What is set counts until the processes are started anew, and
-//! outlives the crash of one by the mission's checkpoint. Each value is REAL32, for which the two encodings of MAVLink's
+//! outlives the crash of one by the mission's checkpoint. Where that was lost a text says what counts now; a link that was lost
+//! with it knows the mode before by its own checkpoint, and no heights. Each value is REAL32, for which the two encodings of MAVLink's
 //! parameters, by bytes and by value, are one.
 
 use alight_shared::admission::Retransmission;
@@ -146,6 +147,8 @@ struct UnderWay {
 pub(super) struct StationParameters {
     /// As the mission's state had them last.
     known: Option<MissionSettings>,
+    /// The mode of the mission before this one, until the mission reports.
+    recalled: Option<LandingMode>,
     under_way: Option<UnderWay>,
 }
 
@@ -173,9 +176,17 @@ impl StationParameters {
             station,
         });
     }
-    /// By the mission's newest settings.
-    fn poll(&mut self, now: DroneTime, settings: &MissionSettings) -> Polled {
-        let before = self.known.replace(*settings);
+    /// The mission before this one landed so far, as the link before this one knew it.
+    pub(super) fn recall(&mut self, mode: Option<LandingMode>) {
+        self.recalled = mode;
+    }
+    /// By the mission's newest state.
+    fn poll(&mut self, now: DroneTime, mission: &MissionState) -> Polled {
+        let settings = &mission.settings;
+        let recalled = self.recalled.take();
+        let recalled = recalled.map(|mode| MissionSettings { mode, ..*settings });
+        let before = recalled.or(self.known);
+        self.known = Some(*settings);
         let mut polled = Polled::default();
         let Some(under_way) = &mut self.under_way else {
             let moved = |p: &Parameter| before.is_some_and(|b| p.value(&b) != p.value(settings));
@@ -189,7 +200,9 @@ impl StationParameters {
                 .collect();
             return polled;
         };
-        let is_taken = under_way.order.settings == *settings;
+        // A state that is older than the order shows what may be about to change by the order before it.
+        let is_newer = mission.header.at > under_way.order.header.at;
+        let is_taken = is_newer && under_way.order.settings == *settings;
         if !is_taken && !under_way.sending.is_over(now) {
             polled.order = under_way.sending.is_due(now).then_some(under_way.order);
             return polled;
@@ -251,7 +264,7 @@ impl AutopilotLink {
         };
         let firmware = self.peer.as_ref().map_or(Firmware::Px4, |peer| peer.firmware);
         match self.changed_settings(now, p, firmware.parameter(value)) {
-            Ok(settings) if self.mission.get().is_some_and(|m| m.settings == settings) => {
+            Ok(settings) if self.is_set(&settings) => {
                 self.read_parameter(name, None, out);
             }
             Ok(settings) => {
@@ -264,6 +277,11 @@ impl AutopilotLink {
                 out.alarm(severity::WARNING, format!("{name} stays: {why}"));
             }
         }
+    }
+    /// The mission has these settings, and no order is on its way that changes them.
+    fn is_set(&self, settings: &MissionSettings) -> bool {
+        let shown = self.mission.get().is_some_and(|m| m.settings == *settings);
+        shown && self.parameters.under_way.is_none()
     }
     /// The settings with this value of `p`, or why they stay.
     fn changed_settings(&self, now: DroneTime, p: Parameter, value: f64) -> Result<MissionSettings, String> {
@@ -288,10 +306,11 @@ impl AutopilotLink {
     }
     /// Passes on what is set, and tells the stations what has changed.
     pub(super) fn publish_settings(&mut self, now: DroneTime, out: &mut AutopilotOut) {
-        let Some(settings) = self.mission.get().map(|m| m.settings) else {
+        // Before the autopilot is found nobody hears of it.
+        let Some(mission) = self.mission.get().filter(|_| self.peer.is_some()) else {
             return;
         };
-        let polled = self.parameters.poll(now, &settings);
+        let (polled, settings) = (self.parameters.poll(now, mission), mission.settings);
         out.settings = polled.order;
         let values = polled.values.iter().map(|p| p.message(&settings));
         out.messages.extend(values);
@@ -318,6 +337,18 @@ mod tests {
     fn order(s: f64, settings: MissionSettings) -> SettingsOrder {
         let header = Header::new(0, 1, 7, 1, at(s));
         SettingsOrder { header, settings }
+    }
+    /// A mission's state at that time.
+    fn shown(s: f64, settings: &MissionSettings) -> MissionState {
+        MissionState {
+            header: Header::new(0, 1, 5, 1, at(s)),
+            settings: *settings,
+            ..MissionState::default()
+        }
+    }
+    /// What it leads to at once.
+    fn poll(parameters: &mut StationParameters, s: f64, settings: &MissionSettings) -> Polled {
+        parameters.poll(at(s), &shown(s, settings))
     }
 
     #[test]
@@ -358,23 +389,23 @@ mod tests {
     #[test]
     fn settings_until_the_mission_shows_them() {
         let (mut parameters, before) = (StationParameters::default(), configured());
-        assert_eq!(parameters.poll(at(9.9), &before), Polled::default());
+        assert_eq!(poll(&mut parameters, 9.9, &before), Polled::default());
         let first = Parameter::Mode.changed(&before, 1.0).unwrap();
         parameters.begin(order(10.0, first), 255, Parameter::Mode);
         let both = Parameter::ApproachHeight.changed(&first, 12.0).unwrap();
         parameters.begin(order(10.01, both), 255, Parameter::ApproachHeight);
-        let sent = (0..10).filter_map(|k| parameters.poll(at(10.01 + 0.02 * f64::from(k)), &before).order);
+        let sent = (0..10).filter_map(|k| poll(&mut parameters, 10.01 + 0.02 * f64::from(k), &before).order);
         let sent: Vec<_> = sent.collect();
         assert_eq!(sent, [order(10.01, both); 2]);
-        let done = parameters.poll(at(10.3), &both);
+        let done = poll(&mut parameters, 10.3, &both);
         assert_eq!(done.values, [Parameter::Mode, Parameter::ApproachHeight]);
         assert_eq!(
             done.texts[0].1,
             "ground station 255 sets ALIGHT_MODE to 1 (match)"
         );
-        assert_eq!(parameters.poll(at(10.4), &both), Polled::default());
+        assert_eq!(poll(&mut parameters, 10.4, &both), Polled::default());
         // The mission's successor has lost them.
-        let lost = parameters.poll(at(20.0), &before);
+        let lost = poll(&mut parameters, 20.0, &before);
         assert_eq!(lost.values, done.values);
         assert_eq!(lost.texts[0].1, "ALIGHT_MODE is 2 (land) now: mission restarted");
         assert!(
@@ -393,7 +424,7 @@ mod tests {
         let mut last = Polled::default();
         let mut published = 0;
         for k in 0..50 {
-            last = parameters.poll(at(10.0 + 0.02 * f64::from(k)), &before);
+            last = poll(&mut parameters, 10.0 + 0.02 * f64::from(k), &before);
             published += usize::from(last.order.is_some());
             if !last.values.is_empty() {
                 break;
@@ -402,6 +433,44 @@ mod tests {
         assert_eq!(last.values, [Parameter::Mode]);
         assert!((8..=9).contains(&published), "{published}");
         assert_eq!(last.texts[0].1, "ALIGHT_MODE stays: the mission did not take it");
+    }
+
+    #[test]
+    fn settings_shown_before_they_were_ordered() {
+        let (mut parameters, before) = (StationParameters::default(), configured());
+        let other = Parameter::ApproachHeight.changed(&before, 12.0).unwrap();
+        parameters.begin(order(10.0, other), 255, Parameter::ApproachHeight);
+        assert!(poll(&mut parameters, 10.0, &before).order.is_some());
+        // Back, while the mission may be about to take the other: it is ordered, not taken for done.
+        parameters.begin(order(10.02, before), 255, Parameter::ApproachHeight);
+        let old = shown(10.01, &before);
+        let ordered = parameters.poll(at(10.02), &old);
+        assert_eq!(
+            (ordered.order, ordered.values.len()),
+            (Some(order(10.02, before)), 0)
+        );
+        assert_eq!(poll(&mut parameters, 10.04, &other), Polled::default());
+        let done = poll(&mut parameters, 10.06, &before);
+        assert_eq!(done.values, [Parameter::ApproachHeight]);
+    }
+
+    #[test]
+    fn mode_of_a_mission_lost_with_the_link() {
+        let land = configured();
+        let lost = |mode| {
+            let mut parameters = StationParameters::default();
+            parameters.recall(mode);
+            let first = poll(&mut parameters, 10.0, &land);
+            assert_eq!(poll(&mut parameters, 10.1, &land), Polled::default());
+            first
+        };
+        let told = lost(Some(LandingMode::Shadow));
+        assert_eq!(told.values, [Parameter::Mode]);
+        let text = "ALIGHT_MODE is 2 (land) now: mission restarted".to_owned();
+        assert_eq!(told.texts, [(severity::WARNING, text)]);
+        for same in [None, Some(LandingMode::Land)] {
+            assert_eq!(lost(same), Polled::default());
+        }
     }
 
     proptest! {

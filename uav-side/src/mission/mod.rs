@@ -472,13 +472,15 @@ impl Mission {
     }
 
     /// Begins where the mission before it was, or anew; gives the command that came meanwhile.
-    fn begin(&mut self, now: Time<DroneClock>, begun: &Begun, s: &Situation) -> Option<CommandKind> {
+    fn begin(&mut self, now: Time<DroneClock>, begun: &Begun) -> Option<CommandKind> {
         self.unjudged = begun.checkpoint.is_none();
         if let Some(m) = &begun.checkpoint {
             let drone = self.drone.get();
             let same_frame = drone.is_none_or(|d| (d.frames, d.datum) == (m.frames, m.datum));
-            let (phase, changed) = checkpoint::restored(m, same_frame, s, &self.config);
+            // Where it goes depends on what was set.
             self.adjust(&m.state.settings);
+            let s = self.situation(now);
+            let (phase, changed) = checkpoint::restored(m, same_frame, &s, &self.config);
             self.phase = phase;
             self.progress = checkpoint::progress(m);
             self.was_away = m.was_away;
@@ -513,7 +515,7 @@ impl Mission {
         let ids = [self.drone_id, self.boot];
         let begun = beginning.step(now, ids, input.checkpoint.as_ref(), &input.commands, complete)?;
         self.beginning = None;
-        Some((self.begin(now, &begun, s), begun.rejected))
+        Some((self.begin(now, &begun), begun.rejected))
     }
 
     /// Goes on as decided.

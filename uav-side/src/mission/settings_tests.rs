@@ -137,6 +137,39 @@ fn settings_of_a_crashed_mission() {
     assert_eq!(next.config.mode, LandingMode::Match);
 }
 
+/// An operator stopped a landing, and the mission crashed for longer than its state is valid: the drone climbs to the
+/// height that was set, not to the file's.
+#[test]
+fn approach_height_of_a_crashed_mission() {
+    let mut m = node();
+    let flies = |t: f64| fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -8.3]);
+    let left = m.step(at(1.0), &flies(1.0)).checkpoint.unwrap();
+    let climbs_to = |approach_height_m| {
+        let settings = MissionSettings {
+            approach_height_m,
+            ..config().settings()
+        };
+        let state = MissionState {
+            state: State::Descent,
+            settings,
+            ..left.state
+        };
+        let stopped = MissionCheckpoint {
+            state,
+            stopped: true,
+            ..left
+        };
+        let (_, state) = successor(at(2.0), stopped, flies(2.0));
+        assert_eq!(
+            (state.state, state.entered.code),
+            (State::GaveUp, ReasonCode::Restarted)
+        );
+        -state.hold_position().z
+    };
+    let raised_m = climbs_to(30.0) - climbs_to(15.0);
+    assert!((raised_m - 15.0).abs() < 1e-6, "{raised_m} m");
+}
+
 /// A drone that hovers without an order, low, was away from the vessel, and the vessel comes near.
 #[test]
 fn vessel_that_comes_near_after_a_crash() {

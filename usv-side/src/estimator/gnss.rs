@@ -123,16 +123,18 @@ impl Filter {
     fn present_velocity(&mut self, fix: &GnssFix, shift: &Vector3<f64>) -> Vector3<f64> {
         let is_measured = |sd: &[f64; 3]| sd[SURGE].max(sd[SWAY]) < NOT_MEASURED_SD;
         let (at, velocity) = (fix.header.at, Vector3::from(fix.velocity));
+        let heading = self.reference + self.state_at(at).tilt.heading;
+        let Some(lag) = self.velocity_lags.of(fix.source) else {
+            return velocity;
+        };
         if is_measured(&fix.position_sd) {
             let place = Vector3::from(fix.position) + shift;
-            self.velocity_lag.position(at, place.xy());
+            lag.position(at, place.xy());
         }
         if !is_measured(&fix.velocity_sd) {
             return velocity;
         }
-        let heading = self.reference + self.state_at(at).tilt.heading;
-        self.velocity_lag.velocity(at, velocity.xy(), heading);
-        let turned = Rotation2::new(self.velocity_lag.turned_since()) * velocity.xy();
+        let turned = Rotation2::new(lag.velocity(at, velocity.xy(), heading)) * velocity.xy();
         Vector3::new(turned.x, turned.y, velocity.z)
     }
     /// Fuses the position along an axis, measured by an antenna at `arm` (m, body) of the state `then`; false: rejected.

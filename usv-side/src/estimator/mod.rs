@@ -110,7 +110,7 @@ pub(crate) struct Filter {
     /// The first of them.
     first: (Vector3<f64>, Vector3<f64>),
     history: history::History,
-    velocity_lag: velocity_lag::VelocityLag,
+    velocity_lags: velocity_lag::VelocityLags,
     /// Place of the inertial sensor in the vessel's body frame, m.
     imu_lever_arm: Vector3<f64>,
     last_imu: Time<VesselClock>,
@@ -421,7 +421,7 @@ impl Filter {
             pending: Default::default(),
             first: Default::default(),
             history: history::History::default(),
-            velocity_lag: velocity_lag::VelocityLag::default(),
+            velocity_lags: velocity_lag::VelocityLags::default(),
             imu_lever_arm: Vector3::from(config.imu.lever_arm_m),
             last_imu: at,
             inertial: false,

@@ -11,6 +11,7 @@
 use std::collections::VecDeque;
 
 use alight_shared::frames::wrap_angle;
+use alight_shared::msg::MAX_SOURCES;
 use alight_shared::time::{Span, Time, VesselClock};
 use nalgebra::Vector2;
 
@@ -44,7 +45,18 @@ struct Travelled {
     heading: f64,
 }
 
-/// The lag of velocities, as it is measured.
+/// The lag of each receiver's velocities: one averages, another does not.
+#[derive(Clone, Debug, Default)]
+pub(super) struct VelocityLags([VelocityLag; MAX_SOURCES]);
+
+impl VelocityLags {
+    /// Of this source; None where there is none of that number.
+    pub(super) fn of(&mut self, source: u8) -> Option<&mut VelocityLag> {
+        self.0.get_mut(usize::from(source))
+    }
+}
+
+/// The lag of one receiver's velocities, as it is measured.
 #[derive(Clone, Debug)]
 pub(super) struct VelocityLag {
     positions: VecDeque<(Time<VesselClock>, Vector2<f64>)>,
@@ -80,10 +92,11 @@ impl VelocityLag {
         }
         self.positions.push_back((at, place));
     }
-    /// Takes a velocity, north and east, m/s, that came when the vessel was on this heading, rad.
-    pub(super) fn velocity(&mut self, at: Time<VesselClock>, velocity: Vector2<f64>, heading: f64) {
+    /// Takes a velocity, north and east, m/s, that came when the vessel was on this heading, rad; by how much she has turned
+    /// since it was so, rad. None is stated of one that is no newer than the last.
+    pub(super) fn velocity(&mut self, at: Time<VesselClock>, velocity: Vector2<f64>, heading: f64) -> f64 {
         let path = match self.travelled.back() {
-            Some(last) if at <= last.at => return,
+            Some(last) if at <= last.at => return 0.0,
             Some(last) if (at - last.at).secs() < GAP_S => {
                 last.path + 0.5 * (at - last.at).secs() * (last.velocity + velocity)
             }
@@ -102,6 +115,7 @@ impl VelocityLag {
             self.travelled.pop_front();
         }
         self.compare(at);
+        self.turned_since()
     }
     /// Compares the pairs of positions for which all velocities until `now` have come.
     fn compare(&mut self, now: Time<VesselClock>) {
@@ -135,7 +149,7 @@ impl VelocityLag {
         (share >= 0.0).then_some((a, b, share))
     }
     /// By how much the vessel has turned since the newest velocity was so, rad.
-    pub(super) fn turned_since(&self) -> f64 {
+    fn turned_since(&self) -> f64 {
         let lag_s = self.lag_s();
         let Some(newest) = self.travelled.back().filter(|_| lag_s > 0.0) else {
             return 0.0;
@@ -221,6 +235,27 @@ mod tests {
             let measured = lag_of(turn, sd, lag);
             assert!(measured < 0.15, "{measured} s at {turn} rad/s, {sd} m, {lag} s");
         }
+    }
+    #[test]
+    fn lag_of_one_receiver_of_two() {
+        let mut lags = VelocityLags::default();
+        let course = |t: f64| Vector2::new((0.1 * t).cos(), (0.1 * t).sin());
+        let mut turned = [0.0; 2];
+        for k in 0..2000_u32 {
+            let t = 0.05 * f64::from(k);
+            let [c, s] = course(t).into();
+            for (source, lag) in [(0_u8, 0.0), (1, 2.4)] {
+                let own = lags.of(source).unwrap();
+                own.position(Time::from_secs(t), 40.0 * Vector2::new(s, -c));
+                turned[usize::from(source)] =
+                    own.velocity(Time::from_secs(t), 4.0 * course(t - lag), 0.1 * t);
+            }
+        }
+        assert!(turned[0] == 0.0 && (turned[1] - 0.24).abs() < 0.02, "{turned:?}");
+        // Of the same instant, or before.
+        let late = lags.of(1).unwrap();
+        assert_eq!(late.velocity(Time::from_secs(90.0), 4.0 * course(87.6), 9.0), 0.0);
+        assert!(lags.of(MAX_SOURCES as u8).is_none());
     }
     #[test]
     fn lag_across_a_jump_of_the_receiver() {
