@@ -2,150 +2,27 @@
 //! doubles up to a bound, in a task of its own: neither a name that is looked up nor a peer that does not answer holds up
 //! who reads and writes.
 
-use core::task::{Context, Poll, Waker};
-use std::fs::{File, OpenOptions};
-use std::future::Future;
-use std::io::{self, ErrorKind, Read, Write};
-use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream, UdpSocket};
-use std::os::fd::AsRawFd;
-use std::os::unix::fs::OpenOptionsExt;
-use std::path::Path;
+use std::io::{self, ErrorKind};
+use std::net::SocketAddr;
 use std::time::Duration;
 
 use alight_shared::transport::readiness::watched;
-use rustix::fs::{FlockOperation, OFlags, flock};
-use rustix::io::Errno;
-use rustix::termios::{ControlModes, OptionalActions, ioctl_tiocexcl, tcgetattr, tcsetattr};
-use tokio::io::Interest;
-use tokio::io::unix::AsyncFd;
 use tokio::task::JoinHandle;
-use tokio::time::{Instant, sleep_until, timeout};
+use tokio::time::{Instant, sleep_until};
 
 use crate::config::link_url::LinkUrl;
 use crate::exit::{CliError, Doing};
-use crate::io::can;
-use crate::io::peer::{Peer, Speaks};
-use crate::io::web_socket;
+use crate::io::link_end::{BOTH, Open, Received, open, resolve};
+use crate::io::peer::Speaks;
 
 /// First pause before a link is opened again; doubles with each failure.
 const INITIAL_BACKOFF: Duration = Duration::from_millis(100);
 /// Longest pause.
 const MAX_BACKOFF: Duration = Duration::from_secs(2);
-/// A TCP connection has this long to come about, its name included.
-const CONNECT: Duration = Duration::from_millis(300);
 /// Most reads at once: a flood must not delay the set-points.
 const MAX_READS: usize = 64;
 /// Longest datagram, or part of a stream, bytes.
 const MAX_READ_BYTES: usize = 2048;
-
-/// Reads and writes are waited for.
-const BOTH: Interest = Interest::READABLE.add(Interest::WRITABLE);
-
-/// An open end. Descriptors are non-blocking; reads wait in tokio, writes do not wait.
-enum Open {
-    Udp {
-        socket: AsyncFd<UdpSocket>,
-        peer: Peer,
-    },
-    Listening(Listener),
-    /// TCP, and the listener that accepted it.
-    Tcp(AsyncFd<TcpStream>, Option<Listener>),
-    Serial(AsyncFd<File>),
-    /// A CAN interface and its name: a line a frame. Nothing is sent.
-    Can(AsyncFd<File>, String),
-    /// A Signal K server: a line a message. Nothing is sent.
-    Lines(AsyncFd<File>),
-}
-
-/// Accepts one connection, where an address is named from there only.
-struct Listener {
-    socket: AsyncFd<TcpListener>,
-    from: Option<IpAddr>,
-}
-
-/// What an open end receives.
-enum Received {
-    /// Bytes in the buffer, and who sent a datagram.
-    Bytes(usize, Option<SocketAddr>),
-    /// A connection.
-    Peer(TcpStream),
-    /// One from another address than it may come from; it is closed.
-    Foreign(SocketAddr),
-}
-
-/// Tries `io` at once, and again whenever the descriptor may be ready.
-async fn when_ready<T: AsRawFd, R>(
-    fd: &AsyncFd<T>,
-    interest: Interest,
-    mut io: impl FnMut(&T) -> io::Result<R>,
-) -> io::Result<R> {
-    match io(fd.get_ref()) {
-        Err(e) if e.kind() == ErrorKind::WouldBlock => fd.async_io(interest, io).await,
-        done => done,
-    }
-}
-
-impl Open {
-    async fn receive(&self, buffer: &mut [u8]) -> io::Result<Received> {
-        match self {
-            Open::Udp { socket, .. } => when_ready(socket, Interest::READABLE, |s| s.recv_from(buffer))
-                .await
-                .map(|(n, from)| Received::Bytes(n, Some(from))),
-            Open::Listening(l) => when_ready(&l.socket, Interest::READABLE, TcpListener::accept)
-                .await
-                .map(|(stream, by)| {
-                    let foreign = l.from.is_some_and(|from| from != by.ip().to_canonical());
-                    if foreign {
-                        Received::Foreign(by)
-                    } else {
-                        Received::Peer(stream)
-                    }
-                }),
-            Open::Tcp(stream, _) => when_ready(stream, Interest::READABLE, |mut s| ended(s.read(buffer)))
-                .await
-                .map(|n| Received::Bytes(n, None)),
-            Open::Serial(port) => when_ready(port, Interest::READABLE, |mut s| ended(s.read(buffer)))
-                .await
-                .map(|n| Received::Bytes(n, None)),
-            Open::Can(socket, interface) => {
-                let mut frame = [0; can::FRAME];
-                when_ready(socket, Interest::READABLE, |mut s| ended(s.read(&mut frame))).await?;
-                let line = can::line(interface, &frame);
-                let room = buffer.get_mut(..line.len()).unwrap_or_default();
-                room.copy_from_slice(line.as_bytes().get(..room.len()).unwrap_or_default());
-                Ok(Received::Bytes(room.len(), None))
-            }
-            Open::Lines(lines) => when_ready(lines, Interest::READABLE, |mut s| ended(s.read(buffer)))
-                .await
-                .map(|n| Received::Bytes(n, None)),
-        }
-    }
-    /// What has come already.
-    fn received_already(&self, buffer: &mut [u8]) -> Option<io::Result<Received>> {
-        let mut context = Context::from_waker(Waker::noop());
-        match core::pin::pin!(self.receive(buffer)).poll(&mut context) {
-            Poll::Ready(received) => Some(received),
-            Poll::Pending => None,
-        }
-    }
-    /// Writes a part of a stream's bytes as soon as the line takes some.
-    async fn drain(&self, bytes: &[u8]) -> io::Result<usize> {
-        match self {
-            Open::Tcp(stream, _) => when_ready(stream, Interest::WRITABLE, |mut s| s.write(bytes)).await,
-            Open::Serial(port) => when_ready(port, Interest::WRITABLE, |mut s| s.write(bytes)).await,
-            Open::Udp { .. } | Open::Listening(_) | Open::Can(..) | Open::Lines(_) => Ok(bytes.len()),
-        }
-    }
-    /// Writes what can be written now; None while there is nobody to write to.
-    fn write_now(&self, bytes: &[u8]) -> Option<io::Result<usize>> {
-        match self {
-            Open::Udp { socket, peer, .. } => Some(socket.get_ref().send_to(bytes, peer.address()?)),
-            Open::Tcp(stream, _) => Some(stream.get_ref().write(bytes)),
-            Open::Serial(port) => Some(port.get_ref().write(bytes)),
-            Open::Listening(_) | Open::Can(..) | Open::Lines(_) => None,
-        }
-    }
-}
 
 /// A link to an autopilot or a sensor.
 pub struct ByteLink {
@@ -189,7 +66,22 @@ impl ByteLink {
             }
             LinkUrl::Serial(..) | LinkUrl::Can(_) => None,
         };
-        Ok(ByteLink {
+        Ok(ByteLink::begun(url, speaks, open))
+    }
+    /// The same as one of several: the others do not end because another computer's name is not known yet. It is looked
+    /// up until it is.
+    pub async fn of_several(url: LinkUrl, speaks: Option<Speaks>) -> Result<ByteLink, CliError> {
+        match &url {
+            LinkUrl::UdpOut(_) | LinkUrl::TcpOut(_) | LinkUrl::SignalK(..) => {
+                Ok(ByteLink::begun(url, speaks, None))
+            }
+            LinkUrl::UdpIn(..) | LinkUrl::TcpIn(..) | LinkUrl::Serial(..) | LinkUrl::Can(_) => {
+                ByteLink::with_peer(url, speaks).await
+            }
+        }
+    }
+    fn begun(url: LinkUrl, speaks: Option<Speaks>, open: Option<Open>) -> ByteLink {
+        ByteLink {
             url,
             speaks,
             open,
@@ -200,7 +92,7 @@ impl ByteLink {
             unsent: 0,
             rest: Vec::new(),
             last_error: None,
-        })
+        }
     }
     /// Times that the link was opened again.
     pub fn opened(&self) -> u32 {
@@ -269,6 +161,8 @@ impl ByteLink {
     ) -> bool {
         match received {
             Ok(Received::Bytes(n, from)) => {
+                // One that opens and breaks at once is no more there than one that does not open.
+                self.backoff = INITIAL_BACKOFF;
                 let bytes = buffer.get(..n).unwrap_or_default();
                 if from.is_none_or(|from| self.is_from_peer(from, bytes)) {
                     take(bytes);
@@ -320,7 +214,6 @@ impl ByteLink {
             Ok(open) => {
                 self.open = Some(open);
                 self.opened += 1;
-                self.backoff = INITIAL_BACKOFF;
             }
             Err(e) => self.wait(&e),
         }
@@ -390,114 +283,16 @@ impl ByteLink {
     }
 }
 
-/// Opens one end.
-async fn open(url: LinkUrl, speaks: Option<Speaks>) -> io::Result<Open> {
-    match &url {
-        LinkUrl::UdpIn(host, from) => udp(resolve(host).await?, Peer::listening(*from, speaks)),
-        LinkUrl::UdpOut(host) => {
-            let to = resolve(host).await?;
-            let any: SocketAddr = if to.is_ipv4() {
-                ([0; 4], 0).into()
-            } else {
-                ([0_u16; 8], 0).into()
-            };
-            udp(any, Peer::fixed(to))
-        }
-        LinkUrl::TcpIn(host, from) => {
-            let listener = TcpListener::bind(resolve(host).await?)?;
-            listener.set_nonblocking(true)?;
-            Ok(Open::Listening(Listener {
-                socket: watched(listener, Interest::READABLE)?,
-                from: *from,
-            }))
-        }
-        LinkUrl::TcpOut(host) => {
-            let connect = async { tokio::net::TcpStream::connect(resolve(host).await?).await };
-            let stream = timeout(CONNECT, connect).await??.into_std()?;
-            stream.set_nodelay(true)?;
-            Ok(Open::Tcp(watched(stream, BOTH)?, None))
-        }
-        LinkUrl::Serial(path, baud) => serial(path, *baud)
-            .and_then(|port| watched(port, BOTH))
-            .map(Open::Serial),
-        LinkUrl::Can(interface) => {
-            let socket = watched(can::open(interface)?, Interest::READABLE)?;
-            Ok(Open::Can(socket, interface.clone()))
-        }
-        LinkUrl::SignalK(host, token) => {
-            let lines = web_socket::lines(host, token.as_deref()).await?;
-            Ok(Open::Lines(watched(lines, Interest::READABLE)?))
-        }
-    }
-}
-
-fn udp(at: SocketAddr, peer: Peer) -> io::Result<Open> {
-    let socket = UdpSocket::bind(at)?;
-    socket.set_nonblocking(true)?;
-    Ok(Open::Udp {
-        socket: watched(socket, BOTH)?,
-        peer,
-    })
-}
-
-/// A read of nothing is the end of a stream.
-fn ended(read: io::Result<usize>) -> io::Result<usize> {
-    match read {
-        Ok(0) => Err(io::Error::new(
-            ErrorKind::UnexpectedEof,
-            "the other end closed the link",
-        )),
-        other => other,
-    }
-}
-
-async fn resolve(host: &str) -> io::Result<SocketAddr> {
-    tokio::net::lookup_host(host)
-        .await?
-        .next()
-        .ok_or_else(|| io::Error::new(ErrorKind::NotFound, format!("{host} has no address")))
-}
-
-/// Opens a serial port for bytes as they are, and for this program alone: two readers of one line would each
-/// receive a part of every message.
-fn serial(path: &Path, baud: u32) -> io::Result<File> {
-    // Reads do not wait, and the port does not become this process's terminal.
-    let flags = OFlags::NONBLOCK | OFlags::NOCTTY;
-    let port = OpenOptions::new()
-        .read(true)
-        .write(true)
-        .custom_flags(flags.bits().cast_signed())
-        .open(path)
-        // What TIOCEXCL below answers to everybody but root.
-        .map_err(|e| match e.kind() {
-            ErrorKind::ResourceBusy => in_use(),
-            _ => e,
-        })?;
-    // Between our own programs, root's included; then against any other that opens it later.
-    flock(&port, FlockOperation::NonBlockingLockExclusive).map_err(|e| match e {
-        Errno::WOULDBLOCK => in_use(),
-        e => e.into(),
-    })?;
-    ioctl_tiocexcl(&port)?;
-    let mut line = tcgetattr(&port)?;
-    line.make_raw();
-    line.set_speed(baud)?;
-    line.control_modes |= ControlModes::CLOCAL | ControlModes::CREAD;
-    line.control_modes -= ControlModes::CRTSCTS | ControlModes::HUPCL;
-    tcsetattr(&port, OptionalActions::Now, &line)?;
-    Ok(port)
-}
-
-fn in_use() -> io::Error {
-    io::Error::new(
-        ErrorKind::ResourceBusy,
-        "another program has this port open: end it, or give each its own port",
-    )
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::io::link_end::serial;
+    use std::fs::File;
+    use std::future::Future;
+    use std::io::Read;
+    use std::net::{TcpStream, UdpSocket};
+    use std::path::Path;
+    use tokio::time::timeout;
 
     /// Reads until `enough` bytes have come.
     async fn read_at_least(link: &mut ByteLink, enough: usize) -> Vec<u8> {
@@ -726,6 +521,63 @@ mod tests {
             tries.push(pause);
         }
         assert!(tries.len() <= 16, "{tries:?}");
+    }
+
+    #[tokio::test]
+    async fn link_that_opens_and_breaks_at_once() {
+        let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let url = LinkUrl::TcpOut(listener.local_addr().unwrap().to_string());
+        let mut link = ByteLink::new(url).await.unwrap();
+        for round in 0..4 {
+            link.next_try = Instant::now();
+            let (other, _) = reading(&mut link, listener.accept()).await.unwrap();
+            // The last one says something first.
+            if round == 3 {
+                other.try_write(b"hello").unwrap();
+                assert_eq!(read_at_least(&mut link, 5).await, b"hello");
+                assert_eq!(link.backoff, INITIAL_BACKOFF);
+            }
+            drop(other);
+            while link.last_error().is_none() {
+                link.read(|_| {}).await;
+            }
+            let doublings = if round == 3 { 1 } else { round + 1 };
+            assert_eq!(link.backoff, INITIAL_BACKOFF * (1 << doublings), "{round}");
+        }
+    }
+
+    #[tokio::test]
+    async fn name_without_an_address_beside_another_source() {
+        use crate::io::byte_links::ByteLinks;
+
+        // No label of a name is that long: nobody has to be asked.
+        let host = "x".repeat(64);
+        for kind in ["ws", "tcpout", "udpout"] {
+            let absent = format!("{kind}://{host}:3000");
+            let absent: LinkUrl = absent.parse().unwrap();
+            assert!(
+                ByteLink::with_peer(absent.clone(), None).await.is_err(),
+                "an autopilot's is refused"
+            );
+            let absent = ByteLink::of_several(absent, None).await.unwrap();
+            let own = ByteLink::of_several(LinkUrl::UdpIn("127.0.0.1:0".into(), None), None)
+                .await
+                .unwrap();
+            let at = port(&own);
+            let mut links = ByteLinks::start([(0, absent), (1, own)]);
+            let sensor = UdpSocket::bind("127.0.0.1:0").unwrap();
+            sensor.send_to(b"$HEHDT", at).unwrap();
+            let (mut why, mut bytes) = (None, Vec::new());
+            while why.is_none() || bytes.is_empty() {
+                let next = timeout(Duration::from_secs(20), links.next()).await.unwrap();
+                match next.link {
+                    0 => why = next.error,
+                    _ => bytes.extend(next.bytes),
+                }
+            }
+            assert!(why.unwrap().contains("trying again"));
+            assert_eq!(bytes, b"$HEHDT");
+        }
     }
 
     #[tokio::test]

@@ -89,7 +89,7 @@ async fn read(args: &ProcessArgs) -> Result<Exit, CliError> {
         let url: LinkUrl = source.connect.parse().map_err(CliError)?;
         info!("{}: {url}", source.name);
         let speaks: Speaks = Arc::new(source.format.speaks());
-        links.push((number, ByteLink::with_peer(url, Some(speaks)).await?));
+        links.push((number, ByteLink::of_several(url, Some(speaks)).await?));
     }
     let memory = Memory::join(&Instance::new(&computer.instance)?, ProcessKind::Sensors.name())?;
     let mut publisher = SensorPublisher::join(&memory)?;
