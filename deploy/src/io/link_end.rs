@@ -21,7 +21,7 @@ use tokio::time::timeout;
 use crate::config::link_url::LinkUrl;
 use crate::io::can;
 use crate::io::peer::{Peer, Speaks};
-use crate::io::web_socket;
+use crate::io::web_socket::{self, Ending};
 
 /// A TCP connection has this long to come about, its name included.
 const CONNECT: Duration = Duration::from_millis(300);
@@ -40,8 +40,8 @@ pub enum Open {
     Serial(AsyncFd<File>),
     /// A CAN interface and its name: a line a frame. Nothing is sent.
     Can(AsyncFd<File>, String),
-    /// A Signal K server: a line a message. Nothing is sent.
-    Lines(AsyncFd<File>),
+    /// A Signal K server: a line a message, and why it ended. Nothing is sent.
+    Lines(AsyncFd<File>, Ending),
 }
 
 /// Accepts one connection, where an address is named from there only.
@@ -105,9 +105,12 @@ impl Open {
                 room.copy_from_slice(line.as_bytes().get(..room.len()).unwrap_or_default());
                 Ok(Received::Bytes(room.len(), None))
             }
-            Open::Lines(lines) => when_ready(lines, Interest::READABLE, |mut s| ended(s.read(buffer)))
-                .await
-                .map(|n| Received::Bytes(n, None)),
+            Open::Lines(lines, ending) => {
+                when_ready(lines, Interest::READABLE, |mut s| ended(s.read(buffer)))
+                    .await
+                    .map(|n| Received::Bytes(n, None))
+                    .map_err(|e| ending.reason(e))
+            }
         }
     }
     /// What has come already.
@@ -123,7 +126,7 @@ impl Open {
         match self {
             Open::Tcp(stream, _) => when_ready(stream, Interest::WRITABLE, |mut s| s.write(bytes)).await,
             Open::Serial(port) => when_ready(port, Interest::WRITABLE, |mut s| s.write(bytes)).await,
-            Open::Udp { .. } | Open::Listening(_) | Open::Can(..) | Open::Lines(_) => Ok(bytes.len()),
+            Open::Udp { .. } | Open::Listening(_) | Open::Can(..) | Open::Lines(..) => Ok(bytes.len()),
         }
     }
     /// Writes what can be written now; None while there is nobody to write to.
@@ -132,7 +135,7 @@ impl Open {
             Open::Udp { socket, peer, .. } => Some(socket.get_ref().send_to(bytes, peer.address()?)),
             Open::Tcp(stream, _) => Some(stream.get_ref().write(bytes)),
             Open::Serial(port) => Some(port.get_ref().write(bytes)),
-            Open::Listening(_) | Open::Can(..) | Open::Lines(_) => None,
+            Open::Listening(_) | Open::Can(..) | Open::Lines(..) => None,
         }
     }
 }
@@ -172,8 +175,8 @@ pub async fn open(url: LinkUrl, speaks: Option<Speaks>) -> io::Result<Open> {
             Ok(Open::Can(socket, interface.clone()))
         }
         LinkUrl::SignalK(host, token) => {
-            let lines = web_socket::lines(host, token.as_deref()).await?;
-            Ok(Open::Lines(watched(lines, Interest::READABLE)?))
+            let (lines, ending) = web_socket::lines(host, token.as_deref()).await?;
+            Ok(Open::Lines(watched(lines, Interest::READABLE)?, ending))
         }
     }
 }
