@@ -12,8 +12,6 @@ use crate::view::watcher::Watcher;
 const MAX_BYTES: usize = 20_000;
 /// JPEG qualities, of which the first is taken that gives no more than those bytes; noise alone needs the last.
 const QUALITIES: [u8; 3] = [60, 30, 5];
-/// An image that is older is said to be old, s: of two a second four are missing.
-const OLD_S: f64 = 2.0;
 
 /// Reads the camera's images while somebody looks.
 #[derive(Default)]
@@ -65,7 +63,6 @@ impl ShownImage {
         CameraView {
             number: self.at_ns / 1_000_000,
             age_s: (10.0 * age.secs()).round() / 10.0,
-            old: age > Span::from_secs(OLD_S),
             text: describe(self.marks),
         }
     }
@@ -154,7 +151,7 @@ mod tests {
         assert!(camera.is_read());
         camera.send(6_500_000_000, [64, 48], [3, 1], &[90; 3 * 64 * 48]);
         let view = poll(&mut watcher).unwrap();
-        assert_eq!((view.age_s, view.number, view.old), (0.5, 6500, false));
+        assert_eq!((view.age_s, view.number), (0.5, 6500));
         let mut answer = Vec::new();
         ask("/camera.jpg").read_to_end(&mut answer).unwrap();
         assert!(answer.windows(2).any(|w| w == [0xff, 0xd8]), "no JPEG");
@@ -215,12 +212,12 @@ mod tests {
             marks,
         };
         let view = shown([2, 1]).view(Time::from_secs(100.42));
-        assert_eq!((view.number, view.age_s, view.old), (7, 0.4, false));
+        assert_eq!((view.number, view.age_s), (7, 0.4));
         assert_eq!(
             view.text,
             "2 tags of the deck are detected, the deck's edge is drawn by them"
         );
-        assert!(shown([0, 0]).view(Time::from_secs(103.0)).old);
+        assert!(shown([0, 0]).view(Time::from_secs(99.0)).age_s < 0.05);
         assert!(describe([1, 0]).ends_with("no pose of the deck fits them"));
     }
 }
