@@ -75,7 +75,9 @@ impl Shown {
     fn open(memory: &Memory, deck: DeckGeometry) -> Option<Box<Shown>> {
         let opened = memory.image_publisher(ImageTopic::Marked, MAX_BYTES);
         let images = opened.inspect_err(|e| {
-            warn!("{e}: the tag is detected all the same, and the page has no image; `alight drone` anew opens one");
+            warn!(
+                "{e}: the tag is detected all the same, and the page shows no image; start `alight drone` anew for one"
+            );
         });
         Some(Box::new(Shown {
             images: images.ok()?,

@@ -257,7 +257,7 @@ async fn link_that_opens_and_breaks_at_once() {
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let url = LinkUrl::TcpOut(listener.local_addr().unwrap().to_string());
     let mut link = ByteLink::new(url).await.unwrap();
-    for round in 0..4 {
+    for round in 0..4_u32 {
         link.next_try = Instant::now();
         let (other, _) = reading(&mut link, listener.accept()).await.unwrap();
         // The last one says something first.
@@ -271,7 +271,7 @@ async fn link_that_opens_and_breaks_at_once() {
             link.read(|_| {}).await;
         }
         let doublings = if round == 3 { 1 } else { round + 1 };
-        assert_eq!(link.backoff, INITIAL_BACKOFF * (1 << doublings), "{round}");
+        assert_eq!(link.backoff, INITIAL_BACKOFF * 2_u32.pow(doublings), "{round}");
     }
 }
 
