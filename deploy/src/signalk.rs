@@ -46,16 +46,18 @@ impl Deltas {
             let path = format!("notifications.{SOURCE}.{topic}");
             all.insert(path, notification(&status.findings, topic));
         }
-        // What is not known any more.
+        // What is not known any more: null once, and forgotten.
         let unknown = self.sent.keys().filter(|path| !all.contains_key(*path));
-        let unknown: Vec<String> = unknown.cloned().collect();
-        all.extend(unknown.into_iter().map(|path| (path, Value::Null)));
+        let unknown: BTreeSet<String> = unknown.cloned().collect();
+        all.extend(unknown.iter().map(|path| (path.clone(), Value::Null)));
         all.retain(|path, value| self.sent.get(path).is_none_or(|sent| is_due(sent, value, now_ns)));
+        self.sent.retain(|path, _| !unknown.contains(path));
         if all.is_empty() {
             return None;
         }
         let pair = |(path, value): (&String, &Value)| json!({"path": path, "value": value});
         let values: Vec<Value> = all.iter().map(pair).collect();
+        all.retain(|path, _| !unknown.contains(path));
         self.sent
             .extend(all.into_iter().map(|(path, value)| (path, (value, now_ns))));
         let update = json!({"$source": SOURCE, "values": values});
@@ -269,6 +271,10 @@ mod tests {
         assert_eq!(lost["alight.drones.3.received"], false);
         let gone = sent(deltas.delta(&status(&[]), 2 * S));
         assert_eq!(gone["alight.drones.3.battery"], Value::Null);
+        // It is said once, and kept no longer.
+        assert!(deltas.sent.keys().all(|p| !p.contains("drones.3")));
+        let later = sent(deltas.delta(&status(&[]), 3 * S));
+        assert!(later.keys().all(|p| !p.contains("drones.3")), "{later:?}");
         // No path is one that a sensor is read from.
         assert!(
             deltas

@@ -28,12 +28,13 @@ impl Form {
     pub const fn alone(self) -> bool {
         self.json || self.csv
     }
-    /// Prints the result as JSON or its rows as CSV, as was asked for; false where it is for people.
+    /// Prints the result as JSON or its rows as CSV, as was asked for; false where it is for people. Without rows there are no
+    /// columns, and nothing is printed.
     pub fn print(self, result: &impl Serialize, rows: &[impl Serialize]) -> Result<bool, CliError> {
         if self.json {
             json(result)?;
         } else if self.csv {
-            line(csv(rows)?.trim_end());
+            csv_lines(rows)?.iter().for_each(line);
         }
         Ok(self.alone())
     }
@@ -172,6 +173,11 @@ fn csv(rows: &[impl Serialize]) -> Result<String, CliError> {
     String::from_utf8(lines.into_inner().doing(doing)?).doing(doing)
 }
 
+/// The same without its last end of line, which whoever prints it adds; None without rows.
+fn csv_lines(rows: &[impl Serialize]) -> Result<Option<String>, CliError> {
+    Ok(csv(rows)?.strip_suffix('\n').map(str::to_owned))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -203,6 +209,10 @@ mod tests {
             csv(&rows).unwrap(),
             "scene,error.mean,error.max,seeds,aborts\n\"0.8,5\",,,\"[7,8]\",\n\"a \"\"b\"\"\",0.25,,\"[7,8]\",\n"
         );
-        assert_eq!(csv(&[] as &[Row]).unwrap(), "");
+        assert_eq!(csv_lines(&[] as &[Row]).unwrap(), None);
+        // What a cell ends with is its own.
+        let spaces = BTreeMap::from([("a", "b \t ")]);
+        let lines = csv_lines(&[spaces]).unwrap().unwrap();
+        assert!(lines.starts_with("a\n") && lines.contains("b \t "), "{lines:?}");
     }
 }

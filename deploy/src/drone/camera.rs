@@ -71,12 +71,19 @@ struct Shown {
 }
 
 impl Shown {
-    fn open(memory: &Memory, deck: DeckGeometry) -> Result<Shown, CliError> {
-        Ok(Shown {
-            images: memory.image_publisher(ImageTopic::Marked, MAX_BYTES)?,
+    /// None, and said, where there is no place for them: what is detected does not wait for what people see.
+    fn open(memory: &Memory, deck: DeckGeometry) -> Option<Box<Shown>> {
+        let opened = memory.image_publisher(ImageTopic::Marked, MAX_BYTES);
+        let images = opened.inspect_err(|e| {
+            warn!(
+                "{e}: the tag is detected all the same, and the page shows no image; start `alight drone` anew for one"
+            );
+        });
+        Some(Box::new(Shown {
+            images: images.ok()?,
             deck,
             next: Time::EPOCH,
-        })
+        }))
     }
     /// Shows an image that `node` has processed, where one is due.
     fn show(&mut self, frame: &Frame, node: &CameraNode) {
@@ -126,8 +133,7 @@ impl Detector {
             let tags = memory.map(Memory::publisher).transpose()?;
             let node = CameraNode::new(settings, &computer.drone.tags(), names);
             let deck = computer.drone.deck;
-            let shown = memory.map(|m| Shown::open(m, deck).map(Box::new)).transpose()?;
-            Detector::Tag(Box::new(node), tags, shown)
+            Detector::Tag(Box::new(node), tags, memory.and_then(|m| Shown::open(m, deck)))
         })
     }
     /// Processes images and publishes what was detected.
@@ -511,5 +517,35 @@ fn print(input: &CameraIn, detections: &[Detection]) {
         let found = detections.iter().find(|s| s.at == frame.at);
         let none = json!({"at_s": frame.at.secs(), "position_m": null});
         terminal::line(found.map_or(none, |s| s.line.clone()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::process::instance::OwnedInstance;
+    use alight_shared::transport::memory::Services;
+
+    #[test]
+    fn camera_without_a_place_for_its_images() {
+        let owned = OwnedInstance::take(&format!("test-places-{}", std::process::id())).unwrap();
+        let memory = Memory::join(owned.instance(), "test").unwrap();
+        let services = Services::create(&memory).unwrap();
+        let names = CameraIdentity {
+            vessel: 1,
+            drone: 1,
+            boot: 1,
+        };
+        let is_shown = || {
+            let computer = DroneComputer::default();
+            let detector = Detector::new(ProcessKind::Camera, &computer, names, Some(&memory)).unwrap();
+            matches!(detector, Detector::Tag(_, Some(_), Some(_)))
+        };
+        assert!(is_shown());
+        let taken: Vec<_> = (0..100)
+            .map_while(|_| memory.image_publisher(ImageTopic::Marked, 1).ok())
+            .collect();
+        assert!(taken.len() < 100 && !is_shown());
+        drop((taken, services, memory));
     }
 }

@@ -2,7 +2,7 @@
 
 use core::fmt::Write;
 use std::fs::File;
-use std::io;
+use std::io::{self, ErrorKind};
 use std::os::fd::OwnedFd;
 
 use can_socket::CanSocket;
@@ -16,12 +16,21 @@ const ERROR: u32 = 0x2000_0000;
 
 /// Opens an interface (`can0`), non-blocking.
 pub fn open(interface: &str) -> io::Result<File> {
-    let socket = CanSocket::bind(interface).map_err(|e| {
-        let message = format!("{e}: bring it up: ip link set {interface} up type can bitrate 250000");
-        io::Error::new(e.kind(), message)
-    })?;
+    let socket = CanSocket::bind(interface).map_err(|e| absent(interface, &e))?;
     socket.set_nonblocking(true)?;
     Ok(OwnedFd::from(socket).into())
+}
+
+fn absent(interface: &str, e: &io::Error) -> io::Error {
+    let message = format!("{e}: bring it up: ip link set {interface} up type can bitrate 250000");
+    io::Error::new(e.kind(), message)
+}
+/// Why nothing can be read of it: one that is down opens like any other, and says so at the first read.
+pub fn broken(interface: &str, e: io::Error) -> io::Error {
+    match e.kind() {
+        ErrorKind::NetworkDown => absent(interface, &e),
+        _ => e,
+    }
 }
 
 /// The line of a frame as the kernel gives it; empty where it is none of NMEA 2000, whose identifiers have 29 bits.
@@ -64,5 +73,14 @@ mod tests {
     fn can_interface_that_is_not_there() {
         let e = open("nocan7").unwrap_err().to_string();
         assert!(e.contains("ip link set nocan7 up"), "{e}");
+    }
+
+    #[test]
+    fn can_interface_that_is_down() {
+        let of = |kind: ErrorKind| broken("can1", kind.into()).to_string();
+        let e = of(ErrorKind::NetworkDown);
+        assert!(e.contains("ip link set can1 up"), "{e}");
+        let e = of(ErrorKind::UnexpectedEof);
+        assert!(!e.contains("ip link"), "{e}");
     }
 }

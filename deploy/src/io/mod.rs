@@ -4,6 +4,7 @@ pub mod byte_link;
 pub mod byte_links;
 pub mod can;
 pub mod digital_line;
+pub mod link_end;
 pub mod mavlink_key;
 pub mod peer;
 pub mod runtime;

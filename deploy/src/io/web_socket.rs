@@ -5,8 +5,10 @@ use std::fs::{self, File};
 use std::io::{self, ErrorKind};
 use std::os::fd::OwnedFd;
 use std::path::Path;
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
+use alight_usv::sensors::MAX_SIGNALK_MESSAGE as MAX_MESSAGE;
 use futures_util::{SinkExt, StreamExt};
 use tokio::net::{TcpStream, UnixStream};
 use tokio::time::{Instant, timeout, timeout_at};
@@ -22,8 +24,8 @@ const CONNECT: Duration = Duration::from_secs(3);
 const SEND: Duration = Duration::from_secs(3);
 /// After so long without a message the server is pinged, and after as long again given up: a server pings every 30 s.
 const SILENT: Duration = Duration::from_secs(10);
-/// Longest message, bytes; what is sent and not taken is no more.
-const MAX_MESSAGE: usize = 256 << 10;
+/// Most of what a server says about an end, characters.
+const MAX_SAID: usize = 120;
 /// Longest file of a token, bytes.
 const MAX_TOKEN: u64 = 4096;
 
@@ -64,6 +66,7 @@ impl SignalKSocket {
         let config = WebSocketConfig::default()
             .read_buffer_size(16 << 10)
             .write_buffer_size(0)
+            // What is sent and not taken is no more.
             .max_write_buffer_size(MAX_MESSAGE)
             .max_message_size(Some(MAX_MESSAGE))
             .max_frame_size(Some(MAX_MESSAGE));
@@ -100,7 +103,15 @@ impl SignalKSocket {
             (self.due, self.pinged) = (Instant::now() + SILENT, false);
             match message {
                 Some(Ok(Message::Text(text))) => return Ok(text.as_str().to_owned()),
-                None | Some(Ok(Message::Close(_))) => return Err(ErrorKind::UnexpectedEof.into()),
+                None => return Err(closed("without a word")),
+                Some(Ok(Message::Close(frame))) => {
+                    let said = frame.map_or(String::new(), |f| f.to_string());
+                    return Err(closed(if said.is_empty() {
+                        "without a reason"
+                    } else {
+                        &said
+                    }));
+                }
                 // Pings are answered by the next look.
                 Some(Ok(_)) => {}
                 Some(Err(e)) => return Err(io::Error::other(e)),
@@ -117,20 +128,42 @@ impl SignalKSocket {
     }
 }
 
+/// Why a stream of lines ended, once it has.
+#[derive(Clone, Debug, Default)]
+pub struct Ending(Arc<OnceLock<io::Error>>);
+
+impl Ending {
+    /// The reason over what its reader saw.
+    pub fn reason(&self, seen: io::Error) -> io::Error {
+        let known = self.0.get();
+        known.map_or(seen, |e| io::Error::new(e.kind(), e.to_string()))
+    }
+}
+
 /// The messages of a server's own vessel as lines of a stream, which ends with the connection.
-pub async fn lines(host: &str, token: Option<&Path>) -> io::Result<File> {
+pub async fn lines(host: &str, token: Option<&Path>) -> io::Result<(File, Ending)> {
     let mut socket = SignalKSocket::connect(host, Subscribe::Own, token).await?;
     let (ours, theirs) = UnixStream::pair()?;
+    let ending = Ending::default();
+    let end = ending.clone();
     tokio::spawn(async move {
-        while let Ok(text) = socket.receive().await {
-            // Between the parts of a message a line feed is space.
-            let line = text.replace(['\n', '\r'], " ") + "\n";
-            if write(&ours, line.as_bytes()).await.is_err() {
-                return;
+        let why = loop {
+            match socket.receive().await {
+                // Between the parts of a message a line feed is space.
+                Ok(text) => {
+                    let line = text.replace(['\n', '\r'], " ") + "\n";
+                    if write(&ours, line.as_bytes()).await.is_err() {
+                        return;
+                    }
+                }
+                Err(why) => break why,
             }
-        }
+        };
+        // It is known before the stream ends.
+        let _first = end.0.set(why);
+        drop(ours);
     });
-    Ok(OwnedFd::from(theirs.into_std()?).into())
+    Ok((OwnedFd::from(theirs.into_std()?).into(), ending))
 }
 
 async fn write(stream: &UnixStream, mut bytes: &[u8]) -> io::Result<()> {
@@ -164,6 +197,13 @@ fn authorization(file: &Path) -> io::Result<HeaderValue> {
     })?;
     header.set_sensitive(true);
     Ok(header)
+}
+
+/// The server has ended the connection, and said so.
+fn closed(said: &str) -> io::Error {
+    let short: String = said.chars().filter(|c| !c.is_control()).take(MAX_SAID).collect();
+    let why = format!("the server closed the connection: {short}");
+    io::Error::new(ErrorKind::UnexpectedEof, why)
 }
 
 /// Why there is no WebSocket.

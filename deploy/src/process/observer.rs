@@ -84,6 +84,7 @@ pub struct Rejoined<T> {
     instance: Instance,
     owner: Option<u32>,
     looked_ns: i64,
+    joins: u64,
     /// What was joined last.
     pub ports: Option<T>,
 }
@@ -98,6 +99,7 @@ impl<T> Rejoined<T> {
             instance: Instance::new(instance)?,
             owner: None,
             looked_ns: 0,
+            joins: 0,
             ports: None,
         })
     }
@@ -107,6 +109,7 @@ impl<T> Rejoined<T> {
         let new = join(&self.instance)?;
         // Its names are the new memory's by now: what is dropped would be removed under them.
         core::mem::forget(self.ports.replace(new));
+        self.joins += 1;
         Ok(())
     }
     /// Joins it where it is another; true while it runs.
@@ -141,6 +144,10 @@ impl Follower {
     /// Looks on no longer, before the memory is removed.
     pub fn leave(&mut self) {
         self.joined.ports = None;
+    }
+    /// Sets of processes that were looked at so far: one more since the last look is another, perhaps by another configuration.
+    pub fn joins(&self) -> u64 {
+        self.joined.joins
     }
     /// What was seen by now, with the memory that it lies in; None while nothing runs.
     pub fn poll(&mut self) -> Option<(&Memory, &Snapshot)> {

@@ -20,7 +20,7 @@ use tracing::{info, warn};
 use crate::config::VesselComputer;
 use crate::config::link_url::LinkUrl;
 use crate::exit::{CliError, Exit};
-use crate::io::byte_link::ByteLink;
+use crate::io::byte_link::{ByteLink, MAX_AT_ONCE};
 use crate::io::byte_links::{Arrival, ByteLinks};
 use crate::io::mavlink_key;
 use crate::io::peer::Speaks;
@@ -30,6 +30,10 @@ use crate::process::life::{Life, draw_boot};
 
 /// The node is stepped at least this often.
 const MAX_STEP_PERIOD: Duration = Duration::from_millis(20);
+/// An error that a link has not had for so long is said again, ns.
+const SAID_NS: i64 = 60_000_000_000;
+/// Most errors of a link that are said within that.
+const MAX_SAID: usize = 8;
 
 /// The vessel's sensors, real or simulated, towards its process.
 pub struct SensorPublisher {
@@ -89,7 +93,7 @@ async fn read(args: &ProcessArgs) -> Result<Exit, CliError> {
         let url: LinkUrl = source.connect.parse().map_err(CliError)?;
         info!("{}: {url}", source.name);
         let speaks: Speaks = Arc::new(source.format.speaks());
-        links.push((number, ByteLink::with_peer(url, Some(speaks)).await?));
+        links.push((number, ByteLink::of_several(url, Some(speaks)).await?));
     }
     let memory = Memory::join(&Instance::new(&computer.instance)?, ProcessKind::Sensors.name())?;
     let mut publisher = SensorPublisher::join(&memory)?;
@@ -98,7 +102,7 @@ async fn read(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut life = Life::begin(ProcessKind::Sensors, draw_boot(), args.supervised);
     let mut links = ByteLinks::start(links);
     let mut node = node(&computer, life.boot())?;
-    let mut faults: Vec<Option<String>> = vec![None; sources.len()];
+    let mut faults = vec![Fault::default(); sources.len()];
     let mut strangers: Vec<Strangers> = vec![None; sources.len()];
     let mut header = Header::new(computer.vessel_id, 0, life.boot(), 0, Time::EPOCH);
     let mut steps = interval(MAX_STEP_PERIOD);
@@ -115,9 +119,9 @@ async fn read(args: &ProcessArgs) -> Result<Exit, CliError> {
             if let Some(of) = strangers.get_mut(a.link) {
                 *of = a.strangers;
             }
-            take(a, sources, &mut input, &mut faults);
+            take(a, sources, &mut input, &mut faults, steady_ns());
             // A step's bytes are a bound: more of them waits.
-            let full = input.bytes.iter().any(|b| b.len() >= MAX_STEP_BYTES);
+            let full = input.bytes.iter().any(|b| b.len() + MAX_AT_ONCE > MAX_STEP_BYTES);
             arrival = if full { None } else { links.arrived() };
         }
         // Read after the bytes: no byte is from the future.
@@ -141,8 +145,40 @@ async fn read(args: &ProcessArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
+/// Why a source's link brings nothing.
+#[derive(Clone, Debug, Default)]
+struct Fault {
+    /// Since the newest byte.
+    now: Option<String>,
+    /// What was said of it, and when it was so last, ns.
+    said: Vec<(String, i64)>,
+}
+
+impl Fault {
+    /// Whether an error is to be said: once while it comes again and again, bytes between or not.
+    fn is_news(&mut self, error: &str, now_ns: i64) -> bool {
+        self.said
+            .retain(|(_, at_ns)| now_ns.saturating_sub(*at_ns) < SAID_NS);
+        if let Some((_, at_ns)) = self.said.iter_mut().find(|(said, _)| said == error) {
+            *at_ns = now_ns;
+            return false;
+        }
+        let has_room = self.said.len() < MAX_SAID;
+        if has_room {
+            self.said.push((error.into(), now_ns));
+        }
+        has_room
+    }
+}
+
 /// Takes what a source's link brought. A link that is reopened again and again reports its error once.
-fn take(arrival: Arrival, sources: &[SourceConfig], input: &mut SensorsIn, faults: &mut [Option<String>]) {
+fn take(
+    arrival: Arrival,
+    sources: &[SourceConfig],
+    input: &mut SensorsIn,
+    faults: &mut [Fault],
+    now_ns: i64,
+) {
     let k = arrival.link;
     let (Some(bytes), Some(fault), Some(source)) =
         (input.bytes.get_mut(k), faults.get_mut(k), sources.get(k))
@@ -151,13 +187,13 @@ fn take(arrival: Arrival, sources: &[SourceConfig], input: &mut SensorsIn, fault
     };
     if !arrival.bytes.is_empty() {
         bytes.extend_from_slice(&arrival.bytes);
-        *fault = None;
+        fault.now = None;
     }
     if let Some(error) = arrival.error {
-        if fault.as_ref() != Some(&error) {
+        if fault.is_news(&error, now_ns) {
             warn!("{}: {error}", source.name);
         }
-        *fault = Some(error);
+        fault.now = Some(error);
     }
 }
 
@@ -177,7 +213,7 @@ pub fn strangers_remark(strangers: Strangers) -> Option<Remark> {
 fn source_reports(
     header: Header<VesselClock>,
     node: &SensorNode,
-    faults: &[Option<String>],
+    faults: &[Fault],
     strangers: &[Strangers],
 ) -> Vec<SourceReport> {
     let remark = |r: Remark| SourceRemark {
@@ -191,7 +227,7 @@ fn source_reports(
             header,
             number,
             status,
-            why: fault.as_deref().map(Line::from),
+            why: fault.now.as_deref().map(Line::from),
             remarks: Seq::filled(
                 strangers_remark(*strangers)
                     .into_iter()
@@ -200,4 +236,20 @@ fn source_reports(
             ),
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_of_a_link_that_breaks_again_and_again() {
+        let mut fault = Fault::default();
+        let said = |fault: &mut Fault, error: &str, at_s: i64| fault.is_news(error, at_s * 1_000_000_000);
+        let all = (0..300).filter(|k| said(&mut fault, ["refused", "closed"][*k as usize % 2], *k));
+        assert_eq!(all.count(), 2);
+        assert!(said(&mut fault, "closed", 360), "it was gone for a minute");
+        let many = (0..100).filter(|k| said(&mut fault, &format!("error {k}"), 361));
+        assert!(many.count() < MAX_SAID);
+    }
 }

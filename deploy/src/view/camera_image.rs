@@ -4,9 +4,6 @@ use alight_shared::time::{Span, Time, TrueTime};
 
 use crate::view::picture::CameraView;
 
-/// An image that is older is said to be old, s: of two a second four are missing.
-const OLD_S: f64 = 2.0;
-
 /// The image that the page shows.
 #[derive(Clone, Copy, Debug)]
 pub struct ShownImage {
@@ -25,7 +22,6 @@ impl ShownImage {
         CameraView {
             number: self.at_ns / 1_000_000,
             age_s: (10.0 * age.secs()).round() / 10.0,
-            old: age > Span::from_secs(OLD_S),
             text: describe(self.marks),
         }
     }
@@ -58,12 +54,12 @@ mod tests {
             marks,
         };
         let view = shown([2, 1]).view(Time::from_secs(100.42));
-        assert_eq!((view.number, view.age_s, view.old), (7, 0.4, false));
+        assert_eq!((view.number, view.age_s), (7, 0.4));
         assert_eq!(
             view.text,
             "2 tags of the deck are detected, the deck's edge is drawn by them"
         );
-        assert!(shown([0, 0]).view(Time::from_secs(103.0)).old);
+        assert!(shown([0, 0]).view(Time::from_secs(99.0)).age_s < 0.05);
         assert!(describe([1, 0]).ends_with("no pose of the deck fits them"));
     }
 }

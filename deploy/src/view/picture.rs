@@ -93,15 +93,13 @@ pub struct FlightLine {
     pub text: String,
 }
 
-/// The newest image of the drone's camera, which the page asks for by itself.
+/// The newest image of the drone's camera, which the page asks for by itself; whether the one that it shows is old, it knows.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CameraView {
     /// It differs from that of the image before.
     pub number: i64,
     /// Since the middle of its exposure, s.
     pub age_s: f64,
-    /// No newer one came for some time.
-    pub old: bool,
     /// What is detected in it.
     pub text: String,
 }

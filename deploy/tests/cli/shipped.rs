@@ -111,6 +111,7 @@ fn instructions(text: &str, name: &str) -> Vec<Vec<String>> {
 fn container_copies_what_there_is() {
     let text = std::fs::read_to_string(shipped("Containerfile")).expect("the container's file");
     let known = [
+        "ARG",
         "FROM",
         "RUN",
         "WORKDIR",
@@ -124,6 +125,12 @@ fn container_copies_what_there_is() {
     for line in text.lines() {
         let first = line.split(' ').next().unwrap_or_default();
         assert!(known.contains(&first), "{line}");
+    }
+    // Images have no registry of ours: the machine's is asked.
+    let images = instructions(&text, "ARG");
+    assert_eq!(images.len(), instructions(&text, "FROM").len());
+    for image in images.iter().flatten() {
+        assert!(image.contains('=') && !image.contains('/'), "{image}");
     }
     for words in instructions(&text, "COPY") {
         let (source, from_stage) = match words.first() {

@@ -1,7 +1,8 @@
 //! Measurements of what the devices of a boat's network send: heading, rate of turn, attitude, heave, position, velocity.
 //!
 //! Several devices may send a group: the first that gives something is kept to; another stands in while it is silent. What
-//! belongs together is of one device. Positions come ten times a second without a height, and once a second with one: the
+//! belongs together is of one device: positions and whole fixes are one group, and a velocity is of the receiver that gives
+//! them. Positions come ten times a second without a height, and once a second with one: the
 //! height goes with the next quick position, which is the newer one.
 
 use alight_shared::geodesy::Datum;
@@ -69,7 +70,9 @@ pub(super) struct Gnss {
 }
 
 /// How many groups there are.
-const GROUPS: usize = 9;
+const GROUPS: usize = 8;
+/// The group of positions.
+const PLACES: usize = 6;
 
 impl Content {
     /// Number of its group.
@@ -81,9 +84,8 @@ impl Content {
             Content::Attitude(_) => 3,
             Content::Heave(_) => 4,
             Content::Variation(_) => 5,
-            Content::Position(_) => 6,
+            Content::Position(_) | Content::Gnss(_) => PLACES,
             Content::Velocity { .. } => 7,
-            Content::Gnss(_) => 8,
         }
     }
     /// A velocity of a speed (m/s) with or without a course (rad, and whether it is magnetic): at rest there is none.
@@ -117,6 +119,11 @@ impl Devices {
     fn spare(&self, device: u32, at_ns: i64) -> bool {
         let gives = |(of, newest): (u32, i64)| of != device && is_beside(at_ns, newest, SILENT_NS);
         self.kept.0 != device && (gives(self.kept) || self.stand_in.is_some_and(gives))
+    }
+    /// The device that gives it at that time.
+    fn giving(&self, at_ns: i64) -> Option<u32> {
+        let (device, newest) = self.stand_in.unwrap_or(self.kept);
+        is_beside(at_ns, newest, SILENT_NS).then_some(device)
     }
     fn gave(&mut self, device: u32, at_ns: i64) {
         if self.kept.0 == device {
@@ -165,6 +172,14 @@ impl Bus {
         content: Content,
     ) -> Result<Option<Measurement>, Why> {
         let k = content.group();
+        if matches!(content, Content::Velocity { .. }) {
+            let receiver = self.devices.get(PLACES).copied().flatten();
+            let giving = receiver.and_then(|d| d.giving(at_ns));
+            if giving.is_some_and(|of| of != device) {
+                return Err(Why::Spare);
+            }
+            return self.measurement(device, at_ns, content);
+        }
         let known = self.devices.get(k).copied().flatten();
         if known.is_some_and(|d| d.spare(device, at_ns)) {
             return Err(Why::Spare);
@@ -348,6 +363,79 @@ mod tests {
         assert!(takes(1, 3.3) && !takes(2, 3.4) && takes(1, 4.0));
         // A third where both are silent.
         assert!(takes(2, 6.1) && takes(3, 8.2) && !takes(2, 8.3) && takes(1, 8.4));
+    }
+
+    /// Fixes of two receivers at 10 Hz with whole ones each second, of which `first` speaks first, and `other` perhaps of
+    /// its velocity before. A receiver's number is its latitude.
+    fn fixes_of_two([first, other]: [u32; 2], velocity_before: bool) -> Vec<GnssFix> {
+        let mut bus = Bus::default();
+        let place = |of: u32| [f64::from(of), 14.5];
+        let velocity = |of: u32| Content::velocity(f64::from(of), Some((0.0, false))).unwrap();
+        let whole = |of: u32| {
+            Content::Gnss(Gnss {
+                place: place(of),
+                altitude_m: Some(100.0 + f64::from(of)),
+                separation_m: None,
+                quality: 2,
+                hdop: None,
+            })
+        };
+        let mut sent = Vec::new();
+        if velocity_before {
+            sent.push((other, 0, velocity(other)));
+        }
+        for k in 0..50_i64 {
+            let at_ns = k * 100_000_000 + 1_000_000;
+            if k % 10 == 3 {
+                sent.extend([other, first].map(|of| (of, at_ns, whole(of))));
+            }
+            sent.extend([first, other].map(|of| (of, at_ns, Content::Position(place(of)))));
+            sent.extend([other, first].map(|of| (of, at_ns, velocity(of))));
+        }
+        let taken = sent
+            .into_iter()
+            .filter_map(|(of, at_ns, c)| bus.take(of, at_ns, c).ok()?);
+        taken
+            .map(|m| match m {
+                Measurement::Gnss(fix) => fix,
+                m => panic!("{m:?}"),
+            })
+            .collect()
+    }
+
+    #[test]
+    fn receivers_that_both_send_everything() {
+        for (devices, velocity_before) in [([1, 2], false), ([1, 2], true), ([2, 1], false), ([2, 1], true)] {
+            let fixes = fixes_of_two(devices, velocity_before);
+            let of = f64::from(devices[0]);
+            assert_eq!(fixes.len(), 50, "{devices:?}");
+            assert!(
+                fixes.iter().all(|f| (f.datum.latitude_deg - of).abs() < 1e-9),
+                "{devices:?}"
+            );
+            let is_measured = |sd: f64| sd < NOT_MEASURED_SD;
+            let heights = fixes.iter().filter(|f| is_measured(f.position_sd[2]));
+            assert_eq!(heights.count(), 5, "{devices:?}");
+            let with_velocity =
+                |f: &&GnssFix| is_measured(f.velocity_sd[0]) && (f.velocity[0] - of).abs() < 1e-9;
+            assert_eq!(fixes.iter().filter(with_velocity).count(), 49, "{devices:?}");
+            let better = fixes
+                .iter()
+                .filter(|f| f.position_sd[0] < fixes[0].position_sd[0]);
+            assert_eq!(better.count(), 47, "of whole fixes");
+        }
+    }
+
+    #[test]
+    fn receiver_that_stands_in_with_its_velocity() {
+        let mut bus = Bus::default();
+        let velocity = |of: u32| Content::velocity(f64::from(of), Some((0.0, false))).unwrap();
+        let place = Content::Position([50.0, 14.5]);
+        let mut takes = |of, at_s: f64, c| bus.take(of, (at_s * 1e9) as i64, c).is_ok();
+        assert!(takes(1, 0.0, place) && !takes(2, 0.1, velocity(2)) && takes(1, 0.1, velocity(1)));
+        // The first has no position any more, and still a velocity.
+        assert!(takes(2, 2.5, place) && takes(2, 2.5, velocity(2)) && !takes(1, 2.6, velocity(1)));
+        assert!(takes(1, 3.0, place) && takes(1, 3.0, velocity(1)) && !takes(2, 3.1, velocity(2)));
     }
 
     #[test]

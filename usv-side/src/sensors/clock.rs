@@ -11,18 +11,18 @@ pub(super) const DAY_NS: i64 = 86_400_000_000_000;
 /// The Julian day number of 1 January 1970.
 const JULIAN_1970: i32 = 2_440_588;
 /// Drift between two crystals, s/s.
-const DRIFT: f64 = 1e-4;
+pub(super) const DRIFT: f64 = 1e-4;
 /// Largest deviation from the offset that is delay, s: beyond, the time is wrong or the source has restarted.
 const MAX_DELAY_S: f64 = 2.0;
 /// After so many deviating times in a row that agree among themselves the source has restarted.
 const AGREEING: u32 = 10;
 /// A delay above this is no jitter of the arrival, s: an admitted fix or heading is at most about as old.
-const JITTER_S: f64 = 0.3;
+pub(super) const JITTER_S: f64 = 0.3;
 /// Times that are all later than the offset by as much, in a row for this long, are of another clock, s: where they began
 /// with a time that came again while the arrivals went on (the clock was set back, as at a leap second), and otherwise (it
 /// restarted, or what it sent was held up, which is caught up with before).
 const STEPPED_S: f64 = 2.0;
-const HELD_UP_S: f64 = 10.0;
+pub(super) const HELD_UP_S: f64 = 10.0;
 
 /// The offset of a source's clock.
 #[derive(Clone, Debug, Default)]

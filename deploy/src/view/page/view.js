@@ -435,18 +435,54 @@ function drawTrack(track) {
   });
 }
 
+const CAMERA_OLD_S = 2; // of two images a second four are missing
+const CAMERA_WAIT_MS = 3000; // a request without an answer is given up
+const CAMERA_PAUSE_MS = 1000; // after one that failed
+let seen = null; // the image that is visible: its number, text and time on the server's clock
+let loading = false;
+
+// What is said is of the image that is visible, which may be an older one than the newest.
+function tellCamera() {
+  const age = seen && picture ? picture.clock_s - seen.at_s : 0;
+  const old = age > CAMERA_OLD_S || age < 0;
+  $("camera").classList.toggle("stale", old);
+  text("camera-age", old ? `OLD: ${age < 0 ? "from before the server's start" : `${ago(age)} ago`}` : "");
+  text("camera-text", seen ? seen.text : "no image yet");
+}
+
+// An image takes the place of the visible one when it is there.
+function loadImage(camera) {
+  const its = { number: camera.number, text: camera.text, at_s: picture.clock_s - camera.age_s };
+  const image = new Image();
+  const givenUp = setTimeout(() => {
+    image.onload = image.onerror = null;
+    image.removeAttribute("src"); // which ends the request
+    loading = false;
+  }, CAMERA_WAIT_MS);
+  image.onload = () => {
+    clearTimeout(givenUp);
+    loading = false;
+    seen = its;
+    image.id = "camera-image";
+    image.alt = `Down from the drone: ${its.text}`;
+    $("camera-image").replaceWith(image);
+    tellCamera();
+  };
+  image.onerror = () => {
+    clearTimeout(givenUp);
+    setTimeout(() => { loading = false; }, CAMERA_PAUSE_MS);
+  };
+  loading = true;
+  image.src = `/camera.jpg?${camera.number}`;
+}
+
 // Its image comes by itself, one at a time, and only to a tab that is looked at.
 function showCamera(camera) {
   $("camera").hidden = !camera;
   if (!camera) return;
-  $("camera").classList.toggle("stale", camera.old);
-  text("camera-age", camera.old ? `OLD: ${ago(camera.age_s)} ago` : "");
-  text("camera-text", camera.text);
-  const image = $("camera-image");
-  if (document.hidden || !image.complete || image.dataset.number === String(camera.number)) return;
-  image.dataset.number = camera.number;
-  image.alt = `Down from the drone: ${camera.text}`;
-  image.src = `/camera.jpg?${camera.number}`;
+  tellCamera();
+  if (document.hidden || loading || (seen && seen.number === camera.number)) return;
+  loadImage(camera);
 }
 
 // Of three beside each other by two the last has a row of its own.

@@ -24,6 +24,7 @@ pub(in crate::sensors) enum Why {
     Simulated,
     Magnetic,
     Cached,
+    HeldUp,
 }
 
 impl Why {
@@ -37,12 +38,13 @@ impl Why {
             Why::Simulated => "simulated or set by hand",
             Why::Magnetic => "magnetic, and the variation is not known",
             Why::Cached => "the first after the server's greeting, of any age",
+            Why::HeldUp => "held up on the way, and without a time of its own",
         }
     }
     /// What to do about it, where it is a fault.
     const fn remedy(self) -> Option<&'static str> {
         match self {
-            Why::NotRead | Why::Empty | Why::Spare | Why::Cached => None,
+            Why::NotRead | Why::Empty | Why::Spare | Why::Cached | Why::HeldUp => None,
             Why::Invalid => {
                 Some("the sensor itself does not trust it: see to its alignment and its antennas")
             }
@@ -109,6 +111,7 @@ impl Account {
             Why::Invalid,
             Why::Spare,
             Why::Cached,
+            Why::HeldUp,
             Why::Empty,
             Why::NotRead,
         ] {

@@ -14,8 +14,9 @@ pub(super) struct Message {
     pub(super) own: Option<String>,
     /// Whose the values are; the server's own vessel where it is missing.
     pub(super) context: Option<String>,
+    /// Each is read alone ([`Update::read`]): one that is of another shape takes none of the others with it.
     #[serde(default)]
-    pub(super) updates: Vec<Update>,
+    pub(super) updates: Vec<Value>,
 }
 
 /// Values of one source at one time.
@@ -49,6 +50,10 @@ pub(super) struct PathValue {
 }
 
 impl Update {
+    /// Reads one of a message; None where it has another shape.
+    pub(super) fn read(update: &Value) -> Option<Update> {
+        Update::deserialize(update).ok()
+    }
     /// Name of its source; empty where it has none.
     pub(super) fn source(&self) -> String {
         let parts = || {

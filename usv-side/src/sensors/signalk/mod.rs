@@ -2,9 +2,11 @@
 //!
 //! An update's time is the server's, when it received the values, or that of the receiver whose sentence had one. So
 //! devices have clocks of their own, one for each kind of measurement; what belongs together is found by the arrival, in a
-//! recording by those times. A time that comes again (the server cuts GGA's to whole seconds) is none: the arrival is.
+//! recording by those times. A time that comes again (the server cuts GGA's to whole seconds) is none: the arrival is,
+//! unless the update was held up on its way ([`lag`]).
 
 mod delta;
+mod lag;
 
 use alight_shared::time::{Time, VesselClock};
 
@@ -15,9 +17,10 @@ use super::nmea::account::{Account, Why};
 use super::{Decoded, Decoder, Measurement, Mounting, Remark, SourceMeasurement};
 use crate::node::KINDS;
 use delta::{Message, Update};
+use lag::Lag;
 
 /// Longest message, bytes.
-const MAX_MESSAGE: usize = 16 << 10;
+pub const MAX_MESSAGE: usize = 256 << 10;
 /// Sources that are distinguished; further ones count as one.
 const MAX_SOURCES: usize = 64;
 
@@ -48,6 +51,9 @@ pub struct SignalKDecoder {
     speed: Option<(f64, u32, i64)>,
     /// The newest time of each kind, ns.
     newest_ns: [Option<i64>; KINDS.len()],
+    /// How late each kind arrives.
+    lags: [Lag; KINDS.len()],
+    /// At most one of a kind.
     timeless: Vec<Measurement>,
 }
 
@@ -65,6 +71,7 @@ impl SignalKDecoder {
             begun: None,
             speed: None,
             newest_ns: [None; KINDS.len()],
+            lags: [Lag::default(); KINDS.len()],
             timeless: Vec::new(),
         }
     }
@@ -90,6 +97,10 @@ impl SignalKDecoder {
         }
         let is_own = self.is_own(message.context.as_deref());
         for update in &message.updates {
+            let Some(update) = Update::read(update) else {
+                self.decoded.corrupted += 1;
+                continue;
+            };
             for value in &update.values {
                 if !is_own {
                     self.ignore("AIS");
@@ -99,7 +110,7 @@ impl SignalKDecoder {
                 }
             }
             if is_own {
-                self.update(update, out);
+                self.update(&update, out);
             }
         }
     }
@@ -159,13 +170,28 @@ impl SignalKDecoder {
         };
         let newest = self.newest_ns.get_mut(m.kind());
         let repeated = newest.is_some_and(|n| core::mem::replace(n, when.stamp_ns) == when.stamp_ns);
+        let late = match (self.now_ns, when.stamp_ns, self.lags.get_mut(m.kind())) {
+            (Some(now_ns), Some(stamp_ns), Some(lag)) => lag.is_held_up(now_ns, stamp_ns),
+            _ => false,
+        };
         match when.stamp_ns.filter(|_| !repeated) {
             Some(stamp_ns) => out.push(SourceMeasurement::new(stamp_ns, m)),
-            None if self.now_ns.is_some() => {
+            None if late => self.left_out(name, Why::HeldUp),
+            None if self.now_ns.is_some() => self.by_arrival(name, m),
+            None => self.decoded.undated += 1,
+        }
+    }
+    /// The newest of a kind that arrived together is of now; those before it were held up.
+    fn by_arrival(&mut self, name: &str, m: Measurement) {
+        match self.timeless.iter_mut().find(|of| of.kind() == m.kind()) {
+            Some(older) => {
+                *older = m;
+                self.left_out(name, Why::HeldUp);
+            }
+            None => {
                 self.decoded.by_arrival += 1;
                 self.timeless.push(m);
             }
-            None => self.decoded.undated += 1,
         }
     }
     fn left_out(&mut self, name: &str, why: Why) {

@@ -192,6 +192,56 @@ fn signalk_whole_seconds_at_five_hertz() {
     assert_eq!((out.len(), timeless, d.decoded().by_arrival), (4, 16, 16));
 }
 
+#[test]
+fn signalk_burst_after_the_network_stood_still() {
+    let place = |k: i32| {
+        let north = format!(r#"{{"latitude":50.{k:03},"longitude":14.5}}"#);
+        let at_s = f64::from(k / 5);
+        delta(at_s, "gps.GP", &[("navigation.position", &north)])
+            .replace("urn:mrn:imo:mmsi:230099999", "self")
+    };
+    let mut d = SignalKDecoder::new(&Mounting::new(&Mount::default()));
+    let mut out = Vec::new();
+    for k in 0..20 {
+        d.arrive(Time::from_secs(100.0 + 0.2 * f64::from(k)));
+        d.push(place(k).as_bytes(), &mut out);
+        assert_eq!(d.timeless().len(), usize::from(k % 5 != 0), "{k}");
+    }
+    // Five seconds at once, of which the last fifth second is now.
+    out.clear();
+    d.arrive(Time::from_secs(108.8));
+    let burst: String = (20..45).map(place).collect();
+    d.push(burst.as_bytes(), &mut out);
+    let newest = d.timeless();
+    assert_eq!((out.len(), newest.len(), d.decoded().left_out), (5, 1, 19));
+    assert!(
+        matches!(newest[0], Measurement::Gnss(fix) if (fix.datum.latitude_deg - 50.044).abs() < 1e-9),
+        "{newest:?}"
+    );
+    assert!(d.remarks().iter().any(|r| r.text.contains("held up")));
+    // One that comes late, alone.
+    d.arrive(Time::from_secs(111.0));
+    d.push((place(45) + &place(46)).as_bytes(), &mut out);
+    assert_eq!((out.len(), d.timeless().len()), (6, 0));
+    d.arrive(Time::from_secs(111.2));
+    d.push((place(55) + &place(56)).as_bytes(), &mut out);
+    assert_eq!((out.len(), d.timeless().len()), (7, 1));
+}
+
+#[test]
+fn signalk_update_of_another_shape_between_others() {
+    let values =
+        |value: &str| format!(r#"{{"$source":"a","timestamp":"2026-05-20T12:00:01Z","values":{value}}}"#);
+    let heading = r#"[{"path":"navigation.headingTrue","value":1.0}]"#;
+    let place = r#"[{"path":"navigation.position","value":{"latitude":50,"longitude":14.5}}]"#;
+    let shapes = [r#"{"path":"a"}"#, r#"[{"value":1}]"#, "null", "7"].map(values);
+    let mut updates = vec![values(heading)];
+    updates.extend(shapes);
+    updates.extend(["5".into(), values(place)]);
+    let (all, d) = decode(&format!("{{\"updates\":[{}]}}\n", updates.join(",")));
+    assert_eq!((all.len(), d.decoded().corrupted), (2, 5), "{all:?}");
+}
+
 proptest! {
     #[test]
     fn signalk_arbitrary_damage(damage in damage(60), noise in prop::collection::vec(any::<u8>(), 0..600), cut in 1_usize..700) {

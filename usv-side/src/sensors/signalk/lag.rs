@@ -1,0 +1,56 @@
+//! Whether an update was held up on its way: by how much more its arrival is later than its time than the least by
+//! which one was. A time that is cut to whole seconds is up to a second earlier than the measurement.
+
+use crate::sensors::clock::{DRIFT, HELD_UP_S, JITTER_S};
+
+/// Above the least, an update is late by more than a cut second and the arrival's jitter, ns.
+const LATE_NS: i64 = 1_000_000_000 + (JITTER_S * 1e9) as i64;
+
+/// How late the updates of a clock arrive.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Lag {
+    /// The least of arrival less time, and when it was, ns.
+    least: Option<(i64, i64)>,
+    /// Since when all were late, ns.
+    late_since: Option<i64>,
+}
+
+impl Lag {
+    /// Takes one that is dated at `stamp_ns` and arrives at `now_ns`; whether it was held up. After some seconds it is
+    /// the clock that was set back.
+    pub(super) fn is_held_up(&mut self, now_ns: i64, stamp_ns: i64) -> bool {
+        let lag = now_ns.saturating_sub(stamp_ns);
+        // Two clocks drift apart meanwhile.
+        let drifted = |(least, at_ns): (i64, i64)| {
+            least.saturating_add((now_ns.saturating_sub(at_ns) as f64 * DRIFT) as i64)
+        };
+        let least = self.least.map_or(lag, drifted);
+        let is_late = lag.saturating_sub(least) > LATE_NS;
+        let since = *self.late_since.get_or_insert(now_ns);
+        if is_late && (now_ns.saturating_sub(since) as f64) < HELD_UP_S * 1e9 {
+            return true;
+        }
+        self.least = Some((if is_late { lag } else { least.min(lag) }, now_ns));
+        self.late_since = None;
+        false
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const S: i64 = 1_000_000_000;
+
+    #[test]
+    fn lag_of_a_clock_that_is_set() {
+        let mut lag = Lag::default();
+        let mut late = |at_s: i64, stamp_s: i64| lag.is_held_up(at_s * S, stamp_s * S);
+        assert!(!late(100, 7) && !late(101, 8) && !late(102, 8), "cut by a second");
+        assert!(late(110, 10) && !late(110, 17), "a burst");
+        // Set forward it is as before at once, set back it is after ten seconds.
+        assert!(!late(111, 500) && !late(112, 501));
+        assert!((113..123).all(|k| late(k, k - 100)));
+        assert!(!late(123, 23) && !late(124, 24) && late(130, 25));
+    }
+}
