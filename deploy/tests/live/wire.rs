@@ -240,8 +240,12 @@ fn router_that_comes_late_and_starts_again() {
     let (mut vessel, mut drone) = (vessel(&config), drone(&config));
     vessel.send(0, vec![0; 10]);
     assert_eq!(vessel.counts().unsent, 1);
+    // What stood still is mended by a watchdog, which a vessel has not.
+    drone.watch(0.0);
+    assert!(drone.survives_pause(100.0) && !vessel.survives_pause(100.0) && vessel.survives_pause(1.0));
     let first = router(&endpoint);
     assert_exchange(&mut vessel, &mut drone, 1);
+    assert_eq!((vessel.counts().reopened, drone.counts().reopened), (0, 0));
     let mut answer = None;
     assert_until("no answer through the router", || {
         answer = answer.take().or(asked(&mut drone, 1));
