@@ -100,6 +100,7 @@ macro_rules! topics {
         pub const ALL: &[Topic] = &[$($id),*];
     };
 }
+// Reports name a topic by its place here: a new one stands at the end, with a new version of the messages.
 topics! {
     /// The vessel's state.
     ESTIMATE: "estimate", msg::VesselEstimate<VesselClock>, Radio, 30.0 Hz, 300, 1000 ms, 2 deep;
@@ -155,8 +156,6 @@ topics! {
     SET_POINT: "pilot/setpoint", msg::SetPoint, Memory, 100.0 Hz, size_of::<msg::SetPoint>(), 100 ms, 2 deep;
     /// The operator's command.
     COMMAND: "operator/command", msg::Command, Memory, 0.1 Hz, size_of::<msg::Command>(), 5000 ms, 16 deep;
-    /// What a ground station sets of the mission.
-    SETTINGS: "operator/settings", msg::SettingsOrder, Memory, 0.1 Hz, size_of::<msg::SettingsOrder>(), 1000 ms, 2 deep;
     /// The mission's checkpoint. After this time the pilot has left the drone to its autopilot.
     MISSION_CHECKPOINT: "mission/checkpoint", msg::MissionCheckpoint, Memory, 50.0 Hz, size_of::<msg::MissionCheckpoint>(), 5000 ms, 4 deep;
     /// The predictor's checkpoint. After this time the odometry has drifted, and so has the drone.
@@ -173,6 +172,8 @@ topics! {
     VESSEL: "vessel/status", msg::VesselStatus, Memory, 2.0 Hz, size_of::<msg::VesselStatus>(), 3000 ms, 2 deep;
     /// An order of the vessel's crew.
     CREW: "vessel/crew", msg::CrewOrder, Memory, 0.1 Hz, size_of::<msg::CrewOrder>(), 10000 ms, 16 deep;
+    /// What a ground station sets of the mission.
+    SETTINGS: "operator/settings", msg::SettingsOrder, Memory, 0.1 Hz, size_of::<msg::SettingsOrder>(), 1000 ms, 2 deep;
 }
 
 #[cfg(test)]
