@@ -275,7 +275,13 @@ fn router_with_certificates() {
     let _router = zenoh::open(zenoh::Config::from_json5(&text).expect("a configuration"))
         .wait()
         .expect("opens");
-    let of = |name: &str, peer: &str| through(&endpoint, tls(&keys.join(name), &[peer]));
+    let of = |name: &str, peer: &str| {
+        let tls = TlsConfig {
+            router: "vessel-9".into(),
+            ..tls(&keys.join(name), &[peer])
+        };
+        through(&endpoint, tls)
+    };
     let (mut vessel, mut drone) = (
         vessel(&of("vessel-1", "drone-1")),
         drone(&of("drone-1", "vessel-1")),
@@ -292,6 +298,13 @@ fn router_with_certificates() {
         vec![WAVE],
     )
     .expect("opens");
+    // It has a session before anything is claimed of what it sends.
+    assert_until("the stranger has no session", || {
+        stranger.send(0, vec![6; 30]);
+        stranger.send(1, vec![6; 30]);
+        assert!(stranger.receive(STEP).is_none());
+        stranger.flows().iter().all(|flow| flow.messages > 0)
+    });
     for _ in 0..100 {
         stranger.send(0, vec![6; 30]);
         stranger.send(1, vec![6; 30]);

@@ -32,7 +32,7 @@ use crate::transport::clock::steady_ns;
 use crate::transport::observe::{ReceiveChannel, receive_channel};
 use crate::transport::radio::attempts::Attempts;
 use crate::transport::radio::config::ZenohFile;
-pub use crate::transport::radio::config::{RadioConfig, TlsConfig};
+pub use crate::transport::radio::config::{RadioConfig, TlsConfig, zenoh_text};
 use crate::transport::radio::presence::Present;
 pub use crate::transport::radio::publication::{Publication, Urgency};
 use crate::transport::rejections::PlaintextAttempts;
