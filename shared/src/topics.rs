@@ -41,6 +41,15 @@ pub const PROCESS: Topic = Topic {
     schema: schema::of::<crate::transport::process::ProcessState>,
 };
 
+/// The same of the vessel's process, which she broadcasts for her drones, under her own name.
+#[cfg(feature = "transport")]
+pub const VESSEL_PROCESS: Topic = Topic {
+    name: "status",
+    medium: Medium::Radio,
+    bytes: crate::wire::MAX_WIRE_BYTES,
+    ..PROCESS
+};
+
 /// A topic.
 #[derive(Clone, Copy, Debug)]
 pub struct Topic {
@@ -441,6 +450,21 @@ mod tests {
                 assert!(!field.kind.contains('-'), "{}: {field:?}", topic.name);
             }
         }
+    }
+
+    #[cfg(feature = "transport")]
+    #[test]
+    fn vessel_report_on_the_radio() {
+        let (radio, memory) = (VESSEL_PROCESS.described(), PROCESS.described());
+        assert_eq!(
+            (&radio["topic"], &radio["medium"], &radio["max_bytes"]),
+            (&json!("status"), &json!("radio"), &json!(wire::MAX_WIRE_BYTES))
+        );
+        assert_eq!(
+            (&memory["medium"], &radio["schema"]),
+            (&json!("memory"), &memory["schema"])
+        );
+        assert_eq!(VESSEL_PROCESS.encoding_schema(), PROCESS.encoding_schema());
     }
 
     #[test]
