@@ -406,6 +406,7 @@ fn completed(endpoint: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::{Check, Keys};
     use crate::wire::MAX_WIRE_BYTES;
 
     #[test]
