@@ -133,6 +133,7 @@ pub fn files(directory: &Path, peers: Vec<String>) -> Result<TlsConfig, CliError
         certificate: file(CERTIFICATE_FILE)?,
         key: file(KEY_FILE)?,
         peers,
+        ..TlsConfig::default()
     })
 }
 

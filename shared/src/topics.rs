@@ -41,6 +41,15 @@ pub const PROCESS: Topic = Topic {
     schema: schema::of::<crate::transport::process::ProcessState>,
 };
 
+/// The same of the vessel's process, which she broadcasts for her drones, under her own name.
+#[cfg(feature = "transport")]
+pub const VESSEL_PROCESS: Topic = Topic {
+    name: "status",
+    medium: Medium::Radio,
+    bytes: crate::wire::MAX_WIRE_BYTES,
+    ..PROCESS
+};
+
 /// A topic.
 #[derive(Clone, Copy, Debug)]
 pub struct Topic {
@@ -100,6 +109,7 @@ macro_rules! topics {
         pub const ALL: &[Topic] = &[$($id),*];
     };
 }
+// Reports name a topic by its place here: a new one stands at the end, with a new version of the messages.
 topics! {
     /// The vessel's state.
     ESTIMATE: "estimate", msg::VesselEstimate<VesselClock>, Radio, 30.0 Hz, 300, 1000 ms, 2 deep;
@@ -155,8 +165,6 @@ topics! {
     SET_POINT: "pilot/setpoint", msg::SetPoint, Memory, 100.0 Hz, size_of::<msg::SetPoint>(), 100 ms, 2 deep;
     /// The operator's command.
     COMMAND: "operator/command", msg::Command, Memory, 0.1 Hz, size_of::<msg::Command>(), 5000 ms, 16 deep;
-    /// What a ground station sets of the mission.
-    SETTINGS: "operator/settings", msg::SettingsOrder, Memory, 0.1 Hz, size_of::<msg::SettingsOrder>(), 1000 ms, 2 deep;
     /// The mission's checkpoint. After this time the pilot has left the drone to its autopilot.
     MISSION_CHECKPOINT: "mission/checkpoint", msg::MissionCheckpoint, Memory, 50.0 Hz, size_of::<msg::MissionCheckpoint>(), 5000 ms, 4 deep;
     /// The predictor's checkpoint. After this time the odometry has drifted, and so has the drone.
@@ -173,6 +181,8 @@ topics! {
     VESSEL: "vessel/status", msg::VesselStatus, Memory, 2.0 Hz, size_of::<msg::VesselStatus>(), 3000 ms, 2 deep;
     /// An order of the vessel's crew.
     CREW: "vessel/crew", msg::CrewOrder, Memory, 0.1 Hz, size_of::<msg::CrewOrder>(), 10000 ms, 16 deep;
+    /// What a ground station sets of the mission.
+    SETTINGS: "operator/settings", msg::SettingsOrder, Memory, 0.1 Hz, size_of::<msg::SettingsOrder>(), 1000 ms, 2 deep;
 }
 
 #[cfg(test)]
@@ -440,6 +450,21 @@ mod tests {
                 assert!(!field.kind.contains('-'), "{}: {field:?}", topic.name);
             }
         }
+    }
+
+    #[cfg(feature = "transport")]
+    #[test]
+    fn vessel_report_on_the_radio() {
+        let (radio, memory) = (VESSEL_PROCESS.described(), PROCESS.described());
+        assert_eq!(
+            (&radio["topic"], &radio["medium"], &radio["max_bytes"]),
+            (&json!("status"), &json!("radio"), &json!(wire::MAX_WIRE_BYTES))
+        );
+        assert_eq!(
+            (&memory["medium"], &radio["schema"]),
+            (&json!("memory"), &memory["schema"])
+        );
+        assert_eq!(VESSEL_PROCESS.encoding_schema(), PROCESS.encoding_schema());
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The configuration of a flight is the one that it began with. A supervisor reads its file once and gives its processes a
 //! copy of what it read, so that one which is started again in flight does not take up what somebody has edited meanwhile.
+//! The file of Zenoh's own configuration is part of it: its text stands in the copy in the place of its name.
 //! The copy is kept fresh while the supervisor lives and is removed when it ends as asked; a successor that finds a fresh
 //! one goes on with it, for its predecessor was killed. An edited file is said, and counts from the next start on.
 
@@ -10,6 +11,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use alight_shared::config::{self, Check};
+use alight_shared::transport::radio::zenoh_text;
 use alight_shared::wire;
 use serde::de::DeserializeOwned;
 use tracing::warn;
@@ -57,6 +59,7 @@ impl SealedConfig {
         }
         let text = read(origin).doing(format_args!("reading {}", origin.display()))?;
         let computer = config::parse(&text, &origin.display().to_string())?;
+        let text = whole(text)?;
         write(&copy, &text).doing(format_args!("writing {}", copy.display()))?;
         Ok((computer, SealedConfig::of(origin, copy, text, true)))
     }
@@ -99,7 +102,8 @@ impl SealedConfig {
         self.look()
     }
     fn look(&mut self) -> bool {
-        let edited = read(&self.origin).map_or(true, |text| text != self.text);
+        let now = read(&self.origin).ok().and_then(|text| whole(text).ok());
+        let edited = now.is_none_or(|text| text != self.text);
         let changed = edited != self.edited;
         self.edited = edited;
         if let Some(said) = self.edited().filter(|_| changed) {
@@ -125,6 +129,21 @@ impl Drop for SealedConfig {
 /// What a service that was started with the file `origin` runs by now, as text; None where none was, and for another user's.
 pub fn running(origin: &Path) -> Option<String> {
     fresh(&copy_of(&std::env::temp_dir(), origin).ok()?)
+}
+
+/// The text of a configuration with that of Zenoh's own in the place of its file's name, where it names one.
+fn whole(text: String) -> Result<String, CliError> {
+    // What is no TOML is rejected with its line where it is parsed.
+    let mut table: toml::Table = toml::from_str(&text).unwrap_or_default();
+    let Some(toml::Value::String(zenoh)) = table.get_mut("radio").and_then(|radio| radio.get_mut("zenoh"))
+    else {
+        return Ok(text);
+    };
+    let Some(own) = zenoh_text(zenoh)? else {
+        return Ok(text);
+    };
+    *zenoh = own;
+    toml::to_string(&table).doing("writing Zenoh's own configuration (radio.zenoh) into a copy")
 }
 
 /// Where the copy of a file is.
@@ -219,6 +238,44 @@ mod tests {
         fs::remove_file(sealed.path()).unwrap();
         sealed.poll(0);
         assert_eq!(number(sealed.path()), 6);
+        fs::remove_dir_all(directory).unwrap();
+    }
+
+    #[test]
+    fn zenoh_file_edited_in_flight() {
+        let directory = std::env::temp_dir().join(format!("alight-sealed-zenoh-{}", std::process::id()));
+        fs::create_dir_all(&directory).unwrap();
+        let (origin, zenoh) = (directory.join("drone.toml"), directory.join("zenoh.json5"));
+        let text = format!(
+            "[radio]\nconnect = [\"udp/192.168.7.1:7447\"]\nzenoh = {:?}\n",
+            zenoh.display().to_string()
+        );
+        fs::write(&origin, &text).unwrap();
+        let begin = || SealedConfig::begin_in::<DroneComputer>(&directory, &origin);
+        assert!(begin().err().unwrap().to_string().contains("zenoh.json5"));
+        let original = "{\n  metadata: { boat: \"Ida\" }, // a comment\n}\n";
+        fs::write(&zenoh, original).unwrap();
+        let (_, mut sealed) = begin().unwrap();
+        let flown = |sealed: &SealedConfig| {
+            let computer: DroneComputer = config::load(sealed.path()).unwrap();
+            computer.radio.check_zenoh().unwrap();
+            computer.radio.zenoh
+        };
+        assert_eq!(flown(&sealed), original);
+        assert!(!sealed.poll(0));
+        // A process that is started now keeps to what was read, and so does a successor of a supervisor that was killed.
+        fs::write(&zenoh, "{ mode: ").unwrap();
+        assert!(sealed.poll(LOOK_PERIOD_NS) && sealed.edited().is_some());
+        fs::remove_file(&zenoh).unwrap();
+        assert!(!sealed.poll(2 * LOOK_PERIOD_NS) && sealed.edited().is_some());
+        let (computer, successor) = begin().unwrap();
+        assert_eq!(
+            (&*computer.radio.zenoh, flown(&successor)),
+            (original, original.into())
+        );
+        // As it was before, nothing is edited.
+        fs::write(&zenoh, original).unwrap();
+        assert!(sealed.poll(3 * LOOK_PERIOD_NS) && sealed.edited().is_none());
         fs::remove_dir_all(directory).unwrap();
     }
 }

@@ -1,7 +1,5 @@
 //! `alight schema`: the messages on Zenoh and iceoryx2, for programs of others.
 
-use std::iter::once;
-
 use alight_shared::msg::MESSAGE_VERSION;
 use alight_shared::schema;
 use alight_shared::topics::{self, Medium, Topic};
@@ -35,7 +33,7 @@ pub struct SchemaArgs {
 
 /// Shows them.
 pub fn run(args: &SchemaArgs) -> Result<Exit, CliError> {
-    let all: Vec<&Topic> = topics::ALL.iter().chain(once(&topics::PROCESS)).collect();
+    let all = all();
     let shown: Vec<&Topic> = match &args.topic {
         None => all.clone(),
         Some(name) => all.iter().copied().filter(|t| t.name == name).collect(),
@@ -51,12 +49,20 @@ pub fn run(args: &SchemaArgs) -> Result<Exit, CliError> {
     if args.json {
         let described: Vec<_> = shown.iter().map(|t| t.described()).collect();
         terminal::line(json!({ "message_version": MESSAGE_VERSION, "topics": described }));
-    } else if let (Some(_), [topic]) = (&args.topic, shown.as_slice()) {
-        terminal::line(fields(topic));
+    } else if args.topic.is_some() {
+        // A drone and a vessel each have a status.
+        let texts: Vec<String> = shown.iter().map(|t| fields(t)).collect();
+        terminal::line(texts.join("\n\n"));
     } else {
         terminal::line(list(&shown));
     }
     Ok(Exit::Success)
+}
+
+/// Those of the table, and what processes report about themselves.
+fn all() -> Vec<&'static Topic> {
+    let reports = [&topics::PROCESS, &topics::VESSEL_PROCESS];
+    topics::ALL.iter().chain(reports).collect()
 }
 
 fn list(topics: &[&Topic]) -> String {
@@ -130,11 +136,13 @@ fn wrapped(text: &str) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
+    use std::iter::once;
+
     use super::*;
 
     #[test]
     fn lines_of_every_schema_within_a_terminal() {
-        let all: Vec<&Topic> = topics::ALL.iter().chain(once(&topics::PROCESS)).collect();
+        let all = all();
         let texts = once(list(&all)).chain(all.iter().map(|t| fields(t)));
         for text in texts {
             for line in text.lines() {

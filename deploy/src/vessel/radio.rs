@@ -70,7 +70,8 @@ impl VesselRadio {
     pub fn open(computer: &VesselComputer) -> Result<VesselRadio, CliError> {
         let key = |topic: Option<&Topic>| vessel_key(computer.vessel_id, topic.map_or(STATUS, |t| t.name));
         let publications = PUBLICATIONS.map(|(topic, urgency)| {
-            let publication = Publication::new(key(topic), urgency).of(topic.unwrap_or(&topics::PROCESS));
+            let publication =
+                Publication::new(key(topic), urgency).of(topic.unwrap_or(&topics::VESSEL_PROCESS));
             // What a drone that comes later lacks and is broadcast seldom.
             match topic.is_some_and(|t| [topics::WAVE.name, topics::SURROUNDINGS.name].contains(&t.name)) {
                 true => publication.held(),

@@ -184,6 +184,7 @@ pub fn tls(directory: &Path, peers: &[&str]) -> TlsConfig {
         certificate: file("certificate.pem"),
         key: file("key.pem"),
         peers: peers.iter().map(|p| (*p).to_owned()).collect(),
+        ..TlsConfig::default()
     }
 }
 

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 /// The chunk below a name under which the schemas of its messages are: a `**` of others does not match it.
 pub const SCHEMA: &str = "@schema";
-/// The subject of what comes through a router.
+/// The subject of what comes through a router, whose certificate the configuration names.
 const ROUTER: &str = "router";
 /// Peers at most.
 pub const PEERS: usize = 64;
@@ -24,9 +24,9 @@ pub fn is_name(name: &str) -> bool {
 }
 
 /// zenoh's `access_control` for a side whose keys begin with `name`, which publishes `own` and listens to `peers`.
-/// Through a router every message comes over the router's link: the keys of the peers are admitted there, and which
-/// certificate may use which is the router's to check.
-pub fn rules(name: &str, own: &[String], peers: &[String], router: bool) -> Value {
+/// Through a router every message comes over the router's link, known by the name in its certificate: the keys of the peers
+/// are admitted there, and which certificate may use which is the router's to check.
+pub fn rules(name: &str, own: &[String], peers: &[String], router: Option<&str>) -> Value {
     let both = ["ingress", "egress"];
     let rule = |id: &str, flows: &[&str], messages: &[&str], keys: Value| {
         json!({
@@ -51,19 +51,14 @@ pub fn rules(name: &str, own: &[String], peers: &[String], router: bool) -> Valu
         rules.push(rule("speak", &["egress"], &["put"], json!(own)));
         granted.push("speak");
     }
-    let subject = |peer: &str| {
-        if router {
-            ROUTER.to_owned()
-        } else {
-            peer.to_owned()
-        }
+    let subject = |peer: &str| router.map_or(peer, |_| ROUTER).to_owned();
+    // Each with the name in its certificate.
+    let subjects: Vec<(&str, &str)> = match router {
+        Some(router) => vec![(ROUTER, router)],
+        None => peers.iter().map(|p| (p.as_str(), p.as_str())).collect(),
     };
-    let subjects: Vec<String> = if router {
-        vec![ROUTER.into()]
-    } else {
-        peers.to_vec()
-    };
-    let mut policies = vec![json!({ "rules": granted, "subjects": subjects })];
+    let ids: Vec<&str> = subjects.iter().map(|(id, _)| *id).collect();
+    let mut policies = vec![json!({ "rules": granted, "subjects": ids })];
     for peer in peers {
         let (hear, answers) = (format!("hear-{peer}"), format!("answers-{peer}"));
         let own = format!("alight/{peer}");
@@ -73,10 +68,7 @@ pub fn rules(name: &str, own: &[String], peers: &[String], router: bool) -> Valu
     }
     let subjects: Vec<Value> = subjects
         .iter()
-        .map(|peer| match router {
-            true => json!({ "id": peer }),
-            false => json!({ "id": peer, "cert_common_names": [peer] }),
-        })
+        .map(|(id, name)| json!({ "id": id, "cert_common_names": [name] }))
         .collect();
     json!({
         "enabled": true,
@@ -95,7 +87,7 @@ mod tests {
     fn access_rules_by_name() {
         let own = vec!["alight/vessel-1/estimate".to_owned()];
         let peers = ["drone-1".to_owned(), "drone-2".to_owned()];
-        let rules = rules("alight/vessel-1", &own, &peers, false);
+        let rules = rules("alight/vessel-1", &own, &peers, None);
         let mut config = zenoh::Config::default();
         config.insert_json5("access_control", &rules.to_string()).unwrap();
         for peer in &peers {
@@ -114,6 +106,26 @@ mod tests {
             assert_eq!(to.len(), 1);
             assert_eq!(to[0]["subjects"], json!([peer]));
         }
+        assert_eq!(
+            rules["subjects"][1],
+            json!({ "id": "drone-2", "cert_common_names": ["drone-2"] })
+        );
         assert!(is_name("drone-12") && !is_name("drone/1") && !is_name("*") && !is_name(""));
+    }
+
+    #[test]
+    fn access_rules_through_a_router() {
+        let peers = ["drone-1".to_owned(), "drone-2".to_owned()];
+        let rules = rules("alight/vessel-1", &[], &peers, Some("vessel-9"));
+        let mut config = zenoh::Config::default();
+        config.insert_json5("access_control", &rules.to_string()).unwrap();
+        // Another link than the router's is no subject.
+        assert_eq!(
+            rules["subjects"],
+            json!([{ "id": ROUTER, "cert_common_names": ["vessel-9"] }])
+        );
+        for policy in rules["policies"].as_array().unwrap() {
+            assert_eq!(policy["subjects"], json!([ROUTER]));
+        }
     }
 }

@@ -13,7 +13,7 @@ pub const MAX_METRICS: usize = 32;
 pub type Metrics = Seq<Metric, MAX_METRICS>;
 
 macro_rules! names {
-    ($($metric:ident: $name:literal,)*) => {
+    ($($metric:ident: $name:literal,)* ; $($newer:ident: $newer_name:literal,)*) => {
         /// What a metric is of.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
         #[repr(u8)]
@@ -23,12 +23,14 @@ macro_rules! names {
             Rejected(RejectionReason),
             /// Peers rejected for this reason.
             PeersRejectedFor(AccessRejection),
+            $(#[doc = $newer_name] $newer,)*
         }
         impl MetricName {
             /// The name that a person reads.
             pub fn text(self) -> String {
                 match self {
                     $(MetricName::$metric => $name.into(),)*
+                    $(MetricName::$newer => $newer_name.into(),)*
                     MetricName::Rejected(reason) => format!("rejected {}", reason.name()),
                     MetricName::PeersRejectedFor(reason) => format!("peers rejected for {}", reason.name()),
                 }
@@ -42,7 +44,6 @@ names! {
     BytesSent: "bytes sent",
     PacketsDropped: "packets dropped",
     TimeRequestsRejected: "time requests rejected",
-    DroneSessions: "sessions of drones",
     DroneMessages: "drone messages received",
     DroneMessagesRejected: "drone messages rejected",
     DroneMessageAge: "age of drone message",
@@ -58,8 +59,6 @@ names! {
     BytesReceived: "bytes received",
     SessionsReopened: "sessions reopened",
     VesselStatusRejected: "vessel status rejected",
-    NewestAsked: "newest messages asked for",
-    VesselSession: "sessions of the vessel",
     // Of the pilot.
     VesselToSetPointP50: "vessel measurement to set-point p50",
     VesselToSetPointP99: "vessel measurement to set-point p99",
@@ -105,6 +104,11 @@ names! {
     // Of every process that steps on time.
     LongestStep: "longest time between steps",
     LateSteps: "late steps",
+    ;
+    // A name's number is part of the layout: a new one stands at the end, with a new version of the messages.
+    DroneSessions: "sessions of drones",
+    NewestAsked: "newest messages asked for",
+    VesselSession: "sessions of the vessel",
 }
 
 /// The value of a metric, with its unit.

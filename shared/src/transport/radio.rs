@@ -6,6 +6,7 @@
 //! silent is closed (which may hang, so it is left to a thread of its own) and opened anew.
 
 mod answers;
+mod attempts;
 mod config;
 mod held;
 mod presence;
@@ -16,6 +17,7 @@ use std::sync::{Arc, atomic::AtomicBool, atomic::AtomicU64, atomic::Ordering};
 use std::time::Duration;
 
 use tokio::sync::Notify;
+use tracing::warn;
 use zenoh::Wait;
 use zenoh::bytes::ZBytes;
 use zenoh::liveliness::LivelinessToken;
@@ -28,8 +30,9 @@ use crate::admission::Sender;
 use crate::config::{Check, Keys};
 use crate::transport::clock::steady_ns;
 use crate::transport::observe::{ReceiveChannel, receive_channel};
+use crate::transport::radio::attempts::Attempts;
 use crate::transport::radio::config::ZenohFile;
-pub use crate::transport::radio::config::{RadioConfig, TlsConfig};
+pub use crate::transport::radio::config::{RadioConfig, TlsConfig, zenoh_text};
 use crate::transport::radio::presence::Present;
 pub use crate::transport::radio::publication::{Publication, Urgency};
 use crate::transport::rejections::PlaintextAttempts;
@@ -96,7 +99,7 @@ pub struct RadioCounts {
     pub asked: u64,
     /// Messages dropped because they were too long or the process did not read.
     pub dropped: u64,
-    /// How often the watchdog opened the session anew.
+    /// How often a session was opened anew.
     pub reopened: u64,
 }
 
@@ -106,6 +109,9 @@ pub struct Radio {
     open: Option<Open>,
     /// A router's client that is not connected yet.
     opening: Option<Receiver<Result<Open, TransportError>>>,
+    attempts: Attempts,
+    /// Somebody calls [`Radio::watch`].
+    watched: bool,
     inbox: Receiver<Received>,
     counts: RadioCounts,
     flows: Vec<Flow>,
@@ -277,6 +283,8 @@ impl Radio {
             },
             open: None,
             opening: None,
+            attempts: Attempts::default(),
+            watched: false,
             inbox,
             counts: RadioCounts::default(),
             last_received_ns: None,
@@ -295,7 +303,8 @@ impl Radio {
     /// Opens the session; a client's, whose opening waits for its router, in a thread of its own.
     fn begin(&mut self) -> Result<(), TransportError> {
         if !self.parts.config.router {
-            self.open = Some(self.parts.open()?);
+            let open = self.parts.open()?;
+            self.opened(open);
             return Ok(());
         }
         let (sender, opened) = sync_channel(1);
@@ -311,16 +320,45 @@ impl Radio {
         self.opening = Some(opened);
         Ok(())
     }
-    /// Takes over the session that a thread has opened.
-    fn take_opened(&mut self) {
-        let Some(opening) = &self.opening else { return };
-        match opening.try_recv() {
-            Err(TryRecvError::Empty) => return,
-            Ok(Ok(open)) => self.open = Some(open),
-            // The watchdog tries again.
-            Ok(Err(_)) | Err(TryRecvError::Disconnected) => {}
+    /// A session begins: until now nothing could come.
+    fn opened(&mut self, open: Open) {
+        self.open = Some(open);
+        self.attempts.succeeded();
+        self.last_fresh_ns = steady_ns();
+        self.last_received_ns = Some(self.last_fresh_ns);
+    }
+    /// Begins again; what fails is tried again later.
+    fn begin_anew(&mut self) {
+        if let Err(e) = self.begin() {
+            self.failed(&e);
         }
+    }
+    fn failed(&mut self, why: &TransportError) {
+        if let Some(said) = self.attempts.failed(steady_ns(), why) {
+            warn!("{said}");
+        }
+    }
+    /// Takes over the session that a thread has opened, or begins again after one that could not be opened.
+    fn take_opened(&mut self) {
+        let Some(opening) = &self.opening else {
+            if self.open.is_none() && self.attempts.is_due(steady_ns()) {
+                self.begin_anew();
+            }
+            return;
+        };
+        let result = match opening.try_recv() {
+            Err(TryRecvError::Empty) => return,
+            Ok(result) => result,
+            Err(TryRecvError::Disconnected) => Err(TransportError::because(
+                "opening the radio's session",
+                "its thread ended without a result",
+            )),
+        };
         self.opening = None;
+        match result {
+            Ok(open) => self.opened(open),
+            Err(e) => self.failed(&e),
+        }
     }
 
     /// Asks for the newest message of each subscription that is to be asked for, once since somebody is there who answers.
@@ -412,7 +450,9 @@ impl Radio {
     /// that listens keeps its socket, and silence is no news to it; what it cannot mend is
     /// [`Radio::survives_pause`].
     pub fn watch(&mut self, age_s: f64) {
-        if self.parts.config.connect.is_empty() || self.opening.is_some() {
+        self.watched = true;
+        let is_begun = self.opening.is_some() || self.open.is_none() && self.attempts.is_pausing();
+        if self.parts.config.connect.is_empty() || is_begun {
             return;
         }
         let now = steady_ns();
@@ -435,21 +475,20 @@ impl Radio {
                 let _closed = session.close().wait();
             });
         }
-        // A session that cannot be opened is tried again after the same silence.
         self.last_received_ns = Some(now);
         self.last_fresh_ns = now;
-        if self.begin().is_ok() {
-            self.counts.reopened += 1;
-        }
+        self.begin_anew();
     }
 
-    /// Whether the session of a listener can be trusted after its process stood still for `gap_s`: held
-    /// up for about a lease, the middleware's reader of a datagram socket stays blocked for good and
+    /// Whether the session can be trusted after its process stood still for `gap_s`: held up for about a
+    /// lease, the middleware's reader of a listener's datagram socket stays blocked for good and
     /// keeps the port (measured: SIGSTOP for 2 s, 9 of 9 never read again; closing the session does not
-    /// free it). Only a new process receives again.
+    /// free it). Only a new process receives again. What dials is mended by its watchdog, where one runs
+    /// ([`Radio::watch`]); a vessel behind a router has none, for silence is no news to it.
     pub fn survives_pause(&self, gap_s: f64) -> bool {
         let config = &self.parts.config;
-        !config.connect.is_empty() || gap_s < 0.9 * config.link_lease_s()
+        let mended = self.watched && !config.connect.is_empty();
+        mended || gap_s < 0.9 * config.link_lease_s()
     }
 
     /// Leaves the session as it is: closing one that is stuck would wait for ever. For a process that
@@ -466,6 +505,7 @@ impl Radio {
     pub fn counts(&self) -> RadioCounts {
         RadioCounts {
             dropped: self.parts.dropped.load(Ordering::Relaxed),
+            reopened: self.attempts.reopened(),
             ..self.counts
         }
     }

@@ -54,6 +54,7 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     let mut all = vec![Topic("configuration").fine(format!("{path} is a {side}'s, number {id}"))];
     all.extend(clock(facts));
     all.extend(identity(facts, side, id, radio));
+    all.extend(router(radio));
     let remedy = "correct the file that radio.zenoh names: neither vessel nor drone starts with it";
     all.extend(facts.zenoh.as_ref().map(|why| Topic("zenoh").broken(why, remedy)));
     if let Computer::Drone(d) = computer {
@@ -222,6 +223,16 @@ fn key(identity: &Identity) -> Vec<Finding> {
         all.push(TOPIC.fine("fits the certificate"));
     }
     all
+}
+
+/// Who admits keys where a router stands between.
+fn router(radio: &RadioConfig) -> Option<Finding> {
+    (radio.router && !radio.tls.authority.is_empty()).then(|| {
+        Topic("router").fine(format!(
+            "{} passes on what peers send: who may use which key, an operator's included, is for its own access rules",
+            radio.tls.router
+        ))
+    })
 }
 
 fn hears_vessel(radio: &RadioConfig, vessel_id: u32) -> Option<Finding> {

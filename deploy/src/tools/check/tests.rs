@@ -51,6 +51,7 @@ fn tls(peers: &[&str]) -> TlsConfig {
         certificate: "c".into(),
         key: "k".into(),
         peers: peers.iter().map(|p| (*p).to_owned()).collect(),
+        ..TlsConfig::default()
     }
 }
 
@@ -437,6 +438,20 @@ fn camera_check_with_and_without_a_tag() {
         none.1.contains("60 images") && none.1.contains("no tag in view"),
         "{none:?}"
     );
+}
+
+#[test]
+fn check_behind_a_router() {
+    let mut facts = drone();
+    let said = |facts: &Facts| judge(facts).into_iter().find(|f| f.topic == "router");
+    assert!(said(&facts).is_none());
+    let Ok(Computer::Drone(computer)) = &mut facts.computer else {
+        unreachable!("a drone's")
+    };
+    computer.radio.router = true;
+    computer.radio.tls.router = "vessel-9".into();
+    let found = said(&facts).unwrap();
+    assert!(found.level == Level::Fine && found.found.contains("vessel-9 passes on"));
 }
 
 #[test]

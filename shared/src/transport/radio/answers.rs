@@ -1,7 +1,7 @@
 //! Answers to who asks: the newest message of a publication, and the schemas of all.
 //!
 //! zenoh sends an answer with the priority and the congestion control of its question, and one that is to be waited for may
-//! wait for seconds. So a thread of their own sends the answers, and neither the middleware's reader nor the
+//! wait for seconds (a priority of the answer's own has no effect in zenoh 1.10). So a thread of their own sends the answers, and neither the middleware's reader nor the
 //! process stands still for somebody who asks.
 
 use std::sync::mpsc::{Receiver, sync_channel};
@@ -14,10 +14,13 @@ use zenoh::query::{Query, Queryable};
 use crate::topics::Topic;
 use crate::transport::access::SCHEMA;
 use crate::transport::clock::steady_ns;
+use crate::transport::radio::held::PerSecond;
 use crate::transport::radio::publication::Publication;
 
 /// Questions that wait; what comes on top has no answer.
 const MAX_WAITING: usize = 16;
+/// Each schema is sent so often a second at most: they are longer than messages, and programs ask once.
+const MAX_SCHEMAS_PER_S: u32 = 1;
 
 /// What is asked for.
 #[derive(Clone, Copy)]
@@ -35,7 +38,7 @@ pub(super) fn declare(
     publications: &[Publication],
 ) -> zenoh::Result<Vec<Queryable<()>>> {
     let (sender, questions) = sync_channel(MAX_WAITING);
-    let answers = Answers::of(name, publications);
+    let mut answers = Answers::of(name, publications);
     // It ends with the queryables, which hold its senders.
     std::thread::Builder::new()
         .name("answers".into())
@@ -57,22 +60,47 @@ pub(super) fn declare(
 /// What there is to answer with.
 struct Answers {
     publications: Vec<Publication>,
-    /// Topics under the keys of their schemas.
-    schemas: Vec<(String, &'static Topic)>,
+    schemas: Vec<Described>,
+}
+
+/// A topic under the key of its schema.
+struct Described {
+    key: String,
+    topic: &'static Topic,
+    /// The text, once somebody has asked for it.
+    text: Option<ZBytes>,
+    answers: PerSecond,
+}
+
+impl Described {
+    /// The text for a question about `keys` at `now_ns`, as long as not too many ask.
+    fn asked(&mut self, keys: &KeyExpr<'_>, now_ns: i64) -> Option<ZBytes> {
+        let is_asked = KeyExpr::try_from(self.key.as_str()).is_ok_and(|key| keys.intersects(&key));
+        if !is_asked || !self.answers.admits(now_ns, MAX_SCHEMAS_PER_S) {
+            return None;
+        }
+        let text = || self.topic.described().to_string().into();
+        Some(self.text.get_or_insert_with(text).clone())
+    }
 }
 
 impl Answers {
     fn of(name: &str, publications: &[Publication]) -> Answers {
         let schema = |p: &Publication| {
             let under = p.key.strip_prefix(name)?.strip_prefix('/')?;
-            Some((format!("{name}/{SCHEMA}/{under}"), p.topic?))
+            Some(Described {
+                key: format!("{name}/{SCHEMA}/{under}"),
+                topic: p.topic?,
+                text: None,
+                answers: PerSecond::default(),
+            })
         };
         Answers {
             publications: publications.to_vec(),
             schemas: publications.iter().filter_map(schema).collect(),
         }
     }
-    fn answer_all(&self, questions: &Receiver<(Query, Question)>) {
+    fn answer_all(&mut self, questions: &Receiver<(Query, Question)>) {
         while let Ok((query, question)) = questions.recv() {
             match question {
                 Question::Newest(number) => self.newest(&query, number),
@@ -89,12 +117,10 @@ impl Answers {
             reply(query, &publication.key, bytes, publication.encoding());
         }
     }
-    fn described(&self, query: &Query) {
-        for (key, topic) in &self.schemas {
-            let is_asked = |key: KeyExpr<'_>| query.key_expr().intersects(&key);
-            if KeyExpr::try_from(key.as_str()).is_ok_and(is_asked) {
-                let text = topic.described().to_string();
-                reply(query, key, text.into(), Encoding::APPLICATION_JSON);
+    fn described(&mut self, query: &Query) {
+        for schema in &mut self.schemas {
+            if let Some(text) = schema.asked(query.key_expr(), steady_ns()) {
+                reply(query, &schema.key, text, Encoding::APPLICATION_JSON);
             }
         }
     }
@@ -103,4 +129,37 @@ impl Answers {
 fn reply(query: &Query, key: &str, bytes: ZBytes, encoding: Encoding) {
     // Who asked may have gone.
     let _gone = query.reply(key, bytes).encoding(encoding).express(true).wait();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::topics;
+    use crate::transport::radio::publication::Urgency;
+
+    #[test]
+    fn schemas_for_many_who_ask() {
+        let publication = |topic: &'static Topic| {
+            Publication::new(format!("alight/vessel-1/{}", topic.name), Urgency::Model).of(topic)
+        };
+        let publications = [publication(&topics::WAVE), publication(&topics::DECK)];
+        let mut answers = Answers::of("alight/vessel-1", &publications);
+        let mut asked = |keys: &str, now_ns| -> Vec<ZBytes> {
+            let keys = KeyExpr::try_from(keys.to_owned()).unwrap();
+            let all = answers.schemas.iter_mut();
+            all.filter_map(|s| s.asked(&keys, now_ns)).collect()
+        };
+        let all = "alight/*/@schema/**";
+        let second = (0..1000).map(|ms| 1_000_000_000 + ms * 1_000_000);
+        let texts: Vec<ZBytes> = second.flat_map(|now_ns| asked(all, now_ns)).collect();
+        assert_eq!(texts.len(), 2, "each once a second");
+        assert_eq!(
+            &*texts[0].to_bytes(),
+            topics::WAVE.described().to_string().as_bytes()
+        );
+        // One that was not asked for is not counted.
+        assert_eq!(asked("alight/vessel-1/@schema/deck", 2_000_000_000).len(), 1);
+        assert_eq!(asked(all, 2_500_000_000), texts[..1]);
+        assert!(asked("alight/vessel-2/@schema/**", 3_000_000_000).is_empty());
+    }
 }

@@ -55,10 +55,11 @@ config! {
         /// Chosen: a lease, the slowest retry, and as much again.
         pub reopen_after_s: f64 = 5.0, in 1.0..=600.0;
         /// The endpoints to dial are a Zenoh router's (zenohd), such as the boat's own, through which vessels and drones
-        /// reach one another: the session is a client's. With certificates the router admits each peer's keys.
+        /// reach one another: the session is a client's. With certificates `tls.router` names the router's, which admits each
+        /// peer's keys.
         pub router: bool = false;
-        /// File of Zenoh's own configuration (JSON5), for what Alight does not set itself; empty: none. What contradicts
-        /// Alight in it is rejected.
+        /// File of Zenoh's own configuration (JSON5), for what Alight does not set itself, or its text, which has braces;
+        /// empty: none. What contradicts Alight in it is rejected.
         pub zenoh: String = String::new();
         /// Certificates, for endpoints that begin with `quic/`.
         pub tls: TlsConfig;
@@ -75,6 +76,19 @@ config! {
             "router",
             true,
             "with a router both vessel and drone dial: write its endpoint into connect, and none into listen",
+        )?;
+        let secured = !this.tls.authority.is_empty();
+        at.require(
+            (this.router && secured) != this.tls.router.is_empty(),
+            "tls.router",
+            format!("{:?}", this.tls.router),
+            "the name in the router's certificate, such as \"vessel-9\", with router = true and certificates; empty otherwise",
+        )?;
+        at.require(
+            this.tls.router.is_empty() || access::is_name(&this.tls.router),
+            "tls.router",
+            &this.tls.router,
+            "a name as in certificates: small letters, digits and hyphens",
         )?;
         if let Some(endpoint) = this.listen.iter().chain(&this.connect).find(|e| !is_endpoint(e)) {
             at.require(
@@ -113,6 +127,9 @@ config! {
         /// Names in the certificates of admitted peers, `vessel-N` or `drone-N`: each under its own key
         /// expressions only.
         pub peers: Vec<String> = Vec::new();
+        /// Name in the certificate of the Zenoh router (`radio.router`): peers' keys are admitted over its link only, and
+        /// which certificate may use which is then its own access rules' to check. Empty: none.
+        pub router: String = String::new();
     }
 }
 
@@ -195,6 +212,7 @@ impl RadioConfig {
         own: &[String],
         file: Option<&ZenohFile>,
     ) -> Result<zenoh::Config, TransportError> {
+        file.map_or(Ok(()), ZenohFile::leaves_messages)?;
         let mut config = file.map_or_else(|| Ok(zenoh::Config::default()), ZenohFile::config)?;
         for (key, value) in self.settings(name, own) {
             if let Some(file) = file {
@@ -240,7 +258,8 @@ impl RadioConfig {
             ("transport/unicast/max_sessions", self.max_sessions().to_string()),
         ];
         if !self.tls.authority.is_empty() {
-            let rules = access::rules(name, own, &self.tls.peers, self.router);
+            let router = self.router.then_some(self.tls.router.as_str());
+            let rules = access::rules(name, own, &self.tls.peers, router);
             settings.extend([
                 (
                     "transport/link/tls/root_ca_certificate",
@@ -257,6 +276,7 @@ impl RadioConfig {
                 ),
                 ("transport/link/tls/connect_private_key", text(&self.tls.key)),
                 ("transport/link/tls/enable_mtls", "true".into()),
+                ("transport/link/tls/verify_name_on_connect", "true".into()),
                 ("transport/link/protocols", r#"["quic"]"#.into()),
                 ("access_control", rules.to_string()),
             ]);
@@ -268,6 +288,28 @@ impl RadioConfig {
 /// Longest file of Zenoh's configuration, bytes; its own example with every key has 40 kB.
 const MAX_FILE_BYTES: u64 = 1 << 18;
 
+/// What Alight has no setting of, and must not be set: each with the reason.
+const UNSETTABLE: [(&str, &str); 2] = [
+    (
+        "namespace",
+        "it would stand before every key, which other sides and access rules know by alight/NAME",
+    ),
+    (
+        "qos",
+        "it would change priority and congestion control, which Alight chooses for each topic",
+    ),
+];
+
+/// Whether nothing is set in a value.
+fn is_empty(value: &Value) -> bool {
+    match value {
+        Value::Null => true,
+        Value::Array(items) => items.iter().all(is_empty),
+        Value::Object(keys) => keys.values().all(is_empty),
+        Value::Bool(_) | Value::Number(_) | Value::String(_) => false,
+    }
+}
+
 /// A file of Zenoh's own configuration, as it was read.
 #[derive(Clone, Debug)]
 pub(super) struct ZenohFile {
@@ -276,29 +318,58 @@ pub(super) struct ZenohFile {
     values: Value,
 }
 
+/// Whether `radio.zenoh` is the text itself: no configuration of Zenoh's is without a brace.
+fn is_text(zenoh: &str) -> bool {
+    zenoh.contains('{')
+}
+
+/// Zenoh's own configuration: what `radio.zenoh` has, or what is in the file that it names; None: it is empty.
+pub fn zenoh_text(zenoh: &str) -> Result<Option<String>, TransportError> {
+    if zenoh.is_empty() || is_text(zenoh) {
+        return Ok((!zenoh.is_empty()).then(|| zenoh.to_owned()));
+    }
+    let mut text = String::new();
+    File::open(zenoh)
+        .and_then(|f| f.take(MAX_FILE_BYTES).read_to_string(&mut text))
+        .map_err(|e| TransportError {
+            doing: format!("reading Zenoh's configuration {zenoh} (radio.zenoh)"),
+            what: format!("{e}; check the path and its permissions"),
+        })?;
+    Ok(Some(text))
+}
+
 impl ZenohFile {
-    /// The one that a configuration names, if it names one.
+    /// The one that a configuration names or has, if there is one.
     pub(super) fn of(config: &RadioConfig) -> Result<Option<ZenohFile>, TransportError> {
-        if config.zenoh.is_empty() {
+        let Some(text) = zenoh_text(&config.zenoh)? else {
             return Ok(None);
-        }
-        let path = config.zenoh.clone();
-        let doing = || format!("reading Zenoh's configuration {path} (radio.zenoh)");
-        let mut text = String::new();
-        File::open(&path)
-            .and_then(|f| f.take(MAX_FILE_BYTES).read_to_string(&mut text))
-            .map_err(|e| TransportError {
-                doing: doing(),
-                what: format!("{e}; check the path and its permissions"),
-            })?;
+        };
+        let path = match is_text(&config.zenoh) {
+            true => "as the configuration has it".into(),
+            false => config.zenoh.clone(),
+        };
         let values = json5::from_str(&text).map_err(|e| TransportError {
-            doing: doing(),
+            doing: format!("reading Zenoh's configuration {path} (radio.zenoh)"),
             what: format!("{e}; it is to be JSON5"),
         })?;
         Ok(Some(ZenohFile { path, text, values }))
     }
     fn config(&self) -> Result<zenoh::Config, TransportError> {
         zenoh::Config::from_json5(&self.text).doing(|| format!("reading Zenoh's configuration {}", self.path))
+    }
+    /// Whether it leaves keys and priorities of messages as Alight gives them.
+    fn leaves_messages(&self) -> Result<(), TransportError> {
+        let set = |key: &str| self.values.get(key).filter(|v| !is_empty(v));
+        let Some((key, value, why)) = UNSETTABLE
+            .iter()
+            .find_map(|(key, why)| set(key).map(|value| (key, value, why)))
+        else {
+            return Ok(());
+        };
+        Err(TransportError {
+            doing: format!("reading Zenoh's configuration {}", self.path),
+            what: format!("{key} is {value} in it, and {why}; remove it there"),
+        })
     }
     /// Whether it leaves `key` to Alight, which sets it to `value`, or has the same.
     fn agrees(&self, key: &str, value: &str) -> Result<(), TransportError> {
@@ -335,6 +406,7 @@ fn completed(endpoint: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::{Check, Keys};
     use crate::wire::MAX_WIRE_BYTES;
 
     #[test]
@@ -352,6 +424,51 @@ mod tests {
         assert!(number(&config, "transport/unicast/max_sessions") > 2 * 64);
     }
 
+    fn through_router(router: &str) -> RadioConfig {
+        let tls = TlsConfig {
+            authority: "authority.pem".into(),
+            peers: vec!["vessel-1".into()],
+            router: router.into(),
+            ..TlsConfig::default()
+        };
+        RadioConfig {
+            router: true,
+            ..RadioConfig::dialling("quic/127.0.0.1:7447", tls)
+        }
+    }
+
+    #[test]
+    fn router_without_the_name_of_its_certificate() {
+        let checked = |config: &RadioConfig| config.check(&Keys::ROOT).map_err(|e| e.to_string());
+        assert_eq!(checked(&through_router("vessel-9")), Ok(()));
+        for unnamed in ["", "vessel/*"] {
+            assert!(
+                checked(&through_router(unnamed))
+                    .unwrap_err()
+                    .contains("tls.router")
+            );
+        }
+        let mut config = through_router("vessel-9");
+        config.router = false;
+        assert!(checked(&config).unwrap_err().contains("tls.router"));
+        config.tls.router.clear();
+        assert_eq!(checked(&config), Ok(()));
+    }
+
+    #[test]
+    fn zenoh_file_beside_certificates() {
+        let mut config = through_router("vessel-9");
+        let mut tried = |text: &str| {
+            config.zenoh = text.into();
+            config.check_zenoh().map_err(|e| e.to_string())
+        };
+        assert_eq!(tried("{ transport: { link: { tls: {} } } }"), Ok(()));
+        let why = tried("{ transport: { link: { tls: { verify_name_on_connect: false } } } }").unwrap_err();
+        assert!(why.contains("verify_name_on_connect is false"), "{why}");
+        let why = tried("{ access_control: { enabled: false } }").unwrap_err();
+        assert!(why.contains("access_control is"), "{why}");
+    }
+
     #[test]
     fn zenoh_file_beside_the_configuration() {
         let path = std::env::temp_dir().join(format!("alight-zenoh-{}.json5", std::process::id()));
@@ -367,6 +484,7 @@ mod tests {
             Ok(())
         );
         assert_eq!(tried("{ access_control: { enabled: false } }"), Ok(()));
+        assert_eq!(tried("{ namespace: null, qos: { publication: [] } }"), Ok(()));
         for (text, named) in [
             (
                 "{ mode: 'peer' }",
@@ -382,6 +500,11 @@ mod tests {
                 "transport/link/tx/lease is 10000",
             ),
             ("{ no_such_key: 1 }", "no_such_key"),
+            ("{ namespace: 'boat' }", "namespace is \"boat\" in it"),
+            (
+                "{ qos: { publication: [{ key_exprs: ['alight/**'], config: { priority: 'background' } }] } }",
+                "priority and congestion control",
+            ),
             ("{ mode: ", "JSON5"),
         ] {
             let why = tried(text).unwrap_err();

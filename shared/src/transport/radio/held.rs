@@ -6,6 +6,27 @@ use zenoh::bytes::ZBytes;
 
 /// A held message is sent so often a second at most, beside its broadcasts: each drone asks once when it connects.
 const MAX_ANSWERS_PER_S: u32 = 20;
+
+/// Answers of the second that runs.
+#[derive(Debug, Default)]
+pub(super) struct PerSecond {
+    second: i64,
+    answers: u32,
+}
+
+impl PerSecond {
+    /// Whether there is one more at `now_ns`, of `most` a second.
+    pub(super) fn admits(&mut self, now_ns: i64, most: u32) -> bool {
+        let second = now_ns.div_euclid(1_000_000_000);
+        if second != self.second {
+            (self.second, self.answers) = (second, 0);
+        }
+        let admitted = self.answers < most;
+        self.answers += u32::from(admitted);
+        admitted
+    }
+}
+
 /// The newest message of a publication.
 #[derive(Debug, Default)]
 pub(super) struct Held(Mutex<Newest>);
@@ -13,9 +34,7 @@ pub(super) struct Held(Mutex<Newest>);
 #[derive(Debug, Default)]
 struct Newest {
     bytes: Option<ZBytes>,
-    /// The second in which answers are counted, and their number.
-    second: i64,
-    answers: u32,
+    answers: PerSecond,
 }
 
 impl Held {
@@ -27,15 +46,8 @@ impl Held {
     /// It, for somebody who asked at `now_ns`, as long as not too many do.
     pub(super) fn take(&self, now_ns: i64) -> Option<ZBytes> {
         let mut newest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let second = now_ns.div_euclid(1_000_000_000);
-        if second != newest.second {
-            (newest.second, newest.answers) = (second, 0);
-        }
-        if newest.answers >= MAX_ANSWERS_PER_S {
-            return None;
-        }
-        newest.answers += 1;
-        newest.bytes.clone()
+        let admitted = newest.answers.admits(now_ns, MAX_ANSWERS_PER_S);
+        newest.bytes.clone().filter(|_| admitted)
     }
 }
 
