@@ -51,7 +51,7 @@ pub use aboard::{
 };
 pub use deck::{
     DeckForecast, DeckStage, FORECAST_STAGES, LinkState, PREDICTED_SLOPE_STEP_S, PREDICTED_SLOPES,
-    RangeSample, Source, TagPose, UvdarFix,
+    RangeSample, SILENT_S, Source, TagPose, UvdarFix,
 };
 pub use drone::{
     AttitudeResponse, AutopilotMode, AutopilotState, DroneState, LandedState, LinkCheckpoint, Motors,
@@ -64,7 +64,8 @@ pub use grant::{
 pub use half::f16;
 pub use mission::{
     BatteryPlace, Charge, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, LandingMode,
-    MissionCheckpoint, MissionState, OperatorCommand, Phase, Reason, ReasonCode, State, Wind, still_armed,
+    MissionCheckpoint, MissionState, OperatorCommand, Phase, Reason, ReasonCode, State, VesselLevel, Wind,
+    still_armed,
 };
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use seq::Seq;
@@ -79,7 +80,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 20;
+pub const MESSAGE_VERSION: u16 = 21;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

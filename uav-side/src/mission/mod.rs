@@ -44,7 +44,7 @@ use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header, MissionCheckpoint,
-    MissionState, Motors, Phase, Plan, RangeSample, Reason, ReasonCode, SetPoint, Solve, State,
+    MissionState, Motors, Phase, Plan, RangeSample, Reason, ReasonCode, SetPoint, Solve, State, VesselLevel,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -56,6 +56,7 @@ use crate::odometry::origin::FrameEpoch;
 use battery::BatteryMonitor;
 use checkpoint::{Beginning, Begun};
 use height::{HeightWitnesses, Surface};
+use limits::{MATCHES_FROM_M, TAG_HEIGHT_M};
 use odds::Odds;
 use outlook::Outlook;
 use phase::{MissionPhase, Progress, gave_up};
@@ -236,9 +237,7 @@ impl Mission {
             && self.forecast.offer(now, &m)
         {
             self.moved = None;
-            let lowest = m.surroundings.wait_height_m();
-            self.config.tracking_height_m = self.heights_m[0].max(lowest);
-            self.config.approach_height_m = self.heights_m[1].max(lowest);
+            self.set_heights(&m);
             if let Some(z) = forecast_mean(&m) {
                 self.follow_level(m.header.at, z);
             }
@@ -258,6 +257,22 @@ impl Mission {
         self.see_surface(now, &input.ranges);
     }
 
+    /// Heights of tracking and approach over this deck.
+    fn set_heights(&mut self, m: &DeckForecast) {
+        let lowest = m.surroundings.wait_height_m();
+        let [tracking_m, approach_m] = self.heights_m;
+        let least_m = self.config.lowest_plan_m().map_or(0.0, |m| m + MATCHES_FROM_M);
+        let tracking_m = match m.vessel_level() {
+            // A deck that is out of sight is found again from higher up.
+            VesselLevel::Tag if m.vision_age_s <= self.config.vision_lost_s => {
+                tracking_m.min(TAG_HEIGHT_M.max(least_m))
+            }
+            VesselLevel::Tag | VesselLevel::Computer => tracking_m,
+        };
+        self.config.tracking_height_m = tracking_m.max(lowest);
+        self.config.approach_height_m = approach_m.max(lowest);
+    }
+
     /// How likely a landing from here succeeds, and above which probability waiting on is not worth it: anew with each
     /// forecast.
     fn judge(&mut self, now: Time<DroneClock>, s: &mut Situation) {
@@ -270,7 +285,9 @@ impl Mission {
             Some(_) | None => self.judge_anew(now, s),
         }
         self.judged = forecast_at.map(|at| (at, s.staying, s.odds));
-        if let Some(odds) = s.odds.filter(|_| self.phase.state().phase() == Phase::Follow) {
+        let follows = self.phase.state().phase() == Phase::Follow;
+        let identified = s.fresh_deck().is_some_and(|d| d.identified);
+        if let Some(odds) = s.odds.filter(|_| follows && identified) {
             self.waiting.update(now, odds.whole());
         }
         s.worth_waiting = self.waiting.threshold(self.config.waiting_cost_per_s());
@@ -594,6 +611,7 @@ impl Mission {
             with_deck: place.with_deck,
             waiting_offset: place.offset,
             mode: c.mode,
+            least_vessel: c.least_vessel,
             lowest_clearance_m: c.lowest_plan_m(),
             commit_clearance_m: c.commit_clearance_m,
             battery_reserve: s.battery_reserve,
