@@ -1,9 +1,10 @@
 //! Types and models that vessel and drone share, without any middleware.
 //!
 //! Read in this order: [`time`], [`frames`], [`geodesy`], [`geoid`], [`msg`], [`schema`], [`topics`], [`node`], [`config`],
-//! [`admission`], then what both computers estimate with: [`vessel_model`], [`motion_model`] and [`estimation`].
+//! [`admission`], then what both computers estimate with: [`vessel_model`], [`motion_model`], [`apparent_slope`] and [`estimation`].
 
 pub mod admission;
+pub mod apparent_slope;
 pub mod autopilot_parameters;
 pub mod checkpoint;
 pub mod config;

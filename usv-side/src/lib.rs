@@ -7,13 +7,11 @@
 //! | [`node`] | [`VesselNode`]: admission, [`estimator`], broadcast, time replies |
 //! | [`estimator`] | the Kalman filter |
 //! | [`alight_shared::motion_model`] | identification of the motion, prediction and the measured spread of its error |
-//! | [`apparent_slope`] | the deck's slope for a drone that stands on it |
 //! | [`rate_control`] | the rates that the radio carries |
 //! | [`followed`] | whether the drones listen to this computer, or to another with its identity |
 //! | [`deck`] | the deck arbiter and the operator relay |
 //! | [`calibrate`], [`log`], [`review`] | offline: nothing of them runs in flight |
 
-pub mod apparent_slope;
 pub mod calibrate;
 pub mod computer;
 pub mod config;

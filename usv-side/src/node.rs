@@ -1,6 +1,7 @@
 //! The vessel's node: admission of measurements, the estimator, broadcast, time replies.
 
 use alight_shared::admission::{Arrival, Periodic, RejectionReason, Rejections, Rule, Sender};
+use alight_shared::apparent_slope::{self, ApparentSlope};
 use alight_shared::msg::{
     AttitudeFix, GnssFix, Header, HeadingFix, ImuSample, MAX_SOURCES, MESSAGE_VERSION, Message, TimeReply,
     TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
@@ -11,7 +12,6 @@ use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
 use crate::VesselNodeConfig;
-use crate::apparent_slope::{self, ApparentSlope};
 use crate::estimator::{Estimator, Gated};
 use crate::rate_control::RateControl;
 use crate::sensors::{Measurement, Repetition};
@@ -145,7 +145,7 @@ pub struct VesselNode {
     prediction: (Periodic<VesselClock>, u32),
     around: (Surroundings, Periodic<VesselClock>, u32),
     replies: u32,
-    apparent_slope: (Periodic<VesselClock>, ApparentSlope),
+    apparent_slope: (Periodic<VesselClock>, ApparentSlope<VesselClock>),
     rate_control: RateControl,
 }
 

@@ -3,7 +3,7 @@
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{
     AttitudeResponse, AutopilotState, DECK_CLOSED, LandedState, LandingMode, MissionState, ReasonCode,
-    ShadowComparison, State, Wind, still_armed,
+    ShadowComparison, State, VesselLevel, Wind, still_armed,
 };
 use alight_shared::time::Time;
 use alight_shared::topics;
@@ -19,6 +19,8 @@ use crate::process::snapshot::{minutes, time};
 
 /// A vessel's estimate that is older than this fraction of its topic's limit is a warning.
 const OLD_LINK: f64 = 0.5;
+/// Tags that were seen so lately are in sight, s.
+const FRESH_TAGS_S: f64 = 1.0;
 
 /// What a drone's situation means.
 pub fn findings(s: &Situation) -> Vec<Finding> {
@@ -83,8 +85,13 @@ fn link(s: &Situation) -> Vec<Finding> {
     let limit_s = topics::ESTIMATE.stale_after.secs();
     let found = format!("the vessel's newest estimate is {} old", time(age_s));
     let remedy = "is alight-vessel running, its radio in reach, its certificate admitted?";
-    let mut all = vec![if age_s.is_infinite() {
+    let by_tags = known_by_tags(s);
+    let mut all = vec![if age_s.is_infinite() && by_tags {
+        TOPIC.warning("no vessel received yet: it is known by its tags alone", remedy)
+    } else if age_s.is_infinite() {
         TOPIC.stopping("no vessel received yet", remedy)
+    } else if age_s > limit_s && by_tags {
+        TOPIC.warning(format!("{found}: it is known by its tags alone"), remedy)
     } else if age_s > limit_s {
         TOPIC.broken(found, remedy)
     } else if age_s > OLD_LINK * limit_s {
@@ -107,6 +114,13 @@ fn link(s: &Situation) -> Vec<Finding> {
         TOPIC.broken(found, "switch one off")
     }));
     all
+}
+
+/// The tags of a vessel that need not be received are in sight.
+fn known_by_tags(s: &Situation) -> bool {
+    let forecast = s.seen.forecast.fresh(s.now_ns);
+    let suffice = (s.seen.mission.as_ref()).is_some_and(|m| m.least_vessel == VesselLevel::Tag);
+    suffice && forecast.is_some_and(|f| f.vision_age_s < FRESH_TAGS_S)
 }
 
 /// A battery that does not last for the way to the deck and one attempt.
@@ -222,8 +236,12 @@ fn distance(s: &Situation) -> Figure {
         };
     };
     let [north, east, down] = core::array::from_fn(|k| drone.position[k] - deck.position[k]);
+    let level = match forecast.vessel_level() {
+        VesselLevel::Computer => "",
+        VesselLevel::Tag => ", by tags alone",
+    };
     let seen = if forecast.vision_age_s.is_finite() {
-        format!("seen {} ago", time(forecast.vision_age_s))
+        format!("seen {} ago{level}", time(forecast.vision_age_s))
     } else {
         "not seen yet".into()
     };
@@ -423,7 +441,7 @@ mod tests {
     use crate::process::snapshot::Snapshot;
     use crate::status::Status;
     use crate::status::situation::Known;
-    use alight_shared::msg::{Header, LinkState, MissionSettings, Reason};
+    use alight_shared::msg::{DeckForecast, Header, LinkState, MissionSettings, Reason};
     use alight_shared::transport::plain::Plain;
     use alight_shared::transport::process::ProcessState;
 
@@ -539,6 +557,29 @@ mod tests {
             "no vessel received yet",
         ] {
             assert!(has(part), "{part}: {lines:?}");
+        }
+    }
+
+    #[test]
+    fn silent_vessel_with_its_tags_in_sight() {
+        let mut s = flying();
+        s.link = came(LinkState {
+            age_s: f64::INFINITY,
+            ..LinkState::default()
+        });
+        s.forecast = came(DeckForecast {
+            radio_age_s: f64::INFINITY,
+            vision_age_s: 0.1,
+            ..DeckForecast::default()
+        });
+        for (least_vessel, stops) in [(VesselLevel::Computer, true), (VesselLevel::Tag, false)] {
+            s.mission = came(MissionState {
+                least_vessel,
+                ..mission(State::Tracking, ReasonCode::NotIdentified)
+            });
+            let all = findings(&Situation::of(Known::default(), &s, NOW_NS));
+            let link = all.iter().find(|f| f.topic == "link");
+            assert!(link.is_some_and(|f| f.stops == stops), "{all:?}");
         }
     }
 

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::drone::is_unit;
 use super::{
     Header, MAX_ACCELERATION_MPS2, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, SLOPE_WINDOWS,
-    Seq, deviations, positive, within,
+    Seq, VesselLevel, deviations, positive, within,
 };
 use crate::surroundings::Surroundings;
 use crate::time::{DroneClock, Span};
@@ -207,7 +207,18 @@ pub struct DeckForecast {
     pub predicted_slopes: Seq<[i8; 2], PREDICTED_SLOPES>,
 }
 
+/// A vessel that was not received for so long is known by its tags alone, s: broadcast modes are rolled on until then.
+pub const SILENT_S: f64 = 5.0;
+
 impl DeckForecast {
+    /// By what the vessel is known now.
+    pub fn vessel_level(&self) -> VesselLevel {
+        if self.radio_age_s > SILENT_S {
+            VesselLevel::Tag
+        } else {
+            VesselLevel::Computer
+        }
+    }
     /// The deck at time `t`, by linear interpolation; None before the first or after the last
     /// stage, and while the forecast is empty.
     pub fn at(&self, t: crate::time::Time<DroneClock>) -> Option<DeckStage> {

@@ -272,6 +272,10 @@ pub enum ReasonCode {
     ArmedAgain,
     /// The data that was missing is back, s.
     Recovered,
+    /// The motion of a vessel that is known by its tags alone is not identified yet.
+    NotIdentified,
+    /// The tags of a vessel that is not received are in sight.
+    TagsInSight,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -338,6 +342,13 @@ impl fmt::Display for Reason {
                 "not flying, not armed, or not in OFFBOARD (PX4) or GUIDED (ArduPilot)"
             ),
             ReasonCode::NoVessel => write!(f, "no vessel state received from within 100 km"),
+            ReasonCode::TagsInSight => write!(f, "the tags are in sight, the vessel is silent"),
+            ReasonCode::NotIdentified => {
+                write!(
+                    f,
+                    "the deck's motion is not identified yet: it takes a minute of sight"
+                )
+            }
             ReasonCode::OdometryStale if v.is_infinite() => write!(f, "no odometry of the autopilot yet"),
             ReasonCode::OdometryStale => write!(f, "own odometry {v:.2} s old (limit {l:.2})"),
             ReasonCode::ForecastStale if v.is_infinite() => {
@@ -557,6 +568,18 @@ pub struct SettingsOrder {
     pub settings: MissionSettings,
 }
 
+/// By what a drone knows its vessel, the least first.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, JsonSchema, Serialize, Deserialize)]
+#[repr(u8)]
+#[serde(rename_all = "kebab-case")]
+pub enum VesselLevel {
+    /// By the tags on its deck alone.
+    Tag,
+    /// By the estimates and the waves that its computer broadcasts.
+    #[default]
+    Computer,
+}
+
 /// The mission's state and what it permits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
@@ -593,6 +616,8 @@ pub struct MissionState {
     pub settings: MissionSettings,
     /// They may be changed: the drone is disarmed, and no landing is ordered.
     pub settable: bool,
+    /// The least by which a vessel has to be known for a landing to begin.
+    pub least_vessel: VesselLevel,
     /// No plan leads lower over the deck, along its normal, m; None: onto it.
     pub lowest_clearance_m: Option<f64>,
     /// Below this clearance only hard reasons break a landing off, m.

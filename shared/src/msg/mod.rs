@@ -51,7 +51,7 @@ pub use aboard::{
 };
 pub use deck::{
     DeckForecast, DeckStage, FORECAST_STAGES, LinkState, PREDICTED_SLOPE_STEP_S, PREDICTED_SLOPES,
-    RangeSample, Source, TagPose, UvdarFix,
+    RangeSample, SILENT_S, Source, TagPose, UvdarFix,
 };
 pub use drone::{
     AttitudeResponse, AutopilotMode, AutopilotState, DroneState, LandedState, LinkCheckpoint, Motors,
@@ -65,7 +65,7 @@ pub use half::f16;
 pub use mission::{
     BatteryPlace, Charge, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, LandingMode,
     MissionCheckpoint, MissionSettings, MissionState, OperatorCommand, Phase, Reason, ReasonCode,
-    SettingsOrder, State, Wind, still_armed,
+    SettingsOrder, State, VesselLevel, Wind, still_armed,
 };
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use seq::Seq;

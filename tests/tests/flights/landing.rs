@@ -1,6 +1,6 @@
 //! Landings in the simulated world, from the start to rest on the deck.
 
-use alight_shared::msg::{SetPointKind, State};
+use alight_shared::msg::{SetPointKind, State, VesselLevel};
 use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_sim::baselines::Baseline;
 use alight_sim::harness::outcome::{Ending, Outcome};
@@ -123,6 +123,28 @@ fn landing_without_radio_from_tracking_on() {
     };
     let landed = (20..24).filter(|s| outcome(&scenario, *s).success).count();
     assert!(landed >= 3, "{landed} of 4");
+}
+
+#[test]
+fn landing_by_the_tags_of_a_silent_vessel() {
+    let mut scenario = at_sea(0.5, 5.0);
+    scenario.radio.loss = 1.0;
+    scenario.start.distance_m = [0.0, 4.0];
+    scenario.start.height_m = [7.0, 10.0];
+    let (flight, names) = flown(&scenario, &NodeConfigs::default(), 20);
+    assert!(!flight.outcome.success && names.is_empty(), "{names:?}");
+    let mut nodes = NodeConfigs::default();
+    nodes.drone.mission.least_vessel = VesselLevel::Tag;
+    for seed in 20..23 {
+        let (flight, names) = flown(&scenario, &nodes, seed);
+        let o = &flight.outcome;
+        assert!(
+            o.success && o.unsafe_contacts == 0,
+            "{seed}: {}, {names:?}",
+            o.reason
+        );
+        assert!(names.first() == Some(&State::Tracking.name()), "{names:?}");
+    }
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use alight_shared::config;
 use alight_shared::config::{Check, ConfigError, Keys};
-use alight_shared::msg::{BatteryPlace, LandingMode, MissionSettings};
+use alight_shared::msg::{BatteryPlace, LandingMode, MissionSettings, VesselLevel};
 
 config! {
     /// Parameters of the state machine. Heights are of the drone's centre of mass above the deck's
@@ -34,6 +34,9 @@ config! {
         /// The same while descending near or over the deck, m.
         /// Chosen: the deck's surface is 1.3 m above the water.
         pub minimum_altitude_landing_m: f64 = 0.5;
+        /// The least by which a vessel has to be known for a landing to begin: "computer" (its broadcast is received) or "tag"
+        /// (the camera sees its tags from within 10 m of the deck's centre; what stands around the deck is not known then).
+        pub least_vessel: VesselLevel = VesselLevel::Computer;
         /// A landing needs vision of the deck; else a radio estimate counts as a detection.
         pub vision_required: bool = true;
         /// The deck counts as detected while its newest vision measurement is no older than this, s.

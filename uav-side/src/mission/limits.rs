@@ -42,3 +42,8 @@ pub(super) fn first_beyond<const N: usize>(figures: [(ReasonCode, f64, f64); N])
         .into_iter()
         .find_map(|(code, value, limit)| exceeds(code, value, limit))
 }
+/// Over a vessel that is known by its tags alone the drone waits no higher than this, m: from there a tag's tilt is seen to a
+/// degree, from 7 m to three or four.
+pub(super) const TAG_HEIGHT_M: f64 = 3.5;
+/// A descent that does not land begins at least so far above its lowest plan, m.
+pub(super) const MATCHES_FROM_M: f64 = 0.5;

@@ -47,7 +47,7 @@ use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header, MissionCheckpoint,
     MissionSettings, MissionState, Motors, Phase, Plan, RangeSample, Reason, ReasonCode, SetPoint,
-    SettingsOrder, Solve, State,
+    SettingsOrder, Solve, State, VesselLevel,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -59,6 +59,7 @@ use crate::odometry::origin::FrameEpoch;
 use battery::BatteryMonitor;
 use checkpoint::{Beginning, Begun};
 use height::{HeightWitnesses, Surface};
+use limits::{MATCHES_FROM_M, TAG_HEIGHT_M};
 use odds::Odds;
 use outlook::Outlook;
 use phase::{MissionPhase, Progress, gave_up};
@@ -261,13 +262,22 @@ impl Mission {
         self.see_surface(now, &input.ranges);
     }
 
-    /// Its heights are above all volumes around the deck.
+    /// Heights of tracking and approach over this deck: above all volumes around it, and low over one that the tags alone show.
     fn raise_heights(&mut self) {
-        let lowest_m = self
-            .forecast
-            .get()
-            .map_or(0.0, |f| f.surroundings.wait_height_m());
-        self.config.tracking_height_m = self.settings.tracking_height_m.max(lowest_m);
+        let forecast = self.forecast.get();
+        let lowest_m = forecast.map_or(0.0, |f| f.surroundings.wait_height_m());
+        let tracking_m = self.settings.tracking_height_m;
+        // A deck that is out of sight is found again from higher up.
+        let by_tag = forecast.is_some_and(|f| {
+            f.vessel_level() == VesselLevel::Tag && f.vision_age_s <= self.config.vision_lost_s
+        });
+        let tracking_m = if by_tag {
+            let least_m = self.config.lowest_plan_m().map_or(0.0, |m| m + MATCHES_FROM_M);
+            tracking_m.min(TAG_HEIGHT_M.max(least_m))
+        } else {
+            tracking_m
+        };
+        self.config.tracking_height_m = tracking_m.max(lowest_m);
         self.config.approach_height_m = self.settings.approach_height_m.max(lowest_m);
     }
     /// What an operator may change is not changed under a drone that may fly, nor under an order to land.
@@ -302,7 +312,9 @@ impl Mission {
             Some(_) | None => self.judge_anew(now, s),
         }
         self.judged = forecast_at.map(|at| (at, s.staying, s.odds));
-        if let Some(odds) = s.odds.filter(|_| self.phase.state().phase() == Phase::Follow) {
+        let follows = self.phase.state().phase() == Phase::Follow;
+        let identified = s.fresh_deck().is_some_and(|d| d.identified);
+        if let Some(odds) = s.odds.filter(|_| follows && identified) {
             self.waiting.update(now, odds.whole());
         }
         s.worth_waiting = self.waiting.threshold(self.config.waiting_cost_per_s());
@@ -632,6 +644,7 @@ impl Mission {
             waiting_offset: place.offset,
             settings: self.settings,
             settable: self.is_settable(s),
+            least_vessel: c.least_vessel,
             lowest_clearance_m: c.lowest_plan_m(),
             commit_clearance_m: c.commit_clearance_m,
             battery_reserve: s.battery_reserve,

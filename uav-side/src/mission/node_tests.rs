@@ -68,6 +68,24 @@ fn flown(
     m.phase.state()
 }
 
+/// Low where the tags alone are seen, as configured where the vessel is received and where nothing is seen any more.
+#[test]
+fn tracking_height_over_a_silent_vessel() {
+    let mut m = node();
+    let mut height = |k: u32, radio_age_s: f64, vision_age_s: f64| {
+        let mut input = fresh_input(k, at(1.0 + f64::from(k)), [0.0, 0.0, -8.3]);
+        let forecast = input.forecast.as_mut().unwrap();
+        (forecast.radio_age_s, forecast.vision_age_s) = (radio_age_s, vision_age_s);
+        m.step(at(1.0 + f64::from(k)), &input);
+        m.config.tracking_height_m
+    };
+    let configured = config().tracking_height_m;
+    assert_eq!(height(0, 0.05, 0.05), configured);
+    assert_eq!(height(1, 6.0, 0.05), limits::TAG_HEIGHT_M);
+    assert_eq!(height(2, f64::INFINITY, 6.0), configured);
+    assert_eq!(height(3, 0.05, 0.05), configured);
+}
+
 /// The minimum altitude is a height over the long-term water level: a wrong forecast may lower it by 0.2 m/s and
 /// no more, by jumps of any size.
 #[test]

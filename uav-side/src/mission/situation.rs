@@ -4,7 +4,7 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Course, DECK_CLOSED, DeckForecast, DeckGrant, DeckStage, DroneState,
-    LandedState, LandingMode, Reason, ReasonCode, WAITING_DISTANCE_M, WaitingPlace,
+    LandedState, LandingMode, Reason, ReasonCode, VesselLevel, WAITING_DISTANCE_M, WaitingPlace,
 };
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::topics;
@@ -202,6 +202,8 @@ pub struct Deck {
     pub turn_radps: f64,
     /// By how much the vessel's turn may change the deck's horizontal velocity before the forecast follows, m/s.
     pub turn_mps: f64,
+    /// The motion of a vessel that is known by its tags alone is identified; that of another one she knows herself.
+    pub identified: bool,
     /// Two witnesses of its place or height contradict each other.
     pub contradicted: Option<Reason>,
     /// How the landing, completed, and a climb from now on would end; None above the commit clearance.
@@ -271,6 +273,10 @@ impl Deck {
             tilt_rad,
             turn_radps,
             turn_mps: mean_mps * turn_radps * TURN_LAG_S,
+            identified: match forecast.vessel_level() {
+                VesselLevel::Computer => true,
+                VesselLevel::Tag => !forecast.predicted_slopes.is_empty(),
+            },
             contradicted: contradicted(forecast),
             ends: (clearance_m < config.commit_clearance_m)
                 .then(|| Ends::predict(now, forecast, &own.position, &own.velocity, drone))

@@ -3,10 +3,11 @@
 use alight_shared::msg::ReasonCode::{
     ArmedAgain, Commanded, CourseEnds, Descending, DescendingTo, Deviated, FlareHeight, Flaring,
     HeightReached, InSight, Infeasible, Matched, Matching, Missed, NoPlace, NoPlan, NoVessel, NoVision,
-    NotCommanded, NotFlying, NotSteady, OffHeight, Operator, Permitted, Recovered, Steady, Swings,
-    TiltExcess, TooFar, TooFast, TooNear, TooSteep, VesselTooFar, VesselTurns, VisionLost,
+    NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, Operator, Permitted, Recovered, Steady,
+    Swings, TagsInSight, TiltExcess, TooFar, TooFast, TooNear, TooSteep, VesselTooFar, VesselTurns,
+    VisionLost,
 };
-use alight_shared::msg::{Course, PLACES, Reason, ReasonCode};
+use alight_shared::msg::{Course, PLACES, Reason, ReasonCode, VesselLevel};
 use nalgebra::Vector3;
 
 use super::config::MissionConfig;
@@ -126,6 +127,10 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
             let from = [own.position.x, own.position.y];
             MissionPhase::GetAltitude { from }.enter(Commanded)
         }
+        (Some(deck), _) if c.least_vessel == VesselLevel::Tag && above(deck, c) => {
+            progress.started = s.now;
+            MissionPhase::TRACKING.enter(TagsInSight)
+        }
         _ => idle.stay(NoVessel),
     }
 }
@@ -181,7 +186,8 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Tr
         return MissionPhase::APPROACH.stay(why);
     }
     if blind {
-        return MissionPhase::APPROACH.stay(NoVision);
+        // What is in sight may be another vessel's.
+        return MissionPhase::APPROACH.stay(deck.contradicted.unwrap_or(NoVision.into()));
     }
     let (detected, lasted) = lasting(true, detected, s.now);
     if lasted < CONTACT_CONFIRM_S {
@@ -300,6 +306,7 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
             return None;
         }
         (s.rejection)
+            .or_else(|| (!deck.identified).then(|| NotIdentified.into()))
             .or_else(|| exceeds(Swings, s.swing_rad, MAX_SWING_RAD))
             .or_else(|| course_rejection(deck, s, c))
             .or_else(|| unlikely(progress, s, s.worth_waiting.max(c.min_probability)))
@@ -566,6 +573,11 @@ fn landed(
     MissionPhase::Landed { disarmed, airborne }.stay(Reason::default())
 }
 
+/// The drone is above a deck that it sees.
+fn above(deck: &Deck, c: &MissionConfig) -> bool {
+    deck.vision_age_s <= c.vision_fresh_s && deck.distance_m <= RESUME_DISTANCE_M
+}
+
 /// Hold: until data are fresh again and a landing is wanted. `hold` is this hold with data fresh since then.
 fn held(
     cause: HoldCause,
@@ -598,8 +610,7 @@ fn held(
     if lasted < RECOVER_S {
         return hold(fresh).stay(Reason::new(NotSteady, lasted, RECOVER_S));
     }
-    let above = deck.vision_age_s <= c.vision_fresh_s && deck.distance_m <= RESUME_DISTANCE_M;
-    let next = if above && s.waits(c).is_none() && s.doubt.is_none() {
+    let next = if above(deck, c) && s.waits(c).is_none() && s.doubt.is_none() {
         MissionPhase::TRACKING
     } else {
         MissionPhase::GetAltitude {

@@ -4,8 +4,8 @@ use alight_shared::msg::ReasonCode::{
     ArmedAgain, AutopilotParameter, Commanded, CourseEnds, DeckGrantStale, DeckReserved, Descending,
     Deviated, FlareHeight, Flaring, ForecastStale, HeightReached, InSight, Infeasible, LikelyBeside,
     LikelyFast, LikelyHard, LikelySlides, LikelyTilted, Missed, NoPlan, NoVessel, NoVision, NotCommanded,
-    NotFlying, NotSteady, OffHeight, OriginMoved, Permitted, Steady, Swings, TiltExcess, TooFar, TooFast,
-    TooSteep, Touchdown, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
+    NotFlying, NotIdentified, NotSteady, OffHeight, OriginMoved, Permitted, Steady, Swings, TagsInSight,
+    TiltExcess, TooFar, TooFast, TooSteep, Touchdown, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
 };
 use alight_shared::msg::{AutopilotMode, BatteryPlace, Course, DECK_CLOSED};
 use nalgebra::{Vector2, Vector3};
@@ -59,6 +59,7 @@ pub(super) fn fair() -> Situation {
             leaving_mps: 0.0,
             relative_speed_mps: 0.1,
             radio_age_s: 0.1,
+            identified: true,
             vision_age_s: 0.05,
             sinking_mps: 0.3,
             speed_mps: 0.5,
@@ -237,6 +238,46 @@ fn idle_conditions() {
     waits(&step(unasked, &fair()), Idle, NotCommanded);
     let d = commanded(unasked, CommandKind::Land, &fair());
     goes(&d, GetAltitude, Commanded);
+}
+
+#[test]
+fn silent_vessel_with_its_tags_in_sight() {
+    let silent = with_deck(|d| d.radio_age_s = f64::INFINITY);
+    let by_tag = MissionConfig {
+        least_vessel: VesselLevel::Tag,
+        ..config()
+    };
+    let step = |phase, s: &Situation, c: &MissionConfig| decide(phase, wanted(), None, s, c);
+    waits(&step(MissionPhase::Idle, &silent, &config()), Idle, NoVessel);
+    goes(&step(MissionPhase::Idle, &silent, &by_tag), Tracking, TagsInSight);
+    // Out of sight, and beside it: a tag leads nowhere.
+    for (vision_age_s, distance_m) in [(0.6, 0.1), (f64::INFINITY, 0.1), (0.1, 11.0)] {
+        let s = with_deck(|d| {
+            d.radio_age_s = f64::INFINITY;
+            (d.vision_age_s, d.distance_m) = (vision_age_s, distance_m);
+        });
+        waits(&step(MissionPhase::Idle, &s, &by_tag), Idle, NoVessel);
+    }
+    // A vessel that is received leads to itself, whatever would suffice.
+    goes(
+        &step(MissionPhase::Idle, &fair(), &by_tag),
+        GetAltitude,
+        Commanded,
+    );
+    // Its motion has to be known before a descent, unless the battery decides.
+    let unknown = with_deck(|d| (d.radio_age_s, d.identified) = (f64::INFINITY, false));
+    let stable = MissionPhase::TrackingStable;
+    waits(&step(stable, &unknown, &by_tag), TrackingStable, NotIdentified);
+    goes(&step(stable, &silent, &by_tag), Descent, Permitted);
+    let urgent = Progress {
+        low_battery: Some(BatteryPlace::Deck),
+        ..wanted()
+    };
+    goes(
+        &decide(stable, urgent, None, &unknown, &by_tag),
+        Descent,
+        Permitted,
+    );
 }
 
 #[test]

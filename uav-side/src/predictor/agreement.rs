@@ -56,15 +56,16 @@ impl HeightAgreement {
 }
 
 /// The place as seen less the place by radio, horizontal, and how far it may be by the spread of both, m; `offset`: of both,
-/// north and east; `taken`: what jumps of the autopilot's estimate have put between them since the deck was seen.
-pub(super) fn place(offset: [f64; 2], noise: &[AxisNoise], taken: [f64; 2]) -> [f64; 2] {
+/// north and east; `taken`: what jumps of the autopilot's estimate have put between them since the deck was seen; `more`: variance
+/// of the offset besides, m².
+pub(super) fn place(offset: [f64; 2], more: f64, noise: &[AxisNoise], taken: [f64; 2]) -> [f64; 2] {
     let [north, east] = [0, 1].map(|i| offset[i] - taken[i]);
     let spread = noise
         .iter()
         .take(2)
         .map(|n| n.radio.0.hypot(n.vision.0))
         .fold(0.0, f64::max);
-    [north.hypot(east), PLACE_SD * spread]
+    [north.hypot(east), PLACE_SD * spread.hypot(more.max(0.0).sqrt())]
 }
 
 #[cfg(test)]

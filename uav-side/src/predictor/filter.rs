@@ -354,7 +354,31 @@ impl Filter {
         let [north, east, ..] = self.seen;
         let last = self.last().filter(|_| north && east)?;
         let offset = [0, 1].map(|i| last[i].project(MeasurementRow::Offset).0);
-        Some(agreement::place(offset, &self.noise, self.taken))
+        Some(agreement::place(offset, 0.0, &self.noise, self.taken))
+    }
+    /// The same of what is seen now, about the modes, by the state `s` of its time, where it is further apart than it may be.
+    /// None, too, of a deck that is `followed` and seen where it was seen before.
+    pub fn elsewhere(&self, s: &State, seen: &Observation, followed: bool) -> Option<[f64; 2]> {
+        let [Some(north), Some(east), ..] = seen.value else {
+            return None;
+        };
+        let both = [(&s[0], north, seen.lever[0]), (&s[1], east, seen.lever[1])];
+        let same_place = both.iter().all(|(axis, (value, variance), _)| {
+            axis.normalised_innovation(MeasurementRow::Vision, *value, *variance) <= self.gate
+        });
+        if followed && same_place {
+            return None;
+        }
+        let apart = both.map(|(axis, (value, variance), lever)| {
+            let (place, of_radio) = axis.project(MeasurementRow::Radio);
+            (
+                value - place,
+                variance + of_radio + lever * lever * axis.p[TURN][TURN],
+            )
+        });
+        let [(north, var_north), (east, var_east)] = apart;
+        let place = agreement::place([north, east], var_north.max(var_east), &self.noise, self.taken);
+        Some(place).filter(|[apart, limit]| apart > limit)
     }
 
     /// A source that is rejected again and again is right and the filter wrong: the states that may be

@@ -2,6 +2,7 @@
 //! deck's motion over the next seconds, in the drone's own frame, with covariance.
 //!
 //! - [`waves`]: the vessel's modes, rolled on.
+//! - `own`: the same, identified by the drone itself where the vessel is silent.
 //! - [`axis`]: the Kalman filter of one degree of freedom.
 //! - [`filter`]: the six of them, and how late observations are fused at their own time.
 //! - [`placement`]: the vessel's estimate in the drone's frame.
@@ -26,6 +27,7 @@ pub mod forecast;
 pub mod lever_arm_heave;
 mod node;
 pub mod observation;
+mod own;
 pub mod placement;
 mod shift;
 pub mod track;

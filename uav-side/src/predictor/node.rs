@@ -5,7 +5,7 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
     DeckForecast, DroneState, Header, LinkState, Message, PREDICTED_SLOPE_STEP_S, PredictorCheckpoint,
-    RangeSample, SLOPE_WINDOWS, Source, TagPose, UvdarFix, VesselEstimate, VesselPrediction,
+    RangeSample, SILENT_S, SLOPE_WINDOWS, Source, TagPose, UvdarFix, VesselEstimate, VesselPrediction,
     VesselSurroundings, WaveModel,
 };
 use alight_shared::node::Node;
@@ -24,6 +24,7 @@ use super::filter::{Filter, Fused};
 use super::forecast::Horizon;
 use super::lever_arm_heave::lever_arm_heave;
 use super::observation::{self, MountRotation, Observation, Plane};
+use super::own::OwnModel;
 use super::placement::placed;
 use super::track::Track;
 use super::waves::{AXES, Waves};
@@ -88,7 +89,11 @@ pub struct Predictor {
     vision_at: Option<Time<DroneClock>>,
     tag_at: Option<Time<DroneClock>>,
     range_at: Option<Time<DroneClock>>,
+    /// When tags were seen last that are another vessel's, and how far from the radio's place they may be and are, m.
+    elsewhere: Option<(Time<DroneClock>, [f64; 2])>,
     height: HeightAgreement,
+    /// What the drone identifies itself while the radio is silent.
+    own: Option<OwnModel>,
     /// Apparent slopes of the deck as reported by the vessel, and when.
     slopes: Option<(Time<DroneClock>, Seq<u8, SLOPE_WINDOWS>)>,
     surroundings: Surroundings,
@@ -118,7 +123,9 @@ impl Predictor {
             vision_at: None,
             tag_at: None,
             range_at: None,
+            elsewhere: None,
             height: HeightAgreement::default(),
+            own: None,
             slopes: None,
             surroundings: Surroundings::default(),
             next: Periodic::default(),
@@ -154,6 +161,13 @@ impl Predictor {
     }
 
     fn fuse(&mut self, o: &Observation) -> Result<(), RejectionReason> {
+        if let Some(own) = self
+            .own
+            .as_mut()
+            .filter(|_| o.kind != observation::Kind::Estimate)
+        {
+            own.fuse(&self.config, o);
+        }
         let waves = &self.waves;
         let noise = AxisNoise::all(&self.config);
         let filter = self
@@ -189,6 +203,7 @@ impl Predictor {
             && let Some(f) = &mut self.filter
         {
             f.shift(&jump);
+            self.own.iter_mut().for_each(|own| own.shift(&jump));
         }
         Ok(())
     }
@@ -196,9 +211,9 @@ impl Predictor {
     /// The drone's origin is another: what was known of the deck's place was about the one before.
     fn forget_frame(&mut self) {
         self.track = Track::default();
-        self.filter = None;
+        (self.filter, self.own) = (None, None);
         (self.radio_at, self.radio_sequence) = (None, None);
-        (self.vision_at, self.tag_at, self.range_at) = (None, None, None);
+        (self.vision_at, self.tag_at, self.range_at, self.elsewhere) = (None, None, None, None);
         self.height = HeightAgreement::default();
     }
 
@@ -206,12 +221,17 @@ impl Predictor {
         Self::admit(now, m)?;
         self.slopes = Some((m.header.at, m.slopes));
         let identified = self.waves.receive(m);
+        self.follow_modes(m.header.at, identified);
+        Ok(())
+    }
+
+    /// The filter follows newer modes, valid at `at`; `identified`: a bank of oscillators has gone for them.
+    fn follow_modes(&mut self, at: Time<DroneClock>, identified: bool) {
         match &mut self.filter {
             Some(f) if identified => f.adopt_modes(&self.waves),
-            Some(f) => f.rebase(&self.waves, m.header.at),
+            Some(f) => f.rebase(&self.waves, at),
             None => {}
         }
-        Ok(())
     }
 
     fn estimate(
@@ -263,13 +283,15 @@ impl Predictor {
         let at = m.header().at;
         let pose = self.track.at(at).ok_or(RejectionReason::NoDroneState)?;
         let observation = observe(&pose, &self.mount(), &self.config);
-        let (lever_arm_heave_m, compass) = match &self.filter {
-            Some(f) => {
-                let axes = f.at(&self.waves, at);
-                (self.plane(&axes, at).1, compass(&axes[5].x))
-            }
+        let axes = self.filter.as_ref().map(|f| f.at(&self.waves, at));
+        let (lever_arm_heave_m, compass) = match &axes {
+            Some(axes) => (self.plane(axes, at).1, compass(&axes[5].x)),
             None => (0.0, 0.0),
         };
+        if let Some(apart) = axes.and_then(|axes| self.apart_from_radio(now, &axes, &observation)) {
+            self.elsewhere = Some((at, apart));
+            return Err(RejectionReason::Outlier);
+        }
         self.fuse(&observation.by_compass(compass).levelled(lever_arm_heave_m))?;
         let newer = |t: &mut Option<Time<DroneClock>>| {
             *t = Some(t.map_or(at, |old| old.max(at)));
@@ -279,6 +301,20 @@ impl Predictor {
             newer(&mut self.tag_at);
         }
         Ok(())
+    }
+
+    /// How far tags that are seen now lie from where the radio places the deck, and the most that they may, m, where they are
+    /// another vessel's. A silent radio places none.
+    fn apart_from_radio(
+        &self,
+        now: Time<DroneClock>,
+        axes: &[Axis; AXES],
+        o: &Observation,
+    ) -> Option<[f64; 2]> {
+        let fresh = |at: Option<Time<DroneClock>>| at.is_some_and(|t| (now - t).secs() < self.config.fresh_s);
+        let filter = self.filter.as_ref().filter(|_| fresh(self.radio_at))?;
+        let seen = o.about(&self.waves.motion(o.at));
+        filter.elsewhere(axes, &seen, fresh(self.vision_at))
     }
 
     fn range(&mut self, now: Time<DroneClock>, m: &RangeSample) -> Result<(), RejectionReason> {
@@ -415,6 +451,23 @@ impl Predictor {
         }
     }
 
+    /// While the radio is silent the drone identifies the vessel's motion itself; the modes that came last are held until
+    /// its own are there.
+    fn identify(&mut self, now: Time<DroneClock>) {
+        let silent = |at: Option<Time<DroneClock>>, s: f64| at.is_none_or(|t| (now - t).secs() > s);
+        if !silent(self.radio_at, self.config.fresh_s) {
+            self.own = None;
+            return;
+        }
+        let own = self.own.get_or_insert_with(|| OwnModel::new(&self.config));
+        let newer = own.step(now, self.waves.lever_arm());
+        let reach_s = self.waves.reach_s().max(self.config.fresh_s);
+        let ours = newer && silent(self.slopes.map(|(at, _)| at), reach_s);
+        if ours && let Some((at, identified)) = own.publish(&mut self.waves) {
+            self.follow_modes(at, identified);
+        }
+    }
+
     /// What camera and rangefinder see of the deck.
     fn measure(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
         for m in &input.uvdar {
@@ -478,6 +531,11 @@ impl Predictor {
             clock_var,
             (&self.waves, now),
         );
+        if let Some((own, deck)) = self.own.as_mut().zip(stages.first())
+            && vision_age_s < self.config.fresh_s
+        {
+            own.watch(now, deck);
+        }
         let predicted_slopes = if self.waves.are_identified() {
             self.far.refresh(&oscillators);
             self.far.slopes(&axes, &filter.noise(&axes), (&self.waves, now))
@@ -494,14 +552,15 @@ impl Predictor {
             vision_age_s,
             tag_age_s: age(self.tag_at),
             height_nis: self.height.value(now),
-            place_apart_m: filter.place_apart_m(),
+            place_apart_m: self.place_apart_m(now, filter, [radio_age_s, vision_age_s]),
             wave_confidence: self.waves.confidence,
             mean_heading: wrap_angle(axes[5].x[MEAN] + axes[5].x[VISION]),
             mean_heading_rate: axes[5].x[RATE],
             stages,
-            slopes: match self.slopes {
-                Some((at, slopes)) if now - at < topics::BRIDGE_WAVE.stale_after => slopes,
-                Some(_) | None => Seq::new(),
+            slopes: match (self.slopes, &self.own) {
+                (Some((at, slopes)), _) if now - at < topics::BRIDGE_WAVE.stale_after => slopes,
+                (_, Some(own)) if radio_age_s > SILENT_S => own.slopes(now),
+                (Some(_) | None, _) => Seq::new(),
             },
             surroundings: self.surroundings,
             predicted_slopes,
@@ -511,6 +570,22 @@ impl Predictor {
             return None;
         }
         Some(f)
+    }
+
+    /// The place as seen less the place by radio, and the most that it may be, m: of the deck, or of tags that are not its own.
+    fn place_apart_m(
+        &self,
+        now: Time<DroneClock>,
+        filter: &Filter,
+        [radio_age_s, vision_age_s]: [f64; 2],
+    ) -> Option<[f64; 2]> {
+        let fresh_s = self.config.fresh_s;
+        let elsewhere = self.elsewhere.filter(|(at, _)| (now - *at).secs() < fresh_s);
+        match elsewhere {
+            Some((_, apart)) if vision_age_s >= fresh_s => Some(apart),
+            // What was received long ago is no witness of where a vessel has gone since.
+            Some(_) | None => (filter.place_apart_m()).filter(|_| radio_age_s < self.config.silence_s),
+        }
     }
 
     /// Variances of errors that are the same from one measurement to the next, which the filter
@@ -584,6 +659,7 @@ impl Node for Predictor {
     fn step(&mut self, now: Time<DroneClock>, input: &PredictorIn) -> PredictorOut {
         self.receive(now, input);
         self.measure(now, input);
+        self.identify(now);
         self.begin(now, input.checkpoint.as_ref());
         let period = Span::from_secs(1.0 / self.config.rate_hz);
         let due = self.next.is_due(now, period);

@@ -119,6 +119,16 @@ pub struct HandOver {
     pub unknown: [f64; AXES],
 }
 
+/// What predicting adds to the estimate's error, as measured, per degree of freedom: m/s, m, rad. Empty before the first
+/// prediction.
+#[derive(Clone, Debug, Default)]
+pub struct Spread {
+    /// At equal steps from now on.
+    pub stages: Seq<[f64; AXES], PREDICTION_STAGES>,
+    /// Time between them, s.
+    pub step_s: f64,
+}
+
 /// What is known of the waves.
 #[derive(Clone, Debug)]
 pub struct Waves {
@@ -134,10 +144,7 @@ pub struct Waves {
     lever_arm: Vector3<f64>,
     /// The same of a level vessel on her heading, north, east, down, m.
     level_arm: Vector3<f64>,
-    /// What predicting adds to the estimate's error, as the vessel has measured it: per stage of its prediction, every
-    /// `spread_step_s`. Empty before the first prediction.
-    spread: Seq<[f64; AXES], PREDICTION_STAGES>,
-    spread_step_s: f64,
+    spread: Spread,
     /// The most that they leave.
     largest: [f64; AXES],
     /// The vessel has sent modes.
@@ -164,8 +171,10 @@ impl Waves {
             messages: VecDeque::with_capacity(MAX_MESSAGES + 1),
             lever_arm: c.deck.centre(),
             level_arm: Vector3::new(0.0, 0.0, c.deck.centre().z),
-            spread: Seq::new(),
-            spread_step_s: 1.0,
+            spread: Spread {
+                step_s: 1.0,
+                ..Spread::default()
+            },
             largest: [0.0; AXES],
             identified: false,
             confidence: 0.0,
@@ -173,7 +182,7 @@ impl Waves {
     }
     /// The vessel has identified its motion and published its prediction's deviation.
     pub fn are_identified(&self) -> bool {
-        self.identified && !self.spread.is_empty()
+        self.identified && !self.spread.stages.is_empty()
     }
     /// The oscillators at time `at`. What the modes leave grows with their age. Of what they leave a quarter of a wave
     /// later it is the share `(left now / left then)²`: of fresh modes little, it fades; of stale ones all, and it
@@ -220,10 +229,11 @@ impl Waves {
     /// Standard deviation per degree of freedom of what predicting `ahead` seconds on adds: m/s, m, rad; held after the
     /// last stage.
     fn spread(&self, ahead: f64) -> [f64; AXES] {
-        let x = (ahead / self.spread_step_s).clamp(0.0, self.spread.len().saturating_sub(1) as f64);
+        let stages = &self.spread.stages;
+        let x = (ahead / self.spread.step_s).clamp(0.0, stages.len().saturating_sub(1) as f64);
         let (i, f) = (x.floor() as usize, x.fract());
-        let before = self.spread.get(i).copied().unwrap_or_default();
-        let after = self.spread.get(i + 1).copied().unwrap_or(before);
+        let before = stages.get(i).copied().unwrap_or_default();
+        let after = stages.get(i + 1).copied().unwrap_or(before);
         core::array::from_fn(|d| before[d] + f * (after[d] - before[d]))
     }
 
@@ -234,8 +244,12 @@ impl Waves {
     /// The vessel has reported where the deck's centre is in her axes (m), and her heading, rad.
     pub fn set_lever_arm(&mut self, lever_arm: Vector3<f64>, heading: f64) {
         self.lever_arm = lever_arm;
-        let level = Rotation2::new(heading) * lever_arm.xy();
-        self.level_arm = Vector3::new(level.x, level.y, lever_arm.z);
+        self.turn(heading);
+    }
+    /// The vessel heads there now, rad.
+    pub fn turn(&mut self, heading: f64) {
+        let level = Rotation2::new(heading) * self.lever_arm.xy();
+        self.level_arm = Vector3::new(level.x, level.y, self.lever_arm.z);
     }
 
     /// Takes the deviation of the vessel's own prediction; one without stages has none.
@@ -243,23 +257,33 @@ impl Waves {
         if p.stages.is_empty() {
             return;
         }
-        self.spread = Seq::filled(p.stages.iter().map(|s| s.sd.map(f64::from)));
-        self.spread_step_s = f64::from(p.step_s);
+        self.set_spread(Spread {
+            stages: Seq::filled(p.stages.iter().map(|s| s.sd.map(f64::from))),
+            step_s: f64::from(p.step_s),
+        });
+    }
+    /// The modes are off by so much from now on.
+    pub fn set_spread(&mut self, spread: Spread) {
+        self.spread = spread;
     }
 
     /// Takes the vessel's wave model, once it is known how far it is off; true when the bank has gone, and the filters
     /// have to fold its oscillators into the first.
     pub fn receive(&mut self, m: &WaveModel<DroneClock>) -> bool {
-        self.confidence = f64::from(m.confidence).clamp(0.0, 1.0);
-        self.identified = !m.modes.is_empty();
+        self.adopt(Modes::from(m), f64::from(m.confidence))
+    }
+    /// The same of modes with this confidence, wherever they were identified.
+    pub fn adopt(&mut self, modes: Modes<DroneClock>, confidence: f64) -> bool {
+        self.confidence = confidence.clamp(0.0, 1.0);
+        self.identified = !modes.modes.is_empty();
         if !self.are_identified() {
             return false;
         }
-        let newer = self.messages.back().is_none_or(|last| m.header.at > last.at);
+        let newer = self.messages.back().is_none_or(|last| modes.at > last.at);
         if !newer {
             return false;
         }
-        self.messages.push_back(Modes::from(m));
+        self.messages.push_back(modes);
         while self.messages.len() > MAX_MESSAGES {
             self.messages.pop_front();
         }
@@ -287,7 +311,7 @@ impl Waves {
     }
     /// How far ahead the vessel has published its prediction's deviation, s: older modes are not rolled on.
     pub fn reach_s(&self) -> f64 {
-        self.spread_step_s * self.spread.len().saturating_sub(1) as f64
+        self.spread.step_s * self.spread.stages.len().saturating_sub(1) as f64
     }
     /// The motion by the modes at time `at` becomes oscillators that the filters hold and correct by what they see
     /// themselves. Gives the motion of each, that of the residual one first; None without modes.

@@ -155,6 +155,31 @@ fn forecast_without_any_radio() {
 }
 
 #[test]
+fn modes_of_a_silent_vessel_by_vision() {
+    let v = Vessel::moderate();
+    let (mut before, mut after) = (0.0, 0.0);
+    for seed in 1..=4 {
+        let set = Setup {
+            seed,
+            radio_until: 0.0,
+            vision: (0.0, 1e9),
+            height: 3.5,
+            ..Default::default()
+        };
+        let r = run(&v, &set, 90.0);
+        let slopes = |t: f64| {
+            let sample = r.samples.iter().find(|s| s.now >= t).unwrap();
+            sample.forecast.predicted_slopes.len()
+        };
+        assert_eq!((slopes(50.0), slopes(70.0)), (0, PREDICTED_SLOPES));
+        // Two seconds ahead, where a bank of oscillators knows little.
+        before += r.accuracy(&v, 30.0..60.0, 2.0).vertical;
+        after += r.accuracy(&v, 65.0..88.0, 2.0).vertical;
+    }
+    assert!(after < 0.5 * before, "{after} {before}");
+}
+
+#[test]
 fn forecast_with_a_clock_error_within_its_sd() {
     let v = Vessel::moderate();
     // 100 ms of asymmetry: an offset that is 50 ms wrong, for which the bridge states 58 ms.

@@ -3,18 +3,20 @@
 //! A landed drone with stopped motors stays only while friction holds it against that slope. In steep short seas a
 //! light hull that the water does not carry sideways leaves the water: its deck tilts and falls as no sum of waves
 //! predicts, in groups 15 to 45 s apart. The vessel has watched its deck for longer than a drone that has just
-//! arrived, so it publishes the steepest apparent slope of each window of the last two minutes.
+//! arrived, so it publishes the steepest apparent slope of each window of the last two minutes. Above a vessel that says
+//! nothing the drone watches it itself.
 
 use std::collections::VecDeque;
 
-use alight_shared::frames::body_rates;
-use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::{SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS, Seq, VesselEstimate};
-use alight_shared::time::{Span, Time, VesselClock};
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// Rate of the estimates that it is computed from, Hz.
-pub(crate) const RATE_HZ: f64 = 20.0;
+use crate::frames::body_rates;
+use crate::geometry::GRAVITY;
+use crate::msg::{SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS, Seq, VesselEstimate};
+use crate::time::{Clock, Span, Time};
+
+/// Rate of the states that it is computed from, Hz.
+pub const RATE_HZ: f64 = 20.0;
 /// The specific force is averaged over this time, s: a shorter slide moves the drone by centimetres, and a quickly
 /// rocking platform has only such.
 const MEAN_S: f64 = 1.0;
@@ -24,27 +26,41 @@ const MAX_GAP_S: f64 = 0.3;
 const MIN_NORMAL_FORCE_MPS2: f64 = 0.5;
 
 /// The deck's specific force over the last second, and its steepest slope per window.
-#[derive(Clone, Debug, Default)]
-pub struct ApparentSlope {
+#[derive(Clone, Debug)]
+pub struct ApparentSlope<C: Clock> {
     /// Time and velocity (NED, m/s) of the deck's centre at the last update.
-    before: Option<(Time<VesselClock>, Vector3<f64>)>,
+    before: Option<(Time<C>, Vector3<f64>)>,
     /// Specific force in the deck's axes (m/s²) and the time that each lasted (s), oldest first.
     forces: VecDeque<(Vector3<f64>, f64)>,
     /// Steepest slope per window, newest first, and when the newest began.
     windows: Seq<u8, SLOPE_WINDOWS>,
-    began: Option<Time<VesselClock>>,
+    began: Option<Time<C>>,
 }
 
-impl ApparentSlope {
-    /// Takes the vessel's state. The deck's acceleration is the difference of its velocity: the filter's own
-    /// acceleration knows only the motion of its model.
-    pub fn update(&mut self, e: &VesselEstimate<VesselClock>) {
-        let at = e.header.at;
+impl<C: Clock> Default for ApparentSlope<C> {
+    fn default() -> Self {
+        ApparentSlope {
+            before: None,
+            forces: VecDeque::new(),
+            windows: Seq::new(),
+            began: None,
+        }
+    }
+}
+
+impl<C: Clock> ApparentSlope<C> {
+    /// Takes the vessel's state.
+    pub fn update(&mut self, e: &VesselEstimate<C>) {
         let [_, _, _, roll, pitch, yaw] = e.eta;
         let attitude = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
         let [vn, ve, vd, dr, dp, dy] = e.eta_dot.map(f64::from);
         let spin = attitude * body_rates(roll, pitch, Vector3::new(dr, dp, dy));
         let velocity = Vector3::new(vn, ve, vd) + spin.cross(&(attitude * e.deck_centre()));
+        self.push(e.header.at, &attitude, velocity);
+    }
+    /// Takes the deck's attitude (NED from deck) and its centre's velocity, m/s. Its acceleration is the difference of its
+    /// velocity: a filter's own acceleration knows only the motion of its model.
+    pub fn push(&mut self, at: Time<C>, attitude: &UnitQuaternion<f64>, velocity: Vector3<f64>) {
         let before = self.before.replace((at, velocity));
         let Some((dt, old)) = before.map(|(t, v)| ((at - t).secs(), v)) else {
             return;
@@ -76,7 +92,7 @@ impl ApparentSlope {
     }
 
     /// The steepest slope of each window, in units of [`SLOPE_STEP`], the present one first; empty before the first.
-    pub fn slopes(&self, now: Time<VesselClock>) -> Seq<u8, SLOPE_WINDOWS> {
+    pub fn slopes(&self, now: Time<C>) -> Seq<u8, SLOPE_WINDOWS> {
         let mut copy = ApparentSlope {
             windows: self.windows,
             began: self.began,
@@ -93,7 +109,7 @@ impl ApparentSlope {
     }
 
     /// Begins new windows up to `now`.
-    fn advance_windows(&mut self, now: Time<VesselClock>) {
+    fn advance_windows(&mut self, now: Time<C>) {
         let Some(began) = self.began else {
             self.began = Some(now);
             self.windows = Seq::filled([0]);
@@ -116,12 +132,13 @@ impl ApparentSlope {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use alight_shared::msg::Header;
-    use alight_shared::vessel_model::{ROLL, SWAY};
+    use crate::msg::Header;
+    use crate::time::VesselClock;
+    use crate::vessel_model::{ROLL, SWAY};
 
     /// A vessel that rolls by `amplitude` sin(omega t) and is accelerated sideways like the sloping water under it
     /// (`with` 1) or not (0); the deck is at its reference point.
-    fn rolling_vessel(amplitude: f64, omega: f64, with: f64, seconds: f64) -> ApparentSlope {
+    fn rolling_vessel(amplitude: f64, omega: f64, with: f64, seconds: f64) -> ApparentSlope<VesselClock> {
         let mut f = ApparentSlope::default();
         for k in 0..(seconds * RATE_HZ) as u32 {
             let t = f64::from(k) / RATE_HZ;
@@ -142,7 +159,7 @@ mod tests {
     #[test]
     fn apparent_slope_of_a_slow_roll() {
         let now = Time::from_secs(160.0);
-        let steepest = |f: &ApparentSlope| f.slopes(now).iter().skip(2).take(4).max().copied();
+        let steepest = |f: &ApparentSlope<VesselClock>| f.slopes(now).iter().skip(2).take(4).max().copied();
         let alone = rolling_vessel(0.3, 1.0, 0.0, 60.0);
         assert!(
             (28..=34).contains(&steepest(&alone).unwrap()),
@@ -167,6 +184,10 @@ mod tests {
         assert!(soon.len() >= 6 && soon[0] == 0 && soon.iter().any(|s| *s > 20));
         let late = f.slopes(Time::from_secs(400.0));
         assert!(late.len() == SLOPE_WINDOWS && late.iter().all(|s| *s == 0));
-        assert!(ApparentSlope::default().slopes(Time::from_secs(1.0)).is_empty());
+        assert!(
+            ApparentSlope::<VesselClock>::default()
+                .slopes(Time::from_secs(1.0))
+                .is_empty()
+        );
     }
 }

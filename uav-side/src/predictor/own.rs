@@ -1,0 +1,196 @@
+//! The vessel's modes as the drone identifies them itself, by what camera and rangefinder see of the deck: for a vessel that
+//! says nothing, and for one whose radio has gone silent.
+//!
+//! A filter of its own, with the broad bank of oscillators, gives the deck's motion ten times a second to the same model by
+//! which a vessel identifies hers ([`alight_shared::motion_model`]); what that finds is rolled on as if it had come by radio.
+//! The filter that the forecast is made of would not do: it moves about the modes, and would find them again.
+
+use alight_shared::admission::Periodic;
+use alight_shared::apparent_slope::{self, ApparentSlope};
+use alight_shared::motion_model::{MotionModel, MotionSample, SAMPLE_S};
+use alight_shared::msg::{DeckStage, PREDICTION_STAGES, SLOPE_WINDOWS, Seq};
+use alight_shared::time::{DroneClock, Span, Time};
+use nalgebra::{Rotation2, UnitQuaternion, Vector3};
+
+use super::axis::{Axis, AxisNoise, HEAD, MEAN, MeasurementRow, VISION};
+use super::config::PredictorConfig;
+use super::filter::{Filter, Fused, State};
+use super::observation::Observation;
+use super::track::Jump;
+use super::waves::{AXES, Oscillator, Spread, Waves};
+
+/// A sample is the state so long ago, s: images have come by then.
+const SAMPLE_AGE: Span = Span::from_millis(80);
+/// A deck that was not seen for so long is not sampled: its motion would be the filter's own, s.
+const UNSEEN_S: f64 = 0.5;
+/// Its modes count once it has seen the deck for so long, s: after 30 s the measured error is still too small, and 2 of 12
+/// landings on a 12 m hull in a sea of 1 m were hard; after 60 s none of 12, and it is the time in which a vessel identifies
+/// hers.
+const IDENTIFIED_S: f64 = 60.0;
+/// Time between two stages of the measured error, s.
+const STAGE_S: f64 = 0.25;
+
+/// Filter and model of the deck's motion by vision alone.
+#[derive(Clone, Debug)]
+pub(super) struct OwnModel {
+    waves: Waves,
+    filter: Option<Filter>,
+    motion: MotionModel<DroneClock>,
+    seen_at: Option<Time<DroneClock>>,
+    /// Samples so far.
+    samples: u32,
+    /// The vessel's mean heading by the newest sample, rad.
+    heading: Option<f64>,
+    slope: (Periodic<DroneClock>, ApparentSlope<DroneClock>),
+}
+
+impl OwnModel {
+    /// One that has seen nothing yet.
+    pub(super) fn new(c: &PredictorConfig) -> Self {
+        OwnModel {
+            waves: Waves::new(c),
+            filter: None,
+            motion: MotionModel::default(),
+            seen_at: None,
+            samples: 0,
+            heading: None,
+            slope: Default::default(),
+        }
+    }
+    /// Takes what was seen.
+    pub(super) fn fuse(&mut self, c: &PredictorConfig, o: &Observation) {
+        let waves = &self.waves;
+        let filter = self
+            .filter
+            .get_or_insert_with(|| Filter::new(AxisNoise::all(c), c.gate_sd, waves, o));
+        if filter.fuse(waves, o) == Fused::All {
+            self.seen_at = self.seen_at.max(Some(o.at));
+        }
+    }
+    /// The autopilot's estimate has jumped.
+    pub(super) fn shift(&mut self, jump: &Jump) {
+        if let Some(f) = &mut self.filter {
+            f.shift(jump);
+        }
+    }
+    /// Goes on to `now`; true when there is a newer sample, and with it newer modes.
+    pub(super) fn step(&mut self, now: Time<DroneClock>, lever_arm: &Vector3<f64>) -> bool {
+        self.motion.work();
+        let Some(filter) = self.filter.as_ref().filter(|f| f.is_finite()) else {
+            self.filter = None;
+            return false;
+        };
+        let at = now - SAMPLE_AGE;
+        let seen = self.seen_at.is_some_and(|t| (now - t).secs() < UNSEEN_S);
+        if !seen || at < filter.started() || !self.motion.is_due(at) {
+            return false;
+        }
+        let axes = filter.at(&self.waves, at);
+        let oscillators = self.waves.oscillators(at);
+        let sample = sample(at, &axes, &oscillators, lever_arm);
+        self.heading = Some(sample.mean_heading);
+        self.motion.push(sample);
+        self.samples = self.samples.saturating_add(1);
+        true
+    }
+    /// The deck as it is now.
+    pub(super) fn watch(&mut self, now: Time<DroneClock>, deck: &DeckStage) {
+        let (next, slope) = &mut self.slope;
+        if next.is_due(now, Span::from_secs(1.0 / apparent_slope::RATE_HZ)) {
+            let [roll, pitch, yaw] = deck.euler;
+            let attitude = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+            slope.push(now, &attitude, Vector3::from(deck.velocity));
+        }
+    }
+    /// Its steepest apparent slopes of late, as a vessel would report them.
+    pub(super) fn slopes(&self, now: Time<DroneClock>) -> Seq<u8, SLOPE_WINDOWS> {
+        self.slope.1.slopes(now)
+    }
+    /// Gives its modes and what they are off by to `waves`: their time of validity, and whether a bank of oscillators has gone
+    /// there. None before it has seen enough of the motion.
+    pub(super) fn publish(&self, waves: &mut Waves) -> Option<(Time<DroneClock>, bool)> {
+        let identified = self.motion.is_identified() && f64::from(self.samples) * SAMPLE_S >= IDENTIFIED_S;
+        let modes = self.motion.modes().filter(|_| identified)?;
+        let stage = |k: usize| self.motion.spread(k as f64 * STAGE_S);
+        waves.set_spread(Spread {
+            stages: Seq::filled((0..PREDICTION_STAGES).map(stage)),
+            step_s: STAGE_S,
+        });
+        if let Some(heading) = self.heading {
+            waves.turn(heading);
+        }
+        Some((modes.at, waves.adopt(modes.clone(), self.motion.confidence())))
+    }
+}
+
+/// The motion of the vessel's reference point about its mean, by the state of the filter of a deck whose centre is at
+/// `lever_arm` (m) in her axes.
+fn sample(
+    at: Time<DroneClock>,
+    axes: &State,
+    oscillators: &[Oscillator],
+    lever_arm: &Vector3<f64>,
+) -> MotionSample<DroneClock> {
+    let motion: [[f64; 3]; AXES] = core::array::from_fn(|i| waves_of(&axes[i], oscillators, i));
+    let mean_heading = axes[5].x[MEAN] + axes[5].x[VISION];
+    let level = Rotation2::new(mean_heading) * lever_arm.xy();
+    // As `Waves` places the deck on the vessel, backwards.
+    let north = |k: usize| motion[0][k] - motion[4][k] * lever_arm.z + motion[5][k] * level.y;
+    let east = |k: usize| motion[1][k] + motion[3][k] * lever_arm.z - motion[5][k] * level.x;
+    let tilt = |i: usize| axes[i].project(MeasurementRow::Level).0;
+    MotionSample {
+        at,
+        mean_heading,
+        value: [north(1), east(1), motion[2][0], tilt(3), tilt(4), motion[5][0]],
+        rate: [motion[2][1], motion[3][1], motion[4][1], north(2), east(2)],
+        level_variance: axes[2].project(MeasurementRow::Residual).1,
+    }
+}
+
+/// Value, rate and acceleration of the oscillators' sum.
+fn waves_of(axis: &Axis, oscillators: &[Oscillator], i: usize) -> [f64; 3] {
+    let mut sum = [0.0; 3];
+    for (k, o) in oscillators.iter().enumerate() {
+        let [value, rate] = [0, 1].map(|j| axis.x[HEAD + 2 * k + j]);
+        sum[0] += value;
+        sum[1] += rate;
+        sum[2] -= o.omega * o.omega * value + 2.0 * o.damping[i] * o.omega * rate;
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core::f64::consts::FRAC_PI_2;
+
+    /// A vessel that heads east and pitches and yaws about her reference point, with her deck 4 m aft and 1.3 m up: the deck's
+    /// centre swings, and the reference point stays.
+    #[test]
+    fn motion_of_a_deck_off_the_reference_point() {
+        let c = PredictorConfig::default();
+        let oscillators = [Oscillator {
+            omega: 1.3,
+            damping: [0.1; AXES],
+            sd: [1.0; AXES],
+        }];
+        let lever_arm = Vector3::new(-4.0, 0.0, -1.3);
+        let noise = AxisNoise::all(&c);
+        let mut axes: State = core::array::from_fn(|i| Axis::new(&noise[i], &oscillators, i, 0.0, 0.1, 0.1));
+        axes[5].x[MEAN] = FRAC_PI_2;
+        let (about_north, about_east, yaw) = ([0.02, -0.05], [0.1, 0.07], [0.03, 0.04]);
+        for (axis, motion) in [(3, about_north), (4, about_east), (5, yaw)] {
+            axes[axis].x[HEAD..HEAD + 2].copy_from_slice(&motion);
+        }
+        // Aft of a vessel that heads east is west: (0, -4).
+        for k in 0..2 {
+            axes[0].x[HEAD + k] = lever_arm.z * about_east[k] + 4.0 * yaw[k];
+            axes[1].x[HEAD + k] = -lever_arm.z * about_north[k];
+        }
+        let s = sample(Time::EPOCH, &axes, &oscillators, &lever_arm);
+        let [north, east, _, roll, pitch, heading] = s.value;
+        assert!(north.abs() < 1e-12 && east.abs() < 1e-12, "{s:?}");
+        assert!(s.rate[3].abs() < 1e-12 && s.rate[4].abs() < 1e-12, "{s:?}");
+        assert_eq!([roll, pitch, heading], [about_north[0], about_east[0], yaw[0]]);
+    }
+}
