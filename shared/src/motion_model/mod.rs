@@ -16,19 +16,16 @@
 //!
 //! A prediction begins at the estimate: what the modes leave of it now goes on. Of heave it fades, for the slow part of it
 //! is an error of the mean water level; of the tilt the slow part is heel and trim, which a turn, speed, wind and load change
-//! within seconds and which turn with the vessel, and it stays ([`heel`]). The drone
-//! rolls on modes and heel, so their errors are what is published.
+//! within seconds and which turn with her, and it stays.
 //!
 //! The error of the predictions is measured, not assumed: each is kept until it is due ([`errors`]).
 
 mod errors;
 mod heading;
-mod heel;
 mod identification;
 mod regression;
 mod subspace;
 
-use crate::frames::wrap_angle;
 use crate::msg::MAX_MODES;
 use crate::time::{Clock, Span, Time};
 use crate::vessel_model::{DOFS, HEAVE, Mode, Modes, Motion, PITCH, ROLL};
@@ -38,14 +35,11 @@ pub use errors::MeasuredErrors;
 use errors::{Errors, SPREAD_AT_S};
 use heading::Moments;
 pub use heading::QuietHeading;
-use heel::Heel;
 use identification::{Axes, Identification};
 use regression::{OBSERVED, PUSH, SINKS, TILT};
 
 /// Time between two samples, s: ten a second, eight to the period of the fastest deck (0.95 Hz).
 pub const SAMPLE_S: f64 = 0.1;
-/// Times between two samples that state a rate of turn, s: they jitter, and over a gap it is not that of now.
-const TURN_S: core::ops::RangeInclusive<f64> = 0.5 * SAMPLE_S..=3.0 * SAMPLE_S;
 /// What no mode holds fades in this time, s: a quarter of a wave.
 pub const FADE_S: f64 = 1.0;
 /// Heel and trim change within this time, s: that of a helm.
@@ -69,15 +63,6 @@ pub struct MotionSample<C: Clock> {
 }
 
 impl<C: Clock> MotionSample<C> {
-    /// The vessel's rate of turn since the sample `before`, rad/s; zero after a gap.
-    fn rate_of_turn(&self, before: &MotionSample<C>) -> f64 {
-        let apart_s = (self.at - before.at).secs();
-        if TURN_S.contains(&apart_s) {
-            wrap_angle(self.mean_heading - before.mean_heading) / apart_s
-        } else {
-            0.0
-        }
-    }
     /// The same in axes turned by `angle` (rad) about down.
     fn turned(&self, angle: f64) -> MotionSample<C> {
         let turn = |v| turned(v, angle);
@@ -97,15 +82,17 @@ impl<C: Clock> MotionSample<C> {
 #[derive(Clone, Debug)]
 pub struct MotionModel<C: Clock> {
     newest: Option<MotionSample<C>>,
-    /// Of the tilt that the modes leave.
-    heel: Heel,
+    /// Samples since the start.
+    samples: f64,
+    /// Heel and trim: the slow part of the tilt that the modes leave, in the vessel's axes, rad.
+    heel: [f64; 2],
     /// In axes parallel to NED, and in axes that turn with the vessel.
     identified: [Identification<C>; 2],
     /// The modes of both with their weights, by the newest sample.
     modes: Option<Modes<C>>,
     /// How far both predict apart, per degree of freedom, at [`SPREAD_AT_S`].
     apart: [[f64; DOFS]; SPREAD_AT_S.len()],
-    /// Of modes and heel, which the drone rolls on.
+    /// Of the modes, which the drone rolls on.
     errors: Errors<C>,
 }
 
@@ -113,7 +100,8 @@ impl<C: Clock> Default for MotionModel<C> {
     fn default() -> Self {
         MotionModel {
             newest: None,
-            heel: Heel::over(HEEL_S),
+            samples: 0.0,
+            heel: [0.0; 2],
             identified: [Axes::Earth, Axes::Vessel].map(Identification::new),
             modes: None,
             apart: Default::default(),
@@ -139,17 +127,25 @@ impl<C: Clock> MotionModel<C> {
         for i in &mut self.identified {
             i.push(&sample);
         }
-        let turn = self.newest.map_or(0.0, |last| sample.rate_of_turn(&last));
         self.newest = Some(sample);
         self.errors.compare(&sample);
         self.mix(&sample);
-        let left = left_of_tilt(&sample, &self.modal_motion(0.0));
-        self.heel.follow(left, sample.mean_heading);
-        let (heel, modes) = (self.heel, self.modes.as_ref());
-        self.errors.push(sample.at, |ahead| {
-            let modal = modes.map_or_else(Motion::default, |m| m.motion(ahead));
-            about(heel.at(sample.mean_heading + turn * ahead), modal)
-        });
+        self.follow_heel(&sample);
+        // As the drone rolls the modes on, about the mean.
+        let (mean_tilt, modes) = (self.mean_tilt(sample.mean_heading), self.modes.as_ref());
+        let modal = |ahead| modes.map_or_else(Motion::default, |m| m.motion(ahead));
+        self.errors
+            .push(sample.at, |ahead| about(mean_tilt, modal(ahead)));
+    }
+
+    /// The slow part of the tilt that the modes leave: at first a mean of all so far.
+    fn follow_heel(&mut self, sample: &MotionSample<C>) {
+        self.samples += 1.0;
+        let left = left_of_tilt(sample, &self.modal_motion(0.0));
+        let fraction = (SAMPLE_S / HEEL_S).max(1.0 / self.samples);
+        for (heel, left) in self.heel.iter_mut().zip(turned(left, sample.mean_heading)) {
+            *heel += (left - *heel) * fraction;
+        }
     }
 
     /// The modes of both, weighted, and how far they are apart; before the first identification a motion that fades.
@@ -210,7 +206,7 @@ impl<C: Clock> MotionModel<C> {
     }
     /// Heel and trim now as tilt about north and about east of a vessel on this mean heading, rad: they turn with her.
     pub fn heel(&self, mean_heading: f64) -> [f64; 2] {
-        self.heel.at(mean_heading)
+        turned(self.heel, -mean_heading)
     }
     /// The motion about heel and trim: that of the modes with what they leave of heave and tilt now, which fades.
     pub fn motion(&self, t: f64) -> Motion {
@@ -251,7 +247,7 @@ impl<C: Clock> MotionModel<C> {
             .sum();
         1.0 - left / OBSERVED.len() as f64
     }
-    /// Standard deviation per degree of freedom of what rolling modes and heel on is off by, `ahead` seconds on: as measured,
+    /// Standard deviation per degree of freedom of what rolling the modes on is off by, `ahead` seconds on: as measured,
     /// and at least how far the two identifications predict apart now.
     pub fn spread(&self, ahead: f64) -> [f64; DOFS] {
         self.errors.spread(self.deviation(), &self.apart, ahead)

@@ -178,23 +178,6 @@ fn motion_model_frequencies_and_prediction() {
 }
 
 #[test]
-fn rate_of_turn_by_the_time_between_samples() {
-    let on = |t: f64, mean_heading: f64| MotionSample {
-        at: Time::<VesselClock>::from_secs(t),
-        mean_heading,
-        value: [0.0; DOFS],
-        rate: [0.0; 5],
-        level_variance: 0.0,
-    };
-    // Across south; late by half a period; after a gap, and without time between them.
-    for (apart_s, expected) in [(0.1, 0.2), (0.15, 0.2), (0.5, 0.0), (0.0, 0.0)] {
-        let (before, after) = (on(7.0, 3.13), on(7.0 + apart_s, wrap_angle(3.13 + 0.2 * apart_s)));
-        let turn = after.rate_of_turn(&before);
-        assert!((turn - expected).abs() < 1e-6, "{turn} rad/s after {apart_s} s");
-    }
-}
-
-#[test]
 fn motion_model_after_a_gap_and_nan() {
     let mut model = after(60.0, 0.003);
     assert!(model.modes().is_some());

@@ -6,7 +6,7 @@
 //!
 //! | figure | mean | standard deviations |
 //! |---|---|---|
-//! | onto the deck, m/s | `max(v_t + gusts, sqrt(w² - 2 a (h - w t_b)))` | the pilot's, `r sd(a_z)`, gusts |
+//! | onto the deck, m/s | `max(v_t, sqrt(w² - 2 a (h - w t_b)))` | the pilot's, `r sd(a_z)` |
 //! | along it, m/s | `U psi' t_l`, what is left of the present speed | the pilot's, `r sd(a_xy)`, gusts, `t_a m`, half of the turn's |
 //! | angle, rad | against a strong wind the drone banks | the pilot's, `sd(tilt)`, gusts |
 //! | place, m | what is left of the present offset | the pilot's, the forecast's, drift without sight, gusts |
@@ -54,10 +54,8 @@ const CLOSING_S: f64 = 0.5;
 const ALIGNMENT_S: f64 = 0.1;
 /// Between the decision and the contact the deck's uncertainty changes, with the groups of the waves, to this much.
 const CHANGES: f64 = 1.3;
-/// What a gust of 1 m/s² leaves, by landings begun at random moments in 8 to 14 m/s of wind: of speed onto the deck, mean and
-/// spread, for a drone that is blown aside comes down on one foot, and along it, m/s; of tilt, in parts of the thrust that holds
-/// it; of place, m.
-const ONTO_PER_GUST_S: [f64; 2] = [0.2, 0.15];
+/// What a gust of 1 m/s² leaves, by landings begun at random moments in 8 to 14 m/s of wind: of speed along the deck,
+/// m/s; of tilt, in parts of the thrust that holds it; of place, m.
 const ALONG_PER_GUST_S: f64 = 0.15;
 const TILT_PER_GUST: f64 = 0.25;
 const PLACE_PER_GUST_S2: f64 = 0.15;
@@ -119,7 +117,7 @@ impl Outlook<'_> {
     fn at_contact(&self, reacted: &DeckStage, contact: &DeckStage, left_s: f64) -> Odds {
         let left = (-left_s / CLOSING_S).exp();
         let (wind, gust) = (self.wind.mean(), self.wind.gust_sd());
-        let (slips, onto) = (ALONG_PER_GUST_S * gust, ONTO_PER_GUST_S[1] * gust);
+        let slips = ALONG_PER_GUST_S * gust;
         let reaction_s = self.reaction_s();
         let [ax, ay, az] = reacted.acceleration_sd.map(|sd| reaction_s * sd);
         let horizontal = (0.5 * (ax * ax + ay * ay)).sqrt();
@@ -138,7 +136,7 @@ impl Outlook<'_> {
         // Against the part of a strong wind that would blow an aligned drone along too fast it banks.
         let lean = (wind - wind_during_alignment(&wind)).norm() / GRAVITY;
         Odds {
-            hard: below((MAX_MPS - self.contact_mps(gust)) / norm(&[CONTACT_SD_MPS, CHANGES * az, onto])),
+            hard: below((MAX_MPS - self.contact_mps()) / norm(&[CONTACT_SD_MPS, CHANGES * az])),
             fast: inside(along, along_sd, MAX_MPS),
             tilted: inside(lean, tilt_sd, MAX_TILT_RAD),
             beside: self.inside_edges(left, reacted, PLACE_PER_GUST_S2 * gust),
@@ -146,11 +144,11 @@ impl Outlook<'_> {
             turns: self.deck.turn_mps > horizontal.max(slips).max(parted),
         }
     }
-    /// The speed onto the deck if the drone brakes from now on, in gusts of so much (m/s²), m/s.
-    fn contact_mps(&self, gust: f64) -> f64 {
+    /// The speed onto the deck if the drone brakes from now on, m/s.
+    fn contact_mps(&self) -> f64 {
         let (w, h) = (self.deck.sinking_mps.max(0.0), self.deck.clearance_m.max(0.0));
         let square = w * w - 2.0 * BRAKING_MPS2 * (h - w * BRAKING_LAG_S);
-        (CONTACT_MPS + ONTO_PER_GUST_S[0] * gust).max(square.max(0.0).sqrt())
+        CONTACT_MPS.max(square.max(0.0).sqrt())
     }
     fn inside_edges(&self, left: f64, reacted: &DeckStage, blown_m: f64) -> f64 {
         let blind_s = BLIND_S + self.deck.vision_age_s.min(self.deck.radio_age_s);

@@ -11,7 +11,7 @@
 //! The degrees of freedom are chosen so that they do not couple: position of the deck's centre
 //! (not of the vessel's reference point) in NED, its height as of a level vessel (see `lever_arm_heave`), and the tilt as
 //! that of a vessel heading north by the vessel's compass,
-//! so that a turn leaves the waves alone; its mean, heel and trim, turns with the vessel. Six filters of at most 18 states cost a tenth of a
+//! so that a turn leaves the waves alone. Six filters of at most 18 states cost a tenth of a
 //! joint one.
 
 use super::config::PredictorConfig;

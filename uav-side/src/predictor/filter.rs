@@ -5,7 +5,6 @@ use std::collections::VecDeque;
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::time::{DroneClock, Span, Time};
-use nalgebra::{Rotation2, Vector2};
 
 use super::agreement;
 use super::axis::{Axis, AxisNoise, HEAD, MEAN, MeasurementRow, RATE, Step, TURN, VISION};
@@ -427,23 +426,21 @@ fn turning(s: &State) -> Option<Turning> {
 }
 
 /// A turning vessel's mean velocity has turned with it over the last `dt` (s): `v' = omega x v`,
-/// the coordinated turn (Bar-Shalom, Li and Kirubarajan 2001, section 11.7), and so have heel and trim; in the means only.
+/// the coordinated turn (Bar-Shalom, Li and Kirubarajan 2001, section 11.7), in the means only.
 fn propagate_turn(s: &mut State, dt: f64) {
-    let angle = s[5].x[RATE] * dt;
+    let Some(turn) = turning(s) else {
+        return;
+    };
+    let (n, e) = (s[0].x[RATE], s[1].x[RATE]);
+    let angle = turn.rate * dt;
     if !(angle.abs() < MAX_BEND_RAD) {
         return;
     }
-    let turn = Rotation2::new(angle);
-    let heel = turn * Vector2::new(s[3].x[MEAN], s[4].x[MEAN]);
-    (s[3].x[MEAN], s[4].x[MEAN]) = (heel.x, heel.y);
-    if turning(s).is_none() {
-        return;
-    }
-    let before = Vector2::new(s[0].x[RATE], s[1].x[RATE]);
-    let turned = turn * before;
-    for ((axis, turned), before) in s.iter_mut().zip(turned.iter()).zip(before.iter()) {
-        axis.x[MEAN] += 0.5 * dt * (turned - before);
-        axis.x[RATE] = *turned;
+    let (sin, cos) = angle.sin_cos();
+    let turned = [cos * n - sin * e, sin * n + cos * e];
+    for (i, before) in [n, e].into_iter().enumerate() {
+        s[i].x[MEAN] += 0.5 * dt * (turned[i] - before);
+        s[i].x[RATE] = turned[i];
     }
 }
 

@@ -5,7 +5,7 @@ use alight_shared::msg::Seq;
 use alight_shared::msg::{DeckStage, FORECAST_STAGES, PREDICTED_SLOPES, SLOPE_STEP};
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::vessel_model::turn_tilt;
-use nalgebra::{Rotation2, Rotation3, Vector2, Vector3};
+use nalgebra::{Rotation3, Vector3};
 
 use super::axis::{Axis, AxisNoise, DRIFT, HEAD, Head, MAX_STATES, MEAN, RATE, Step, VISION, compass};
 use super::lever_arm_heave::lever_arm_heave;
@@ -136,7 +136,7 @@ impl Horizon {
         out
     }
 
-    /// The means one stage on. A turning vessel's mean velocity, heel and trim turn with it.
+    /// The means one stage on. A turning vessel's mean velocity turns with it.
     fn advance(&self, mean: &mut [[f64; MAX_STATES]; AXES], heads: &[Head; AXES]) {
         for (axis, (x, h)) in mean.iter_mut().zip(heads).enumerate() {
             x[MEAN] += h.reach * x[RATE];
@@ -150,13 +150,11 @@ impl Horizon {
                 x[i + 1] = a[2] * v + a[3] * r;
             }
         }
-        let turn = Rotation2::new(mean[5][RATE] * self.stage_s);
-        let heel = turn * Vector2::new(mean[3][MEAN], mean[4][MEAN]);
-        (mean[3][MEAN], mean[4][MEAN]) = (heel.x, heel.y);
-        let velocity = Vector2::new(mean[0][RATE], mean[1][RATE]);
-        if velocity.norm() > STEERAGE_MPS {
-            let turned = turn * velocity;
-            (mean[0][RATE], mean[1][RATE]) = (turned.x, turned.y);
+        let (vn, ve) = (mean[0][RATE], mean[1][RATE]);
+        if vn.hypot(ve) > STEERAGE_MPS {
+            let (s, c) = (mean[5][RATE] * self.stage_s).sin_cos();
+            mean[0][RATE] = c * vn - s * ve;
+            mean[1][RATE] = s * vn + c * ve;
         }
     }
 
