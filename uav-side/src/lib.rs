@@ -8,6 +8,7 @@ mod deck_height;
 mod fixtures;
 mod flatness;
 pub mod mission;
+pub mod mission_config;
 pub mod odometry;
 pub mod pilot;
 pub mod planner;

@@ -16,7 +16,7 @@ use alight_shared::topics;
 use super::message::{Address, Message, ParameterValue, severity};
 use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output};
-use crate::mission::MissionConfig;
+use crate::mission_config::MissionConfig;
 
 /// A change is repeated at this period until the mission shows it ...
 const REPEAT: Span = Span::from_millis(100);

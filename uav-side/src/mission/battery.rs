@@ -6,8 +6,8 @@ use std::collections::VecDeque;
 use alight_shared::estimation::low_pass_gain;
 use alight_shared::msg::AutopilotState;
 
-use super::config::MissionConfig;
 use super::phase::DroneTime;
+use crate::mission_config::MissionConfig;
 
 /// Readings kept at most: a minute at the rate of the autopilot's state, and some.
 const MAX_READINGS: usize = 1024;

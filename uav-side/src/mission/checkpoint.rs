@@ -8,10 +8,10 @@ use alight_shared::msg::{Command, MissionCheckpoint, Phase, Reason, ReasonCode, 
 use alight_shared::time::Span;
 use alight_shared::topics;
 
-use super::config::MissionConfig;
 use super::limits::{AWAY_M, CLIMB_S, HEAVE_M, LOST_OUTSIDE_M, RESUME_DISTANCE_M, STEADY_HEIGHT_M};
 use super::phase::{DroneTime, HoldCause, MissionPhase, Progress, gave_up, holding};
 use super::situation::{ControlState, Deck, Situation};
+use crate::mission_config::MissionConfig;
 use alight_shared::checkpoint::{CheckpointRejection, Recovery, validate};
 
 /// A mission that begins waits so long for autopilot, odometry and forecast: five periods of the slowest.

@@ -22,9 +22,9 @@ use alight_shared::topics;
 use nalgebra::Vector3;
 
 use super::Mission;
-use super::config::MissionConfig;
 use super::phase::DroneTime;
 use crate::deck_height::forecast_mean;
+use crate::mission_config::MissionConfig;
 
 /// Time constant of the deck's mean level, s: two periods of a long swell.
 const LEVEL_TIME_S: f64 = 10.0;

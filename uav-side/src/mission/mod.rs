@@ -8,7 +8,6 @@
 mod air;
 mod battery;
 mod checkpoint;
-pub mod config;
 mod height;
 mod limits;
 mod normal;
@@ -38,8 +37,8 @@ mod settings_tests;
 #[cfg(test)]
 mod tests;
 
+pub use crate::mission_config::MissionConfig;
 pub use alight_shared::checkpoint::CheckpointRejection;
-pub use config::MissionConfig;
 
 use alight_shared::admission::{CommandAdmission, Latest};
 use alight_shared::geodesy::Datum;

@@ -4,10 +4,10 @@ use alight_shared::msg::{BatteryPlace, Reason, ReasonCode, State, WAITING_DISTAN
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector3;
 
-use super::config::MissionConfig;
 use super::limits::exceeds;
 use super::situation::{Deck, Situation};
 use crate::contingency::BELOW_M;
+use crate::mission_config::MissionConfig;
 use crate::surroundings::WITH_DECK_M;
 
 pub(super) type DroneTime = Time<DroneClock>;

@@ -2,9 +2,9 @@
 
 use nalgebra::Vector3;
 
-use super::config::MissionConfig;
 use super::phase::{MissionPhase, hold_height, moving_place, stands_aside};
 use super::situation::Situation;
+use crate::mission_config::MissionConfig;
 
 /// The place that the mission asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]

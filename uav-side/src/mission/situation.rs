@@ -10,10 +10,10 @@ use alight_shared::time::{DroneClock, Time};
 use alight_shared::topics;
 use nalgebra::{Vector2, Vector3};
 
-use super::config::MissionConfig;
 use super::odds::Odds;
 use super::staying::Staying;
 use crate::contingency::Ends;
+use crate::mission_config::MissionConfig;
 use crate::surroundings::ring_m;
 
 /// Whether the drone flies and who controls it.

@@ -10,7 +10,6 @@ use alight_shared::msg::ReasonCode::{
 use alight_shared::msg::{Course, PLACES, Reason, ReasonCode, VesselLevel};
 use nalgebra::Vector3;
 
-use super::config::MissionConfig;
 use super::limits::{
     CONTACT_CONFIRM_S, DECISION_TIMEOUT_S, HEIGHT_TOLERANCE_M, LOST_OUTSIDE_M, ORDER_WAITS_S, RECOVER_S,
     RESUME_DISTANCE_M, STEADY_DISTANCE_M, STEADY_HEIGHT_M, exceeds, first_beyond,
@@ -20,6 +19,7 @@ use super::phase::{
     moving_place, old_data,
 };
 use super::situation::{ControlState, Deck, Reservation, Situation};
+use crate::mission_config::MissionConfig;
 
 /// What the state of `phase` does in this situation.
 pub(super) fn step(

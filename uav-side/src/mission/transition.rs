@@ -7,12 +7,12 @@
 use alight_shared::msg::{BatteryPlace, CommandKind, Phase, Reason, ReasonCode};
 
 use super::checkpoint::ends_softer;
-use super::config::MissionConfig;
 use super::limits::{LOST_OUTSIDE_M, RESUME_DISTANCE_M};
 use super::phase::{HoldCause, MissionPhase, Progress, Transition, gave_up, holding, old_data};
 use super::situation::{ControlState, Deck, Reservation, Situation};
 use super::states;
 use crate::contingency::HARD_MPS;
+use crate::mission_config::MissionConfig;
 
 /// What a step decided.
 #[derive(Clone, Copy, Debug, PartialEq)]

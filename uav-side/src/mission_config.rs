@@ -1,4 +1,4 @@
-//! Parameters of the mission.
+//! Parameters of the mission, which a ground station sets some of, too.
 
 use alight_shared::config;
 use alight_shared::config::{Check, ConfigError, Keys};
