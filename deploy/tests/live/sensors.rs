@@ -255,7 +255,7 @@ fn sensor_process_exit_code_2() {
             "[[sensor.sources]]\nconnect = \"nmea://mast\"\n",
             "nmea://mast",
         ),
-        ("format", "[[sensor.sources]]\nformat = \"signalk\"\n", "signalk"),
+        ("format", "[[sensor.sources]]\nformat = \"seatalk\"\n", "seatalk"),
         ("range", "[[sensor.sources]]\nlatency_s = 9.0\n", "latency_s"),
         (
             "arm",
