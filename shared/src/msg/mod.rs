@@ -39,6 +39,7 @@ mod drone;
 mod drone_status;
 mod grant;
 mod mission;
+mod reason;
 mod sensors;
 mod seq;
 mod text;
@@ -64,9 +65,10 @@ pub use grant::{
 pub use half::f16;
 pub use mission::{
     BatteryPlace, Charge, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, LandingMode,
-    MissionCheckpoint, MissionSettings, MissionState, OperatorCommand, Phase, Reason, ReasonCode,
-    SettingsOrder, State, VesselLevel, Wind, still_armed,
+    MissionCheckpoint, MissionSettings, MissionState, OperatorCommand, Phase, SettingsOrder, State,
+    VesselLevel, Wind, still_armed,
 };
+pub use reason::{Reason, ReasonCode};
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use seq::Seq;
 pub use text::Text;

@@ -1,0 +1,386 @@
+//! Why the mission changed its state, or why it does not: a code with the figure that decided and its limit.
+
+use core::fmt;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::DECK_CLOSED;
+use crate::autopilot_parameters::{REQUESTS, numbered};
+
+/// Why a transition happened, or why the next one does not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
+#[repr(u8)]
+pub enum ReasonCode {
+    /// No reason.
+    #[default]
+    None,
+    /// A landing was commanded.
+    Commanded,
+    /// At the height of the approach.
+    HeightReached,
+    /// No landing was commanded.
+    NotCommanded,
+    /// The drone is not flying, not armed or not in the mode that takes set-points.
+    NotFlying,
+    /// No message of the vessel yet.
+    NoVessel,
+    /// The drone's own odometry is too old, s.
+    OdometryStale,
+    /// The deck forecast is too old, s.
+    ForecastStale,
+    /// Neither tag nor UVDAR has been seen yet.
+    NoVision,
+    /// The deck has not been seen for too long, s.
+    VisionLost,
+    /// Horizontal distance to the deck is too large, m.
+    TooFar,
+    /// Relative horizontal speed is too large, m/s.
+    TooFast,
+    /// The deck's predicted speed or acceleration exceeds what the drone can follow.
+    Infeasible,
+    /// The deck's predicted tilt exceeds the limit, rad.
+    TooSteep,
+    /// Not yet steady above the deck for long enough, s.
+    NotSteady,
+    /// The plan is too old or the solver found none, s.
+    NoPlan,
+    /// The drone left the cone above the deck, m.
+    Deviated,
+    /// The deck was missed: still no contact, m below it.
+    Missed,
+    /// Touchdown was detected.
+    Touchdown,
+    /// Battery below the reserve, fraction.
+    BatteryLow,
+    /// Attempts used up.
+    OutOfRetries,
+    /// An operator commanded it.
+    Operator,
+    /// Below the minimum altitude, m.
+    TooLow,
+    /// A state lasted longer than its limit, s.
+    TooLong,
+    /// The vessel's deck is another drone's: its number.
+    DeckReserved,
+    /// The newest deck grant is too old, s.
+    DeckGrantStale,
+    /// A landing is not likely enough, by its probability: the speed onto the deck costs most of it.
+    LikelyHard,
+    /// The same by the speed along the deck.
+    LikelyFast,
+    /// The same by the angle between drone and deck.
+    LikelyTilted,
+    /// The same by the place.
+    LikelyBeside,
+    /// The same by slope and wind, in which a landed drone slides off.
+    LikelySlides,
+    /// The feet are above the deck although a touchdown was detected, m.
+    FalseTouchdown,
+    /// The mission began anew in flight near the deck, m above it.
+    Restarted,
+    /// Battery below the reserve, fraction, with the deck below: the landing goes on within wider limits.
+    BatteryDeck,
+    /// The drone tilts beyond what was commanded, rad: its autopilot loses the attitude.
+    TiltExcess,
+    /// A parameter of the autopilot must be another: its value; the limit is its number in
+    /// [`crate::autopilot_parameters`].
+    AutopilotParameter,
+    /// A parameter of the autopilot was not reported: requests so far; the limit is its number, as above.
+    AutopilotParameterUnknown,
+    /// The vessel's waiting places are all taken: their number.
+    NoPlace,
+    /// Battery below the reserve, fraction: the autopilot returns home.
+    BatteryHome,
+    /// Battery below the reserve, fraction: the autopilot lands where it is.
+    BatteryHere,
+    /// Stopped by an operator where a climb would meet the deck harder than the landing does: it is completed.
+    CompletesLanding,
+    /// The autopilot has not reported where its NED begins.
+    NoOrigin,
+    /// The drone's origin or its position estimate has jumped, and no forecast has come since; by so much the origin, m.
+    OriginMoved,
+    /// The vessel is too far away, m.
+    VesselTooFar,
+    /// Follows the deck at its lowest clearance and does not land: for so long, s.
+    Matching,
+    /// Nearer to the deck than it may come, m.
+    TooNear,
+    /// Has followed the deck at this clearance, m, for as long as it was to, s.
+    Matched,
+    /// The vessel states that she turns or may turn.
+    VesselTurns,
+    /// The landing would outlast the stated steadiness of the vessel's course: its time, and what is left of it, s.
+    CourseEnds,
+    /// A landing is not likely enough, by its probability: the vessel's turn costs most of it.
+    TurnTooFast,
+    /// The commanded attitude swings to and fro besides what plan and wind ask for, root mean square, rad.
+    Swings,
+    /// The order to land has ended: the drone did not fly, or nothing else let it begin, for so long, s.
+    OrderExpired,
+    /// Nothing but the radio gives the deck's height: the drone stays so high above it, m, until something confirms it.
+    HeightUnconfirmed,
+    /// Battery below the reserve, fraction, with the landing stopped: a place is chosen below the limit, unless an operator
+    /// decides before.
+    BatteryStopped,
+    /// By another witness the deck is so much higher than by the forecast, m: the drone stays above both.
+    HeightsDisagree,
+    /// The deck was met harder than drones are built for: the speed, m/s.
+    HardContact,
+    /// The autopilot has not aligned its heading, or knows its position no more.
+    HeadingUnaligned,
+    /// The deck is seen elsewhere than where the radio places it: apart by, m, and what both may err.
+    DeckElsewhere,
+    /// The rangefinder contradicts the camera about the deck's height, in standard deviations of both.
+    HeightContradicted,
+    /// On its way to the height that it is to hold: off it, m.
+    OffHeight,
+    /// Descends: height above the deck, m, and that at which the flare begins.
+    Descending,
+    /// Descends to follow the deck: height above it, m, and that at which it follows.
+    DescendingTo,
+    /// Flares: height above the deck, m.
+    Flaring,
+    /// The deck is in sight for long enough.
+    InSight,
+    /// Steady above the deck, s.
+    Steady,
+    /// Nothing speaks against a descent.
+    Permitted,
+    /// At the height of the flare, m.
+    FlareHeight,
+    /// Armed again, by a person, after the landing.
+    ArmedAgain,
+    /// The data that was missing is back, s.
+    Recovered,
+    /// The motion of a vessel that is known by its tags alone is not identified yet.
+    NotIdentified,
+    /// The tags of a vessel that is not received are detected.
+    TagsInSight,
+}
+
+/// A reason with the figure that decided and its limit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
+#[repr(C)]
+pub struct Reason {
+    /// What.
+    pub code: ReasonCode,
+    /// The figure (unit by code).
+    pub value: f64,
+    /// What it was compared with.
+    pub limit: f64,
+}
+
+impl Reason {
+    /// A reason without a figure.
+    pub const fn plain(code: ReasonCode) -> Self {
+        Reason {
+            code,
+            value: 0.0,
+            limit: 0.0,
+        }
+    }
+    /// A reason with its figure and limit.
+    pub const fn new(code: ReasonCode, value: f64, limit: f64) -> Self {
+        Reason { code, value, limit }
+    }
+}
+
+impl From<ReasonCode> for Reason {
+    fn from(code: ReasonCode) -> Self {
+        Reason::plain(code)
+    }
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (v, l) = (self.value, self.limit);
+        let battery = |f: &mut fmt::Formatter<'_>, then: &str| {
+            write!(
+                f,
+                "battery at {:.0} % (needs {:.0} %){then}",
+                v * 100.0,
+                l * 100.0
+            )
+        };
+        let likely = |f: &mut fmt::Formatter<'_>, costs: &str| {
+            let (p, needed) = ((v * 100.0).floor(), (l * 100.0).ceil());
+            write!(f, "a landing is {p:.0} % likely (needs {needed:.0}): {costs}")
+        };
+        match self.code {
+            ReasonCode::None => Ok(()),
+            ReasonCode::Commanded => write!(f, "landing commanded"),
+            ReasonCode::HeightReached => write!(f, "at the height of the approach"),
+            ReasonCode::InSight => write!(f, "the deck is in sight"),
+            ReasonCode::Steady => write!(f, "steady above the deck for {v:.1} s"),
+            ReasonCode::Permitted => write!(f, "the descent is permitted"),
+            ReasonCode::FlareHeight => write!(f, "{v:.1} m above the deck: flare"),
+            ReasonCode::ArmedAgain => write!(f, "armed again after the landing"),
+            ReasonCode::Recovered => write!(f, "what was missing is back for {v:.1} s"),
+            ReasonCode::NotCommanded => write!(f, "no landing commanded"),
+            ReasonCode::NotFlying => write!(
+                f,
+                "not flying, not armed, or not in OFFBOARD (PX4) or GUIDED (ArduPilot)"
+            ),
+            ReasonCode::NoVessel => write!(f, "no vessel state received from within 100 km"),
+            ReasonCode::TagsInSight => write!(f, "the tags are detected, the vessel is silent"),
+            ReasonCode::NotIdentified => {
+                write!(
+                    f,
+                    "the deck's motion is not identified yet: it takes a minute of vision"
+                )
+            }
+            ReasonCode::OdometryStale if v.is_infinite() => write!(f, "no odometry of the autopilot yet"),
+            ReasonCode::OdometryStale => write!(f, "own odometry {v:.2} s old (limit {l:.2})"),
+            ReasonCode::ForecastStale if v.is_infinite() => {
+                write!(f, "no deck forecast yet: no vessel estimate was received")
+            }
+            ReasonCode::ForecastStale => write!(f, "deck forecast {v:.2} s old (limit {l:.2})"),
+            ReasonCode::NoVision => write!(f, "deck not seen yet"),
+            ReasonCode::VisionLost => write!(f, "deck not seen for {v:.2} s (limit {l:.2})"),
+            ReasonCode::TooFar => write!(f, "{v:.2} m beside the deck (limit {l:.2} m)"),
+            ReasonCode::OffHeight => write!(f, "{v:.1} m off its height (limit {l:.1} m)"),
+            ReasonCode::Descending => write!(f, "descending, {:.1} m to the flare", (v - l).max(0.0)),
+            ReasonCode::DescendingTo => {
+                write!(
+                    f,
+                    "descending, {:.1} m to {l:.1} m above the deck",
+                    (v - l).max(0.0)
+                )
+            }
+            ReasonCode::Flaring => write!(f, "flaring, {v:.1} m above the deck"),
+            ReasonCode::TooFast => write!(f, "{v:.2} m/s relative to the deck (limit {l:.2})"),
+            ReasonCode::Infeasible => {
+                write!(f, "predicted deck motion exceeds limits: {v:.2} (limit {l:.2})")
+            }
+            ReasonCode::TooSteep => {
+                write!(
+                    f,
+                    "deck tilts {:.1} deg (limit {:.1})",
+                    v.to_degrees(),
+                    l.to_degrees()
+                )
+            }
+            ReasonCode::NotSteady => write!(f, "steady for {v:.2} s (needs {l:.2})"),
+            ReasonCode::NoPlan => write!(f, "no fresh plan for {v:.2} s (limit {l:.2})"),
+            ReasonCode::Deviated => write!(f, "{v:.2} m off the deck's centre (limit {l:.2})"),
+            ReasonCode::Missed => write!(f, "deck missed: feet {v:.2} m below it (limit {l:.2})"),
+            ReasonCode::Touchdown => write!(f, "touchdown"),
+            ReasonCode::BatteryLow => battery(f, " and no place to land: landing aborted"),
+            ReasonCode::BatteryDeck => battery(f, ": lands on the deck, within wider limits"),
+            ReasonCode::BatteryHome => battery(f, ": the autopilot returns home"),
+            ReasonCode::BatteryHere => battery(f, ": the autopilot lands here"),
+            ReasonCode::NoPlace => write!(f, "all {v:.0} waiting places at the vessel are taken"),
+            ReasonCode::OutOfRetries => write!(f, "{v:.0} attempts used (limit {l:.0})"),
+            ReasonCode::Operator => write!(f, "operator's command"),
+            ReasonCode::CompletesLanding => {
+                write!(
+                    f,
+                    "stopped where a climb would meet the deck harder than the landing: completes it"
+                )
+            }
+            ReasonCode::TooLow => write!(f, "{v:.2} m above the water (minimum {l:.2})"),
+            ReasonCode::TooLong => write!(f, "took {v:.1} s (limit {l:.1})"),
+            ReasonCode::DeckReserved if v == 0.0 => write!(f, "the deck is not reserved yet"),
+            ReasonCode::DeckReserved if v == f64::from(DECK_CLOSED) => {
+                write!(
+                    f,
+                    "the deck is closed: by its crew, by its sensor, or because two drones have one number"
+                )
+            }
+            ReasonCode::DeckReserved => write!(f, "the deck is drone {v:.0}'s"),
+            ReasonCode::DeckGrantStale => write!(f, "newest deck grant {v:.1} s old (limit {l:.1})"),
+            ReasonCode::LikelyHard => likely(f, "the contact may be hard"),
+            ReasonCode::LikelyFast => likely(f, "it may slip along the deck"),
+            ReasonCode::LikelyTilted => likely(f, "the deck may tilt too far"),
+            ReasonCode::LikelyBeside => likely(f, "it may miss the deck's middle"),
+            ReasonCode::LikelySlides => likely(f, "slope and wind may move it off"),
+            ReasonCode::TurnTooFast => likely(f, "the vessel turns"),
+            ReasonCode::FalseTouchdown => {
+                write!(f, "no touchdown: feet {v:.2} m above the deck (limit {l:.2})")
+            }
+            ReasonCode::Restarted => write!(f, "mission restarted in flight, feet {v:.2} m above the deck"),
+            ReasonCode::TiltExcess => write!(
+                f,
+                "tilts {:.0} deg beyond what was commanded (limit {:.0})",
+                v.to_degrees(),
+                l.to_degrees()
+            ),
+            ReasonCode::Swings => write!(
+                f,
+                "attitude set-points swing by {:.0} deg rms (limit {:.0}): the autopilot's attitude gains do not suit",
+                v.to_degrees(),
+                l.to_degrees()
+            ),
+            ReasonCode::AutopilotParameter => match numbered(l) {
+                Some(p) => write!(f, "{}", p.describe(v)),
+                None => write!(f, "a parameter of the autopilot is {v}"),
+            },
+            ReasonCode::AutopilotParameterUnknown => {
+                let name = numbered(l).map_or("a parameter", |p| p.name);
+                write!(f, "the autopilot has not reported {name} ({v:.0} requests)")?;
+                if v < f64::from(REQUESTS) {
+                    return Ok(());
+                }
+                write!(
+                    f,
+                    "; for a firmware without it set autopilot.check_parameters = false"
+                )
+            }
+            ReasonCode::NoOrigin => {
+                write!(f, "the autopilot has not reported its origin (GPS_GLOBAL_ORIGIN)")
+            }
+            ReasonCode::DeckElsewhere => write!(
+                f,
+                "the deck is seen {v:.1} m from where the radio places it (limit {l:.1}): another vessel's?"
+            ),
+            ReasonCode::HeightContradicted => write!(
+                f,
+                "rangefinder and camera contradict each other about the deck's height: by {v:.1} times what they err (limit {l:.1})"
+            ),
+            ReasonCode::HeadingUnaligned => write!(
+                f,
+                "the autopilot has not aligned its heading (PX4: ESTIMATOR_STATUS, ArduPilot: EKF_STATUS_REPORT)"
+            ),
+            ReasonCode::OriginMoved if v == 0.0 => {
+                write!(f, "the autopilot's estimate of position or heading has jumped")
+            }
+            ReasonCode::OriginMoved => write!(f, "the autopilot's origin has moved by {v:.1} m"),
+            ReasonCode::VesselTooFar => {
+                write!(f, "the vessel is {:.1} km away (limit {:.0})", v / 1e3, l / 1e3)
+            }
+            ReasonCode::Matching => write!(f, "matches the deck for {v:.1} s (needs {l:.0})"),
+            ReasonCode::TooNear => write!(f, "{v:.2} m above the deck (lowest {l:.2})"),
+            ReasonCode::Matched => write!(f, "matched the deck at {v:.1} m for {l:.0} s: climbs"),
+            ReasonCode::VesselTurns => write!(f, "the vessel states that she turns"),
+            ReasonCode::OrderExpired => write!(
+                f,
+                "the order to land has ended after {v:.0} s in which the drone did not begin (limit {l:.0}): give it again"
+            ),
+            ReasonCode::BatteryStopped => write!(
+                f,
+                "battery at {:.0} %: below {:.0} % it lands on the deck, or at the next place, unless it is commanded otherwise",
+                100.0 * v,
+                100.0 * l
+            ),
+            ReasonCode::HeightUnconfirmed => write!(
+                f,
+                "only the radio gives the deck's height: stays {v:.0} m above it until the camera, mean sea level or a \
+                 take-off from the deck agrees, or a person flies lower"
+            ),
+            ReasonCode::HeightsDisagree => write!(
+                f,
+                "the deck is {v:.0} m higher by take-off, mean sea level or camera than by the forecast (limit {l:.0}): \
+                 stays above both; check the vessel's geoid separation and the autopilot's origin"
+            ),
+            ReasonCode::HardContact => write!(
+                f,
+                "hard contact at {v:.1} m/s (limit {l:.1}): inspect the drone, no further attempt"
+            ),
+            ReasonCode::CourseEnds => write!(
+                f,
+                "a landing takes {v:.0} s, and the vessel keeps her course for {l:.0} s more"
+            ),
+        }
+    }
+}
