@@ -233,7 +233,7 @@ mod tests {
             (&fine["state"], &fine["message"]),
             (&json!("normal"), &json!("as it should be"))
         );
-        // A server that was started anew gets all.
+        // A server that was restarted gets all.
         deltas.forget();
         assert!(at(&sent(deltas.delta(&with_findings(Vec::new()), 14 * S))).is_some());
     }

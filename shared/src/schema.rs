@@ -142,7 +142,7 @@ pub enum Kind<'a> {
     List(&'a Object, u64),
     /// These, in this order.
     Struct(Vec<(&'a str, &'a Object)>),
-    /// Of a layout that the schema does not tell.
+    /// Of a layout that the schema does not give.
     Unknown,
 }
 

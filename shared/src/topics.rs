@@ -41,7 +41,7 @@ pub const PROCESS: Topic = Topic {
     schema: schema::of::<crate::transport::process::ProcessState>,
 };
 
-/// The same of the vessel's process, which she broadcasts for her drones, under her own name.
+/// The same of the vessel's process, which it broadcasts for its drones, under its own name.
 #[cfg(feature = "transport")]
 pub const VESSEL_PROCESS: Topic = Topic {
     name: "status",

@@ -1,9 +1,10 @@
 //! Parts that the tests of several modules share.
 
+use alight_shared::msg::GnssFix;
 use proptest::prelude::*;
 use proptest::sample::Index;
 
-use crate::sensors::{Decoder, SourceMeasurement};
+use crate::sensors::{Decoder, Measurement, SourceMeasurement};
 
 /// An NMEA sentence with its checksum and end of line.
 pub(crate) fn sentence(body: &str) -> String {
@@ -16,6 +17,15 @@ pub(crate) fn decode<D: Decoder>(mut decoder: D, bytes: &[u8], cut: usize) -> (V
     let mut out = Vec::new();
     bytes.chunks(cut).for_each(|part| decoder.push(part, &mut out));
     (out, decoder)
+}
+
+/// The fixes among all measurements.
+pub(crate) fn fixes(all: &[SourceMeasurement]) -> Vec<GnssFix> {
+    let fix = |m: &SourceMeasurement| match m.measurement {
+        Measurement::Gnss(fix) => Some(fix),
+        _ => None,
+    };
+    all.iter().filter_map(fix).collect()
 }
 
 /// Up to `most` changed bytes, and where the bytes are cut off.

@@ -76,7 +76,7 @@ impl Shown {
         let opened = memory.image_publisher(ImageTopic::Marked, MAX_BYTES);
         let images = opened.inspect_err(|e| {
             warn!(
-                "{e}: the tag is detected all the same, and the page shows no image; start `alight drone` anew for one"
+                "{e}: the tag is detected all the same, and the page shows no image; restart `alight drone` for one"
             );
         });
         Some(Box::new(Shown {

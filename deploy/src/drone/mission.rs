@@ -70,7 +70,7 @@ impl Shell for MissionShell {
         if let Some(why) = out.rejected {
             warn!(
                 "the checkpoint of the mission before this one does not count: it is {why}; what a ground station set is \
-                 the file's again: set it anew before the next landing"
+                 the file's again: set it again before the next landing"
             );
         }
         out.state.is_some()

@@ -74,7 +74,7 @@ impl SignalKSocket {
             let stream = TcpStream::connect(host).await?;
             stream.set_nodelay(true)?;
             let connected = client_async_with_config(request, stream, Some(config)).await;
-            connected.map_err(|e| refused(&e))
+            connected.map_err(|e| rejected(&e))
         };
         let silent = |_| {
             let why = format!("no answer within {} s", CONNECT.as_secs());
@@ -207,7 +207,7 @@ fn closed(said: &str) -> io::Error {
 }
 
 /// Why there is no WebSocket.
-fn refused(e: &Error) -> io::Error {
+fn rejected(e: &Error) -> io::Error {
     let what = match e {
         Error::Http(answer) if matches!(answer.status().as_u16(), 401 | 403) => {
             "the server asks for a token: let its administrator make one, and add ?token=FILE to the address"

@@ -325,7 +325,7 @@ pub struct TrialArgs {
     /// Whether and where people look on.
     #[command(flatten)]
     pub view: ViewArgs,
-    /// How the result is printed.
+    /// Output format.
     #[command(flatten)]
     pub form: Form,
 }
@@ -351,7 +351,7 @@ pub struct TrialsArgs {
     /// Write one line per trial (CSV) to this file, too
     #[arg(long, value_name = "FILE.csv")]
     pub rows: Option<PathBuf>,
-    /// How the result is printed.
+    /// Output format.
     #[command(flatten)]
     pub form: Form,
 }
@@ -420,7 +420,7 @@ pub struct StudyArgs {
     /// every 20 trials; --trials at most)
     #[arg(long, value_name = "PERCENT", value_parser = clap::value_parser!(u8).range(1..=50), conflicts_with = "shard")]
     pub within: Option<u8>,
-    /// How the result is printed.
+    /// Output format.
     #[command(flatten)]
     pub form: Form,
 }
@@ -468,7 +468,7 @@ pub struct EnvelopeArgs {
     /// Write envelope.svg, envelope.html, envelope.json and rows.csv there; a run that was cut off goes on where it stopped
     #[arg(long, value_name = "DIR", default_value = "envelope")]
     pub out: PathBuf,
-    /// How the result is printed.
+    /// Output format.
     #[command(flatten)]
     pub form: Form,
 }
@@ -476,7 +476,7 @@ pub struct EnvelopeArgs {
 /// The vessel's response amplitude operators.
 #[derive(Args, Debug)]
 pub struct RaoArgs {
-    /// How the result is printed.
+    /// Output format.
     #[command(flatten)]
     pub form: Form,
 }

@@ -33,7 +33,7 @@ pub struct RareArgs {
     /// Seed of the first run
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     seed0: u64,
-    /// How the result is printed.
+    /// Output format.
     #[command(flatten)]
     form: Form,
 }

@@ -50,7 +50,7 @@ pub struct StormArgs {
     /// Write the shortest list of each violation there, SEED.toml.
     #[arg(long, value_name = "DIRECTORY")]
     save: Option<PathBuf>,
-    /// How the result is printed.
+    /// Output format.
     #[command(flatten)]
     form: Form,
 }

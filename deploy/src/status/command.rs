@@ -76,9 +76,7 @@ impl<'a> Look<'a> {
             self.follower.poll();
         }
         self.has_waited = true;
-        if let Computer::Vessel(vessel) = self.computer {
-            self.known.refresh(vessel, steady_ns());
-        }
+        self.known.refresh_for(self.computer, steady_ns());
         let (_, seen) = self.follower.poll()?;
         Some(Status::of(Situation::of(self.known.clone(), seen, steady_ns())))
     }

@@ -41,7 +41,7 @@ pub fn wind(wind: Wind, knots: bool) -> String {
     format!("{:.0} kn from {}°", wind.speed_mps / KNOT_MPS, wind.from_deg)
 }
 
-/// A vessel's speed for people, by her velocity to north and east, m/s; and where to, unless she lies still.
+/// A vessel's speed over ground for the operator, by its velocity to north and east, m/s; and where to, unless it lies still.
 pub fn speed([north, east]: [f64; 2], knots: bool) -> (String, Option<f64>) {
     let mps = north.hypot(east);
     let text = if knots {

@@ -72,6 +72,12 @@ impl Known {
             Computer::Drone(d) => Known::drone(d),
         }
     }
+    /// Reads again what of a computer changes while it runs: a vessel's certificate.
+    pub fn refresh_for(&mut self, computer: &Computer, now_ns: i64) {
+        if let Computer::Vessel(vessel) = computer {
+            self.refresh(vessel, now_ns);
+        }
+    }
     /// A drone's computer.
     pub fn drone(computer: &DroneComputer) -> Known {
         Known {

@@ -27,7 +27,7 @@ pub struct FlightsArgs {
     /// Give files an end that a kill or a power cut left without, so that viewers open them
     #[arg(long)]
     pub mend: bool,
-    /// How the result is printed.
+    /// Output format.
     #[command(flatten)]
     pub form: Form,
 }

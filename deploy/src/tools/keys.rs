@@ -52,7 +52,7 @@ pub enum KeysVerb {
         /// Directory of the authority, or of one side
         #[arg(long, value_name = "DIR", default_value = "keys")]
         dir: PathBuf,
-        /// How the result is printed.
+        /// Output format.
         #[command(flatten)]
         form: Form,
     },

@@ -42,7 +42,7 @@ pub struct ReplayArgs {
     /// Whether and where people look on.
     #[command(flatten)]
     pub view: ViewArgs,
-    /// How the result is printed.
+    /// Output format.
     #[command(flatten)]
     pub form: Form,
 }

@@ -233,9 +233,7 @@ impl Look {
     }
     /// What is known by now, and what it means.
     fn status(&mut self) -> Status {
-        if let Computer::Vessel(vessel) = &self.computer {
-            self.known.refresh(vessel, steady_ns());
-        }
+        self.known.refresh_for(&self.computer, steady_ns());
         let Some(ports) = self.joined.ports.as_mut().filter(|_| self.runs) else {
             return Status::absent(&self.known);
         };

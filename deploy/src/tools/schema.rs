@@ -19,8 +19,8 @@ const INDENT: usize = 4;
 /// Whose schema.
 #[derive(Args, Debug)]
 #[command(
-    after_help = "Topics of the radio are keys of Zenoh, alight/vessel-1/estimate; the same schemas are\n\
-answered under alight/vessel-1/@schema/estimate. Topics of memory are services of\niceoryx2. docs/radio.md has how a program of yours reads both."
+    after_help = "Topics of the radio are keys of Zenoh, alight/vessel-1/estimate; a query on\n\
+alight/vessel-1/@schema/estimate answers with the schema. Topics of memory\nare services of iceoryx2. How to read both: docs/radio.md"
 )]
 pub struct SchemaArgs {
     /// Topic whose fields are shown [default: a list of all topics]

@@ -20,9 +20,10 @@ use crate::terminal;
 
 /// Whose, and where the server is.
 #[derive(Args, Debug)]
-#[command(after_help = "Run it as the user that runs Alight, beside its service:\n  \
-sudo -u alight alight signalk --connect 'ws://venus.local:3000?token=/etc/alight/signalk.token'\n\
-It sends alight.* and notifications.alight.*; nothing that comes back is an order.\n\
+#[command(after_help = "Run it as the user that runs Alight, next to its service:\n  \
+sudo -u alight alight signalk --connect ws://venus.local:3000\n\
+Where the server asks for a token: 'ws://HOST:3000?token=FILE'.\n\
+It sends alight.* and notifications.alight.*; what it receives is no order.\n\
 It ends by Ctrl-C, and nothing in a flight waits for it. docs/signalk.md")]
 pub struct SignalKArgs {
     #[command(flatten)]
@@ -32,7 +33,7 @@ pub struct SignalKArgs {
     connect: String,
 }
 
-/// What is new is sent this often.
+/// Period of sending what is new.
 const PERIOD: Duration = Duration::from_millis(500);
 /// A server that is not there is tried again after this long, and after twice as long each time up to a bound.
 const RETRY: Duration = Duration::from_secs(2);
@@ -162,19 +163,12 @@ struct Look {
     joins: u64,
 }
 
-fn known(computer: &Computer) -> Known {
-    match computer {
-        Computer::Vessel(v) => Known::vessel(v),
-        Computer::Drone(d) => Known::drone(d),
-    }
-}
-
 impl Look {
     fn at(subject: Subject) -> Result<Look, CliError> {
         let computer = subject.computer()?;
         Ok(Look {
             follower: Follower::of(computer.instance(), "signalk")?,
-            known: known(&computer),
+            known: Known::of(&computer),
             computer,
             subject,
             joins: 0,
@@ -188,15 +182,13 @@ impl Look {
             return;
         }
         if let Ok(computer) = self.subject.computer() {
-            (self.known, self.computer) = (known(&computer), computer);
+            (self.known, self.computer) = (Known::of(&computer), computer);
         }
     }
     fn status(&mut self) -> Status {
         self.follow();
         let now_ns = steady_ns();
-        if let Computer::Vessel(vessel) = &self.computer {
-            self.known.refresh(vessel, now_ns);
-        }
+        self.known.refresh_for(&self.computer, now_ns);
         match self.follower.poll() {
             Some((_, seen)) if !seen.processes.is_empty() => {
                 Status::of(Situation::of(self.known.clone(), seen, now_ns))
@@ -225,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn configuration_of_processes_started_anew() {
+    fn configuration_of_restarted_processes() {
         let name = format!("test-signalk-{}", std::process::id());
         let path = std::env::temp_dir().join(format!("alight-{name}.toml"));
         let write = |vessel: u32| {

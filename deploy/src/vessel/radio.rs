@@ -15,9 +15,7 @@ use serde::de::DeserializeOwned;
 
 use crate::config::VesselComputer;
 use crate::exit::CliError;
-use crate::process::radio_keys::{
-    STATUS, any_drone_status, any_operator_command, any_time_request, vessel_key,
-};
+use crate::process::radio_keys::{any_drone_status, any_operator_command, any_time_request, vessel_key};
 use crate::process::radio_rates::RadioRates;
 
 /// What the vessel publishes, in this order.
@@ -68,12 +66,12 @@ pub struct VesselRadio {
 impl VesselRadio {
     /// Opens the radio of this computer.
     pub fn open(computer: &VesselComputer) -> Result<VesselRadio, CliError> {
-        let key = |topic: Option<&Topic>| vessel_key(computer.vessel_id, topic.map_or(STATUS, |t| t.name));
         let publications = PUBLICATIONS.map(|(topic, urgency)| {
-            let publication =
-                Publication::new(key(topic), urgency).of(topic.unwrap_or(&topics::VESSEL_PROCESS));
+            let topic = topic.unwrap_or(&topics::VESSEL_PROCESS);
+            let key = vessel_key(computer.vessel_id, topic.name);
+            let publication = Publication::new(key, urgency).of(topic);
             // What a drone that comes later lacks and is broadcast seldom.
-            match topic.is_some_and(|t| [topics::WAVE.name, topics::SURROUNDINGS.name].contains(&t.name)) {
+            match [topics::WAVE.name, topics::SURROUNDINGS.name].contains(&topic.name) {
                 true => publication.held(),
                 false => publication,
             }

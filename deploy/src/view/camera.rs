@@ -72,7 +72,7 @@ mod tests {
     use crate::view::server::Served;
 
     /// Looks of 5 ms at what is going to be.
-    const PATIENCE: u32 = 2000;
+    const MAX_POLLS: u32 = 2000;
 
     #[test]
     fn camera_image_while_somebody_looks() {
@@ -104,7 +104,7 @@ mod tests {
             stream
         };
         let viewer = ask("/events");
-        for _ in 0..PATIENCE {
+        for _ in 0..MAX_POLLS {
             if !watcher.server.is_watched() {
                 pause(Duration::from_millis(5));
             }
@@ -119,7 +119,7 @@ mod tests {
         assert!(answer.windows(2).any(|w| w == [0xff, 0xd8]), "no JPEG");
 
         drop(viewer);
-        for _ in 0..PATIENCE {
+        for _ in 0..MAX_POLLS {
             if watcher.server.is_watched() {
                 // The server finds the viewer gone when it writes to it.
                 watcher.server.show(watcher.board.picture(Time::from_secs(50.0)));

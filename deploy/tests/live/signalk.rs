@@ -58,7 +58,7 @@ fn signalk_client_across_a_restart_of_the_server() {
                 .find(|v| v["path"] == path)
                 .map(|v| v["value"].clone())
         };
-        // Nothing runs: every connection is told all of it.
+        // Nothing runs: every connection is sent all of it.
         assert_eq!(of("alight.running"), Some(false.into()), "{delta}");
         assert_eq!(
             of("notifications.alight.processes").unwrap()["state"],

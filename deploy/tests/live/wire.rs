@@ -135,13 +135,13 @@ fn foreign_program_on_the_radio() {
     assert_eq!(alive, ["alight/vessel-1"]);
     // A broadcast says what it is.
     let broadcasts = stranger.declare_subscriber("alight/**").wait().expect("reads");
-    let mut heard = None;
+    let mut received = None;
     assert_until("no broadcast is received", || {
         vessel.send(0, vec![8; 100]);
-        heard = broadcasts.try_recv().ok().flatten();
-        heard.is_some()
+        received = broadcasts.try_recv().ok().flatten();
+        received.is_some()
     });
-    assert_eq!(heard.expect("received").encoding().to_string(), encoding);
+    assert_eq!(received.expect("received").encoding().to_string(), encoding);
     assert_eq!(
         vessel.flows()[0].bytes / vessel.flows()[0].messages,
         148 + topics::WAVE.encoding_schema().len() as u64
@@ -244,7 +244,7 @@ fn router_that_comes_late_and_starts_again() {
     let (mut vessel, mut drone) = (vessel(&config), drone(&config));
     vessel.send(0, vec![0; 10]);
     assert_eq!(vessel.counts().unsent, 1);
-    // What stood still is mended by a watchdog, which a vessel has not.
+    // What stood still is restored by a watchdog, which a vessel has not.
     drone.watch(0.0);
     assert!(drone.survives_pause(100.0) && !vessel.survives_pause(100.0) && vessel.survives_pause(1.0));
     let first = router(&endpoint);

@@ -111,6 +111,14 @@ impl<C: Clock> Default for MotionModel<C> {
 }
 
 impl<C: Clock> MotionModel<C> {
+    /// The newest sample; None before the first.
+    pub fn newest(&self) -> Option<&MotionSample<C>> {
+        self.newest.as_ref()
+    }
+    /// Time over which the motion was observed, s.
+    pub fn observed_s(&self) -> f64 {
+        self.samples * SAMPLE_S
+    }
     /// Whether a sample at `at` is due.
     pub fn is_due(&self, at: Time<C>) -> bool {
         self.newest

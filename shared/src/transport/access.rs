@@ -60,11 +60,16 @@ pub fn rules(name: &str, own: &[String], peers: &[String], router: Option<&str>)
     let ids: Vec<&str> = subjects.iter().map(|(id, _)| *id).collect();
     let mut policies = vec![json!({ "rules": granted, "subjects": ids })];
     for peer in peers {
-        let (hear, answers) = (format!("hear-{peer}"), format!("answers-{peer}"));
+        let (receive, answers) = (format!("receive-{peer}"), format!("answers-{peer}"));
         let own = format!("alight/{peer}");
-        rules.push(rule(&hear, &["ingress"], &["put"], json!([format!("{own}/**")])));
+        rules.push(rule(
+            &receive,
+            &["ingress"],
+            &["put"],
+            json!([format!("{own}/**")]),
+        ));
         rules.push(rule(&answers, &["ingress"], &answered, of(&own)));
-        policies.push(json!({ "rules": [hear, answers], "subjects": [subject(peer)] }));
+        policies.push(json!({ "rules": [receive, answers], "subjects": [subject(peer)] }));
     }
     let subjects: Vec<Value> = subjects
         .iter()
@@ -91,7 +96,7 @@ mod tests {
         let mut config = zenoh::Config::default();
         config.insert_json5("access_control", &rules.to_string()).unwrap();
         for peer in &peers {
-            let id = format!("hear-{peer}");
+            let id = format!("receive-{peer}");
             let rule = rules["rules"]
                 .as_array()
                 .unwrap()

@@ -99,7 +99,7 @@ pub struct RadioCounts {
     pub asked: u64,
     /// Messages dropped because they were too long or the process did not read.
     pub dropped: u64,
-    /// How often a session was opened anew.
+    /// How often a session was reopened.
     pub reopened: u64,
 }
 
@@ -402,12 +402,9 @@ impl Radio {
         if publisher.is_some_and(|p| p.put(bytes).wait().is_ok()) {
             self.counts.sent += 1;
             self.counts.sent_bytes += length;
-            let schema = kept
-                .and_then(|p| p.topic)
-                .map_or(0, |t| t.encoding_schema().len() as u64);
             if let Some(flow) = self.flows.get_mut(publication) {
                 flow.messages += 1;
-                flow.bytes += length + schema + HEADER_BYTES;
+                flow.bytes += length + kept.map_or(HEADER_BYTES, |p| p.overhead);
             }
         } else {
             self.counts.unsent += 1;
@@ -483,12 +480,12 @@ impl Radio {
     /// Whether the session can be trusted after its process stood still for `gap_s`: held up for about a
     /// lease, the middleware's reader of a listener's datagram socket stays blocked for good and
     /// keeps the port (measured: SIGSTOP for 2 s, 9 of 9 never read again; closing the session does not
-    /// free it). Only a new process receives again. What dials is mended by its watchdog, where one runs
+    /// free it). Only a new process receives again. What dials is restored by its watchdog, where one runs
     /// ([`Radio::watch`]); a vessel behind a router has none, for silence is no news to it.
     pub fn survives_pause(&self, gap_s: f64) -> bool {
         let config = &self.parts.config;
-        let mended = self.watched && !config.connect.is_empty();
-        mended || gap_s < 0.9 * config.link_lease_s()
+        let recovers = self.watched && !config.connect.is_empty();
+        recovers || gap_s < 0.9 * config.link_lease_s()
     }
 
     /// Leaves the session as it is: closing one that is stuck would wait for ever. For a process that

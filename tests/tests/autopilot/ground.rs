@@ -305,7 +305,7 @@ fn abort_given_again_after_its_answer() {
         p.run(0.2);
         let accepted = Some(&(command, CommandResult::Accepted));
         assert_eq!(p.answers.last(), accepted, "{firmware:?}");
-        // Somebody else orders a landing, of which no station hears.
+        // Somebody else orders a landing, of which no station is informed.
         p.run(5.0);
         p.orders.clear();
         p.inject(STATION, &Message::CommandInt { to, command });
@@ -432,11 +432,11 @@ fn mode_lost_with_mission_and_link() {
         p.mission_settings.mode = LandingMode::Land;
         p.restart_link(10.0);
         p.run(3.0);
-        let told = (
+        let reported = (
             severity::WARNING,
             "ALIGHT_MODE is 2 (land) now: mission restarted".into(),
         );
-        assert!(p.notes.contains(&told), "{firmware:?}: {:?}", p.notes);
+        assert!(p.notes.contains(&reported), "{firmware:?}: {:?}", p.notes);
     }
 }
 
@@ -444,7 +444,7 @@ fn mode_lost_with_mission_and_link() {
 fn parameters_that_stay() {
     for firmware in BOTH {
         let mut p = disarmed(firmware);
-        let refused = |p: &mut LinkRig, component, value, why: &str| {
+        let rejected = |p: &mut LinkRig, component, value, why: &str| {
             p.notes.clear();
             p.inject(STATION, &set(component, "ALIGHT_APPR_H", value));
             p.run(0.1);
@@ -453,20 +453,20 @@ fn parameters_that_stay() {
             assert!(p.settings.is_empty(), "{firmware:?} {why}");
             (p.notes.iter().any(|(_, t)| *t == text), known.len())
         };
-        assert_eq!(refused(&mut p, 191, 500.0, "500 not in 2 to 200"), (true, 1));
+        assert_eq!(rejected(&mut p, 191, 500.0, "500 not in 2 to 200"), (true, 1));
         // Another component's, and everybody's: not even answered.
-        assert_eq!(refused(&mut p, 1, 12.0, ""), (false, 0));
-        assert_eq!(refused(&mut p, 0, 12.0, ""), (false, 0));
+        assert_eq!(rejected(&mut p, 1, 12.0, ""), (false, 0));
+        assert_eq!(rejected(&mut p, 0, 12.0, ""), (false, 0));
         p.settable = false;
         p.run(0.1);
-        assert_eq!(refused(&mut p, 191, 12.0, "a landing is ordered"), (true, 1));
+        assert_eq!(rejected(&mut p, 191, 12.0, "a landing is ordered"), (true, 1));
         p.settable = true;
         p.linked.autopilot.arm(true);
         p.run(1.5);
-        assert_eq!(refused(&mut p, 191, 12.0, "the drone is armed"), (true, 1));
+        assert_eq!(rejected(&mut p, 191, 12.0, "the drone is armed"), (true, 1));
         p.mission_silent = true;
         p.run(1.0);
-        assert_eq!(refused(&mut p, 191, 12.0, "no mission reports"), (true, 1));
+        assert_eq!(rejected(&mut p, 191, 12.0, "no mission reports"), (true, 1));
     }
 }
 

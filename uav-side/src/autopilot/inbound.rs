@@ -197,7 +197,7 @@ impl AutopilotLink {
         }
     }
 
-    /// An answer to this address is ours: of this component, or of nobody's by a firmware that does not state whose.
+    /// An answer to this address is ours: of this component, or without an address by a firmware that does not state whose.
     fn is_addressed(&self, to: Address) -> bool {
         let own = self.address();
         let is = |stated: u8, own: u8| stated == 0 || stated == own;

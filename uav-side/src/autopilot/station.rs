@@ -4,8 +4,8 @@
 //! IN_PROGRESS at once and each second, with ACCEPTED when the mission has taken it, and with TEMPORARILY_REJECTED, or FAILED
 //! where no mission reports, when it has not in 5 s. It is admitted by the mission as any other. An order to land or to hold
 //! that a station repeats (its confirmation counts; a `COMMAND_INT`, which has none, may be a repetition), or gives within a
-//! second of it, is refused after an abort or after a person took the drone over: whoever gave it cannot have seen that. One
-//! whose confirmation counts is answered as it was before; an abort is ordered anew each time, for somebody else may have
+//! second of it, is rejected after an abort or after a person took the drone over: whoever gave it cannot have seen that. One
+//! whose confirmation counts is answered as it was before; an abort is ordered again each time, for somebody else may have
 //! ordered a landing since. Whoever reaches the autopilot's link may fly the drone without us, too: `signing_key` keeps others
 //! out of both.
 
@@ -164,7 +164,7 @@ impl StationOrders {
                 return (command, again.then(|| given.answer(CommandResult::InProgress)));
             }
             Progress::Taken => given.answer(CommandResult::Accepted),
-            Progress::GivenUp => given.refused(mission),
+            Progress::GivenUp => given.rejected(mission),
         };
         self.given = None;
         self.decided = Some((answer.clone(), now));
@@ -181,7 +181,7 @@ impl Given {
             text: None,
         }
     }
-    fn refused(&self, mission: Option<&MissionState>) -> Answer {
+    fn rejected(&self, mission: Option<&MissionState>) -> Answer {
         let (_, order) = named(self.order.kind());
         let (result, why) = match mission {
             Some(m) => (CommandResult::TemporarilyRejected, m.state.because(&m.waiting)),
@@ -226,7 +226,7 @@ mod tests {
         Time::from_secs(s)
     }
     const STATION: Address = Address::new(255, 190);
-    const REFUSED: Received = Received::Answered(CommandResult::TemporarilyRejected);
+    const REJECTED: Received = Received::Answered(CommandResult::TemporarilyRejected);
     /// A command that is given for the first time.
     fn new(command: u16) -> (u16, Repetition) {
         (command, Repetition::No)
@@ -271,7 +271,7 @@ mod tests {
             Some((land, CommandResult::Other))
         );
         assert!(orders.aborts());
-        assert_eq!(answered(&mut orders, 10.2, land), REFUSED);
+        assert_eq!(answered(&mut orders, 10.2, land), REJECTED);
     }
 
     #[test]
@@ -285,18 +285,18 @@ mod tests {
         let first = Repetition::No;
         assert_eq!(
             [lands(&mut orders, 10.5, first), lands(&mut orders, 11.5, first)],
-            [REFUSED, ordered]
+            [REJECTED, ordered]
         );
         // What repeats, or may repeat, what a station ordered before.
         for again in [Repetition::Yes, Repetition::Perhaps] {
             assert_eq!(
                 [lands(&mut orders, 13.0, again), lands(&mut orders, 26.0, again)],
-                [REFUSED, ordered]
+                [REJECTED, ordered]
             );
         }
         assert_eq!(
             orders.received(at(30.0), STATION, new(command::USER_1), true),
-            REFUSED
+            REJECTED
         );
         assert_eq!(
             orders.received(at(10.1), STATION, new(command::USER_2), true),
@@ -329,7 +329,7 @@ mod tests {
         }
         // Unless it was stopped since.
         orders.stopped(at(34.0));
-        assert_eq!(again(&mut orders, 35.5, STATION, Repetition::Yes), REFUSED);
+        assert_eq!(again(&mut orders, 35.5, STATION, Repetition::Yes), REJECTED);
     }
 
     #[test]
@@ -359,7 +359,7 @@ mod tests {
         };
         let (_, answer) = orders.poll(at(10.1), Some(&mission));
         assert_eq!(answer.map(|a| a.result), Some(CommandResult::Accepted));
-        // Somebody else orders a landing meanwhile: no station hears of it.
+        // Somebody else orders a landing meanwhile: no station is informed of it.
         for repetition in [Repetition::No, Repetition::Yes, Repetition::Perhaps] {
             let received = orders.received(at(20.0), STATION, (command::USER_2, repetition), false);
             assert_eq!(received, Received::Order(CommandKind::Abort), "{repetition:?}");
@@ -376,13 +376,13 @@ mod tests {
             assert_eq!(answered, Received::Answered(CommandResult::InProgress));
         }
         let (_, answer) = orders.poll(at(20.0), None);
-        let told: Vec<Message> = answer.iter().flat_map(Answer::messages).collect();
+        let reported: Vec<Message> = answer.iter().flat_map(Answer::messages).collect();
         let expected = [STATION, others[0], others[1], others[2]].map(|to| Message::CommandAck {
             command: command::USER_1,
             result: CommandResult::Failed,
             to,
         });
-        assert_eq!(told, expected);
+        assert_eq!(reported, expected);
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! Parameters of the companion: what an operator changes of the mission at a ground station, by MAVLink's parameter protocol.
 //!
 //! The mission's state has their values, and whether they may be changed. A PARAM_SET goes to the mission as a
-//! [`SettingsOrder`], repeated until that state shows it, and is answered with PARAM_VALUE then. One that is refused is
-//! answered with the value as it is and a text that says why. What is set counts until the processes are started anew, and
+//! [`SettingsOrder`], repeated until that state shows it, and is answered with PARAM_VALUE then. One that is rejected is
+//! answered with the value as it is and a text that says why. What is set counts until the processes are restarted, and
 //! outlives the crash of one by the mission's checkpoint. Where that was lost a text says what counts now; a link that was lost
 //! with it knows the mode before by its own checkpoint, and no heights. Each value is REAL32, for which the two encodings of MAVLink's
 //! parameters, by bytes and by value, are one.
@@ -304,9 +304,9 @@ impl AutopilotLink {
             Some(_) | None => Some("the autopilot is silent"),
         }
     }
-    /// Passes on what is set, and tells the stations what has changed.
+    /// Passes on what is set, and informs the stations of what has changed.
     pub(super) fn publish_settings(&mut self, now: DroneTime, out: &mut AutopilotOut) {
-        // Before the autopilot is found nobody hears of it.
+        // Before the autopilot is found no station receives it.
         let Some(mission) = self.mission.get().filter(|_| self.peer.is_some()) else {
             return;
         };
@@ -464,10 +464,10 @@ mod tests {
             assert_eq!(poll(&mut parameters, 10.1, &land), Polled::default());
             first
         };
-        let told = lost(Some(LandingMode::Shadow));
-        assert_eq!(told.values, [Parameter::Mode]);
+        let reported = lost(Some(LandingMode::Shadow));
+        assert_eq!(reported.values, [Parameter::Mode]);
         let text = "ALIGHT_MODE is 2 (land) now: mission restarted".to_owned();
-        assert_eq!(told.texts, [(severity::WARNING, text)]);
+        assert_eq!(reported.texts, [(severity::WARNING, text)]);
         for same in [None, Some(LandingMode::Land)] {
             assert_eq!(lost(same), Polled::default());
         }

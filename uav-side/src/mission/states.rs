@@ -186,7 +186,7 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Tr
         return MissionPhase::APPROACH.stay(why);
     }
     if blind {
-        // What is in sight may be another vessel's.
+        // The tags that are detected may be another vessel's.
         return MissionPhase::APPROACH.stay(deck.contradicted.unwrap_or(NoVision.into()));
     }
     let (detected, lasted) = lasting(true, detected, s.now);

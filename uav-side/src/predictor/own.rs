@@ -1,13 +1,13 @@
 //! The vessel's modes as the drone identifies them itself, by what camera and rangefinder see of the deck: for a vessel that
-//! says nothing, and for one whose radio has gone silent.
+//! is silent, and for one whose radio has gone silent.
 //!
 //! A filter of its own, with the broad bank of oscillators, gives the deck's motion ten times a second to the same model by
-//! which a vessel identifies hers ([`alight_shared::motion_model`]); what that finds is rolled on as if it had come by radio.
+//! which a vessel identifies its own ([`alight_shared::motion_model`]); what that finds is rolled on as if it had come by radio.
 //! The filter that the forecast is made of would not do: it moves about the modes, and would find them again.
 
 use alight_shared::admission::Periodic;
 use alight_shared::apparent_slope::{self, ApparentSlope};
-use alight_shared::motion_model::{MotionModel, MotionSample, SAMPLE_S};
+use alight_shared::motion_model::{MotionModel, MotionSample};
 use alight_shared::msg::{DeckStage, PREDICTION_STAGES, SLOPE_WINDOWS, Seq};
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{Rotation2, UnitQuaternion, Vector3};
@@ -25,7 +25,7 @@ const SAMPLE_AGE: Span = Span::from_millis(80);
 const UNSEEN_S: f64 = 0.5;
 /// Its modes count once it has seen the deck for so long, s: after 30 s the measured error is still too small, and 2 of 12
 /// landings on a 12 m hull in a sea of 1 m were hard; after 60 s none of 12, and it is the time in which a vessel identifies
-/// hers.
+/// its own.
 const IDENTIFIED_S: f64 = 60.0;
 /// Time between two stages of the measured error, s.
 const STAGE_S: f64 = 0.25;
@@ -37,10 +37,6 @@ pub(super) struct OwnModel {
     filter: Option<Filter>,
     motion: MotionModel<DroneClock>,
     seen_at: Option<Time<DroneClock>>,
-    /// Samples so far.
-    samples: u32,
-    /// The vessel's mean heading by the newest sample, rad.
-    heading: Option<f64>,
     slope: (Periodic<DroneClock>, ApparentSlope<DroneClock>),
 }
 
@@ -52,8 +48,6 @@ impl OwnModel {
             filter: None,
             motion: MotionModel::default(),
             seen_at: None,
-            samples: 0,
-            heading: None,
             slope: Default::default(),
         }
     }
@@ -87,10 +81,7 @@ impl OwnModel {
         }
         let axes = filter.at(&self.waves, at);
         let oscillators = self.waves.oscillators(at);
-        let sample = sample(at, &axes, &oscillators, lever_arm);
-        self.heading = Some(sample.mean_heading);
-        self.motion.push(sample);
-        self.samples = self.samples.saturating_add(1);
+        self.motion.push(sample(at, &axes, &oscillators, lever_arm));
         true
     }
     /// The deck as it is now.
@@ -102,29 +93,29 @@ impl OwnModel {
             slope.push(now, &attitude, Vector3::from(deck.velocity));
         }
     }
-    /// Its steepest apparent slopes of late, as a vessel would report them.
+    /// Its steepest recent apparent slopes, as a vessel would report them.
     pub(super) fn slopes(&self, now: Time<DroneClock>) -> Seq<u8, SLOPE_WINDOWS> {
         self.slope.1.slopes(now)
     }
     /// Gives its modes and what they are off by to `waves`: their time of validity, and whether a bank of oscillators has gone
     /// there. None before it has seen enough of the motion.
     pub(super) fn publish(&self, waves: &mut Waves) -> Option<(Time<DroneClock>, bool)> {
-        let identified = self.motion.is_identified() && f64::from(self.samples) * SAMPLE_S >= IDENTIFIED_S;
+        let identified = self.motion.is_identified() && self.motion.observed_s() >= IDENTIFIED_S;
         let modes = self.motion.modes().filter(|_| identified)?;
         let stage = |k: usize| self.motion.spread(k as f64 * STAGE_S);
         waves.set_spread(Spread {
             stages: Seq::filled((0..PREDICTION_STAGES).map(stage)),
             step_s: STAGE_S,
         });
-        if let Some(heading) = self.heading {
-            waves.turn(heading);
+        if let Some(newest) = self.motion.newest() {
+            waves.turn(newest.mean_heading);
         }
         Some((modes.at, waves.adopt(modes.clone(), self.motion.confidence())))
     }
 }
 
 /// The motion of the vessel's reference point about its mean, by the state of the filter of a deck whose centre is at
-/// `lever_arm` (m) in her axes.
+/// `lever_arm` (m) in the vessel's axes.
 fn sample(
     at: Time<DroneClock>,
     axes: &State,
@@ -164,7 +155,7 @@ mod tests {
     use super::*;
     use core::f64::consts::FRAC_PI_2;
 
-    /// A vessel that heads east and pitches and yaws about her reference point, with her deck 4 m aft and 1.3 m up: the deck's
+    /// A vessel that heads east and pitches and yaws about its reference point, with its deck 4 m aft and 1.3 m up: the deck's
     /// centre swings, and the reference point stays.
     #[test]
     fn motion_of_a_deck_off_the_reference_point() {

@@ -15,11 +15,11 @@ use alight_shared::msg::MAX_SOURCES;
 use alight_shared::time::{Span, Time, VesselClock};
 use nalgebra::Vector2;
 
-/// Lags that are compared lie this far apart, s, and reach to [`LONGEST_S`].
+/// Lags that are compared lie this far apart, s, and reach to [`MAX_LAG_S`].
 const STEP_S: f64 = 0.1;
 const LAGS: usize = 41;
 /// The longest lag, s.
-const LONGEST_S: f64 = STEP_S * (LAGS - 1) as f64;
+const MAX_LAG_S: f64 = STEP_S * (LAGS - 1) as f64;
 /// Two positions that are compared lie at least this far apart, s.
 const PAIR_S: f64 = 1.0;
 /// What lies further apart than this is not of one path, s.
@@ -92,7 +92,7 @@ impl VelocityLag {
         }
         self.positions.push_back((at, place));
     }
-    /// Takes a velocity, north and east, m/s, that came when the vessel was on this heading, rad; by how much she has turned
+    /// Takes a velocity, north and east, m/s, that came when the vessel was on this heading, rad; by how much it has turned
     /// since it was so, rad. None is stated of one that is no newer than the last.
     pub(super) fn velocity(&mut self, at: Time<VesselClock>, velocity: Vector2<f64>, heading: f64) -> f64 {
         let path = match self.travelled.back() {
@@ -121,7 +121,7 @@ impl VelocityLag {
     fn compare(&mut self, now: Time<VesselClock>) {
         while let (Some(a), Some(b)) = (self.positions.front(), self.positions.get(1)) {
             let ((from, begin), (to, end)) = (*a, *b);
-            if (now - to).secs() < LONGEST_S {
+            if (now - to).secs() < MAX_LAG_S {
                 return;
             }
             self.positions.pop_front();

@@ -10,14 +10,14 @@ use alight_shared::geoid::LocalGeoid;
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, NOT_MEASURED_SD};
 
 use super::heights::DOUBTFUL_M;
-use super::nmea::account::Why;
+use super::nmea::account::{Account, Why};
 use super::nmea::sentences::{MAGNETIC_SD, STILL_MPS, VELOCITY_SD, accuracy};
 use super::{Measurement, Mounting, Remark};
 
 /// A device that is silent for so long gives its group to another, ns.
 const SILENT_NS: i64 = 2_000_000_000;
 /// What belongs to a measurement is at most so old, ns: three periods at 10 Hz.
-pub(super) const BESIDE_NS: i64 = 300_000_000;
+pub(super) const PAIR_NS: i64 = 300_000_000;
 /// A fix's quality and height are used so long, ns: its period is a second.
 const FIX_NS: i64 = 2_500_000_000;
 /// Heights of an antenna above the mean sea, m: between a low water (and a geoid that is off by some metres) and a mast at
@@ -64,7 +64,7 @@ pub(super) struct Gnss {
     pub(super) altitude_m: Option<f64>,
     /// Height of the sea above the ellipsoid, by the receiver, m.
     pub(super) separation_m: Option<f64>,
-    /// As in NMEA 0183's GGA: 0 none, 1 GNSS, 2 differential, 4 and 5 RTK, 6 reckoned, 7 by hand, 8 simulated.
+    /// As in NMEA 0183's GGA: 0 none, 1 GNSS, 2 differential, 4 and 5 RTK, 6 dead reckoning, 7 by hand, 8 simulated.
     pub(super) quality: u8,
     pub(super) hdop: Option<f64>,
 }
@@ -117,13 +117,13 @@ struct Devices {
 impl Devices {
     /// Whether another device gives this group.
     fn spare(&self, device: u32, at_ns: i64) -> bool {
-        let gives = |(of, newest): (u32, i64)| of != device && is_beside(at_ns, newest, SILENT_NS);
+        let gives = |(of, newest): (u32, i64)| of != device && is_near(at_ns, newest, SILENT_NS);
         self.kept.0 != device && (gives(self.kept) || self.stand_in.is_some_and(gives))
     }
     /// The device that gives it at that time.
     fn giving(&self, at_ns: i64) -> Option<u32> {
         let (device, newest) = self.stand_in.unwrap_or(self.kept);
-        is_beside(at_ns, newest, SILENT_NS).then_some(device)
+        is_near(at_ns, newest, SILENT_NS).then_some(device)
     }
     fn gave(&mut self, device: u32, at_ns: i64) {
         if self.kept.0 == device {
@@ -234,7 +234,7 @@ impl Bus {
             Content::Gnss(fix) => {
                 (self.fix, self.height_due) = (Some(((fix, device), at_ns)), true);
                 // Quick positions carry it on where there are any.
-                if beside(self.quick, at_ns, BESIDE_NS) != Some(device) {
+                if paired(self.quick, at_ns, PAIR_NS) != Some(device) {
                     return self.position(at_ns, fix.place, device).map(Some);
                 }
                 accuracy(fix.quality)?;
@@ -247,15 +247,15 @@ impl Bus {
         let sd = if magnetic { MAGNETIC_SD } else { 0.0 };
         Measurement::Heading(HeadingFix {
             heading_sd: fix.heading_sd.hypot(sd),
-            rate: beside(self.rate, at_ns, BESIDE_NS),
+            rate: paired(self.rate, at_ns, PAIR_NS),
             ..fix
         })
     }
     fn attitude(&self, at_ns: i64, [roll, pitch]: [f64; 2]) -> Measurement {
         let [roll, pitch, _] = self.mounting.attitude([roll, pitch, 0.0]);
-        let heave = beside(self.heave, at_ns, BESIDE_NS).and_then(|h| self.mounting.heave(h));
+        let heave = paired(self.heave, at_ns, PAIR_NS).and_then(|h| self.mounting.heave(h));
         Measurement::Attitude(AttitudeFix {
-            rates: beside(self.rates, at_ns, BESIDE_NS).map(|r| self.mounting.vector(r)),
+            rates: paired(self.rates, at_ns, PAIR_NS).map(|r| self.mounting.vector(r)),
             heave,
             heave_sd: self.mounting.mount.heave_sd_m,
             ..self.mounting.tilt([roll, pitch])
@@ -268,7 +268,7 @@ impl Bus {
         [latitude, longitude]: [f64; 2],
         device: u32,
     ) -> Result<Measurement, Why> {
-        let fix = beside(self.fix, at_ns, FIX_NS).filter(|(_, of)| *of == device);
+        let fix = paired(self.fix, at_ns, FIX_NS).filter(|(_, of)| *of == device);
         let fix = fix.map(|(fix, _)| fix);
         let quality = fix.map_or(1, |f| f.quality);
         let dilution = fix.and_then(|f| f.hdop).unwrap_or(1.0).clamp(0.5, 50.0);
@@ -284,7 +284,7 @@ impl Bus {
             }
             None => (0.0, NOT_MEASURED_SD, 0.0),
         };
-        let velocity = beside(self.velocity, at_ns, BESIDE_NS).filter(|(_, of)| *of == device);
+        let velocity = paired(self.velocity, at_ns, PAIR_NS).filter(|(_, of)| *of == device);
         let [north, east] = velocity.map(|(v, _)| v).unwrap_or_default();
         let velocity_sd = velocity.map_or(NOT_MEASURED_SD, |_| VELOCITY_SD);
         let datum = Datum { height_m, ..place };
@@ -319,25 +319,26 @@ impl Bus {
             [true, true] | [false, false] => (altitude, sea.abs()),
         }
     }
-    /// What was made of its heights.
-    pub(super) fn remark(&self) -> Option<Remark> {
-        (self.above_sea > 0).then(|| {
+    /// Remarks on its heights, and those of the account of its messages.
+    pub(super) fn remarks(&self, account: &Account) -> Vec<Remark> {
+        let heights = (self.above_sea > 0).then(|| {
             Remark::fine(format!(
                 "height: {} of {} can only be above the sea, and are taken so",
                 self.above_sea, self.heights
             ))
-        })
+        });
+        heights.into_iter().chain(account.remarks()).collect()
     }
 }
 
 /// What was sent within `limit_ns` of a time.
-fn beside<T>(newest: Newest<T>, at_ns: i64, limit_ns: i64) -> Option<T> {
+fn paired<T>(newest: Newest<T>, at_ns: i64, limit_ns: i64) -> Option<T> {
     newest
-        .filter(|(_, at)| is_beside(at_ns, *at, limit_ns))
+        .filter(|(_, at)| is_near(at_ns, *at, limit_ns))
         .map(|(x, _)| x)
 }
 /// Whether two times lie within `limit_ns`, ns.
-pub(super) fn is_beside(a_ns: i64, b_ns: i64, limit_ns: i64) -> bool {
+pub(super) fn is_near(a_ns: i64, b_ns: i64, limit_ns: i64) -> bool {
     a_ns.abs_diff(b_ns) <= limit_ns.unsigned_abs()
 }
 

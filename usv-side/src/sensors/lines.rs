@@ -9,11 +9,24 @@ pub(super) enum Cut {
     Overlong,
 }
 
+impl Cut {
+    /// The line; one that was too long is counted.
+    fn line(self, overlong: &mut u64) -> Option<Vec<u8>> {
+        match self {
+            Cut::Line(line) => Some(line),
+            Cut::Overlong => {
+                *overlong += 1;
+                None
+            }
+        }
+    }
+}
+
 /// The line that is not complete yet.
 #[derive(Clone, Debug)]
 pub(super) struct LineBuffer {
     line: Vec<u8>,
-    /// It has grown too long: the rest of it is dropped.
+    /// It is too long: the rest of it is dropped.
     overlong: bool,
     max: usize,
 }
@@ -46,6 +59,17 @@ impl LineBuffer {
             true => Some(Cut::Overlong),
             false => (!line.is_empty()).then_some(Cut::Line(line)),
         }
+    }
+    /// The lines that these bytes end; overlong ones are counted.
+    pub(super) fn whole(&mut self, bytes: &[u8], overlong: &mut u64) -> Vec<Vec<u8>> {
+        bytes
+            .iter()
+            .filter_map(|byte| self.push(*byte)?.line(overlong))
+            .collect()
+    }
+    /// The last line, which has no end; an overlong one is counted.
+    pub(super) fn last(&mut self, overlong: &mut u64) -> Option<Vec<u8>> {
+        self.end()?.line(overlong)
     }
     /// Drops what there is of the line; its beginning.
     pub(super) fn restart(&mut self) -> Vec<u8> {

@@ -84,7 +84,7 @@ pub struct LandArgs {
     /// Whether and where people look on.
     #[command(flatten)]
     pub view: ViewArgs,
-    /// How the result is printed.
+    /// Output format.
     #[command(flatten)]
     pub form: Form,
     /// End when standard input closes

@@ -34,7 +34,7 @@ pub struct CheckArgs {
     /// or /etc/alight/drone.toml, whichever is there]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// How the result is printed.
+    /// Output format.
     #[command(flatten)]
     pub form: Form,
 }

@@ -37,7 +37,7 @@ pub struct EstimateArgs {
     /// Which of the configuration's [[sensor.sources]] is mounted like what was recorded [default: the first]
     #[arg(long, value_name = "NAME", requires = "config")]
     pub source: Option<String>,
-    /// How the result is printed.
+    /// Output format.
     #[command(flatten)]
     pub form: Form,
 }

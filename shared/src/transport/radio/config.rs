@@ -26,7 +26,7 @@ const BATCH_BYTES: u32 = 1380;
 /// Longest message that the middleware puts together of its parts, bytes: a message of ours fits into one batch; the rest is
 /// room for its own declarations. Its default is 1 GB, which one peer could have this computer hold.
 const MAX_MESSAGE_BYTES: u32 = 16_384;
-/// Sessions of each peer: one, and that before it started anew, until that has expired.
+/// Sessions of each peer: one, and that before it restarted, until that has expired.
 const SESSIONS_PER_PEER: usize = 2;
 /// Sessions beside those, for peers that start again and again.
 const SPARE_SESSIONS: usize = 8;
@@ -49,9 +49,9 @@ config! {
         /// Measured at 30 % loss and 100 ms: a stream is silent for more than 2 s every 20 s and
         /// goes on within 5 s by itself, while a new session takes 2 to 10 s.
         pub stream_lease_s: f64 = 5.0, in 0.5..=60.0;
-        /// A session over datagrams without any message for this long is opened anew, s; one over a stream or
+        /// A session over datagrams without any message for this long is reopened, s; one over a stream or
         /// QUIC is left the time of its lease and of one attempt to open beside. A session that brings only what
-        /// is older than this, for as long and its lease, is opened anew too.
+        /// is older than this, for as long and its lease, is reopened too.
         /// Chosen: a lease, the slowest retry, and as much again.
         pub reopen_after_s: f64 = 5.0, in 1.0..=600.0;
         /// The endpoints to dial are a Zenoh router's (zenohd), such as the boat's own, through which vessels and drones

@@ -6,6 +6,7 @@ use zenoh::bytes::Encoding;
 use zenoh::qos::Priority;
 
 use crate::topics::Topic;
+use crate::transport::radio::HEADER_BYTES;
 use crate::transport::radio::held::Held;
 
 /// How urgent a key's messages are.
@@ -38,6 +39,8 @@ pub struct Publication {
     pub(super) urgency: Urgency,
     /// What is published on it, by which its encoding and schema are known.
     pub(super) topic: Option<&'static Topic>,
+    /// Bytes that each message has in addition to its payload.
+    pub(super) overhead: u64,
     /// The newest message is kept for who asks for it.
     pub(super) held: Option<Arc<Held>>,
 }
@@ -50,13 +53,17 @@ impl Publication {
             key,
             urgency,
             topic: None,
+            overhead: HEADER_BYTES,
             held: None,
         }
     }
     /// With the messages of this topic: their encoding names the type and its version, and their schema can be asked for.
     pub fn of(self, topic: &'static Topic) -> Publication {
-        let topic = Some(topic);
-        Publication { topic, ..self }
+        Publication {
+            topic: Some(topic),
+            overhead: HEADER_BYTES + topic.encoding_schema().len() as u64,
+            ..self
+        }
     }
     /// The newest message is kept, and answers who asks on its key.
     pub fn held(self) -> Publication {

@@ -17,7 +17,7 @@ use super::{n2k, signalk};
 /// Time between two steps of the estimator.
 const TICK: Span = Span::from_millis(10);
 /// A velocity goes with a position of about its time, ns.
-const BESIDE_NS: i64 = 300_000_000;
+const PAIR_NS: i64 = 300_000_000;
 
 /// How a network writes a measurement of this time, ns, and number.
 type Writer = fn(i64, &Measurement, u8) -> Vec<u8>;
@@ -67,10 +67,8 @@ fn signalk_bytes(at_ns: i64, m: &Measurement, _number: u8) -> Vec<u8> {
 }
 
 /// The newest of something that is at most as old as what belongs to a measurement may be.
-fn beside<T>(newest: Option<(i64, T)>, at_ns: i64) -> Option<T> {
-    newest
-        .filter(|(then, _)| at_ns - then <= BESIDE_NS)
-        .map(|(_, x)| x)
+fn paired<T>(newest: Option<(i64, T)>, at_ns: i64) -> Option<T> {
+    newest.filter(|(then, _)| at_ns - then <= PAIR_NS).map(|(_, x)| x)
 }
 
 /// The recording's measurements as a network has them: velocity, heave and rates are of their own time, and go with what
@@ -86,7 +84,7 @@ fn as_sent(columns: &[Measurement], with_rates: bool) -> Vec<(i64, Measurement)>
                     velocity = Some((at_ns, (g.velocity, g.velocity_sd)));
                 }
                 let (velocity, velocity_sd) =
-                    beside(velocity, at_ns).unwrap_or(([0.0; 3], [NOT_MEASURED_SD; 3]));
+                    paired(velocity, at_ns).unwrap_or(([0.0; 3], [NOT_MEASURED_SD; 3]));
                 let fix = GnssFix {
                     velocity,
                     velocity_sd,
@@ -98,8 +96,8 @@ fn as_sent(columns: &[Measurement], with_rates: bool) -> Vec<(i64, Measurement)>
                 heave = a.heave.map(|h| (at_ns, h)).or(heave);
                 rates = a.rates.filter(|_| with_rates).map(|r| (at_ns, r)).or(rates);
                 let sent = AttitudeFix {
-                    heave: beside(heave, at_ns),
-                    rates: beside(rates, at_ns),
+                    heave: paired(heave, at_ns),
+                    rates: paired(rates, at_ns),
                     ..*a
                 };
                 all.push((at_ns, sent.into()));
@@ -236,7 +234,7 @@ fn recorded_boats_as_frames_and_deltas() {
     }
 }
 
-/// The heading alone tells its rate of turn.
+/// The heading alone gives its rate of turn.
 #[test]
 fn rate_of_turn_on_both_networks() {
     let mounting = Mounting::new(&Mount::default());

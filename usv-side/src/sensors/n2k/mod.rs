@@ -9,7 +9,7 @@ use alight_shared::time::{Time, VesselClock};
 
 use super::bus::Bus;
 use super::clock::{DAY_NS, Rollover};
-use super::lines::{Cut, LineBuffer};
+use super::lines::LineBuffer;
 use super::nmea::account::{Account, Why};
 use super::{Decoded, Decoder, Measurement, Mounting, Remark, SourceMeasurement};
 use line::{Line, MAX_MESSAGE, Stamp};
@@ -59,13 +59,6 @@ impl N2kDecoder {
         }
     }
 
-    fn cut(&mut self, cut: Option<Cut>, out: &mut Vec<SourceMeasurement>) {
-        match cut {
-            Some(Cut::Line(line)) => self.take(&line, out),
-            Some(Cut::Overlong) => self.decoded.corrupted += 1,
-            None => {}
-        }
-    }
     fn take(&mut self, text: &[u8], out: &mut Vec<SourceMeasurement>) {
         let parsed = core::str::from_utf8(text).ok().and_then(Line::parse);
         let Some(line) = parsed else {
@@ -154,15 +147,15 @@ impl Decoder for N2kDecoder {
         self.now_ns = Some(now.nanos());
     }
     fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>) {
-        for byte in bytes {
-            let cut = self.lines.push(*byte);
-            self.cut(cut, out);
+        for line in self.lines.whole(bytes, &mut self.decoded.corrupted) {
+            self.take(&line, out);
         }
     }
     fn finish(&mut self, out: &mut Vec<SourceMeasurement>) {
         // The last line of a file may have no end; a message that is cut off lacks a field or a frame.
-        let cut = self.lines.end();
-        self.cut(cut, out);
+        if let Some(line) = self.lines.last(&mut self.decoded.corrupted) {
+            self.take(&line, out);
+        }
         self.decoded.corrupted += self.open.drain(..).len() as u64;
     }
     fn decoded(&self) -> Decoded {
@@ -172,11 +165,7 @@ impl Decoder for N2kDecoder {
         core::mem::take(&mut self.timeless)
     }
     fn remarks(&self) -> Vec<Remark> {
-        self.bus
-            .remark()
-            .into_iter()
-            .chain(self.account.remarks())
-            .collect()
+        self.bus.remarks(&self.account)
     }
 }
 

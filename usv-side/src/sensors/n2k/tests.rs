@@ -1,7 +1,7 @@
 use super::*;
-use crate::fixtures::{self, damage, damaged};
+use crate::fixtures::{self, damage, damaged, fixes};
 use crate::sensors::Mount;
-use alight_shared::msg::{GnssFix, NOT_MEASURED_SD};
+use alight_shared::msg::NOT_MEASURED_SD;
 use proptest::prelude::*;
 
 /// Frames as Yacht Devices' gateways show them, from the device `source`.
@@ -55,13 +55,6 @@ fn decode(text: &str) -> (Vec<SourceMeasurement>, N2kDecoder) {
         text.as_bytes(),
         7,
     )
-}
-fn fixes(all: &[SourceMeasurement]) -> Vec<GnssFix> {
-    let fix = |m: &SourceMeasurement| match m.measurement {
-        Measurement::Gnss(fix) => Some(fix),
-        _ => None,
-    };
-    all.iter().filter_map(fix).collect()
 }
 
 #[test]

@@ -10,9 +10,9 @@ mod lag;
 
 use alight_shared::time::{Time, VesselClock};
 
-use super::bus::{BESIDE_NS, Bus, Content, is_beside};
+use super::bus::{Bus, Content, PAIR_NS, is_near};
 use super::clock::utc_ns;
-use super::lines::{Cut, LineBuffer};
+use super::lines::LineBuffer;
 use super::nmea::account::{Account, Why};
 use super::{Decoded, Decoder, Measurement, Mounting, Remark, SourceMeasurement};
 use crate::node::KINDS;
@@ -76,13 +76,6 @@ impl SignalKDecoder {
         }
     }
 
-    fn cut(&mut self, cut: Option<Cut>, out: &mut Vec<SourceMeasurement>) {
-        match cut {
-            Some(Cut::Line(line)) => self.take(&line, out),
-            Some(Cut::Overlong) => self.decoded.corrupted += 1,
-            None => {}
-        }
-    }
     fn take(&mut self, line: &[u8], out: &mut Vec<SourceMeasurement>) {
         // A logger's prefix may be before it.
         let begin = line.iter().position(|b| *b == b'{').unwrap_or_default();
@@ -212,7 +205,7 @@ impl SignalKDecoder {
             return Content::velocity(speed, course);
         }
         let (speed, of, then_ns) = self.speed?;
-        let is_its = of == source && is_beside(at_ns, then_ns, BESIDE_NS);
+        let is_its = of == source && is_near(at_ns, then_ns, PAIR_NS);
         Content::velocity(speed, Some(course.filter(|_| is_its)?))
     }
 }
@@ -222,15 +215,15 @@ impl Decoder for SignalKDecoder {
         self.now_ns = Some(now.nanos());
     }
     fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>) {
-        for byte in bytes {
-            let cut = self.lines.push(*byte);
-            self.cut(cut, out);
+        for line in self.lines.whole(bytes, &mut self.decoded.corrupted) {
+            self.take(&line, out);
         }
     }
     fn finish(&mut self, out: &mut Vec<SourceMeasurement>) {
         // The last line of a file may have no end.
-        let cut = self.lines.end();
-        self.cut(cut, out);
+        if let Some(line) = self.lines.last(&mut self.decoded.corrupted) {
+            self.take(&line, out);
+        }
     }
     fn decoded(&self) -> Decoded {
         self.decoded
@@ -242,11 +235,7 @@ impl Decoder for SignalKDecoder {
         true
     }
     fn remarks(&self) -> Vec<Remark> {
-        self.bus
-            .remark()
-            .into_iter()
-            .chain(self.account.remarks())
-            .collect()
+        self.bus.remarks(&self.account)
     }
 }
 

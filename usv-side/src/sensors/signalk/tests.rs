@@ -1,7 +1,7 @@
 use super::*;
-use crate::fixtures::{self, damage, damaged};
+use crate::fixtures::{self, damage, damaged, fixes};
 use crate::sensors::Mount;
-use alight_shared::msg::{GnssFix, NOT_MEASURED_SD};
+use alight_shared::msg::NOT_MEASURED_SD;
 use proptest::prelude::*;
 
 const HELLO: &str = r#"{"name":"signalk-server","version":"2.8.0","self":"vessels.urn:mrn:imo:mmsi:230099999","roles":["master"]}
@@ -24,14 +24,6 @@ fn decode(text: &str) -> (Vec<SourceMeasurement>, SignalKDecoder) {
     fixtures::decode(decoder, text.as_bytes(), 7)
 }
 const PLACE: (&str, &str) = ("navigation.position", r#"{"latitude":50.0,"longitude":14.5}"#);
-
-fn fixes(all: &[SourceMeasurement]) -> Vec<GnssFix> {
-    let fix = |m: &SourceMeasurement| match m.measurement {
-        Measurement::Gnss(fix) => Some(fix),
-        _ => None,
-    };
-    all.iter().filter_map(fix).collect()
-}
 
 #[test]
 fn signalk_greeting_cached_values_and_other_vessels() {

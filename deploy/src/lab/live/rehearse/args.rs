@@ -59,7 +59,7 @@ pub struct RehearseArgs {
     /// Leave configurations and what the services wrote in this new directory
     #[arg(long, value_name = "DIR")]
     pub keep: Option<PathBuf>,
-    /// How the result is printed.
+    /// Output format.
     #[command(flatten)]
     pub form: Form,
     /// End when standard input closes

@@ -321,7 +321,7 @@ impl<'a> Rehearsal<'a> {
         }
         Ok(waited)
     }
-    /// `alight check` on the vessel, before her service is started: it listens to the sensors.
+    /// `alight check` on the vessel, before its service is started: it listens to the sensors.
     fn check_vessel(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
         self.check("vessel", list)
     }
