@@ -43,7 +43,7 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
         Err(why) => {
             return vec![Topic("configuration").broken(
                 why,
-                format!("correct {path}; the shipped file names every key with its unit and default"),
+                format!("correct {path}; `alight config drone --all` (or vessel) prints every key with its unit and default"),
             )];
         }
     };
