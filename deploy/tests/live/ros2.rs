@@ -229,7 +229,7 @@ fn ros2_node_of_a_landing() {
     // Nothing runs any more, and then there is no router: it says so, and ends when it is asked to.
     drop(landing);
     let land = format!("{name}/land/{TRIGGER}");
-    let ((success, text), _) = call(&client, &land, &[7; 33]).expect("answered");
+    let ((success, text), _) = call(&client, &land, &attachment(Duration::ZERO)).expect("answered");
     assert!(!success && text.contains("no process reports"), "{text}");
     router.close().wait().expect("closed");
     node.prints("no router at");
