@@ -23,6 +23,7 @@ mod restarts;
 mod review;
 mod stated_course;
 mod storm;
+mod under_way;
 mod witnesses;
 
 use alight_uav::autopilot::modes::Firmware;

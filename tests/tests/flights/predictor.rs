@@ -3,7 +3,7 @@
 
 use alight_shared::frames::{Deck, DroneBody, VesselBody, wrap_angle};
 use alight_shared::geometry::DeckGeometry;
-use alight_shared::msg::{DeckForecast, Motors, SetPoint, SetPointKind, State};
+use alight_shared::msg::{DeckForecast, Motors, SetPoint, SetPointKind, State, VesselEstimate};
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
 use alight_sim::harness::tap::Tap;
@@ -13,21 +13,23 @@ use alight_uav::predictor::{PredictorIn, PredictorOut};
 use nalgebra::Vector3;
 
 /// A forecast and its tick.
-struct Sample {
-    t: usize,
-    forecast: DeckForecast,
+pub(crate) struct Sample {
+    pub(crate) t: usize,
+    pub(crate) forecast: DeckForecast,
 }
 
 /// What a tap collects from the warm-up on.
 #[derive(Default)]
-struct PredictorFlight {
+pub(crate) struct PredictorFlight {
     /// Error of the drone's odometry at each tick: the forecast is where the drone will believe the deck.
     frames: Vec<Vector3<f64>>,
     /// Deck, per tick.
-    truth: Vec<RigidState<Deck>>,
-    samples: Vec<Sample>,
+    pub(crate) truth: Vec<RigidState<Deck>>,
+    pub(crate) samples: Vec<Sample>,
+    /// The vessel's estimates as the drone received them.
+    pub(crate) estimates: Vec<VesselEstimate<DroneClock>>,
     /// Tick at which the test begins to fly.
-    began: usize,
+    pub(crate) began: usize,
     /// True position of the drone.
     drone: Vector3<f64>,
 }
@@ -47,6 +49,7 @@ impl Tap for PredictorFlight {
         if let (Some(odometry), Some(frame)) = (i.drone, self.frames.last_mut()) {
             *frame = odometry.position() - self.drone;
         }
+        self.estimates.extend(i.estimate);
         let t = self.truth.len() - 1;
         self.samples
             .extend(o.forecast.map(|forecast| Sample { t, forecast }));
@@ -55,15 +58,29 @@ impl Tap for PredictorFlight {
 
 /// 40 s above the deck by truth, [`landing`] over its mean place; the radio is cut after `cut_s`.
 fn fly(cut_s: f64, seed: u64) -> PredictorFlight {
-    let mut scenario = Scenario::default();
+    let mut mean = None;
+    fly_above(Scenario::default(), [40.0, cut_s], seed, |deck| {
+        let mean = mean.get_or_insert(deck.position.0);
+        *mean += (deck.position.0 - *mean) * 0.003;
+        (*mean, Vector3::zeros())
+    })
+}
+
+/// For so long (s) [`landing`] above the place (m) with the velocity (m/s) that `follow` has of the deck; the radio is cut
+/// after the second time (s).
+pub(crate) fn fly_above(
+    mut scenario: Scenario,
+    [secs, cut_s]: [f64; 2],
+    seed: u64,
+    mut follow: impl FnMut(&RigidState<Deck>) -> (Vector3<f64>, Vector3<f64>),
+) -> PredictorFlight {
     scenario.start.distance_m = [0.0; 2];
     scenario.start.height_m = [9.0; 2];
     let mut world = World::new(&scenario, &NodeConfigs::default(), seed).unwrap();
     let mut flight = PredictorFlight::default();
     world.warm_up(&mut flight);
     flight.began = flight.truth.len();
-    let mut mean = world.physics().deck().position.0;
-    for tick in 0..4000 {
+    for tick in 0..(secs * 100.0) as u32 {
         let since = f64::from(tick) * 0.01;
         if since >= cut_s && since < cut_s + 0.01 {
             let for_good = StateOutage {
@@ -74,12 +91,13 @@ fn fly(cut_s: f64, seed: u64) -> PredictorFlight {
             world.radio_outage(0, &for_good);
         }
         let deck = world.physics().deck();
-        mean += (deck.position.0 - mean) * 0.003;
-        let above = Vector3::new(mean.x, mean.y, -1.3 - landing(since));
+        let (place, velocity) = follow(&deck);
+        let above = Vector3::new(place.x, place.y, -1.3 - landing(since));
         let set_point = SetPoint {
             kind: SetPointKind::Trajectory,
             motors: Motors::Run,
             position: (above + flight.frames[flight.frames.len() - 1]).into(),
+            velocity: velocity.into(),
             yaw: deck.euler().z,
             ..SetPoint::default()
         };

@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::time::{DroneClock, Span, Time};
+use nalgebra::{Rotation2, Vector2};
 
 use super::agreement;
 use super::axis::{Axis, AxisNoise, HEAD, MEAN, MeasurementRow, RATE, Step, TURN, VISION};
@@ -27,8 +28,10 @@ const MAX_SPEED_MPS: f64 = 10.0;
 /// A turn by more than this in one step is nonsense, rad.
 const MAX_BEND_RAD: f64 = 1.0;
 
+/// Tilt about north and about east.
+pub(super) const TILT: [usize; 2] = [3, 4];
 /// Degrees of freedom that are rejected together.
-const GROUPS: [&[usize]; 3] = [&[0, 1, 2], &[3, 4], &[5]];
+const GROUPS: [&[usize]; 3] = [&[0, 1, 2], &TILT, &[5]];
 
 /// How an observation fared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -426,21 +429,23 @@ fn turning(s: &State) -> Option<Turning> {
 }
 
 /// A turning vessel's mean velocity has turned with it over the last `dt` (s): `v' = omega x v`,
-/// the coordinated turn (Bar-Shalom, Li and Kirubarajan 2001, section 11.7), in the means only.
+/// the coordinated turn (Bar-Shalom, Li and Kirubarajan 2001, section 11.7), in the means only; and so have heel and trim.
 fn propagate_turn(s: &mut State, dt: f64) {
-    let Some(turn) = turning(s) else {
-        return;
-    };
-    let (n, e) = (s[0].x[RATE], s[1].x[RATE]);
-    let angle = turn.rate * dt;
+    let angle = s[5].x[RATE] * dt;
     if !(angle.abs() < MAX_BEND_RAD) {
         return;
     }
-    let (sin, cos) = angle.sin_cos();
-    let turned = [cos * n - sin * e, sin * n + cos * e];
-    for (i, before) in [n, e].into_iter().enumerate() {
-        s[i].x[MEAN] += 0.5 * dt * (turned[i] - before);
-        s[i].x[RATE] = turned[i];
+    let turned = |s: &State, slot: usize, [i, j]: [usize; 2]| {
+        Rotation2::new(angle) * Vector2::new(s[i].x[slot], s[j].x[slot])
+    };
+    let heel = turned(s, MEAN, TILT);
+    (s[TILT[0]].x[MEAN], s[TILT[1]].x[MEAN]) = (heel.x, heel.y);
+    if turning(s).is_some() {
+        let velocity = turned(s, RATE, [0, 1]);
+        for (i, after) in [velocity.x, velocity.y].into_iter().enumerate() {
+            s[i].x[MEAN] += 0.5 * dt * (after - s[i].x[RATE]);
+            s[i].x[RATE] = after;
+        }
     }
 }
 

@@ -5,9 +5,10 @@ use alight_shared::msg::Seq;
 use alight_shared::msg::{DeckStage, FORECAST_STAGES, PREDICTED_SLOPES, SLOPE_STEP};
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::vessel_model::turn_tilt;
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Rotation2, Rotation3, Vector2, Vector3};
 
 use super::axis::{Axis, AxisNoise, DRIFT, HEAD, Head, MAX_STATES, MEAN, RATE, Step, VISION, compass};
+use super::filter::TILT;
 use super::lever_arm_heave::lever_arm_heave;
 use super::waves::{AXES, DeckMotion, Oscillator, Waves};
 
@@ -136,7 +137,7 @@ impl Horizon {
         out
     }
 
-    /// The means one stage on. A turning vessel's mean velocity turns with it.
+    /// The means one stage on. A turning vessel's mean velocity turns with it, and so do heel and trim.
     fn advance(&self, mean: &mut [[f64; MAX_STATES]; AXES], heads: &[Head; AXES]) {
         for (axis, (x, h)) in mean.iter_mut().zip(heads).enumerate() {
             x[MEAN] += h.reach * x[RATE];
@@ -150,11 +151,13 @@ impl Horizon {
                 x[i + 1] = a[2] * v + a[3] * r;
             }
         }
-        let (vn, ve) = (mean[0][RATE], mean[1][RATE]);
-        if vn.hypot(ve) > STEERAGE_MPS {
-            let (s, c) = (mean[5][RATE] * self.stage_s).sin_cos();
-            mean[0][RATE] = c * vn - s * ve;
-            mean[1][RATE] = s * vn + c * ve;
+        let turn = Rotation2::new(mean[5][RATE] * self.stage_s);
+        let heel = turn * Vector2::new(mean[TILT[0]][MEAN], mean[TILT[1]][MEAN]);
+        (mean[TILT[0]][MEAN], mean[TILT[1]][MEAN]) = (heel.x, heel.y);
+        let velocity = Vector2::new(mean[0][RATE], mean[1][RATE]);
+        if velocity.norm() > STEERAGE_MPS {
+            let velocity = turn * velocity;
+            (mean[0][RATE], mean[1][RATE]) = (velocity.x, velocity.y);
         }
     }
 
@@ -239,6 +242,10 @@ impl Horizon {
             r[i] += modes.rate[i];
             a[i] += modes.acceleration[i];
         }
+        let turn = mean[5][RATE];
+        let heel = TILT.map(|i| mean[i][MEAN]);
+        r[TILT[0]] -= turn * heel[1];
+        r[TILT[1]] += turn * heel[0];
         let yaw = alight_shared::frames::wrap_angle(v[5]);
         let by_compass = yaw + compass(&mean[5]);
         let (s, c) = by_compass.sin_cos();
@@ -251,8 +258,8 @@ impl Horizon {
         a[2] += dives;
         let bent = mean[0][RATE].hypot(mean[1][RATE]) > STEERAGE_MPS;
         if bent {
-            a[0] -= mean[5][RATE] * mean[1][RATE];
-            a[1] += mean[5][RATE] * mean[0][RATE];
+            a[0] -= turn * mean[1][RATE];
+            a[1] += turn * mean[0][RATE];
         }
         let all: [[f64; 3]; AXES] = core::array::from_fn(var);
         let sd = |i: usize| (all[i][0] + r[i] * r[i] * clock_var).sqrt();
