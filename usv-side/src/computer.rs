@@ -367,6 +367,7 @@ impl Node for VesselComputer {
 
         // Sensors -> estimator -> broadcast, at the rates that the landing drone's link carries.
         self.node.prioritise(self.arbiter.landing(now));
+        self.node.blow(self.drones.wind(now));
         let vessel = self.node.step(now, &input.vessel);
         for (source, before) in self.stuck.iter_mut().enumerate() {
             let stuck = self.node.source(IMU, source).is_stuck;

@@ -5,7 +5,9 @@ use core::fmt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{AttitudeFix, Course, DroneStatus, GnssFix, Header, HeadingFix, ImuSample, Seq, Text};
+use super::{
+    AttitudeFix, Course, CourseAdvice, DroneStatus, GnssFix, Header, HeadingFix, ImuSample, Seq, Text,
+};
 use crate::time::VesselClock;
 
 /// Real sensors of a vessel, at most: each source of bytes may be two of measurements ([`super::MAX_SOURCES`]).
@@ -233,20 +235,6 @@ pub struct SourceUse {
     pub lately: [u64; 2],
 }
 
-/// The heading of the least deck motion beside the present one.
-#[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
-#[repr(C)]
-pub struct HeadingAdvice {
-    /// Present mean heading, deg.
-    pub now_deg: f64,
-    /// Heading of the least tilt, deg.
-    pub quietest_deg: f64,
-    /// Standard deviation of the deck's tilt that is predicted on both, deg.
-    pub tilt_deg: [f64; 2],
-    /// Where the waves come from, deg.
-    pub waves_from_deg: f64,
-}
-
 /// The estimator's health.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
@@ -263,8 +251,8 @@ pub struct EstimatorStatus {
     pub mean_velocity: Option<[f64; 2]>,
     /// Significant wave height, m, and how far the waves' identification is trusted, 0 to 1.
     pub waves: Option<[f64; 2]>,
-    /// Another heading that would be quieter, where the waves' direction is known.
-    pub heading: Option<HeadingAdvice>,
+    /// Advice for the helm, where the waves' directions are known.
+    pub advice: Option<CourseAdvice>,
     /// Measurements outside its chi-square gates: inertial, GNSS, heading.
     pub gated: [u64; 3],
     /// Starts from scratch.
