@@ -38,6 +38,7 @@ mod deck;
 mod drone;
 mod drone_status;
 mod grant;
+mod helm;
 mod mission;
 mod reason;
 mod sensors;
@@ -63,6 +64,7 @@ pub use grant::{
 };
 /// Numbers of which three digits suffice.
 pub use half::f16;
+pub use helm::{HelmEnd, HelmState, HelmStatus, MAX_HELM_TURN_S};
 pub use mission::{
     BatteryPlace, Charge, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, LandingMode,
     MissionCheckpoint, MissionSettings, MissionState, OperatorCommand, Phase, SettingsOrder, State,
@@ -83,7 +85,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 21;
+pub const MESSAGE_VERSION: u16 = 22;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
