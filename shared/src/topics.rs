@@ -293,6 +293,10 @@ mod tests {
                 }; 3],
             ),
             slopes: Seq::filled([10, 20]),
+            advice: Some(CourseAdvice {
+                speed: [5.0, 3.0],
+                ..CourseAdvice::default()
+            }),
         };
         let read = decoded(&WAVE, &wave);
         assert_eq!((read[".modes[2].pole[1]"], read[".slopes[1]"]), (2.0, 20.0));
@@ -381,13 +385,14 @@ mod tests {
     }
 
     /// What is a number and has no unit: counts, numbers of computers, shares, probabilities, ratios.
-    const WITHOUT_UNIT: [&str; 17] = [
+    const WITHOUT_UNIT: [&str; 18] = [
         "boot",
         "sequence",
         "vessel",
         "drone",
         "version",
         "confidence",
+        "likelihood",
         "slopes",
         "newest_boot",
         "owner",

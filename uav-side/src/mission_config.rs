@@ -55,7 +55,7 @@ config! {
         /// What a minute of waiting above the deck costs, as a probability: the more, the sooner a descent begins that is
         /// likely enough, and the less it waits for the calm between two groups of waves.
         /// Chosen: a battery that lasts ten minutes above the deck.
-        pub waiting_cost_per_min: f64 = 0.1, in 0.0..=10.0;
+        pub waiting_cost_per_min: f64 = alight_shared::landing::WAITING_COST_PER_MIN, in 0.0..=10.0;
         /// The predicted deck is feasible up to this horizontal speed, m/s.
         /// Source: The fastest vessel the paper landed on moved at 7 m/s; the drone flies 8.
         pub deck_speed_mps: f64 = 7.5, in 0.01..=50.0;
@@ -66,7 +66,7 @@ config! {
         pub deck_tilt_rad: f64 = 0.45, in 0.01..=1.5;
         /// Coefficient of friction between feet and deck, wet: with it slope and wind are judged in which a landed drone
         /// stays.
-        pub friction: f64 = 0.4, in 0.01..=2.0;
+        pub friction: f64 = alight_shared::landing::FRICTION, in 0.01..=2.0;
         /// Descent needs a detection no older than this, s.
         pub descent_vision_s: f64 = 1.0, in 0.0..=120.0;
         /// Radio no older than this counts as fresh, s.

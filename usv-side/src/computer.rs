@@ -1,7 +1,5 @@
 //! The vessel's computer: its nodes in the order of their data. The simulated world and the process step this one.
 
-use core::f64::consts::PI;
-
 use alight_shared::admission::{Arrival, RejectionReason, Rejections, Sender};
 use alight_shared::mavlink::Signing;
 use alight_shared::msg::{
@@ -17,6 +15,7 @@ mod event;
 pub use event::VesselEvent;
 
 use crate::VesselNodeConfig;
+use crate::advice::{Advice, CourseOutlook};
 use crate::deck::{
     ArbiterIn, DeckArbiter, DeckCheckpoint, DeckConfig, DeckInputs, DroneMonitor, GivenCommand, OperatorIn,
     OperatorRelay,
@@ -220,13 +219,15 @@ impl VesselComputer {
             };
             self.motion = Some((e.header.at, motion));
         }
-        if out.wave.is_some() {
-            // Into the sea.
-            self.advice = self.node.estimator().quietest_heading().map(|(quiet, _)| Goal {
-                heading_rad: quiet.waves_to + PI,
-                speed_mps: 0.0,
-                likelihood: None,
-            });
+        if let (Some(_), Some((_, motion))) = (&out.wave, &self.motion) {
+            let goal = |c: &CourseOutlook| Goal {
+                heading_rad: c.heading_rad,
+                speed_mps: c.speed_mps,
+                likelihood: Some(c.likelihood),
+            };
+            let permitted = |c: &CourseOutlook| self.helm.permits(&goal(c), motion);
+            let advice = self.node.advisor().advice_within(permitted);
+            self.advice = advice.filter(Advice::is_change).map(|a| goal(&a.best));
         }
     }
 
@@ -315,6 +316,7 @@ impl Node for VesselComputer {
 
         // Sensors -> estimator -> broadcast, at the rates that the landing drone's link carries.
         self.node.prioritise(self.arbiter.landing(now));
+        self.node.blow(self.drones.wind(now));
         let vessel = self.node.step(now, &input.vessel);
         self.observe_motion(&vessel);
         for (source, before) in self.stuck.iter_mut().enumerate() {

@@ -1,8 +1,8 @@
 //! The vessel's computer: findings, state and figures.
 
 use alight_shared::msg::{
-    Charge, Closure, Course, DeckStatus, DroneContact, DroneStatus, EstimatorStatus, HeadingAdvice,
-    HelmState, VesselStatus, still_armed,
+    Charge, Closure, Course, CourseAdvice, DeckStatus, DroneContact, DroneStatus, EstimatorStatus, HelmState,
+    VesselStatus, still_armed,
 };
 use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessKind;
@@ -31,7 +31,7 @@ pub fn findings(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Ve
     all.extend(deck(status));
     all.extend(course_findings(&status.deck));
     all.extend(helm_findings(&status.deck));
-    all.extend(status.estimator.heading.as_ref().map(quiet_heading));
+    all.extend(status.estimator.advice.as_ref().map(advised_course));
     all.extend(drones(status));
     all
 }
@@ -199,21 +199,9 @@ fn helm_findings(deck: &DeckStatus) -> Vec<Finding> {
     all
 }
 
-/// The heading that the helm may choose before a landing.
-fn quiet_heading(h: &HeadingAdvice) -> Finding {
-    let [now, there] = h.tilt_deg;
-    let from = format!("waves from {:03.0} deg", h.waves_from_deg);
-    Topic("heading").fine(if there < compass::WORTH_TURNING * now {
-        format!(
-            "{from}; on {:03.0} deg the deck tilts {there:.1} deg, now {now:.1} deg: turn before the landing",
-            h.quietest_deg
-        )
-    } else {
-        format!(
-            "{from}; {:03.0} deg is as quiet as any, the deck tilts {now:.1} deg",
-            h.now_deg
-        )
-    })
+/// The course that the helm may choose before a landing.
+fn advised_course(a: &CourseAdvice) -> Finding {
+    Topic("heading").fine(compass::advice(a))
 }
 
 /// Name of the figures of drones, each of which judges itself.
@@ -322,12 +310,9 @@ pub fn figures(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Vec
     all.push(Figure::of("course", course(status.deck.course), keep));
     let helm = &status.deck.helm;
     all.extend((helm.state != HelmState::Idle).then(|| Figure::of("helm", helm.to_string(), "")));
-    all.extend(status.estimator.heading.as_ref().map(|h| {
-        Figure::of(
-            "heading",
-            format!("{:03.0} deg", h.now_deg),
-            quiet_heading(h).found,
-        )
+    all.extend(status.estimator.advice.as_ref().map(|a| {
+        let now = compass::bearing_deg(a.heading[0]);
+        Figure::of("heading", format!("{now:03.0} deg"), advised_course(a).found)
     }));
     all.push(speed(&status.estimator, s.known.knots));
     all.extend(motion(&status.estimator));

@@ -6,7 +6,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    AttitudeFix, Course, DroneStatus, GnssFix, Header, HeadingFix, HelmStatus, ImuSample, Seq, Text,
+    AttitudeFix, Course, CourseAdvice, DroneStatus, GnssFix, Header, HeadingFix, HelmStatus, ImuSample, Seq,
+    Text,
 };
 use crate::time::VesselClock;
 
@@ -237,20 +238,6 @@ pub struct SourceUse {
     pub lately: [u64; 2],
 }
 
-/// The heading of the least deck motion beside the present one.
-#[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
-#[repr(C)]
-pub struct HeadingAdvice {
-    /// Present mean heading, deg.
-    pub now_deg: f64,
-    /// Heading of the least tilt, deg.
-    pub quietest_deg: f64,
-    /// Standard deviation of the deck's tilt that is predicted on both, deg.
-    pub tilt_deg: [f64; 2],
-    /// Where the waves come from, deg.
-    pub waves_from_deg: f64,
-}
-
 /// The estimator's health.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
@@ -267,8 +254,8 @@ pub struct EstimatorStatus {
     pub mean_velocity: Option<[f64; 2]>,
     /// Significant wave height, m, and how far the waves' identification is trusted, 0 to 1.
     pub waves: Option<[f64; 2]>,
-    /// Another heading that would be quieter, where the waves' direction is known.
-    pub heading: Option<HeadingAdvice>,
+    /// Advice for the helm, where the waves' directions are known.
+    pub advice: Option<CourseAdvice>,
     /// Measurements outside its chi-square gates: inertial, GNSS, heading.
     pub gated: [u64; 3],
     /// Starts from scratch.

@@ -460,6 +460,8 @@ pub struct DroneStatus {
     pub still_armed_s: Option<f32>,
     /// Age of the mission's state when this was sent, s: its process may have ended, or hang.
     pub mission_age_s: f32,
+    /// The true wind, towards north and east, m/s, as far as the mission knows it.
+    pub wind: Option<[f32; 2]>,
 }
 
 /// What to do about a drone that is on the deck and armed, as people read it after its subject.
@@ -529,6 +531,7 @@ message!(DroneStatus, DroneClock, |m| {
     m.deck_distance_m.is_none_or(|d| d >= 0.0) => "deck_distance_m",
     m.still_armed_s.is_none_or(|s| s >= 0.0) => "still_armed_s",
     m.mission_age_s >= 0.0 => "mission_age_s",
+    m.wind.is_none_or(|w| within(&w, MAX_SPEED_MPS)) => "wind",
 });
 message!(MissionState, DroneClock, |m| {
     within(&m.hold_position, MAX_POSITION_M) && within([&m.hold_yaw], 50.0) => "hold_position",

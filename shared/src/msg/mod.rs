@@ -47,9 +47,9 @@ mod text;
 pub mod vessel;
 
 pub use aboard::{
-    Closure, CrewOrder, DeckOrder, DeckStatus, Decoded, DroneContact, EstimatorStatus, FollowsAnother,
-    HeadingAdvice, Line, MAX_DEVICES, MAX_NAMED, MAX_ORDERS, SensorReadings, SourceRemark, SourceReport,
-    SourceStatus, SourceUse, Starved, Unheard, VesselStatus,
+    Closure, CrewOrder, DeckOrder, DeckStatus, Decoded, DroneContact, EstimatorStatus, FollowsAnother, Line,
+    MAX_DEVICES, MAX_NAMED, MAX_ORDERS, SensorReadings, SourceRemark, SourceReport, SourceStatus, SourceUse,
+    Starved, Unheard, VesselStatus,
 };
 pub use deck::{
     DeckForecast, DeckStage, FORECAST_STAGES, LinkState, PREDICTED_SLOPE_STEP_S, PREDICTED_SLOPES,
@@ -75,8 +75,8 @@ pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_
 pub use seq::Seq;
 pub use text::Text;
 pub use vessel::{
-    MAX_MODES, PREDICTION_STAGES, PredictedStage, SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS, TimeReply,
-    TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode, WaveModel,
+    CourseAdvice, MAX_MODES, PREDICTION_STAGES, PredictedStage, SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS,
+    TimeReply, TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode, WaveModel,
 };
 
 use schemars::JsonSchema;

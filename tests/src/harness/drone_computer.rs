@@ -2,7 +2,7 @@
 
 use super::cameras::SimulatedCameras;
 use super::failing::Failing;
-use super::foresight::{Foresight, drift};
+use super::foresight::{Foresight, OdometryError};
 use super::inbox::Inbox;
 use super::link::Checkpoints;
 use super::link::{LinkedAutopilot, MakeLink};
@@ -321,7 +321,7 @@ impl DroneComputer {
             predicted = predictor.step(now, &input);
             let believed = odometry
                 .zip(physics.drone(k))
-                .map(|(d, truth)| drift(&d, now, &truth));
+                .map(|(d, truth)| OdometryError::of(&d, now, &truth));
             if let (Some(foresight), Some(forecast)) = (foresight, &mut predicted.forecast) {
                 foresight.correct(forecast, &clock, &believed.unwrap_or_default());
             }

@@ -1,6 +1,7 @@
 //! Scenario: the world's parameters and the nodes' configurations.
 
 pub mod draws;
+pub mod foresight;
 
 use alight_bridge::BridgeConfig;
 use alight_shared::config;
@@ -18,6 +19,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use self::draws::DrawConfig;
+use self::foresight::ForesightConfig;
 use crate::baselines::Baseline;
 use crate::physics::deck_motion::{DeckMotionConfig, DeckMotionError};
 use crate::physics::drone::DroneConfig;
@@ -181,8 +183,9 @@ config! {
         /// A descent begins at a random moment within 20 s after the drone is steady above the deck, and goes on, however
         /// likely it succeeds: so predicted probability is compared with what happens.
         pub begin_anyway: bool = false;
-        /// The forecasts have the deck's true motion from now on, for an error budget.
-        pub true_prediction: bool = false;
+        /// What the forecasts have of the truth, for an error budget.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub foresight: Option<ForesightConfig> = None;
         /// From the planner's step to the plan's arrival at the pilot, s.
         /// Source: One period of the planner at 50 Hz: the plan is used one period after its
         /// inputs.

@@ -90,8 +90,9 @@ impl World {
         let scenario = &scenario.drawn(streams);
         let physics = Physics::new(scenario, streams)?;
         let foresight = scenario
-            .true_prediction
-            .then(|| Foresight::new(scenario, streams));
+            .foresight
+            .as_ref()
+            .map(|part| Foresight::new(scenario, part, streams));
         Ok(World {
             foresight: foresight.transpose()?,
             vessel: VesselComputer::new(&nodes.vessel, &nodes.deck, VESSEL_ID, BOOT),

@@ -3,6 +3,7 @@
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod advice;
 mod calibration;
 mod contact;
 mod deck_reservation;

@@ -10,14 +10,11 @@ mod battery;
 mod checkpoint;
 mod height;
 mod limits;
-mod normal;
-mod odds;
 mod outlook;
 mod phase;
 mod place;
 mod situation;
 mod states;
-mod staying;
 mod swing;
 mod tilt;
 mod transition;
@@ -37,6 +34,8 @@ mod promise_tests;
 #[cfg(test)]
 mod settings_tests;
 #[cfg(test)]
+mod staying_tests;
+#[cfg(test)]
 mod tests;
 
 pub use crate::mission_config::MissionConfig;
@@ -44,7 +43,8 @@ pub use alight_shared::checkpoint::CheckpointRejection;
 
 use alight_shared::admission::{CommandAdmission, Latest};
 use alight_shared::geodesy::Datum;
-use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
+use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::landing::{Odds, Slopes, Stand, Staying};
 use alight_shared::msg::{
     AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header, MissionCheckpoint,
     MissionSettings, MissionState, Motors, Phase, Plan, RangeSample, Reason, ReasonCode, SetPoint,
@@ -61,14 +61,12 @@ use battery::BatteryMonitor;
 use checkpoint::{Beginning, Begun};
 use height::{HeightWitnesses, Surface};
 use limits::{MATCHES_FROM_M, TAG_HEIGHT_M};
-use odds::Odds;
 use outlook::Outlook;
 use phase::{MissionPhase, Progress, gave_up};
 use place::Place;
 use situation::{ControlState, Deck, OwnState, Promise, Reservation, Situation, rotors_carry, stated_course};
 pub use states::MAX_VESSEL_DISTANCE_M;
 use states::{RADIO_BLIND_S, blind_limit};
-use staying::{Stand, Staying};
 use swing::SwingMonitor;
 use tilt::TiltMonitor;
 use transition::{Decision, decide};
@@ -322,12 +320,8 @@ impl Mission {
     }
     fn judge_anew(&self, now: Time<DroneClock>, s: &mut Situation) {
         let (plate, drone) = (&self.deck_geometry, &self.drone_geometry);
-        let edge = |side_m: f64, span_m: f64| 0.5 * (side_m - span_m);
-        let stand = Stand {
-            friction: self.config.friction * (1.0 + plate.hold_n / (drone.mass_kg * GRAVITY)),
-            edge_m: edge(plate.length_m, drone.feet_span_m[0]).min(edge(plate.width_m, drone.feet_span_m[1])),
-        };
-        s.staying = Staying::of(self.forecast.get(), &self.wind, &stand);
+        let stand = Stand::on(plate, drone, self.config.friction);
+        s.staying = Staying::of(&Slopes::of(self.forecast.get(), &self.wind.push()), &stand);
         let (Some(forecast), Some(deck)) = (self.forecast.get(), s.fresh_deck()) else {
             return;
         };

@@ -10,11 +10,10 @@ use alight_shared::time::{DroneClock, Time};
 use alight_shared::topics;
 use nalgebra::{Vector2, Vector3};
 
-use super::odds::Odds;
-use super::staying::Staying;
 use crate::contingency::Ends;
 use crate::mission_config::MissionConfig;
 use crate::surroundings::ring_m;
+use alight_shared::landing::{Odds, Staying};
 
 /// Whether the drone flies and who controls it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -13,8 +13,8 @@ use nalgebra::{Vector2, Vector3};
 use Does::{Enter, Stay};
 use State::{Approach, Descent, Flare, GetAltitude, Hold, Idle, Landed, Tracking, TrackingStable};
 
-use super::odds::Odds;
 use super::*;
+use alight_shared::landing::Odds;
 
 pub(super) type DroneTime = Time<DroneClock>;
 

@@ -5,9 +5,8 @@
 //! minute, the next one is a draw: to go on waiting is worth it while `E[(P - p)+] > c`, so a landing begins at the `p*` with
 //! `E[(P - p*)+] = c` (DeGroot 1970, Optimal statistical decisions, section 13.4).
 
+use alight_shared::landing::MAX_ODDS;
 use alight_shared::time::{DroneClock, Span, Time};
-
-use super::odds::MAX_ODDS;
 
 /// Likelihoods that are known, one a second: a minute of them.
 const MOST: usize = 60;

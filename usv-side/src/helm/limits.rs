@@ -28,6 +28,18 @@ impl HelmConfig {
         let worth = turn.abs() > WORTH_RAD || (speed_mps - now.speed_mps).abs() > WORTH_MPS;
         (worth && !self.keeps_out(goal.heading_rad)).then_some(goal)
     }
+    /// The skipper permits this course as it is, from the motion `now`; a speed outside its range counts as the nearest in it
+    /// where that makes no difference.
+    pub fn permits(&self, course: &Goal, now: &BoatMotion) -> bool {
+        let turn = wrap_angle(course.heading_rad - now.heading_rad);
+        let [low, high] = self.speed_mps;
+        let speed_off = (course.speed_mps - course.speed_mps.clamp(low, high)).abs();
+        let reached = self.unobstructed(now.heading_rad, turn);
+        turn.abs() <= self.heading_change_deg.to_radians()
+            && speed_off <= WORTH_MPS
+            && (reached - turn).abs() < 0.5 * STEP_RAD
+            && !self.keeps_out(course.heading_rad)
+    }
     /// So much of a turn from `heading` as leads into no sector, rad.
     fn unobstructed(&self, heading: f64, turn: f64) -> f64 {
         let steps = (turn.abs() / STEP_RAD).ceil().max(1.0);
@@ -94,6 +106,22 @@ mod tests {
             c.permitted(&goal(4.0, 5.0), &motion(0.0, 5.2)),
             None,
             "not worth a helm"
+        );
+    }
+
+    #[test]
+    fn courses_that_the_skipper_permits() {
+        let c = HelmConfig {
+            keep_out_deg: vec![[20.0, 40.0]],
+            ..HelmConfig::default()
+        };
+        let permits = |deg: f64, speed_mps: f64| c.permits(&goal(deg, speed_mps), &motion(0.0, 5.2));
+        assert!(permits(-60.0, 2.0) && permits(15.0, 5.2));
+        assert!(!permits(-61.0, 3.0), "too far");
+        assert!(!permits(-30.0, 1.2), "too slow");
+        assert!(
+            !permits(30.0, 3.0) && !permits(45.0, 3.0),
+            "into the sector, and through it"
         );
     }
 

@@ -72,7 +72,7 @@ pub struct HelmIn {
     pub demand: Demand,
     /// The newest estimate of the vessel's motion, and its time.
     pub motion: Option<(Time<VesselClock>, BoatMotion)>,
-    /// The best course, where one is known.
+    /// The best course, where one is better than the present.
     pub advice: Option<Goal>,
     /// The skipper's answers by order.
     pub answers: Vec<bool>,
@@ -263,6 +263,11 @@ impl HelmNode {
     /// The boat's autopilot is configured, and silent.
     pub fn is_silent(&self, now: Time<VesselClock>) -> bool {
         self.config.output != HelmOutput::None && !self.autopilot.read_back(now).present
+    }
+    /// Skipper and autopilot permit this course, from the motion `now`.
+    pub fn permits(&self, course: &Goal, now: &BoatMotion) -> bool {
+        let keeps_speed = (course.speed_mps - now.speed_mps).abs() < 0.5;
+        (self.autopilot.steers_speed() || keeps_speed) && self.config.permits(course, now)
     }
     /// What the next start of the process begins with.
     pub fn checkpoint(&self) -> Option<HelmCheckpoint> {

@@ -14,13 +14,13 @@
 //!
 //! Both are averaged over the friction (Gauss and Hermite, three nodes).
 
-use alight_shared::estimation::moments;
-use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::{DeckForecast, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, SLOPE_WINDOW_S};
 use nalgebra::Vector2;
 
 use super::normal::{below, norm};
-use super::wind::WindMonitor;
+use super::wind::WindPush;
+use crate::estimation::moments;
+use crate::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
+use crate::msg::{DeckForecast, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS};
 
 /// Of the wind's acceleration in flight, a drone that stands with its rotors stopped has this part: half, since rotors that
 /// turn have as much drag as the body, and less by the wind's profile above water and deck.
@@ -73,10 +73,55 @@ pub struct Stand {
     pub edge_m: f64,
 }
 
+impl Stand {
+    /// A drone on a deck: friction and the force that holds it, and the nearest edge.
+    pub fn on(deck: &DeckGeometry, drone: &DroneGeometry, friction: f64) -> Stand {
+        let edge = |side_m: f64, span_m: f64| 0.5 * (side_m - span_m);
+        Stand {
+            friction: friction * (1.0 + deck.hold_n / (drone.mass_kg * GRAVITY)),
+            edge_m: edge(deck.length_m, drone.feet_span_m[0]).min(edge(deck.width_m, drone.feet_span_m[1])),
+        }
+    }
+}
+
+/// Most force that a deck is asked to hold with, N.
+const MAX_HOLD_N: u32 = 1000;
+
+/// The smallest `hold_n` (whole newtons) of this deck with which a drone that these slopes move stays with at least
+/// `probability`; None where no force up to 1 kN is enough.
+pub fn needed_hold_n(
+    slopes: &Slopes,
+    (deck, drone): (&DeckGeometry, &DroneGeometry),
+    friction: f64,
+    probability: f64,
+) -> Option<f64> {
+    let stays = |hold: u32| {
+        let hold_n = f64::from(hold);
+        let stand = Stand::on(&DeckGeometry { hold_n, ..*deck }, drone, friction);
+        Staying::of(slopes, &stand).probability >= probability
+    };
+    // The probability grows with the force: between one that is too small and one that is enough.
+    let (mut small, mut enough) = (0, MAX_HOLD_N);
+    if stays(small) {
+        return Some(0.0);
+    }
+    if !stays(enough) {
+        return None;
+    }
+    while enough - small > 1 {
+        let middle = (small + enough) / 2;
+        if stays(middle) {
+            enough = middle;
+        } else {
+            small = middle;
+        }
+    }
+    Some(f64::from(enough))
+}
+
 impl Staying {
-    /// By the forecast's slopes, predicted and measured, and the wind.
-    pub fn of(forecast: Option<&DeckForecast>, wind: &WindMonitor, stand: &Stand) -> Staying {
-        let slopes = Slopes::of(forecast, wind);
+    /// Probability by the slopes, predicted and measured, and the wind.
+    pub fn of(slopes: &Slopes, stand: &Stand) -> Staying {
         let given = |(sds, weight): (f64, f64)| {
             let friction = stand.friction * (1.0 + FRICTION_SD * sds);
             weight * slopes.hold(friction) * slopes.keep(friction, stand.edge_m)
@@ -88,7 +133,8 @@ impl Staying {
 }
 
 /// What moves a drone that stands, as slopes.
-struct Slopes {
+#[derive(Clone, Debug, PartialEq)]
+pub struct Slopes {
     /// Steepest of each predicted wave with the wind, and the spread of its prediction.
     predicted: Vec<(f64, f64)>,
     /// The steepest measured in each span, the newest first.
@@ -101,8 +147,9 @@ struct Slopes {
 }
 
 impl Slopes {
-    fn of(forecast: Option<&DeckForecast>, wind: &WindMonitor) -> Slopes {
-        let push = wind.mean() * (STANDING / GRAVITY);
+    /// By a forecast, predicted and measured.
+    pub fn of(forecast: Option<&DeckForecast>, wind: &WindPush) -> Slopes {
+        let push = wind.mean * (STANDING / GRAVITY);
         let slope = |s: &[i8; 2]| Vector2::new(f64::from(s[0]), f64::from(s[1])) * SLOPE_STEP;
         let predicted: Vec<Vector2<f64>> = forecast
             .map(|f| f.predicted_slopes.iter().map(slope).collect())
@@ -126,7 +173,27 @@ impl Slopes {
                 .map(|f| f.slopes.iter().map(|s| f64::from(*s) * SLOPE_STEP).collect())
                 .unwrap_or_default(),
             bias: (mean - push).norm(),
-            gust: wind.gust_sd() * STANDING / GRAVITY,
+            gust: wind.gust_sd * STANDING / GRAVITY,
+            push,
+        }
+    }
+    /// In a sea of which no single wave is predicted: the standard deviation `slope_sd` of the slope about its mean
+    /// `mean` (NED). Its peaks are taken as Rayleigh's, `s = sd sqrt(-2 ln(1 - p))`, each window of the two minutes one
+    /// quantile, an ordinary one the newest.
+    pub fn in_sea(slope_sd: f64, mean: Vector2<f64>, wind: &WindPush) -> Slopes {
+        let push = wind.mean * (STANDING / GRAVITY);
+        let quantile = |k: usize| {
+            let p = (k as f64 + 0.5) / SLOPE_WINDOWS as f64;
+            slope_sd * (-2.0 * (1.0 - p).ln()).sqrt()
+        };
+        let middle = SLOPE_WINDOWS / 2;
+        Slopes {
+            predicted: Vec::new(),
+            measured: (0..SLOPE_WINDOWS)
+                .map(|k| quantile((k + middle) % SLOPE_WINDOWS))
+                .collect(),
+            bias: (mean - push).norm(),
+            gust: wind.gust_sd * STANDING / GRAVITY,
             push,
         }
     }
@@ -184,78 +251,43 @@ fn tilt_sd(forecast: Option<&DeckForecast>, ahead_s: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::DeckStage;
 
-    /// The least probability of the shipped configuration.
-    fn likely(p: f64) -> bool {
-        p >= super::super::MissionConfig::default().min_probability
-    }
-    fn of(predicted: &[i8], measured: &[u8], wind_mps2: f64) -> f64 {
-        let mut f = DeckForecast::default();
-        for s in predicted {
-            // Against the wind's push, which adds to it.
-            f.predicted_slopes.push([-*s, 0]).unwrap();
-        }
-        measured.iter().for_each(|s| f.slopes.push(*s).unwrap());
-        let stage = DeckStage {
-            euler_sd: [0.02; 3],
-            ..DeckStage::default()
-        };
-        f.stages.push(stage).unwrap();
+    #[test]
+    fn staying_in_a_sea() {
         let stand = Stand {
             friction: 0.4,
             edge_m: 0.65,
         };
-        Staying::of(Some(&f), &WindMonitor::steady(wind_mps2), &stand).probability
-    }
-
-    /// Slopes to and fro, four seconds each.
-    fn waves(s: i8) -> [i8; 48] {
-        core::array::from_fn(|k| if (k / 16).is_multiple_of(2) { s } else { -s })
-    }
-
-    #[test]
-    fn probability_of_staying_by_slope_and_wind() {
-        assert!(of(&[], &[], 0.0) > 0.999);
-        assert!(likely(of(&waves(10), &[10; 60], 0.5)));
-        assert!(!likely(of(&waves(26), &[10; 60], 0.0)));
-        // A steep wave after the drone has come to rest is another landing's.
-        let mut late = waves(10);
-        late[45] = 60;
-        assert!(likely(of(&late, &[10; 60], 0.0)));
-        // Slope and wind, each of which it would bear alone.
-        assert!(!likely(of(&waves(16), &[10; 60], 2.0)));
-        assert!(likely(of(&waves(16), &[10; 60], 0.0)) && likely(of(&waves(2), &[2; 60], 2.0)));
-        assert!(!likely(of(&[], &[], 7.0)));
-    }
-
-    #[test]
-    fn slope_measured_a_moment_ago() {
-        let mut measured = [10; 60];
-        measured[1] = 45;
-        assert!(!likely(of(&waves(10), &measured, 0.0)));
-        measured.swap(1, 10);
-        assert!(likely(of(&waves(10), &measured, 0.0)));
-    }
-
-    #[test]
-    fn drift_by_waves_and_wind_together() {
-        // Waves that slip it to either side alike, and the own wind of a vessel at 8 m/s.
-        let mut steep = [22; 60];
-        (steep[0], steep[1]) = (5, 5);
-        assert!(likely(of(&[0; 48], &steep, 0.0)));
-        assert!(!likely(of(&[0; 48], &steep, 2.0)) && likely(of(&[0; 48], &[10; 60], 2.0)));
-        // Trim and heel push as a wind does.
-        assert!(!likely(of(&[8; 48], &steep, 0.0)));
-    }
-
-    #[test]
-    fn probability_that_is_no_number() {
-        let stand = Stand {
-            friction: f64::NAN,
-            edge_m: 0.65,
+        let p = |slope_sd: f64, wind: f64| {
+            let wind = WindPush {
+                mean: Vector2::new(wind, 0.0),
+                gust_sd: 0.0,
+            };
+            Staying::of(&Slopes::in_sea(slope_sd, Vector2::zeros(), &wind), &stand).probability
         };
-        let p = Staying::of(None, &WindMonitor::default(), &stand).probability;
-        assert!(!likely(p));
+        assert!(p(0.02, 0.0) > 0.99 && p(0.15, 0.0) < 0.5);
+        let steeper = (1..12).map(|k| p(0.02 * f64::from(k), 0.0));
+        assert!(steeper.clone().zip(steeper.skip(1)).all(|(a, b)| a >= b - 1e-9));
+        // A wind that adds to it.
+        assert!(p(0.08, 3.0) < p(0.08, 0.0));
+    }
+
+    #[test]
+    fn holding_force_that_a_sea_needs() {
+        let pair = (&DeckGeometry::default(), &DroneGeometry::default());
+        let needed = |slope_sd: f64| {
+            let slopes = Slopes::in_sea(slope_sd, Vector2::zeros(), &WindPush::default());
+            (slopes.clone(), needed_hold_n(&slopes, pair, 0.4, 0.95))
+        };
+        assert_eq!(needed(0.01).1, Some(0.0));
+        let (slopes, force) = needed(0.15);
+        let force = force.unwrap();
+        assert!(force > 5.0 && force < 100.0, "{force}");
+        let stays = |hold_n: f64| {
+            let deck = DeckGeometry { hold_n, ..*pair.0 };
+            Staying::of(&slopes, &Stand::on(&deck, pair.1, 0.4)).probability
+        };
+        assert!(stays(force) >= 0.95 && stays(force - 1.0) < 0.95);
+        assert_eq!(needed(f64::NAN).1, None);
     }
 }

@@ -1,6 +1,6 @@
 //! The probability of each limit of a good landing, and of all.
 
-use alight_shared::msg::{Reason, ReasonCode};
+use crate::msg::{Reason, ReasonCode};
 
 /// No landing is more likely than this: 1 of 100 fails of what is in no model.
 pub const MAX_ODDS: f64 = 0.99;
