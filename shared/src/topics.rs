@@ -124,7 +124,7 @@ topics! {
     /// The vessel's answer.
     TIME_REPLY: "time/reply", msg::TimeReply<VesselClock, DroneClock>, Radio, 2.0 Hz, 64, 2000 ms, 2 deep;
     /// Whose the vessel's deck is.
-    DECK: "deck", msg::DeckGrant<VesselClock>, Radio, 2.0 Hz, 80, 2000 ms, 2 deep;
+    DECK: "deck", msg::DeckGrant<VesselClock>, Radio, 2.0 Hz, 112, 2000 ms, 2 deep;
     /// An operator's command, from the operator to the vessel and from the vessel to a drone.
     OPERATOR: "command", msg::OperatorCommand<VesselClock>, Radio, 0.1 Hz, 64, 5000 ms, 2 deep;
     /// Statuses of drones as the vessel received them, for operators.

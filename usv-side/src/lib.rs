@@ -11,6 +11,7 @@
 //! | [`rate_control`] | the rates that the radio carries |
 //! | [`followed`] | whether the drones listen to this computer, or to another with its identity |
 //! | [`deck`] | the deck arbiter and the operator relay |
+//! | [`helm`] | steers the vessel for a landing, with the skipper's consent |
 //! | [`calibrate`], [`log`], [`review`] | offline: nothing of them runs in flight |
 
 pub mod advice;
@@ -18,11 +19,14 @@ pub mod calibrate;
 pub mod computer;
 pub mod config;
 pub mod deck;
+pub mod demand;
 pub mod estimator;
 #[cfg(test)]
 mod fixtures;
 pub mod followed;
+pub mod helm;
 pub mod log;
+mod mavlink_systems;
 pub mod node;
 pub mod rate_control;
 pub mod review;

@@ -1,7 +1,7 @@
 //! The vessel's computer: findings, state and figures.
 
 use alight_shared::msg::{
-    Charge, Closure, Course, CourseAdvice, DeckStatus, DroneContact, DroneStatus, EstimatorStatus,
+    Charge, Closure, Course, CourseAdvice, DeckStatus, DroneContact, DroneStatus, EstimatorStatus, HelmState,
     VesselStatus, still_armed,
 };
 use alight_shared::transport::metrics::MetricName;
@@ -12,7 +12,7 @@ use super::situation::{KnownVessel, Situation};
 use super::sources::{self, MISSING_S, estimator, source};
 use super::{ARMED_REMEDY, Figure, StateView, certificate, compass, course, go, processes};
 use crate::process::snapshot::time;
-use crate::vessel::{deck_inputs, helm_lamp};
+use crate::vessel::{deck_inputs, helm, helm_lamp};
 
 /// A drone reports at 2 Hz; without a report for this long it is out of reach, s.
 pub const LOST_CONTACT_S: f64 = 5.0;
@@ -30,6 +30,7 @@ pub fn findings(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Ve
     all.push(unauthorised_peers(s, known));
     all.extend(deck(status));
     all.extend(course_findings(&status.deck));
+    all.extend(helm_findings(&status.deck));
     all.extend(status.estimator.advice.as_ref().map(advised_course));
     all.extend(drones(status));
     all
@@ -175,6 +176,29 @@ fn course_findings(deck: &DeckStatus) -> Vec<Finding> {
     all
 }
 
+/// The handshake about the helm, where there is one.
+fn helm_findings(deck: &DeckStatus) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("helm");
+    let helm = &deck.helm;
+    let mut all: Vec<Finding> = deck
+        .helm_error
+        .iter()
+        .map(|e| TOPIC.warning(e.as_str(), helm::REMEDY))
+        .collect();
+    all.extend(match helm.state {
+        HelmState::Idle => None,
+        HelmState::Asked => Some(TOPIC.stopping(
+            format!("{helm}: MAY THE COMPUTER STEER?"),
+            "look for traffic, then: alight command helm yes, or no; without an answer the drone lands as it is",
+        )),
+        HelmState::Agreed | HelmState::Steady | HelmState::Done => {
+            Some(TOPIC.fine(format!("{helm}; a hand on the helm, or alight command helm no, ends it")))
+        }
+        HelmState::Withdrawn => Some(TOPIC.warning(helm.to_string(), "the boat steers as its skipper has it")),
+    });
+    all
+}
+
 /// The course that the helm may choose before a landing.
 fn advised_course(a: &CourseAdvice) -> Finding {
     Topic("heading").fine(compass::advice(a))
@@ -285,6 +309,8 @@ pub fn figures(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Vec
     };
     all.push(Figure::of("course", course(status.deck.course), keep));
     all.extend(status.estimator.advice.as_ref().map(compass::figure));
+    let helm = &status.deck.helm;
+    all.extend((helm.state != HelmState::Idle).then(|| Figure::of("helm", helm.to_string(), "")));
     all.push(speed(&status.estimator, s.known.knots));
     all.extend(motion(&status.estimator));
     let sources = s.sources();

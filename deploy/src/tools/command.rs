@@ -43,15 +43,21 @@ pub enum Order {
     Steady,
     /// On the vessel: she turns or may turn, until `steady` is ordered.
     Turning,
+    /// On the vessel: the skipper's answer, whether the computer may steer.
+    Helm,
 }
 
-/// Order of the crew for the deck.
+/// Order of the crew for the deck, or the skipper's answer about the helm.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum CrewOrder {
     /// Nobody descends; a descent that is still high is broken off.
     Closed,
     /// It is free, but for drones that report from it.
     Open,
+    /// The computer may steer for this landing, within the limits of vessel.toml.
+    Yes,
+    /// It may not; the helm is given back at once.
+    No,
 }
 
 impl Order {
@@ -61,7 +67,7 @@ impl Order {
             Order::Land => Some(CommandKind::Land),
             Order::Abort => Some(CommandKind::Abort),
             Order::Hold => Some(CommandKind::Hold),
-            Order::Status | Order::Deck | Order::Steady | Order::Turning => None,
+            Order::Status | Order::Deck | Order::Steady | Order::Turning | Order::Helm => None,
         }
     }
 }
@@ -74,20 +80,21 @@ From ashore: alight command abort --drone 2 --vessel quic/192.168.7.1:7447 --key
 A simulated landing: alight command abort --instance land\n\
 On the vessel: sudo -u alight alight command deck closed\n  \
 sudo -u alight alight command deck open --drone 2   (which is not above it)\n  \
-sudo -u alight alight command steady --for 60\n\
+sudo -u alight alight command steady --for 60\n  \
+sudo -u alight alight command helm yes            (the computer may steer)\n\
 Exit codes: 0 the mission or the vessel took it, 1 it did not in time, 2 bad input or no mission answers."
 )]
 pub struct CommandArgs {
     /// What to command
     #[arg(value_enum)]
     pub order: Order,
-    /// With `deck`: closed or open
-    #[arg(value_enum, required_if_eq("order", "deck"))]
+    /// With `deck`: closed or open; with `helm`: yes or no
+    #[arg(value_enum, required_if_eq_any([("order", "deck"), ("order", "helm")]))]
     pub deck: Option<CrewOrder>,
     /// With `steady`: for so long, s; 0: nothing is stated any more
     #[arg(long = "for", value_name = "SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u32).range(0..=3600))]
     pub for_s: u32,
-    /// Configuration of the drone's computer, with `deck`, `steady` and `turning` of the vessel's (TOML) [default:
+    /// Configuration of the drone's computer, with `deck`, `steady`, `turning` and `helm` of the vessel's (TOML) [default:
     /// /etc/alight/drone.toml or /etc/alight/vessel.toml; without the drone's: of a landing that runs here]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
@@ -121,14 +128,16 @@ impl CommandArgs {
 /// Commands, waits for the mission's answer and shows it.
 pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
     match (args.order, args.deck) {
-        (Order::Deck, Some(word)) => return deck(args, word),
+        (Order::Deck, Some(word @ (CrewOrder::Closed | CrewOrder::Open))) => return deck(args, word),
+        (Order::Helm, Some(word @ (CrewOrder::Yes | CrewOrder::No))) => {
+            return course(args, DeckOrder::Helm(word == CrewOrder::Yes));
+        }
         (Order::Steady, None) => return course(args, DeckOrder::Steady(args.for_s)),
         (Order::Turning, None) => return course(args, DeckOrder::Turning),
-        (
-            Order::Land | Order::Abort | Order::Hold | Order::Status | Order::Steady | Order::Turning,
-            Some(_),
-        ) => {
-            return Err(CliError("closed and open belong to `alight command deck`".into()));
+        (_, Some(_)) => {
+            return Err(CliError(
+                "closed and open belong to `alight command deck`, yes and no to `alight command helm`".into(),
+            ));
         }
         (_, None) => {}
     }
@@ -175,7 +184,7 @@ const NOT_TAKEN: &str =
 fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
     if let Some(drone) = args.drone {
         return Err(CliError(format!(
-            "--drone {drone}: the course is stated for every drone"
+            "--drone {drone}: course and helm are the vessel's, for every drone"
         )));
     }
     let newest = order_aboard(args, "the course is stated", order)?;
@@ -183,6 +192,8 @@ fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
         _ if newest.is_none() => NOT_TAKEN,
         DeckOrder::Steady(0) => "nothing is stated of the course",
         DeckOrder::Steady(_) => "course and speed are kept; a turn at the helm's switch counts more",
+        DeckOrder::Helm(true) => "the computer may steer while it asks: alight status shows whether it does",
+        DeckOrder::Helm(false) => "the computer does not steer for this landing",
         DeckOrder::Turning | DeckOrder::Closed | DeckOrder::Open | DeckOrder::Clear(_) => {
             "no drone descends while she turns"
         }
@@ -198,6 +209,9 @@ fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
 /// Whether drones may descend.
 fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
     let order = match (word, args.drone) {
+        (CrewOrder::Yes | CrewOrder::No, _) => {
+            return Err(CliError("yes and no belong to `alight command helm`".into()));
+        }
         (CrewOrder::Closed, None) => DeckOrder::Closed,
         (CrewOrder::Open, None) => DeckOrder::Open,
         (CrewOrder::Open, Some(drone)) => DeckOrder::Clear(drone),
@@ -217,7 +231,7 @@ fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
             CrewOrder::Open if closed => {
                 "the order is taken, but switch or sensor keep the deck closed: alight status"
             }
-            CrewOrder::Open => "the deck is open",
+            CrewOrder::Open | CrewOrder::Yes | CrewOrder::No => "the deck is open",
         });
         let unheard = newest.iter().flat_map(|s| s.deck.unheard.iter());
         for drone in unheard.filter(|_| word == CrewOrder::Open) {

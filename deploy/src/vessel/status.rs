@@ -22,6 +22,8 @@ pub struct Errors {
     pub inputs: Vec<String>,
     /// The lamp at the helm cannot be driven.
     pub lamp: Option<String>,
+    /// The boat's autopilot cannot be steered.
+    pub helm: Option<String>,
 }
 
 /// Collects what the process knows.
@@ -165,5 +167,7 @@ fn deck(now: Time<VesselClock>, node: &alight_usv::VesselComputer, errors: &Erro
         lamp_error: errors.lamp.as_ref().map(line),
         course: arbiter.course(now),
         wants_steady: arbiter.wants_steady(now),
+        helm: node.helm().status(),
+        helm_error: errors.helm.as_ref().map(line),
     }
 }

@@ -11,7 +11,7 @@ mod staying;
 mod wind;
 
 pub use contact::{BLIND_S, CONTACT_MPS, Contact, Margins, REACTION_S, alignment_mps};
-pub use odds::{Limit, Odds};
+pub use odds::{Limit, MAX_ODDS, Odds};
 pub use staying::{Slopes, Stand, Staying, needed_hold_n};
 pub use wind::{DRAG_PER_M, LINEAR_MPS, TURBULENCE, WindPush, drag, wind_during_alignment};
 

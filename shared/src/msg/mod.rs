@@ -38,6 +38,7 @@ mod deck;
 mod drone;
 mod drone_status;
 mod grant;
+mod helm;
 mod mission;
 mod reason;
 mod sensors;
@@ -63,6 +64,7 @@ pub use grant::{
 };
 /// Numbers of which three digits suffice.
 pub use half::f16;
+pub use helm::{HelmEnd, HelmState, HelmStatus, MAX_HELM_TURN_S};
 pub use mission::{
     BatteryPlace, Charge, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, LandingMode,
     MissionCheckpoint, MissionSettings, MissionState, OperatorCommand, Phase, SettingsOrder, State,

@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::DECK_CLOSED;
+use super::helm::compass_deg;
 use crate::autopilot_parameters::{REQUESTS, numbered};
 
 /// Why a transition happened, or why the next one does not.
@@ -157,6 +158,8 @@ pub enum ReasonCode {
     NotIdentified,
     /// The tags of a vessel that is not received are detected.
     TagsInSight,
+    /// The vessel's computer turns her to a better heading, rad, on which she is steady in this time, s.
+    HelmTurns,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -353,6 +356,11 @@ impl fmt::Display for Reason {
             ReasonCode::TooNear => write!(f, "{v:.2} m above the deck (lowest {l:.2})"),
             ReasonCode::Matched => write!(f, "matched the deck at {v:.1} m for {l:.0} s: climbs"),
             ReasonCode::VesselTurns => write!(f, "the vessel states that she turns"),
+            ReasonCode::HelmTurns => write!(
+                f,
+                "waits for the vessel to be steady on {:03.0} deg, {l:.0} s",
+                compass_deg(v)
+            ),
             ReasonCode::OrderExpired => write!(
                 f,
                 "the order to land has ended after {v:.0} s in which the drone did not begin (limit {l:.0}): give it again"

@@ -10,6 +10,7 @@ mod deck_reservation;
 mod estimate_jumps;
 mod estimator;
 mod faults;
+mod helm;
 mod hulls;
 mod interrupted_landing;
 mod keep_out;

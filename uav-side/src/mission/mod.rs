@@ -30,6 +30,8 @@ mod ladder_tests;
 #[cfg(test)]
 mod node_tests;
 #[cfg(test)]
+mod promise_tests;
+#[cfg(test)]
 mod settings_tests;
 #[cfg(test)]
 mod staying_tests;
@@ -62,7 +64,7 @@ use limits::{MATCHES_FROM_M, TAG_HEIGHT_M};
 use outlook::Outlook;
 use phase::{MissionPhase, Progress, gave_up};
 use place::Place;
-use situation::{ControlState, Deck, OwnState, Reservation, Situation, rotors_carry, stated_course};
+use situation::{ControlState, Deck, OwnState, Promise, Reservation, Situation, rotors_carry, stated_course};
 pub use states::MAX_VESSEL_DISTANCE_M;
 use states::{RADIO_BLIND_S, blind_limit};
 use swing::SwingMonitor;
@@ -404,6 +406,7 @@ impl Mission {
             }),
             reservation: Reservation::of(self.grant.get(), self.drone_id, now, c),
             course: stated_course(self.grant.get(), now),
+            promise: Promise::of(self.grant.get(), now),
             place: self
                 .grant
                 .get()

@@ -4,7 +4,7 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Course, DECK_CLOSED, DeckForecast, DeckGrant, DeckStage, DroneState,
-    LandedState, LandingMode, Reason, ReasonCode, VesselLevel, WAITING_DISTANCE_M, WaitingPlace,
+    HelmState, LandedState, LandingMode, Reason, ReasonCode, VesselLevel, WAITING_DISTANCE_M, WaitingPlace,
 };
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::topics;
@@ -132,6 +132,30 @@ pub fn stated_course(grant: Option<&DeckGrant<DroneClock>>, now: Time<DroneClock
     match grant.course {
         Course::Turning if age > topics::DECK.stale_after => Course::Unknown,
         course @ (Course::Unknown | Course::Steady(_) | Course::Turning) => course.after(age.secs()),
+    }
+}
+
+/// A steady course that the vessel's helm turns to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Promise {
+    /// Heading, rad from north.
+    pub heading_rad: f64,
+    /// The vessel is steady on it in so long, s.
+    pub steady_in_s: f64,
+    /// Probability of a landing then, 0 to 1.
+    pub likelihood: f64,
+}
+
+impl Promise {
+    /// What the newest grant promises at `now`; one that is not repeated is none.
+    pub fn of(grant: Option<&DeckGrant<DroneClock>>, now: Time<DroneClock>) -> Option<Promise> {
+        let grant = grant.filter(|g| now - g.header.at <= topics::DECK.stale_after)?;
+        let (helm, age_s) = (&grant.helm, (now - grant.header.at).secs());
+        (helm.state == HelmState::Agreed).then(|| Promise {
+            heading_rad: helm.heading_rad.into(),
+            steady_in_s: (f64::from(helm.steady_in_s) - age_s).max(0.0),
+            likelihood: helm.likelihood.into(),
+        })
     }
 }
 
@@ -376,6 +400,8 @@ pub struct Situation {
     pub reservation: Reservation,
     /// What the vessel's helm states of her course, from now on.
     pub course: Course,
+    /// The steady course that she turns to.
+    pub promise: Option<Promise>,
     /// Where it waits for the deck; None: nowhere, or it reserves none.
     pub place: Option<WaitingPlace>,
     /// The pilot has stopped the motors.

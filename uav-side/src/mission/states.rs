@@ -2,9 +2,9 @@
 
 use alight_shared::msg::ReasonCode::{
     ArmedAgain, Commanded, CourseEnds, Descending, DescendingTo, Deviated, FlareHeight, Flaring,
-    HeightReached, InSight, Infeasible, Matched, Matching, Missed, NoPlace, NoPlan, NoVessel, NoVision,
-    NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, Operator, Permitted, Recovered, Steady,
-    Swings, TagsInSight, TiltExcess, TooFar, TooFast, TooNear, TooSteep, VesselTooFar, VesselTurns,
+    HeightReached, HelmTurns, InSight, Infeasible, Matched, Matching, Missed, NoPlace, NoPlan, NoVessel,
+    NoVision, NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, Operator, Permitted, Recovered,
+    Steady, Swings, TagsInSight, TiltExcess, TooFar, TooFast, TooNear, TooSteep, VesselTooFar, VesselTurns,
     VisionLost,
 };
 use alight_shared::msg::{Course, PLACES, Reason, ReasonCode, VesselLevel};
@@ -19,6 +19,7 @@ use super::phase::{
     moving_place, old_data,
 };
 use super::situation::{ControlState, Deck, Reservation, Situation};
+use super::waiting::promised;
 use crate::mission_config::MissionConfig;
 
 /// What the state of `phase` does in this situation.
@@ -331,8 +332,14 @@ fn landing_s(deck: &Deck, c: &MissionConfig) -> f64 {
     descent_m / c.descent_mps + c.flare_clearance_m / c.flare_mps + DECISION_TIMEOUT_S
 }
 
-/// Why no descent begins by what the helm states of the vessel's course.
+/// Why no descent begins by what the helm states of the vessel's course. A turn to a course that is promised is worth its
+/// waiting unless the odds of a landing now are better: then the helm keeps what is.
 fn course_rejection(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Reason> {
+    if let Some(p) = s.promise {
+        let worth = promised(p.likelihood, p.steady_in_s, c.waiting_cost_per_s());
+        let waits = s.odds.is_none_or(|odds| odds.whole() < worth);
+        return waits.then(|| Reason::new(HelmTurns, p.heading_rad, p.steady_in_s));
+    }
     match s.course {
         Course::Unknown => None,
         Course::Steady(left_s) => exceeds(CourseEnds, landing_s(deck, c), f64::from(left_s)),
@@ -342,7 +349,7 @@ fn course_rejection(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Rea
 
 /// Why a landing that is not committed is broken off: the deck is another's, or the helm states a turn.
 fn withdrawn(progress: &Progress, s: &Situation) -> Option<Reason> {
-    let turns = s.course == Course::Turning && !progress.is_urgent();
+    let turns = s.course == Course::Turning && s.promise.is_none() && !progress.is_urgent();
     (s.reservation.lost()).or_else(|| turns.then(|| VesselTurns.into()))
 }
 

@@ -87,6 +87,7 @@ pub(super) fn fair() -> Situation {
         outside_m: -0.6,
         reservation: Reservation::NotNeeded,
         course: Course::Unknown,
+        promise: None,
         place: None,
         motors_stopped: false,
         rotors_carry: Some(true),

@@ -27,8 +27,8 @@ use core::mem::discriminant;
 
 use alight_shared::admission::check_message;
 use alight_shared::msg::{
-    Closure, Course, DECK_CLOSED, DeckGrant, DeckOrder, DroneStatus, Header, LandedState, PLACES, ReasonCode,
-    Starved, State, Unheard,
+    Closure, Course, DECK_CLOSED, DeckGrant, DeckOrder, DroneStatus, Header, HelmStatus, LandedState, PLACES,
+    ReasonCode, Starved, State, Unheard,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time, VesselClock};
@@ -36,6 +36,7 @@ use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
 mod claim;
+mod demand;
 
 use super::MAX_DRONES;
 use super::checkpoint::{Claim, DeckCheckpoint, DroneClaim};
@@ -83,6 +84,7 @@ struct Drone {
     flies: bool,
     /// 0 to 1; None: not reported.
     battery: Option<f64>,
+    armed: bool,
     /// Is on its way down, or begins no descent because of the vessel's course.
     wants_steady: bool,
 }
@@ -150,7 +152,7 @@ impl Drone {
 fn wants_steady(status: &DroneStatus) -> bool {
     let waits = matches!(
         status.waiting.code,
-        ReasonCode::VesselTurns | ReasonCode::CourseEnds | ReasonCode::TurnTooFast
+        ReasonCode::VesselTurns | ReasonCode::CourseEnds | ReasonCode::TurnTooFast | ReasonCode::HelmTurns
     );
     waits || matches!(status.state, State::Descent | State::Flare)
 }
@@ -164,6 +166,8 @@ pub struct ArbiterIn {
     pub orders: Vec<DeckOrder>,
     /// Digital inputs.
     pub inputs: DeckInputs,
+    /// Where the handshake about the helm stands.
+    pub helm: HelmStatus,
     /// At the first step, that of the former start.
     pub checkpoint: Option<DeckCheckpoint>,
 }
@@ -345,6 +349,7 @@ impl DeckArbiter {
             at_deck: false,
             flies: false,
             battery: None,
+            armed: false,
             wants_steady: false,
         });
         self.drones = drones.collect();
@@ -412,6 +417,7 @@ impl DeckArbiter {
             at_deck: Claim::is_at_deck(status),
             flies: claim::flies(status),
             battery: status.battery,
+            armed: status.armed,
             wants_steady: wants_steady(status),
         };
         match index.and_then(|k| self.drones.get_mut(k)) {
@@ -428,6 +434,8 @@ impl DeckArbiter {
             DeckOrder::Closed => self.closed = Some(Closure::Crew),
             DeckOrder::Open => self.open(now, None),
             DeckOrder::Clear(drone) => self.open(now, Some(drone)),
+            // The helm's.
+            DeckOrder::Helm(_) => {}
         }
     }
 
@@ -539,6 +547,7 @@ impl Node for DeckArbiter {
         self.switch = reading(input.inputs.closed).or(self.switch);
         self.sensor = reading(input.inputs.occupied).or(self.sensor);
         self.course.switch = reading(input.inputs.turning).or(self.course.switch);
+        let helm_changed = core::mem::replace(&mut self.course.helm, input.helm).state != input.helm.state;
         let owner = self.assign(now);
         if owner != self.owner {
             // The new owner's idle time begins; the former owner joins the end of the queue.
@@ -562,7 +571,7 @@ impl Node for DeckArbiter {
         }
         let (published, course) = (self.published(now), self.course(now));
         let same = published == self.published && discriminant(&course) == discriminant(&self.stated);
-        if now < self.due && same {
+        if now < self.due && same && !helm_changed {
             return ArbiterOut::default();
         }
         (self.published, self.stated) = (published, course);
@@ -573,6 +582,7 @@ impl Node for DeckArbiter {
                 header: Header::new(self.vessel, 0, self.boot, self.sequence, now),
                 owner: published,
                 course,
+                helm: input.helm,
                 occupied: self.occupied(now),
                 places: core::array::from_fn(|k| {
                     // Two with one number would both go there.

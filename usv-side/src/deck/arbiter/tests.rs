@@ -656,7 +656,7 @@ fn with_inputs() -> Rig {
     let inputs = DeckInputs {
         closed: Some(false),
         occupied: Some(false),
-        turning: None,
+        ..DeckInputs::default()
     };
     Rig::of(&config, inputs)
 }
@@ -692,7 +692,7 @@ fn unread_deck_input() {
         let unread = DeckInputs {
             closed,
             occupied,
-            turning: None,
+            ..DeckInputs::default()
         };
         let mut rig = with_inputs();
         let read = rig.inputs;
