@@ -239,8 +239,12 @@ fn distance(s: &Situation) -> Figure {
     let level = match forecast.vessel_level() {
         VesselLevel::Computer => "",
         VesselLevel::Tag => ", by tags alone",
+        VesselLevel::Beacon => "",
     };
-    let seen = if forecast.vision_age_s.is_finite() {
+    let seen = if let (VesselLevel::Beacon, Some([sd_m, age_s])) = (forecast.vessel_level(), forecast.beacon)
+    {
+        format!("vessel known by beacon, {sd_m:.0} m, {age_s:.1} s old")
+    } else if forecast.vision_age_s.is_finite() {
         format!("seen {} ago{level}", time(forecast.vision_age_s))
     } else {
         "not seen yet".into()

@@ -34,6 +34,7 @@ macro_rules! restamped {
 }
 
 mod aboard;
+mod beacon;
 mod deck;
 mod drone;
 mod drone_status;
@@ -50,6 +51,7 @@ pub use aboard::{
     HeadingAdvice, Line, MAX_DEVICES, MAX_NAMED, MAX_ORDERS, SensorReadings, SourceRemark, SourceReport,
     SourceStatus, SourceUse, Starved, Unheard, VesselStatus,
 };
+pub use beacon::{BeaconSource, DeckBeacon, MAX_BEACON_LASTS_S, MAX_BEACON_MPS, MIN_BEACON_SD_M};
 pub use deck::{
     DeckForecast, DeckStage, FORECAST_STAGES, LinkState, PREDICTED_SLOPE_STEP_S, PREDICTED_SLOPES,
     RangeSample, SILENT_S, Source, TagPose, UvdarFix,
@@ -83,7 +85,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 21;
+pub const MESSAGE_VERSION: u16 = 22;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]

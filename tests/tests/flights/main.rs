@@ -3,6 +3,7 @@
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod beacon;
 mod calibration;
 mod contact;
 mod deck_reservation;
@@ -10,6 +11,7 @@ mod estimate_jumps;
 mod estimator;
 mod faults;
 mod hulls;
+mod identity;
 mod interrupted_landing;
 mod keep_out;
 mod ladder;

@@ -1,7 +1,7 @@
 //! Mission: permission of what the planner may fly, with the reason why not more.
 //!
 //! Read `transition` (the state machine as a pure function), `states` (its table), `phase` (the states and what they
-//! remember), `situation` (every quantity it judges), `height` (does a second witness
+//! remember), `search` (the way to a deck that is known by a beacon alone), `situation` (every quantity it judges), `height` (does a second witness
 //! confirm the deck's height?), `outlook` (how likely a landing succeeds, with `staying`: does the landed
 //! drone stay?), `waiting` (is a better moment worth its cost?), then `checkpoint` (what outlives the process). This file keeps the inputs and writes the output.
 
@@ -15,6 +15,7 @@ mod odds;
 mod outlook;
 mod phase;
 mod place;
+mod search;
 mod situation;
 mod states;
 mod staying;
@@ -435,6 +436,7 @@ impl Mission {
             State::Idle
             | State::GetAltitude
             | State::Approach
+            | State::Search
             | State::Tracking
             | State::TrackingStable
             | State::Landed

@@ -5,6 +5,7 @@ use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector3;
 
 use super::limits::exceeds;
+use super::search::Search;
 use super::situation::{Deck, Situation};
 use crate::contingency::BELOW_M;
 use crate::mission_config::MissionConfig;
@@ -37,6 +38,8 @@ pub enum MissionPhase {
         /// Detected since.
         detected: Option<DroneTime>,
     },
+    /// Looks for a deck that is known by a beacon alone.
+    Search(Search),
     /// Over the vessel.
     Tracking {
         /// Steady since.
@@ -107,6 +110,7 @@ impl MissionPhase {
             MissionPhase::Idle => State::Idle,
             MissionPhase::GetAltitude { .. } => State::GetAltitude,
             MissionPhase::Approach { .. } => State::Approach,
+            MissionPhase::Search(_) => State::Search,
             MissionPhase::Tracking { .. } => State::Tracking,
             MissionPhase::TrackingStable => State::TrackingStable,
             MissionPhase::Descent { .. } => State::Descent,

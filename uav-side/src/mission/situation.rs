@@ -204,6 +204,11 @@ pub struct Deck {
     pub turn_mps: f64,
     /// The motion of a vessel that is known by its tags alone is identified; that of another one she knows herself.
     pub identified: bool,
+    /// The beacon that may lead to it: the standard deviation of its place, each horizontal axis, m, and its age, s; None, too,
+    /// where the mission permits none.
+    pub beacon: Option<[f64; 2]>,
+    /// Several decks with its tags are in sight.
+    pub ambiguous: Option<Reason>,
     /// Two witnesses of its place or height contradict each other.
     pub contradicted: Option<Reason>,
     /// How the landing, completed, and a climb from now on would end; None above the commit clearance.
@@ -275,8 +280,13 @@ impl Deck {
             turn_mps: mean_mps * turn_radps * TURN_LAG_S,
             identified: match forecast.vessel_level() {
                 VesselLevel::Computer => true,
-                VesselLevel::Tag => !forecast.predicted_slopes.is_empty(),
+                VesselLevel::Tag | VesselLevel::Beacon => !forecast.predicted_slopes.is_empty(),
             },
+            beacon: forecast
+                .beacon
+                .filter(|_| config.least_vessel <= VesselLevel::Beacon),
+            ambiguous: (forecast.decks_in_sight > 1)
+                .then(|| Reason::new(ReasonCode::SeveralDecks, f64::from(forecast.decks_in_sight), 0.0)),
             contradicted: contradicted(forecast),
             ends: (clearance_m < config.commit_clearance_m)
                 .then(|| Ends::predict(now, forecast, &own.position, &own.velocity, drone))
