@@ -4,7 +4,6 @@
 //! Their clocks are nobody's: a report counts from its arrival, and what it is late is in the error that it is given.
 
 use alight_shared::msg::{BeaconSource, DeckBeacon, MAX_BEACON_MPS, MIN_BEACON_SD_M, Message as _};
-use serde::{Deserialize, Serialize};
 
 use super::message::{Frame, Message};
 use super::{AutopilotLink, DroneTime, Output};
@@ -17,19 +16,6 @@ const VELOCITY_SD_MPS: f64 = 0.3;
 const UNKNOWN_VELOCITY_SD_MPS: f64 = 2.0;
 /// A report counts for so long, s: ten of the usual 1 Hz.
 const LASTS_S: f64 = 10.0;
-
-/// A report of a system's place.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PlaceReport {
-    /// Deg, north positive.
-    pub latitude_deg: f64,
-    /// Deg, east positive.
-    pub longitude_deg: f64,
-    /// Towards north and east, m/s; None: not reported.
-    pub velocity: Option<[f64; 2]>,
-    /// Horizontal error, m; None: not stated.
-    pub error_m: Option<f64>,
-}
 
 impl AutopilotLink {
     /// The beacon that a frame is, where it comes from the configured system, and not from the drone's own.
@@ -69,6 +55,7 @@ impl AutopilotLink {
 mod tests {
     use super::super::AutopilotLinkConfig;
     use super::super::message::Address;
+    use super::super::place_report::PlaceReport;
     use super::super::wire::{Decoder, Encoder};
     use super::*;
     use crate::odometry::OdometryConfig;

@@ -7,7 +7,7 @@
 use alight_shared::geodesy::Datum;
 use serde::{Deserialize, Serialize};
 
-use super::beacon::PlaceReport;
+use super::place_report::PlaceReport;
 
 /// Sender or receiver: system and component.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

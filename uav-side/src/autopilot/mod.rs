@@ -4,7 +4,7 @@
 //!
 //! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
 //! [`lapse`] (whose hold it is), `heading` (whether it is aligned), [`disarm`] (when motors are stopped), this file (one step), [`inbound`] and [`outbound`] (its two
-//! halves), [`ground_station`], [`station`] and [`rc_switch`] (people at a ground station and at the remote control, and their [`orders`]), [`station_parameters`] (what a ground station sets of the mission), [`shadow`] (a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), [`beacon`] (the vessel's place by other systems), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
+//! halves), [`ground_station`], [`station`] and [`rc_switch`] (people at a ground station and at the remote control, and their [`orders`]), [`station_parameters`] (what a ground station sets of the mission), [`shadow`] (a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), `beacon` (the vessel's place by other systems), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
 //! [`parameters`] (what a landing relies on), and [`wire`] for the bytes.
 //!
 //! Safety does not rest on this node being alive. Without its set-points PX4 leaves OFFBOARD after
@@ -12,7 +12,7 @@
 //! holds in GUIDED (after one of attitude: level, no climb).
 
 pub mod authority;
-pub mod beacon;
+mod beacon;
 mod checkpoint;
 mod clock;
 pub mod config;
@@ -30,6 +30,7 @@ mod orders;
 mod outbound;
 pub mod parameters;
 mod peer;
+pub mod place_report;
 mod rc_switch;
 mod shadow;
 mod station;

@@ -12,9 +12,10 @@ use alight_shared::msg::{Reason, ReasonCode};
 use nalgebra::Vector2;
 
 use super::limits::CONTACT_CONFIRM_S;
-use super::phase::{DroneTime, HoldCause, MissionPhase, Transition, gave_up, holding, lasting};
+use super::phase::{
+    DroneTime, HoldCause, MissionPhase, Search, Transition, gave_up, holding, lasting, too_far,
+};
 use super::situation::{Deck, Situation};
-use super::states::too_far;
 use crate::mission_config::MissionConfig;
 
 /// The deck is so many standard deviations (each axis) of the beacon's place away, or less, 997 times of 1000.
@@ -33,20 +34,6 @@ const LOOKS_S: f64 = 5.0;
 const MAX_SLOWER: f64 = 2.0;
 /// At the beacon's place the drone is no further from it than this, m.
 const AT_BEACON_M: f64 = 3.0;
-
-/// How far the search has come.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Search {
-    /// Since when it lasts, and when it last went on.
-    since: DroneTime,
-    at: DroneTime,
-    /// Path of the spiral so far, m.
-    flown_m: f64,
-    /// It is at the path's end since.
-    ended: Option<DroneTime>,
-    /// The tags have been detected since.
-    detected: Option<DroneTime>,
-}
 
 /// The distance within which the deck has to be looked for, m.
 fn reach_m(sd_m: f64) -> f64 {

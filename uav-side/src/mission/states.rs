@@ -4,8 +4,7 @@ use alight_shared::msg::ReasonCode::{
     ArmedAgain, Commanded, CourseEnds, Descending, DescendingTo, Deviated, FlareHeight, Flaring,
     HeightReached, InSight, Infeasible, Matched, Matching, Missed, NoPlace, NoPlan, NoVessel, NoVision,
     NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, Operator, Permitted, Recovered, Steady,
-    Swings, TagsInSight, TiltExcess, TooFar, TooFast, TooNear, TooSteep, VesselTooFar, VesselTurns,
-    VisionLost,
+    Swings, TagsInSight, TiltExcess, TooFar, TooFast, TooNear, TooSteep, VesselTurns, VisionLost,
 };
 use alight_shared::msg::{Course, PLACES, Reason, ReasonCode, VesselLevel};
 use nalgebra::Vector3;
@@ -16,7 +15,7 @@ use super::limits::{
 };
 use super::phase::{
     DroneTime, HoldCause, MissionPhase, Progress, Transition, gave_up, held_place, holding, lasting,
-    moving_place, old_data,
+    moving_place, old_data, too_far,
 };
 use super::search;
 use super::situation::{ControlState, Deck, Reservation, Situation};
@@ -60,14 +59,6 @@ pub(super) fn step(
             MissionPhase::GaveUp { at, yaw }.stay(why)
         }
     }
-}
-
-/// Nobody flies to a vessel further away than this, m: an origin that is wrong lies anywhere.
-pub const MAX_VESSEL_DISTANCE_M: f64 = 5e3;
-
-/// The vessel is further away than anybody means to fly.
-pub(super) fn too_far(deck: &Deck) -> Option<Reason> {
-    exceeds(VesselTooFar, deck.distance_m, MAX_VESSEL_DISTANCE_M)
 }
 
 /// Why an order to land that has not begun ends: it has waited for too long, or its flight is over.

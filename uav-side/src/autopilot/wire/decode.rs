@@ -3,12 +3,12 @@
 use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::{Fields, dialect as m};
 
-use super::super::beacon::PlaceReport;
 use super::super::message::{
     Address, AttitudeReport, AttitudeTarget, CommandLong, CommandResult, DistanceReport, Heartbeat, HilGps,
     HilSensor, ImuReport, Message, OdometryReport, ParameterValue, PositionReport, PositionTarget,
     RcChannels, VelocityFrame,
 };
+use super::super::place_report::PlaceReport;
 use super::extension::{
     ACK_TO_AT, DISTANCE_INVALID, DISTANCE_QUALITY_AT, ELLIPSOID_HEIGHT_AT, RESET_COUNTER_AT,
 };
