@@ -6,7 +6,9 @@
 //! R = 3.4 sd                            the deck is within it with 99.7 % (Rayleigh)
 //! ```
 //!
-//! The spiral ends where the camera has seen everything within `R`. What it must reach grows while the beacon is silent.
+//! At `R` less what the camera sees to one side it ends with a whole turn. What it must reach grows while the beacon is silent.
+
+use core::f64::consts::TAU;
 
 use alight_shared::msg::{Reason, ReasonCode};
 use nalgebra::Vector2;
@@ -21,7 +23,7 @@ use crate::mission_config::MissionConfig;
 /// The deck is so many standard deviations (each axis) of the beacon's place away, or less, 997 times of 1000.
 const WITHIN_SD: f64 = 3.4;
 /// No search reaches further, m: 5 min at its speed with the default camera.
-pub(super) const MAX_SEARCH_M: f64 = 60.0;
+pub(super) const MAX_SEARCH_M: f64 = 50.0;
 /// Speed along the spiral over the vessel's own, m/s: a tag stays in view for seconds, and the drone hardly tilts.
 const SEARCH_MPS: f64 = 3.0;
 /// The place to be at goes on while the drone is no further from it than this, m.
@@ -45,25 +47,35 @@ fn reach_m(sd_m: f64) -> f64 {
 struct Spiral {
     /// Radius per angle, m/rad.
     b: f64,
+    /// The largest radius, which it ends with a whole turn of, m.
+    outer_m: f64,
+    /// Path until there, and in all, m.
+    inner_m: f64,
     length_m: f64,
 }
 
 impl Spiral {
     fn new(sd_m: f64, half_width_m: f64) -> Spiral {
-        let b = 2.0 * PITCH * half_width_m / core::f64::consts::TAU;
-        let theta = (reach_m(sd_m).min(MAX_SEARCH_M) - half_width_m).max(0.0) / b;
+        let b = 2.0 * PITCH * half_width_m / TAU;
+        let outer_m = (reach_m(sd_m).min(MAX_SEARCH_M) - half_width_m).max(0.0);
+        let theta = (outer_m / b).max(1.0);
+        let inner_m = 0.5 * b * (theta * theta - 1.0);
         Spiral {
             b,
-            length_m: (0.5 * b * (theta * theta - 1.0)).max(0.0),
+            outer_m,
+            inner_m,
+            length_m: inner_m + TAU * outer_m,
         }
     }
     /// The place after `flown_m` of it, from the beacon's, m.
     fn at(&self, flown_m: f64) -> Vector2<f64> {
-        if self.length_m <= 0.0 {
-            return Vector2::zeros();
-        }
-        let theta = (1.0 + 2.0 * flown_m / self.b).sqrt();
-        Vector2::new(theta.cos(), theta.sin()) * (self.b * theta)
+        let turned = |flown_m: f64| (1.0 + 2.0 * flown_m / self.b).sqrt();
+        let theta = if flown_m < self.inner_m || self.outer_m <= 0.0 {
+            turned(flown_m)
+        } else {
+            turned(self.inner_m) + (flown_m - self.inner_m) / self.outer_m
+        };
+        Vector2::new(theta.cos(), theta.sin()) * (self.b * theta).min(self.outer_m)
     }
     /// The longest time that it may take, s.
     fn limit_s(&self) -> f64 {
@@ -194,17 +206,18 @@ mod tests {
                 .map(|k| spiral.at((0.5 * k as f64).min(spiral.length_m)))
                 .chain([Vector2::zeros()])
                 .collect();
-            assert!(path.iter().all(|p| p.norm() <= reach_m(sd_m).max(half_m)));
+            let reach_m = reach_m(sd_m).min(MAX_SEARCH_M);
+            assert!(path.iter().all(|p| p.norm() <= reach_m));
             for k in 0..2000 {
                 // A sunflower's points.
-                let r = reach_m(sd_m) * (f64::from(k) / 2000.0).sqrt();
+                let r = reach_m * (f64::from(k) / 2000.0).sqrt();
                 let (sin, cos) = (2.399_963 * f64::from(k)).sin_cos();
                 let deck = Vector2::new(cos, sin) * r;
                 let nearest = path.iter().map(|p| (p - deck).norm()).fold(f64::MAX, f64::min);
                 assert!(nearest <= half_m + 0.3, "{sd_m} {half_m}: {deck:?} {nearest}");
             }
-            // Bounded in time: 5 m of error are looked through in a minute.
-            assert!(sd_m > 5.0 || spiral.limit_s() < 60.0, "{}", spiral.limit_s());
+            // Bounded in time: 5 m of error are looked through in 40 s.
+            assert!(sd_m > 5.0 || spiral.length_m / SEARCH_MPS < 40.0, "{spiral:?}");
             assert!(spiral.limit_s() < 1500.0);
         }
     }

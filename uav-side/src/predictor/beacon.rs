@@ -22,8 +22,9 @@ use super::observation::Observation;
 const BIAS_TIME_S: f64 = 300.0;
 /// The share of a beacon's stated error that is white from one message to the next.
 const WHITE: f64 = 1.0 / 3.0;
-/// Random walk of a vessel's velocity after 1 s, m/s: a boat that turns at 2 m/s.
-const VELOCITY_WALK_MPS: f64 = 0.2;
+/// Random walk of a vessel's velocity after 1 s, m/s: one that lies still, and this much of its speed besides, as in a turn.
+const VELOCITY_WALK_MPS: f64 = 0.02;
+const SPEED_WALK: f64 = 0.1;
 /// The drone's own receiver errs by this, m, each axis.
 const OWN_SD_M: f64 = 1.0;
 /// Mean sea level errs by this as the level of the water, m: tides, geoid, the receiver's height; half of what it errs by at
@@ -49,10 +50,10 @@ impl Axis {
             p: Matrix2::from_diagonal(&noise(m)),
         }
     }
-    /// So much later, s.
-    fn after(&self, dt: f64) -> Axis {
+    /// So much later, s, of a vessel at this speed, m/s.
+    fn after(&self, dt: f64, speed_mps: f64) -> Axis {
         let f = Matrix2::new(1.0, dt, 0.0, 1.0);
-        let walk = VELOCITY_WALK_MPS.powi(2);
+        let walk = (VELOCITY_WALK_MPS + SPEED_WALK * speed_mps).powi(2);
         let (cross, place) = (0.5 * walk * dt * dt, walk * dt.powi(3) / 3.0);
         let q = Matrix2::new(place, cross, cross, walk * dt);
         Axis {
@@ -113,7 +114,8 @@ impl BeaconTrack {
     }
     fn axes_at(&self, t: Time<DroneClock>) -> [Axis; 2] {
         let dt = (t - self.newest.header.at).secs().max(0.0);
-        self.axes.map(|a| a.after(dt))
+        let [north, east] = self.axes.map(|a| a.x[1]);
+        self.axes.map(|a| a.after(dt, north.hypot(east)))
     }
     /// Standard deviation of the place at `t` without what the camera has measured, m.
     fn sd_m(&self, t: Time<DroneClock>) -> f64 {

@@ -32,8 +32,12 @@ const HOLDS_S: f64 = 0.2;
 /// Tags are of the same deck where they are no further from where it was than this, m: two decks do not overlap, and the
 /// narrowest that a drone lands on is wider.
 const SAME_M: f64 = 0.8;
-/// ... and this much more for each second since, m/s, besides the vessel's own way.
+/// ... and this much more for each second since, m/s, besides the vessel's own way, and for each metre from which they are seen:
+/// attitude and heading of the drone.
 const SAME_MPS: f64 = 0.3;
+const SAME_PER_M: f64 = 0.05;
+/// What was never seen in one image is two decks from this distance on, m: nearer it may be one that was seen badly.
+const APART_M: f64 = 5.0;
 /// A deck is one that was seen in so many images: what was misread once is none.
 const CONFIRMED: u32 = 5;
 /// A deck that is not seen is remembered for so long, s: as the forecast by vision alone.
@@ -96,6 +100,8 @@ struct Deck {
     at: Time<DroneClock>,
     since: Time<DroneClock>,
     images: u32,
+    /// Images in which another was seen as well.
+    together: u32,
     /// Distance from where radio or beacon has the vessel, in standard deviations; None: neither has it anywhere.
     apart_sd: Option<f64>,
     residual: Residual,
@@ -108,6 +114,12 @@ impl Deck {
     }
     fn counts(&self) -> bool {
         self.images >= CONFIRMED && self.is_admissible()
+    }
+    /// The other may be the own one as well: it is there, and not the same seen badly.
+    fn rivals(&self, other: &Deck) -> bool {
+        let in_one_image = other.at == self.at && other.is_admissible();
+        let two = other.together >= CONFIRMED || (other.place - self.place).norm() > APART_M;
+        in_one_image || other.counts() && two
     }
     fn cost(&self) -> f64 {
         let apart = self.apart_sd.unwrap_or(0.0);
@@ -164,11 +176,12 @@ impl Decks {
         (by.abs() <= HOLDS_S).then(|| nearest.attitude + nearest.rates * by)
     }
 
-    /// Tags seen; `velocity`: of the vessel, m/s; `apart`: how far from where the radio or the beacon has the vessel, and how
+    /// Tags seen from `range_m`; `velocity`: of the vessel, m/s; `apart`: how far from where the radio or the beacon has the vessel, and how
     /// far that may be, m. Returns the deck that they belong to.
     pub(super) fn see(
         &mut self,
         o: &Observation,
+        range_m: f64,
         velocity: Vector2<f64>,
         apart: Option<[f64; 2]>,
     ) -> Option<usize> {
@@ -181,9 +194,11 @@ impl Decks {
         let near = |d: &Deck| {
             let dt = (o.at - d.at).secs().max(0.0);
             let off = (place - d.place - velocity * dt).norm();
-            (off, SAME_M + SAME_MPS * dt)
+            (off, SAME_M + SAME_MPS * dt + SAME_PER_M * range_m)
         };
+        // Two of one image are two.
         let nearest = (self.decks.iter().enumerate())
+            .filter(|(_, d)| d.at != o.at)
             .map(|(k, d)| (k, near(d)))
             .filter(|(_, (off, within))| off <= within)
             .min_by(|a, b| a.1.0.total_cmp(&b.1.0));
@@ -195,6 +210,7 @@ impl Decks {
                     at: o.at,
                     since: o.at,
                     images: 0,
+                    together: 0,
                     apart_sd,
                     residual: Residual::default(),
                 });
@@ -205,6 +221,14 @@ impl Decks {
         let deck = self.decks.get_mut(k)?;
         (deck.place, deck.at, deck.images) = (place, o.at.max(deck.at), deck.images.saturating_add(1));
         deck.apart_sd = apart_sd;
+        let in_image = self.decks.iter().filter(|d| d.at == o.at).count();
+        if in_image > 1 {
+            // The first of an image learns of it with the second.
+            let both = |(i, d): &(usize, &mut Deck)| d.at == o.at && (*i == k || in_image == 2);
+            (self.decks.iter_mut().enumerate())
+                .filter(both)
+                .for_each(|(_, d)| d.together = d.together.saturating_add(1));
+        }
         Some(k)
     }
     /// The tilt of a deck that was seen against the radio's of the same time, where there are several to compare.
@@ -212,7 +236,7 @@ impl Decks {
         let [.., Some((north, vn)), Some((east, ve)), Some((yaw, _))] = o.value else {
             return;
         };
-        let several = self.decks.iter().filter(|d| d.counts()).count() > 1;
+        let several = self.rivals_of(k).next().is_some();
         let Some(report) = self.reported(o.at).filter(|_| several) else {
             return;
         };
@@ -234,29 +258,35 @@ impl Decks {
         if let Some(own) = self.own {
             return if own == k { Verdict::Own } else { Verdict::Other };
         }
-        let rivals = (self.decks.iter().enumerate())
-            .filter(|(i, d)| *i == k || d.counts())
-            .count();
-        if rivals > 1 {
-            let n = u32::try_from(rivals).unwrap_or(u32::MAX);
-            self.several = Some((o.at, n));
-            return Verdict::Several(n);
+        match u32::try_from(self.rivals_of(k).count()) {
+            Ok(0) => Verdict::Own,
+            rivals => {
+                let n = rivals.unwrap_or(u32::MAX).saturating_add(1);
+                self.several = Some((o.at, n));
+                Verdict::Several(n)
+            }
         }
-        Verdict::Own
+    }
+    /// The others of which one may be the own deck in the place of this.
+    fn rivals_of(&self, k: usize) -> impl Iterator<Item = &Deck> {
+        let deck = self.decks.get(k);
+        let others = self.decks.iter().enumerate().filter(move |(i, _)| *i != k);
+        others
+            .filter(move |(_, other)| deck.is_some_and(|d| d.rivals(other)))
+            .map(|(_, other)| other)
     }
     /// The own deck, if that can be said.
     fn decide(&self, now: Time<DroneClock>, radio: bool) -> Option<usize> {
         let counts = || self.decks.iter().enumerate().filter(|(_, d)| d.counts());
         let (best, deck) = counts().min_by(|a, b| a.1.cost().total_cmp(&b.1.cost()))?;
-        let others = || counts().filter(|(k, _)| *k != best);
-        if others().next().is_none() {
+        if self.rivals_of(best).next().is_none() {
             // With the radio a second one may still come into view where the vessel is.
             let followed = (now - deck.since).secs() >= FOLLOWED_S;
             return (followed && !radio).then_some(best);
         }
         // The same number of looks at each.
         let looks = |d: &Deck| (d.residual.n - deck.residual.n).abs() <= 1.0 + 0.1 * deck.residual.n;
-        let clear = others().all(|(_, d)| looks(d) && d.cost() - deck.cost() >= MARGIN);
+        let clear = (self.rivals_of(best)).all(|d| looks(d) && d.cost() - deck.cost() >= MARGIN);
         clear.then_some(best)
     }
     /// Forgets what was not seen for long.
@@ -333,7 +363,7 @@ mod tests {
                 .map(|(attitude, place)| observation(Kind::Tag, t, place, *attitude))
                 .collect();
             let of: Vec<_> = (both.iter().zip([1.0, 2.0]))
-                .map(|(o, m)| decks.see(o, Vector2::zeros(), radio.then_some([m, 5.7])))
+                .map(|(o, m)| decks.see(o, 7.0, Vector2::zeros(), radio.then_some([m, 5.7])))
                 .collect();
             for (i, (o, k)) in both.iter().zip(of).enumerate() {
                 verdicts[i] = decks.verdict(k.unwrap(), o, radio);
@@ -359,7 +389,7 @@ mod tests {
         let mut decks = Decks::default();
         let mut verdict = |t: f64, north: f64| {
             let o = observation(Kind::Tag, t, [north, 0.0], [0.0; 3]);
-            let k = decks.see(&o, Vector2::zeros(), None).unwrap();
+            let k = decks.see(&o, 5.0, Vector2::zeros(), None).unwrap();
             decks.verdict(k, &o, false)
         };
         (0..90).for_each(|k| assert_eq!(verdict(f64::from(k) / 30.0, 0.0), Verdict::Own));

@@ -18,8 +18,9 @@ use crate::terminal;
 /// The predictor shows that it has taken it within so many looks, 2 s, and it is sent again after so many.
 const MAX_POLLS: u32 = 40;
 const REPEAT_POLLS: u32 = 10;
-/// A speed that is stated, and one of a vessel that is taken to lie still, are off by this, m/s.
-const STATED_SD_MPS: f64 = 0.3;
+/// A vessel of which no speed is stated drifts at this, m/s; one that is stated is off by this and a tenth.
+const DRIFT_MPS: f64 = 0.3;
+const STATED_SD_MPS: f64 = 0.1;
 /// It counts for so long where `--for` does not say, s.
 const LASTS_S: u32 = 300;
 
@@ -54,7 +55,7 @@ fn beacon(args: &CommandArgs, header: Header<DroneClock>) -> Result<DeckBeacon, 
         longitude_deg,
         velocity: [speed_mps * cos, speed_mps * sin],
         place_sd_m: args.error.max(MIN_BEACON_SD_M),
-        velocity_sd_mps: STATED_SD_MPS,
+        velocity_sd_mps: args.speed.map_or(DRIFT_MPS, |v| STATED_SD_MPS + 0.1 * v.abs()),
         lasts_s: f64::from(args.for_s.unwrap_or(LASTS_S)).clamp(1.0, MAX_BEACON_LASTS_S),
     };
     beacon.check().map_err(|field| {

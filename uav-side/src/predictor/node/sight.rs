@@ -71,7 +71,11 @@ impl Predictor {
             }
             (_, _) => self.known_by_beacon(now).and_then(|b| b.apart(&o)),
         };
-        let deck = self.decks.see(&o, velocity, apart);
+        let range_m = (self.track.newest()).map_or(0.0, |d| {
+            let place = Vector3::from_fn(|i, _| o.value[i].map_or(0.0, |(v, _)| v));
+            (place - d.position()).norm()
+        });
+        let deck = self.decks.see(&o, range_m, velocity, apart);
         Ok((o, deck))
     }
     /// Takes tags of the deck `k` where they are the vessel's own.
