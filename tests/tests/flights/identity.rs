@@ -5,13 +5,17 @@ use alight_sim::harness::outcome::{Judge, Outcome};
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::physics::sea::SeaConfig;
+use alight_sim::sensors::noise::Windows;
 
 fn beside(neighbour_m: f64) -> Scenario {
-    Scenario {
+    let mut scenario = Scenario {
         sea: SeaConfig::paper(0.5, 5.0),
         neighbour_m: Some(neighbour_m),
         ..Scenario::default()
-    }
+    };
+    // Markers of one boat alone would tell them apart.
+    scenario.sensors.uvdar.outages_s = Windows(vec![[0.0, 1e9]]);
+    scenario
 }
 
 /// How a flight ends, how near the drone came to the other deck, along its normal, while it was over it, and what was given as
