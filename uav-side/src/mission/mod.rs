@@ -65,7 +65,7 @@ use outlook::Outlook;
 pub use phase::MAX_VESSEL_DISTANCE_M;
 use phase::{MissionPhase, Progress, gave_up};
 use place::Place;
-use situation::{ControlState, Deck, OwnState, Reservation, Situation, rotors_carry, stated_course};
+use situation::{ControlState, Deck, OwnState, Reservation, Situation, rotors_carry, several, stated_course};
 use states::{RADIO_BLIND_S, blind_limit};
 use staying::{Stand, Staying};
 use swing::SwingMonitor;
@@ -380,6 +380,7 @@ impl Mission {
             moved: self
                 .moved
                 .map(|(_, by_m)| Reason::new(ReasonCode::OriginMoved, by_m, 0.0)),
+            several: (self.forecast.fresh(now, topics::FORECAST.stale_after)).and_then(several),
             battery: autopilot.and_then(|_| self.battery.charge(c)),
             battery_reserve: deck.map_or(c.battery_reserve, |d| {
                 let assumed_mps = c.battery_air_speed_mps - d.leaving_mps;

@@ -146,7 +146,7 @@ pub(super) fn search(search: Search, s: &Situation, c: &MissionConfig) -> Transi
     let (ended, looked_s) = lasting(search.flown_m >= spiral.length_m, search.ended, s.now);
     if looked_s > LOOKS_S || took_s > spiral.limit_s() {
         let why = Reason::new(ReasonCode::NotFound, reach_m(sd_m).min(MAX_SEARCH_M), took_s);
-        return gave_up(s, c).enter(vague(deck).unwrap_or(why));
+        return gave_up(s, c).enter(vague(deck).or(s.several).unwrap_or(why));
     }
     let flies = Reason::new(ReasonCode::Searching, search.flown_m, spiral.length_m);
     let search = Search {
@@ -155,7 +155,7 @@ pub(super) fn search(search: Search, s: &Situation, c: &MissionConfig) -> Transi
         ..search
     };
     // Tags at another place than the beacon's are another vessel's.
-    MissionPhase::Search(search).stay(deck.contradicted.or(deck.ambiguous).unwrap_or(flies))
+    MissionPhase::Search(search).stay(deck.contradicted.or(s.several).unwrap_or(flies))
 }
 
 /// The deck is in sight: followed once that has lasted, and nothing doubts its height.

@@ -135,8 +135,7 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
             let known = Reason::new(ReasonCode::KnownByBeacon, sd_m, age_s);
             MissionPhase::GetAltitude { from }.enter(known)
         }
-        (Some(deck), _) => idle.stay(deck.ambiguous.unwrap_or(NoVessel.into())),
-        (None, _) => idle.stay(NoVessel),
+        (_, _) => idle.stay(s.several.unwrap_or(NoVessel.into())),
     }
 }
 
@@ -195,7 +194,7 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Tr
             return next;
         }
         // The tags that are detected may be another vessel's.
-        let why = deck.contradicted.or(deck.ambiguous);
+        let why = deck.contradicted.or(s.several);
         return MissionPhase::APPROACH.stay(why.unwrap_or(NoVision.into()));
     }
     let (detected, lasted) = lasting(true, detected, s.now);

@@ -40,6 +40,7 @@ pub(super) fn fair() -> Situation {
         flight: ControlState::Ours,
         rejection: None,
         moved: None,
+        several: None,
         battery: Some(0.9),
         battery_reserve: config().battery_reserve,
         own: Some(OwnState {
@@ -69,7 +70,6 @@ pub(super) fn fair() -> Situation {
             turn_mps: 0.0,
             tilt_rad: 0.1,
             beacon: None,
-            ambiguous: None,
             contradicted: None,
             ends: None,
         }),
@@ -279,9 +279,10 @@ fn silent_vessel_with_its_beacon() {
         Recovered,
     );
     // Several decks of which one is the own one.
-    let several = with_deck(|d| {
-        (d.vision_age_s, d.ambiguous) = (9.0, Some(Reason::new(SeveralDecks, 2.0, 0.0)));
-    });
+    let several = Situation {
+        several: Some(Reason::new(SeveralDecks, 2.0, 0.0)),
+        ..with_deck(|d| d.vision_age_s = 9.0)
+    };
     waits(&step(MissionPhase::APPROACH, &several), Approach, SeveralDecks);
 }
 

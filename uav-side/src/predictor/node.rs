@@ -451,7 +451,8 @@ impl Predictor {
         let (radio_age_s, vision_age_s) = (age(self.radio_at), age(self.vision_at));
         let unknown = !(radio_age_s.min(vision_age_s) < self.config.silence_s);
         if unknown || radio_age_s.min(vision_age_s) > SILENT_S && self.known_by_beacon(now).is_some() {
-            return self.forecast_by_beacon(now, [radio_age_s, vision_age_s]);
+            let ages = [radio_age_s, vision_age_s];
+            return (self.forecast_by_beacon(now, ages)).or_else(|| self.no_forecast(now, ages));
         }
         if let Some(f) = &mut self.filter {
             f.set_radio_available(radio_age_s < self.config.fresh_s);

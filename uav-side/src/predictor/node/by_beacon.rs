@@ -43,6 +43,25 @@ impl Predictor {
         };
         f.check().is_ok().then_some(f)
     }
+    /// A forecast without a deck, where several are in sight of which none is followed: so that it can be said why.
+    pub(super) fn no_forecast(&mut self, now: Time<DroneClock>, ages: [f64; 2]) -> Option<DeckForecast> {
+        let decks_in_sight = self.decks.undecided(now);
+        if decks_in_sight == 0 {
+            return None;
+        }
+        let [radio_age_s, vision_age_s] = ages;
+        let header = Header::new(0, 0, self.boot, self.sequence, now);
+        self.sequence = self.sequence.wrapping_add(1);
+        Some(DeckForecast {
+            header,
+            step: Span::from_secs(self.config.stage_s),
+            radio_age_s,
+            vision_age_s,
+            tag_age_s: f64::INFINITY,
+            decks_in_sight,
+            ..DeckForecast::default()
+        })
+    }
     /// What the beacon says now.
     pub(super) fn known_by_beacon(&self, now: Time<DroneClock>) -> Option<Known> {
         self.beacon.as_ref()?.known(now, self.track.newest()?)
