@@ -183,6 +183,8 @@ topics! {
     CREW: "vessel/crew", msg::CrewOrder, Memory, 0.1 Hz, size_of::<msg::CrewOrder>(), 10000 ms, 16 deep;
     /// What a ground station sets of the mission.
     SETTINGS: "operator/settings", msg::SettingsOrder, Memory, 0.1 Hz, size_of::<msg::SettingsOrder>(), 1000 ms, 2 deep;
+    /// The vessel's place by a beacon; each is good for as long as it says.
+    BEACON: "deck/beacon", msg::DeckBeacon, Memory, 1.0 Hz, size_of::<msg::DeckBeacon>(), 10000 ms, 8 deep;
 }
 
 #[cfg(test)]

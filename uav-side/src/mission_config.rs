@@ -34,9 +34,13 @@ config! {
         /// The same while descending near or over the deck, m.
         /// Chosen: the deck's surface is 1.3 m above the water.
         pub minimum_altitude_landing_m: f64 = 0.5;
-        /// The least by which a vessel has to be known for a landing to begin: "computer" (its broadcast is received) or "tag"
-        /// (the camera sees its tags from within 10 m of the deck's centre; what stands around the deck is not known then).
+        /// The least by which a vessel has to be known for a landing to begin: "computer" (its broadcast is received), "beacon"
+        /// (a beacon gives its place, and the drone looks for its tags there) or "tag" (the camera sees its tags from within 10 m of the deck's centre; what stands around the deck is not known then).
         pub least_vessel: VesselLevel = VesselLevel::Computer;
+        /// Height over the deck from which a search sees its tags, and how far around the point below it sees them, m: of the
+        /// camera and the tags, from the drone's common settings.
+        #[serde(skip)]
+        pub search_view_m: [f64; 2] = [12.0, 6.0];
         /// A landing needs vision of the deck; else a radio estimate counts as a detection.
         pub vision_required: bool = true;
         /// The deck counts as detected while its newest vision measurement is no older than this, s.

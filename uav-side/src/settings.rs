@@ -2,9 +2,10 @@
 
 use alight_shared::config;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::msg::VesselLevel;
 use alight_shared::tags::{DeckTag, Tags};
 
-use crate::camera::CameraSettings;
+use crate::camera::{CameraSettings, layout};
 use crate::mission::MissionConfig;
 use crate::odometry::OdometryConfig;
 use crate::pilot::PilotConfig;
@@ -68,11 +69,16 @@ impl DroneSettings {
         PredictorConfig {
             deck: self.deck,
             drone: self.airframe,
+            beacons: self.mission.least_vessel <= VesselLevel::Beacon,
             ..self.predictor.clone()
         }
     }
     /// The mission's configuration, as the chosen planner has it.
     pub fn mission(&self) -> MissionConfig {
-        self.planner.kind.mission(self.mission.clone())
+        let mission = MissionConfig {
+            search_view_m: layout::search_view(&self.tags(), &self.camera),
+            ..self.mission.clone()
+        };
+        self.planner.kind.mission(mission)
     }
 }

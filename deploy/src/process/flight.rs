@@ -120,6 +120,7 @@ impl FlightLog {
             State::GaveUp => "gave up",
             State::GetAltitude
             | State::Approach
+            | State::Search
             | State::Tracking
             | State::TrackingStable
             | State::Descent

@@ -404,6 +404,7 @@ impl Views {
                     State::Idle
                     | State::GetAltitude
                     | State::Approach
+                    | State::Search
                     | State::Tracking
                     | State::TrackingStable
                     | State::Descent

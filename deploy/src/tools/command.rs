@@ -3,6 +3,7 @@
 //! computer also the crew's order for the deck. Every answer names its drone.
 
 mod ashore;
+mod beacon;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -26,6 +27,9 @@ use crate::vessel::crew::OrderOnItsWay;
 /// What shows whether a command was taken is looked at this often.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 
+/// Without `--for` course and speed are kept for so long, s.
+const STEADY_S: u32 = 60;
+
 /// An operator's command.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum Order {
@@ -37,6 +41,8 @@ pub enum Order {
     Hold,
     /// Say how the mission stands; commands nothing.
     Status,
+    /// Where a silent vessel is: latitude and longitude, deg.
+    DeckAt,
     /// On the vessel: close the deck or open it.
     Deck,
     /// On the vessel: course and speed are kept for a while (`--for`).
@@ -54,10 +60,6 @@ pub enum CrewOrder {
     Closed,
     /// It is free, but for drones that report from it.
     Open,
-    /// The computer may steer for this landing, within the limits of vessel.toml.
-    Yes,
-    /// It may not; the helm is given back at once.
-    No,
 }
 
 impl Order {
@@ -67,7 +69,9 @@ impl Order {
             Order::Land => Some(CommandKind::Land),
             Order::Abort => Some(CommandKind::Abort),
             Order::Hold => Some(CommandKind::Hold),
-            Order::Status | Order::Deck | Order::Steady | Order::Turning | Order::Helm => None,
+            Order::Status | Order::DeckAt | Order::Deck | Order::Steady | Order::Turning | Order::Helm => {
+                None
+            }
         }
     }
 }
@@ -78,6 +82,7 @@ impl Order {
     after_help = "Run it as the user that runs Alight: sudo -u alight alight command abort\n\
 From ashore: alight command abort --drone 2 --vessel quic/192.168.7.1:7447 --keys keys/operator-1\n\
 A simulated landing: alight command abort --instance land\n\
+Where a silent vessel is: alight command deck-at 59.3456 18.1234 --error 10\n\
 On the vessel: sudo -u alight alight command deck closed\n  \
 sudo -u alight alight command deck open --drone 2   (which is not above it)\n  \
 sudo -u alight alight command steady --for 60\n  \
@@ -88,12 +93,21 @@ pub struct CommandArgs {
     /// What to command
     #[arg(value_enum)]
     pub order: Order,
-    /// With `deck`: closed or open; with `helm`: yes or no
-    #[arg(value_enum, required_if_eq_any([("order", "deck"), ("order", "helm")]))]
-    pub deck: Option<CrewOrder>,
-    /// With `steady`: for so long, s; 0: nothing is stated any more
-    #[arg(long = "for", value_name = "SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u32).range(0..=3600))]
-    pub for_s: u32,
+    /// With `deck`: closed or open; with `helm`: yes or no; with `deck-at`: latitude and longitude, deg
+    #[arg(value_name = "WORDS", num_args = 0..=2, allow_negative_numbers = true)]
+    pub words: Vec<String>,
+    /// With `steady` and `deck-at`: for so long, s [default: 60, 300]; with `steady` 0: nothing is stated any more
+    #[arg(long = "for", value_name = "SECONDS", value_parser = clap::value_parser!(u32).range(0..=3600))]
+    pub for_s: Option<u32>,
+    /// With `deck-at`: the vessel's course, deg from north, and its speed, m/s [default: it lies still]
+    #[arg(long, value_name = "DEG", requires = "speed")]
+    pub course: Option<f64>,
+    /// See --course
+    #[arg(long, value_name = "M/S")]
+    pub speed: Option<f64>,
+    /// With `deck-at`: standard deviation of the place, each axis, m
+    #[arg(long, value_name = "METRES", default_value_t = 10.0)]
+    pub error: f64,
     /// Configuration of the drone's computer, with `deck`, `steady`, `turning` and `helm` of the vessel's (TOML) [default:
     /// /etc/alight/drone.toml or /etc/alight/vessel.toml; without the drone's: of a landing that runs here]
     #[arg(long, value_name = "FILE")]
@@ -127,23 +141,43 @@ impl CommandArgs {
 
 /// Commands, waits for the mission's answer and shows it.
 pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
-    match (args.order, args.deck) {
-        (Order::Deck, Some(word @ (CrewOrder::Closed | CrewOrder::Open))) => return deck(args, word),
-        (Order::Helm, Some(word @ (CrewOrder::Yes | CrewOrder::No))) => {
-            return course(args, DeckOrder::Helm(word == CrewOrder::Yes));
+    match args.order {
+        Order::Deck => return deck(args, crew_order(&args.words)?),
+        Order::Helm => return course(args, DeckOrder::Helm(consent(&args.words)?)),
+        Order::DeckAt => return beacon::run(args),
+        Order::Land | Order::Abort | Order::Hold | Order::Status | Order::Steady | Order::Turning
+            if !args.words.is_empty() =>
+        {
+            return Err(CliError(format!(
+                "{}: closed and open belong to `alight command deck`, yes and no to `alight command helm`, places to \
+                 `alight command deck-at`",
+                args.words.join(" ")
+            )));
         }
-        (Order::Steady, None) => return course(args, DeckOrder::Steady(args.for_s)),
-        (Order::Turning, None) => return course(args, DeckOrder::Turning),
-        (_, Some(_)) => {
-            return Err(CliError(
-                "closed and open belong to `alight command deck`, yes and no to `alight command helm`".into(),
-            ));
-        }
-        (_, None) => {}
+        Order::Steady => return course(args, DeckOrder::Steady(args.for_s.unwrap_or(STEADY_S))),
+        Order::Turning => return course(args, DeckOrder::Turning),
+        Order::Land | Order::Abort | Order::Hold | Order::Status => {}
     }
     match (&args.vessel, &args.keys) {
         (Some(endpoint), Some(keys)) => ashore::run(args, endpoint, keys),
         (_, _) => here(args),
+    }
+}
+
+/// What is ordered of the deck.
+fn crew_order(words: &[String]) -> Result<CrewOrder, CliError> {
+    let order = match words {
+        [word] => CrewOrder::from_str(word, false).ok(),
+        [] | [_, _, ..] => None,
+    };
+    order.ok_or_else(|| CliError("alight command deck: closed or open has to follow".into()))
+}
+/// The word behind `helm`: whether the computer may steer.
+fn consent(words: &[String]) -> Result<bool, CliError> {
+    match words {
+        [word] if word == "yes" => Ok(true),
+        [word] if word == "no" => Ok(false),
+        _ => Err(CliError("alight command helm: yes or no has to follow".into())),
     }
 }
 
@@ -209,9 +243,6 @@ fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
 /// Whether drones may descend.
 fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
     let order = match (word, args.drone) {
-        (CrewOrder::Yes | CrewOrder::No, _) => {
-            return Err(CliError("yes and no belong to `alight command helm`".into()));
-        }
         (CrewOrder::Closed, None) => DeckOrder::Closed,
         (CrewOrder::Open, None) => DeckOrder::Open,
         (CrewOrder::Open, Some(drone)) => DeckOrder::Clear(drone),
@@ -231,7 +262,7 @@ fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
             CrewOrder::Open if closed => {
                 "the order is taken, but switch or sensor keep the deck closed: alight status"
             }
-            CrewOrder::Open | CrewOrder::Yes | CrewOrder::No => "the deck is open",
+            CrewOrder::Open => "the deck is open",
         });
         let unheard = newest.iter().flat_map(|s| s.deck.unheard.iter());
         for drone in unheard.filter(|_| word == CrewOrder::Open) {

@@ -39,6 +39,8 @@ pub enum State {
     Hold,
     /// Ended without landing: aborted by command or out of retries.
     GaveUp,
+    /// Looks for the tags of a vessel that is known by its beacon alone, in a pattern about the beacon's predicted place.
+    Search,
 }
 
 /// Phases that choose weights and rates.
@@ -61,7 +63,9 @@ impl State {
     pub const fn phase(self) -> Phase {
         match self {
             State::Idle | State::Landed => Phase::None,
-            State::GetAltitude | State::Approach | State::Hold | State::GaveUp => Phase::Navigation,
+            State::GetAltitude | State::Approach | State::Search | State::Hold | State::GaveUp => {
+                Phase::Navigation
+            }
             State::Tracking | State::TrackingStable => Phase::Follow,
             State::Descent | State::Flare => Phase::Landing,
         }
@@ -79,6 +83,7 @@ impl State {
             State::Landed => "Landed",
             State::Hold => "Hold",
             State::GaveUp => "Gave up",
+            State::Search => "Search",
         }
     }
     /// What the drone does in it, for people.
@@ -94,6 +99,7 @@ impl State {
             State::Landed => "stands on the deck",
             State::Hold => "holds its position at a safe height",
             State::GaveUp => "holds its position: the landing has ended without a touchdown",
+            State::Search => "looks for the deck's tags around its beacon",
         }
     }
     /// How a landing ended that left the drone in it, for people; None: it goes on, or there was none.
@@ -104,6 +110,7 @@ impl State {
             State::Idle
             | State::GetAltitude
             | State::Approach
+            | State::Search
             | State::Tracking
             | State::TrackingStable
             | State::Descent
@@ -197,6 +204,8 @@ pub struct SettingsOrder {
 pub enum VesselLevel {
     /// By the tags on its deck alone.
     Tag,
+    /// By a beacon as well, which gives place and velocity to metres ([`super::DeckBeacon`]): it leads to a search for the tags.
+    Beacon,
     /// By the estimates and the waves that its computer broadcasts.
     #[default]
     Computer,
@@ -268,9 +277,12 @@ impl MissionState {
             State::Hold => {
                 broken_off || !matches!(self.entered.code, ReasonCode::Operator | ReasonCode::Matched)
             }
-            State::Idle | State::GetAltitude | State::Approach | State::Tracking | State::TrackingStable => {
-                broken_off
-            }
+            State::Idle
+            | State::GetAltitude
+            | State::Approach
+            | State::Search
+            | State::Tracking
+            | State::TrackingStable => broken_off,
             State::Descent | State::Flare => false,
         }
     }
@@ -411,6 +423,7 @@ impl CommandKind {
                 State::GaveUp => false,
                 State::GetAltitude
                 | State::Approach
+                | State::Search
                 | State::Tracking
                 | State::TrackingStable
                 | State::Descent

@@ -34,6 +34,7 @@ macro_rules! restamped {
 }
 
 mod aboard;
+mod beacon;
 mod deck;
 mod drone;
 mod drone_status;
@@ -51,6 +52,7 @@ pub use aboard::{
     MAX_DEVICES, MAX_NAMED, MAX_ORDERS, SensorReadings, SourceRemark, SourceReport, SourceStatus, SourceUse,
     Starved, Unheard, VesselStatus,
 };
+pub use beacon::{BeaconSource, DeckBeacon, MAX_BEACON_LASTS_S, MAX_BEACON_MPS, MIN_BEACON_SD_M};
 pub use deck::{
     DeckForecast, DeckStage, FORECAST_STAGES, LinkState, PREDICTED_SLOPE_STEP_S, PREDICTED_SLOPES,
     RangeSample, SILENT_S, Source, TagPose, UvdarFix,

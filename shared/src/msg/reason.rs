@@ -160,6 +160,18 @@ pub enum ReasonCode {
     TagsInSight,
     /// The vessel's computer turns her to a better heading, rad, on which she is steady in this time, s.
     HelmTurns,
+    /// The vessel is known by its beacon alone: the standard deviation of its place, m, and the beacon's age, s.
+    KnownByBeacon,
+    /// Above the beacon's predicted place the tags are not detected: its distance, m, and how far is searched around it, m.
+    AtBeacon,
+    /// Looks for the tags around the beacon's place: flown so far, m, and the whole pattern's length, m.
+    Searching,
+    /// The tags were nowhere around the beacon's place: searched to this distance, m, which took so long, s.
+    NotFound,
+    /// The beacon's place is known too poorly for a search: the distance that it would have to reach, m, and the limit.
+    BeaconVague,
+    /// Several decks with this deck's tags are in sight, and nothing says which is its own: their number.
+    SeveralDecks,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -227,6 +239,30 @@ impl fmt::Display for Reason {
             ),
             ReasonCode::NoVessel => write!(f, "no vessel state received from within 100 km"),
             ReasonCode::TagsInSight => write!(f, "the tags are detected, the vessel is silent"),
+            ReasonCode::KnownByBeacon => {
+                write!(f, "vessel known by beacon, {v:.0} m, {l:.1} s old")
+            }
+            ReasonCode::AtBeacon => {
+                write!(f, "no tags at the beacon's place: searches {l:.0} m around it")
+            }
+            ReasonCode::Searching => {
+                write!(f, "searches for the tags, {v:.0} m of {l:.0} m flown")
+            }
+            ReasonCode::NotFound => {
+                write!(f, "no tags within {v:.0} m of the beacon in {l:.0} s of search")
+            }
+            ReasonCode::BeaconVague => {
+                write!(
+                    f,
+                    "the beacon is too inexact: the search would reach {v:.0} m (limit {l:.0})"
+                )
+            }
+            ReasonCode::SeveralDecks => {
+                write!(
+                    f,
+                    "{v:.0} decks with these tags are in sight, and nothing tells its own"
+                )
+            }
             ReasonCode::NotIdentified => {
                 write!(
                     f,

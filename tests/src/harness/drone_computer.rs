@@ -309,6 +309,8 @@ impl DroneComputer {
             surroundings: received.surroundings,
             link: received.link,
             drone: odometry,
+            autopilot,
+            beacons: readings.beacons,
             tags: readings.tags,
             uvdar: readings.uvdar,
             ranges: readings.ranges.clone(),

@@ -58,7 +58,7 @@ impl Moment {
     const fn max_delay_s(self) -> f64 {
         match self {
             Moment::In(state) => match state {
-                State::Approach => 2.0,
+                State::Approach | State::Search => 2.0,
                 State::GetAltitude | State::Tracking => 0.5,
                 State::TrackingStable => 0.1,
                 State::Descent => 2.5,

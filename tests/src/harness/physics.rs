@@ -3,6 +3,8 @@
 //! Each drone meets the deck and the water alone. Two whose spans overlap have collided: that is counted, and they fly on.
 //! Drones fly through keep-out volumes, which the judge counts.
 
+mod neighbour;
+
 use core::f64::consts::TAU;
 
 use alight_shared::config::{Check, Keys};
@@ -14,6 +16,7 @@ use alight_shared::time::{DroneClock, Span, Time, TrueTime, VesselClock};
 use alight_usv::sensors::Readings;
 use nalgebra::Vector3;
 
+use self::neighbour::Neighbour;
 use super::outcome::{ContactEvent, Observation};
 use super::scenario::{Scenario, SetupError};
 use super::trace::TracePoint;
@@ -61,7 +64,7 @@ struct Plant {
 }
 
 impl Plant {
-    fn new(k: usize, scenario: &Scenario, streams: &Streams) -> Plant {
+    fn new(k: usize, scenario: &Scenario, place: Option<Datum>, streams: &Streams) -> Plant {
         let streams = streams.of_drone(k);
         let identity = Identity {
             vessel: VESSEL_ID,
@@ -72,7 +75,7 @@ impl Plant {
         let (drone, deck) = (&scenario.airframe, &scenario.deck);
         Plant {
             identity,
-            sensors: DroneSensors::new(&scenario.sensors, drone, deck, identity, &streams),
+            sensors: DroneSensors::new(&scenario.sensors, drone, deck, place, identity, &streams),
             streams,
             drone: None,
             origin: Datum::default(),
@@ -125,6 +128,7 @@ pub struct Physics {
     started: Time<TrueTime>,
     sea: Sea,
     carrier: DeckCarrier,
+    neighbour: Option<Neighbour>,
     /// Where the true NED begins; None: that of vessel and drones is the true one.
     place: Option<Datum>,
     vessel_clock: ClockModel,
@@ -156,6 +160,7 @@ impl Physics {
                 (sea, carrier)
             }
         };
+        let neighbour = Neighbour::new(scenario, &sea, &streams)?;
         let place = scenario.place.drawn(&streams);
         let vessel_clock = Clocks::new(&scenario.sensors.clocks, &streams).vessel;
         let identity = Identity {
@@ -169,11 +174,12 @@ impl Physics {
             started: Time::EPOCH + Span::from_secs(scenario.start.warm_up_s),
             sea,
             carrier,
+            neighbour,
             place,
             vessel_clock,
             vessel_sensors: VesselSensors::new(&scenario.sensors, place, identity, &streams),
             drones: (0..scenario.drones as usize)
-                .map(|k| Plant::new(k, scenario, &streams))
+                .map(|k| Plant::new(k, scenario, place, &streams))
                 .collect(),
             keep_out: KeepOut::all(&scenario.keep_out_m, &scenario.deck),
             scenario: scenario.clone(),
@@ -279,8 +285,10 @@ impl Physics {
     /// What a drone's camera and rangefinder measure now; None before it has appeared.
     pub fn drone_readings(&mut self, k: usize) -> Option<DroneReadings> {
         let (t, deck, sea, lift) = (self.t, self.deck(), &self.sea, self.carrier.water_lift());
+        let neighbour = self.neighbour_deck();
         let plant = self.drones.get_mut(k)?;
         let truth = plant.truth()?;
+        plant.sensors.show(neighbour);
         Some(plant.sensors.step(t, &truth, &deck, |north, east| {
             sea.surface(t, north, east).surface_z() - lift
         }))
@@ -312,6 +320,7 @@ impl Physics {
     ) {
         let (t, before, lift) = (self.t, self.deck(), self.carrier.water_lift());
         self.carrier.step(t, TICK.secs(), &self.sea);
+        self.neighbour.iter_mut().for_each(|n| n.step(t, TICK));
         let deck = [before, self.deck()];
         for k in 0..self.drones.len() {
             let Some(plant) = self.drones.get_mut(k) else {
@@ -422,6 +431,11 @@ impl Physics {
     /// The deck.
     pub fn deck(&self) -> RigidState<Deck> {
         self.carrier.state().at(self.scenario.deck.centre())
+    }
+    /// The deck of another boat with the same tags.
+    pub fn neighbour_deck(&self) -> Option<RigidState<Deck>> {
+        let n = self.neighbour.as_ref()?;
+        Some(n.deck(&self.deck(), &self.scenario))
     }
     /// The vessel's reference point.
     pub fn vessel(&self) -> RigidState<VesselBody> {

@@ -164,6 +164,10 @@ config! {
         pub drone: DroneConfig;
         /// Where on Earth it is.
         pub place: PlaceConfig;
+        /// Another boat with the same tags lies so far from this one, between the decks' centres, m, and rocks by itself. None:
+        /// there is none.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub neighbour_m: Option<f64> = None, in 1.0..=500.0;
         /// What differs from what the nodes know.
         pub draws: DrawConfig;
         /// Where the drone starts.

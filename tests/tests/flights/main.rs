@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod advice;
+mod beacon;
 mod calibration;
 mod contact;
 mod deck_reservation;
@@ -12,6 +13,7 @@ mod estimator;
 mod faults;
 mod helm;
 mod hulls;
+mod identity;
 mod interrupted_landing;
 mod keep_out;
 mod ladder;

@@ -145,6 +145,7 @@ fn severity_of(m: &MissionState) -> u8 {
         State::Idle
         | State::GetAltitude
         | State::Approach
+        | State::Search
         | State::Tracking
         | State::TrackingStable
         | State::Descent

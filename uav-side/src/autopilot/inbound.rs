@@ -37,6 +37,10 @@ impl AutopilotLink {
         if self.asked_by_station(now, frame, out) {
             return false;
         }
+        if let Some(beacon) = self.beacon(now, frame) {
+            out.beacon = Some(beacon);
+            return false;
+        }
         let Some(peer) = self.peer.as_mut().filter(|p| p.address == frame.from) else {
             return false;
         };
@@ -146,6 +150,8 @@ impl AutopilotLink {
             | Message::ParameterSet { .. }
             | Message::Command(_)
             | Message::CommandInt { .. }
+            | Message::GlobalPosition(_)
+            | Message::FollowTarget(_)
             | Message::Position(_)
             | Message::AttitudeThrust(_)
             | Message::LandingTarget(_)

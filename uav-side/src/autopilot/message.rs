@@ -7,6 +7,8 @@
 use alight_shared::geodesy::Datum;
 use serde::{Deserialize, Serialize};
 
+use super::place_report::PlaceReport;
+
 /// Sender or receiver: system and component.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Address {
@@ -480,6 +482,10 @@ pub enum Message {
         /// `alt_ellipsoid`.
         ellipsoid_m: f64,
     },
+    /// `GLOBAL_POSITION_INT`: where a system is.
+    GlobalPosition(PlaceReport),
+    /// `FOLLOW_TARGET`: where a phone or a ground station is.
+    FollowTarget(PlaceReport),
     /// `COMMAND_LONG`.
     Command(CommandLong),
     /// `COMMAND_INT`, without its parameters: no order has any.

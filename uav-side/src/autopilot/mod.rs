@@ -4,7 +4,7 @@
 //!
 //! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
 //! [`lapse`] (whose hold it is), `heading` (whether it is aligned), [`disarm`] (when motors are stopped), this file (one step), [`inbound`] and [`outbound`] (its two
-//! halves), [`ground_station`], [`station`] and [`rc_switch`] (people at a ground station and at the remote control, and their [`orders`]), [`station_parameters`] (what a ground station sets of the mission), [`shadow`] (a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
+//! halves), [`ground_station`], [`station`] and [`rc_switch`] (people at a ground station and at the remote control, and their [`orders`]), [`station_parameters`] (what a ground station sets of the mission), [`shadow`] (a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), `beacon` (the vessel's place by other systems), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
 //! [`parameters`] (what a landing relies on), and [`wire`] for the bytes.
 //!
 //! Safety does not rest on this node being alive. Without its set-points PX4 leaves OFFBOARD after
@@ -12,6 +12,7 @@
 //! holds in GUIDED (after one of attitude: level, no climb).
 
 pub mod authority;
+mod beacon;
 mod checkpoint;
 mod clock;
 pub mod config;
@@ -29,6 +30,7 @@ mod orders;
 mod outbound;
 pub mod parameters;
 mod peer;
+pub mod place_report;
 mod rc_switch;
 mod shadow;
 mod station;
@@ -47,8 +49,8 @@ use alight_shared::admission::{Latest, Periodic};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, Command, DeckForecast, DroneState, Header, LandedState, LandingMode,
-    LinkCheckpoint, MissionState, RangeSample, Reason, ReasonCode, SetPoint, SettingsOrder,
+    AutopilotMode, AutopilotState, Command, DeckBeacon, DeckForecast, DroneState, Header, LandedState,
+    LandingMode, LinkCheckpoint, MissionState, RangeSample, Reason, ReasonCode, SetPoint, SettingsOrder,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -127,6 +129,8 @@ pub struct AutopilotOut {
     pub command: Option<Command>,
     /// Of a ground station, to the mission.
     pub settings: Option<SettingsOrder>,
+    /// The vessel's place by another system.
+    pub beacon: Option<DeckBeacon>,
     /// For a person: changes of control authority, denied commands, the autopilot's own texts.
     pub texts: Vec<String>,
 }
@@ -155,6 +159,7 @@ enum Output {
     Checkpoint,
     Command,
     Settings,
+    Beacon,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -178,7 +183,7 @@ pub struct AutopilotLink {
     attitudes: bool,
     drone_id: u32,
     boot: u32,
-    sequences: [u32; 6],
+    sequences: [u32; 7],
     /// Of a crashed predecessor.
     recovery: Recovery<LinkCheckpoint>,
     /// It waits no longer for a predecessor's checkpoint.

@@ -113,6 +113,7 @@ impl AutopilotLink {
                 State::Idle
                 | State::GetAltitude
                 | State::Approach
+                | State::Search
                 | State::Tracking
                 | State::TrackingStable
                 | State::Hold

@@ -119,7 +119,8 @@ fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionC
             let own = s.own.filter(|_| !same_frame).map_or(at, |own| own.position);
             MissionPhase::GetAltitude { from: [own.x, own.y] }
         }
-        State::Approach => MissionPhase::APPROACH,
+        // A search begins again from the beacon's place.
+        State::Approach | State::Search => MissionPhase::APPROACH,
         // What it knew of the wind is gone: it begins its watch anew.
         State::Tracking | State::TrackingStable => MissionPhase::TRACKING,
         State::Descent => MissionPhase::DESCENT,

@@ -1,7 +1,7 @@
 //! Mission: permission of what the planner may fly, with the reason why not more.
 //!
 //! Read `transition` (the state machine as a pure function), `states` (its table), `phase` (the states and what they
-//! remember), `situation` (every quantity it judges), `height` (does a second witness
+//! remember), `search` (the way to a deck that is known by a beacon alone), `situation` (every quantity it judges), `height` (does a second witness
 //! confirm the deck's height?), `outlook` (how likely a landing succeeds, with `staying`: does the landed
 //! drone stay?), `waiting` (is a better moment worth its cost?), then `checkpoint` (what outlives the process). This file keeps the inputs and writes the output.
 
@@ -13,6 +13,7 @@ mod limits;
 mod outlook;
 mod phase;
 mod place;
+mod search;
 mod situation;
 mod states;
 mod swing;
@@ -62,10 +63,12 @@ use checkpoint::{Beginning, Begun};
 use height::{HeightWitnesses, Surface};
 use limits::{MATCHES_FROM_M, TAG_HEIGHT_M};
 use outlook::Outlook;
+pub use phase::MAX_VESSEL_DISTANCE_M;
 use phase::{MissionPhase, Progress, gave_up};
 use place::Place;
-use situation::{ControlState, Deck, OwnState, Promise, Reservation, Situation, rotors_carry, stated_course};
-pub use states::MAX_VESSEL_DISTANCE_M;
+use situation::{
+    ControlState, Deck, OwnState, Promise, Reservation, Situation, rotors_carry, several, stated_course,
+};
 use states::{RADIO_BLIND_S, blind_limit};
 use swing::SwingMonitor;
 use tilt::TiltMonitor;
@@ -375,6 +378,7 @@ impl Mission {
             moved: self
                 .moved
                 .map(|(_, by_m)| Reason::new(ReasonCode::OriginMoved, by_m, 0.0)),
+            several: (self.forecast.fresh(now, topics::FORECAST.stale_after)).and_then(several),
             battery: autopilot.and_then(|_| self.battery.charge(c)),
             battery_reserve: deck.map_or(c.battery_reserve, |d| {
                 let assumed_mps = c.battery_air_speed_mps - d.leaving_mps;
@@ -432,6 +436,7 @@ impl Mission {
             State::Idle
             | State::GetAltitude
             | State::Approach
+            | State::Search
             | State::Tracking
             | State::TrackingStable
             | State::Landed

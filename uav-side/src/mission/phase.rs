@@ -21,6 +21,20 @@ pub enum HoldCause {
     Data,
 }
 
+/// How far the search has come.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Search {
+    /// Since when it lasts, and when it last went on.
+    pub(super) since: DroneTime,
+    pub(super) at: DroneTime,
+    /// Path of the spiral so far, m.
+    pub(super) flown_m: f64,
+    /// It is at the path's end since.
+    pub(super) ended: Option<DroneTime>,
+    /// The tags have been detected since.
+    pub(super) detected: Option<DroneTime>,
+}
+
 /// A state with what it has to remember.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum MissionPhase {
@@ -37,6 +51,8 @@ pub enum MissionPhase {
         /// Detected since.
         detected: Option<DroneTime>,
     },
+    /// Looks for a deck that is known by a beacon alone.
+    Search(Search),
     /// Over the vessel.
     Tracking {
         /// Steady since.
@@ -107,6 +123,7 @@ impl MissionPhase {
             MissionPhase::Idle => State::Idle,
             MissionPhase::GetAltitude { .. } => State::GetAltitude,
             MissionPhase::Approach { .. } => State::Approach,
+            MissionPhase::Search(_) => State::Search,
             MissionPhase::Tracking { .. } => State::Tracking,
             MissionPhase::TrackingStable => State::TrackingStable,
             MissionPhase::Descent { .. } => State::Descent,
@@ -186,6 +203,14 @@ pub(super) enum Transition {
     Go(MissionPhase, Reason),
     /// Breaks the landing off for this reason.
     BreakOff(Reason),
+}
+
+/// Nobody flies to a vessel further away than this, m: an origin that is wrong lies anywhere.
+pub const MAX_VESSEL_DISTANCE_M: f64 = 5e3;
+
+/// The vessel is further away than anybody means to fly.
+pub(super) fn too_far(deck: &Deck) -> Option<Reason> {
+    exceeds(ReasonCode::VesselTooFar, deck.distance_m, MAX_VESSEL_DISTANCE_M)
 }
 
 /// What is too old to go on.

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::phase::{MissionPhase, hold_height, moving_place, stands_aside};
+use super::search;
 use super::situation::Situation;
 use crate::mission_config::MissionConfig;
 
@@ -69,6 +70,11 @@ impl Place {
                     ..here
                 }
             }
+            MissionPhase::Search(looks) => Place {
+                height_m: search::height_m(c),
+                offset: s.fresh_deck().and_then(|d| looks.offset(d, c)),
+                ..here
+            },
             MissionPhase::Idle => here,
             MissionPhase::Tracking { .. }
             | MissionPhase::TrackingStable

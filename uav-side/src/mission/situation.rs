@@ -227,6 +227,9 @@ pub struct Deck {
     pub turn_mps: f64,
     /// The motion of a vessel that is known by its tags alone is identified; that of another one she knows herself.
     pub identified: bool,
+    /// The beacon that may lead to it: the standard deviation of its place, each horizontal axis, m, and its age, s; None, too,
+    /// where the mission permits none.
+    pub beacon: Option<[f64; 2]>,
     /// Two witnesses of its place or height contradict each other.
     pub contradicted: Option<Reason>,
     /// How the landing, completed, and a climb from now on would end; None above the commit clearance.
@@ -236,6 +239,12 @@ pub struct Deck {
 /// The rangefinder and the camera may disagree about the height by this many standard deviations of both, root mean square over
 /// seconds. Chosen: 1 where both err as they state, 2.8 at most in 40 sound landings, 8 with images stamped 0.25 s late.
 const MAX_HEIGHT_SD: f64 = 3.0;
+
+/// Which decks are in sight of which one is the vessel's.
+pub fn several(forecast: &DeckForecast) -> Option<Reason> {
+    let decks = f64::from(forecast.decks_in_sight);
+    (decks > 1.0).then(|| Reason::new(ReasonCode::SeveralDecks, decks, 0.0))
+}
 
 /// Which two witnesses of the deck contradict each other.
 fn contradicted(forecast: &DeckForecast) -> Option<Reason> {
@@ -298,8 +307,11 @@ impl Deck {
             turn_mps: mean_mps * turn_radps * TURN_LAG_S,
             identified: match forecast.vessel_level() {
                 VesselLevel::Computer => true,
-                VesselLevel::Tag => !forecast.predicted_slopes.is_empty(),
+                VesselLevel::Tag | VesselLevel::Beacon => !forecast.predicted_slopes.is_empty(),
             },
+            beacon: forecast
+                .beacon
+                .filter(|_| config.least_vessel <= VesselLevel::Beacon),
             contradicted: contradicted(forecast),
             ends: (clearance_m < config.commit_clearance_m)
                 .then(|| Ends::predict(now, forecast, &own.position, &own.velocity, drone))
@@ -353,6 +365,8 @@ pub struct Situation {
     pub rejection: Option<Reason>,
     /// The drone's frame has moved, and no forecast has come since.
     pub moved: Option<Reason>,
+    /// Several decks are in sight, of which one is the vessel's.
+    pub several: Option<Reason>,
     /// Remaining battery that counts; None when not reported.
     pub battery: Option<f64>,
     /// What has to be left of it, 0 to 1.
@@ -438,7 +452,7 @@ pub fn rotors_carry(a: &AutopilotState, drone: &DroneGeometry) -> Option<bool> {
 impl Situation {
     /// Why there is no deck.
     pub fn no_deck(&self) -> Reason {
-        self.moved.unwrap_or(ReasonCode::NoVessel.into())
+        self.moved.or(self.several).unwrap_or(ReasonCode::NoVessel.into())
     }
     /// Why a touchdown that was detected is none: the rotors carry the drone, above the deck when that is known, or beside it.
     /// Where the thrust is not known, the height above the deck shows it alone.

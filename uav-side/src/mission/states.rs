@@ -4,8 +4,7 @@ use alight_shared::msg::ReasonCode::{
     ArmedAgain, Commanded, CourseEnds, Descending, DescendingTo, Deviated, FlareHeight, Flaring,
     HeightReached, HelmTurns, InSight, Infeasible, Matched, Matching, Missed, NoPlace, NoPlan, NoVessel,
     NoVision, NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, Operator, Permitted, Recovered,
-    Steady, Swings, TagsInSight, TiltExcess, TooFar, TooFast, TooNear, TooSteep, VesselTooFar, VesselTurns,
-    VisionLost,
+    Steady, Swings, TagsInSight, TiltExcess, TooFar, TooFast, TooNear, TooSteep, VesselTurns, VisionLost,
 };
 use alight_shared::msg::{Course, PLACES, Reason, ReasonCode, VesselLevel};
 use nalgebra::Vector3;
@@ -16,8 +15,9 @@ use super::limits::{
 };
 use super::phase::{
     DroneTime, HoldCause, MissionPhase, Progress, Transition, gave_up, held_place, holding, lasting,
-    moving_place, old_data,
+    moving_place, old_data, too_far,
 };
+use super::search;
 use super::situation::{ControlState, Deck, Reservation, Situation};
 use super::waiting::promised;
 use crate::mission_config::MissionConfig;
@@ -33,6 +33,7 @@ pub(super) fn step(
         MissionPhase::Idle => idle(progress, s, c),
         MissionPhase::GetAltitude { from } => get_altitude(from, s, c),
         MissionPhase::Approach { detected } => approach(detected, s, c),
+        MissionPhase::Search(looks) => search::search(looks, s, c),
         MissionPhase::Tracking { steady } => tracking(steady, progress, s, c),
         MissionPhase::TrackingStable => tracking_stable(progress, s, c),
         MissionPhase::Descent { violated, paused } => descent(violated, paused, progress, s, c),
@@ -59,14 +60,6 @@ pub(super) fn step(
             MissionPhase::GaveUp { at, yaw }.stay(why)
         }
     }
-}
-
-/// Nobody flies to a vessel further away than this, m: an origin that is wrong lies anywhere.
-pub const MAX_VESSEL_DISTANCE_M: f64 = 5e3;
-
-/// The vessel is further away than anybody means to fly.
-fn too_far(deck: &Deck) -> Option<Reason> {
-    exceeds(VesselTooFar, deck.distance_m, MAX_VESSEL_DISTANCE_M)
 }
 
 /// Why an order to land that has not begun ends: it has waited for too long, or its flight is over.
@@ -128,11 +121,22 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
             let from = [own.position.x, own.position.y];
             MissionPhase::GetAltitude { from }.enter(Commanded)
         }
-        (Some(deck), _) if c.least_vessel == VesselLevel::Tag && above(deck, c) => {
+        (Some(deck), _)
+            if (c.least_vessel == VesselLevel::Tag || deck.beacon.is_some()) && above(deck, c) =>
+        {
             progress.started = s.now;
             MissionPhase::TRACKING.enter(TagsInSight)
         }
-        _ => idle.stay(NoVessel),
+        (Some(deck), Some(own)) if let Some([sd_m, age_s]) = deck.beacon => {
+            if let Some(why) = too_far(deck).or_else(|| search::vague(deck)) {
+                return idle.stay(why);
+            }
+            progress.started = s.now;
+            let from = [own.position.x, own.position.y];
+            let known = Reason::new(ReasonCode::KnownByBeacon, sd_m, age_s);
+            MissionPhase::GetAltitude { from }.enter(known)
+        }
+        (_, _) => idle.stay(s.several.unwrap_or(NoVessel.into())),
     }
 }
 
@@ -171,7 +175,7 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Tr
         return holding(HoldCause::Data, s, c).enter(why);
     }
     let blind = deck.vision_age_s > c.vision_fresh_s;
-    if blind && deck.radio_age_s > c.radio_lost_s {
+    if blind && deck.radio_age_s > c.radio_lost_s && deck.beacon.is_none() {
         return holding(HoldCause::Data, s, c).enter(NoVessel);
     }
     if let Some(why) = s.waits(c) {
@@ -187,8 +191,12 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Tr
         return MissionPhase::APPROACH.stay(why);
     }
     if blind {
+        if let Some(next) = search::begins(deck, s, c) {
+            return next;
+        }
         // The tags that are detected may be another vessel's.
-        return MissionPhase::APPROACH.stay(deck.contradicted.unwrap_or(NoVision.into()));
+        let why = deck.contradicted.or(s.several);
+        return MissionPhase::APPROACH.stay(why.unwrap_or(NoVision.into()));
     }
     let (detected, lasted) = lasting(true, detected, s.now);
     if lasted < CONTACT_CONFIRM_S {
@@ -218,10 +226,10 @@ fn deck_lost(s: &Situation, c: &MissionConfig) -> Option<Transition> {
     s.place.map(|_| leave(s, why))
 }
 
-/// Vision lost in a state that follows the vessel by vision: the radio leads back to it, or nothing.
+/// Vision lost in a state that follows the vessel by vision: radio or beacon leads back to it, or nothing.
 fn vision_lost(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Transition> {
     let why = exceeds(VisionLost, deck.vision_age_s, c.vision_lost_s)?;
-    let next = if deck.radio_age_s <= c.radio_fresh_s {
+    let next = if deck.radio_age_s <= c.radio_fresh_s || deck.beacon.is_some() {
         MissionPhase::APPROACH
     } else {
         holding(HoldCause::Data, s, c)
@@ -610,7 +618,7 @@ fn held(
     if let Some(why) = too_far(deck) {
         return hold(None).stay(why);
     }
-    if deck.vision_age_s > c.vision_fresh_s && deck.radio_age_s > c.radio_fresh_s {
+    if deck.vision_age_s > c.vision_fresh_s && deck.radio_age_s > c.radio_fresh_s && deck.beacon.is_none() {
         return hold(None).stay(Reason::new(VisionLost, deck.vision_age_s, c.vision_fresh_s));
     }
     let (fresh, lasted) = lasting(true, fresh, s.now);

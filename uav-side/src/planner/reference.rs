@@ -202,7 +202,7 @@ impl ReferenceGenerator {
             Mode::Idle | Mode::Landed | Mode::GetAltitude | Mode::Hold | Mode::GaveUp => {
                 (Goal::Hold, c.navigation)
             }
-            Mode::Approach => (Goal::Above, c.navigation),
+            Mode::Approach | Mode::Search => (Goal::Above, c.navigation),
             Mode::Tracking | Mode::TrackingStable => (Goal::Above, c.follow),
             Mode::Descent => (Goal::Sink, c.landing),
             Mode::Flare => (Goal::Touch, c.landing),

@@ -72,7 +72,9 @@ impl Claim {
         match (status.state, status.landed) {
             (State::Landed, _) if !is_far(status) => Claim::OnDeck,
             (State::Descent | State::Flare, _) => Claim::Landing,
-            (State::GetAltitude | State::Approach | State::TrackingStable, _) => Claim::Requesting,
+            (State::GetAltitude | State::Approach | State::Search | State::TrackingStable, _) => {
+                Claim::Requesting
+            }
             (State::Tracking, _) => Claim::Above,
             // Parked.
             (State::Idle | State::Hold | State::GaveUp, LandedState::OnGround) if near => Claim::OnDeck,
