@@ -7,7 +7,7 @@ use alight_shared::tags::{DeckTag, Tags};
 use crate::camera::CameraSettings;
 use crate::mission::MissionConfig;
 use crate::odometry::OdometryConfig;
-use crate::pilot::PilotConfig;
+use crate::pilot::{Output, PilotConfig};
 use crate::planner::{PlannerConfig, PlannerKind};
 use crate::predictor::PredictorConfig;
 
@@ -50,6 +50,14 @@ config! {
         pub planner: PlannerConfig;
         /// Pilot.
         pub pilot: PilotConfig;
+    }
+    check |this, at| {
+        at.require(
+            !this.mission.takeoff || this.pilot.output == Output::Attitude,
+            "mission.takeoff",
+            this.mission.takeoff,
+            "false with pilot.output = \"trajectory\": only an attitude and a thrust lift a drone off a deck that moves",
+        )?;
     }
 }
 

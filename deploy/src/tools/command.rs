@@ -35,6 +35,8 @@ pub enum Order {
     Abort,
     /// Hold where you are.
     Hold,
+    /// Take off from the deck, climb and hold (drone.mission.takeoff).
+    Takeoff,
     /// Say how the mission stands; commands nothing.
     Status,
     /// On the vessel: close the deck or open it.
@@ -52,6 +54,8 @@ pub enum CrewOrder {
     Closed,
     /// It is free, but for drones that report from it.
     Open,
+    /// For two minutes: nobody is near the drone of `--drone`, which may take off.
+    Takeoff,
 }
 
 impl Order {
@@ -61,6 +65,7 @@ impl Order {
             Order::Land => Some(CommandKind::Land),
             Order::Abort => Some(CommandKind::Abort),
             Order::Hold => Some(CommandKind::Hold),
+            Order::Takeoff => Some(CommandKind::TakeOff),
             Order::Status | Order::Deck | Order::Steady | Order::Turning => None,
         }
     }
@@ -81,7 +86,7 @@ pub struct CommandArgs {
     /// What to command
     #[arg(value_enum)]
     pub order: Order,
-    /// With `deck`: closed or open
+    /// With `deck`: closed, open or takeoff
     #[arg(value_enum, required_if_eq("order", "deck"))]
     pub deck: Option<CrewOrder>,
     /// With `steady`: for so long, s; 0: nothing is stated any more
@@ -125,10 +130,18 @@ pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
         (Order::Steady, None) => return course(args, DeckOrder::Steady(args.for_s)),
         (Order::Turning, None) => return course(args, DeckOrder::Turning),
         (
-            Order::Land | Order::Abort | Order::Hold | Order::Status | Order::Steady | Order::Turning,
+            Order::Land
+            | Order::Abort
+            | Order::Hold
+            | Order::Takeoff
+            | Order::Status
+            | Order::Steady
+            | Order::Turning,
             Some(_),
         ) => {
-            return Err(CliError("closed and open belong to `alight command deck`".into()));
+            return Err(CliError(
+                "closed, open and takeoff belong to `alight command deck`".into(),
+            ));
         }
         (_, None) => {}
     }
@@ -183,9 +196,11 @@ fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
         _ if newest.is_none() => NOT_TAKEN,
         DeckOrder::Steady(0) => "nothing is stated of the course",
         DeckOrder::Steady(_) => "course and speed are kept; a turn at the helm's switch counts more",
-        DeckOrder::Turning | DeckOrder::Closed | DeckOrder::Open | DeckOrder::Clear(_) => {
-            "no drone descends while she turns"
-        }
+        DeckOrder::Turning
+        | DeckOrder::Closed
+        | DeckOrder::Open
+        | DeckOrder::Clear(_)
+        | DeckOrder::TakeOff(_) => "no drone descends while she turns",
     };
     if args.json {
         terminal::line(json!({ "taken": newest.is_some(), "deck": newest.map(|s| s.deck) }));
@@ -201,6 +216,12 @@ fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
         (CrewOrder::Closed, None) => DeckOrder::Closed,
         (CrewOrder::Open, None) => DeckOrder::Open,
         (CrewOrder::Open, Some(drone)) => DeckOrder::Clear(drone),
+        (CrewOrder::Takeoff, Some(drone)) => DeckOrder::TakeOff(drone),
+        (CrewOrder::Takeoff, None) => {
+            return Err(CliError(
+                "whose take-off? alight command deck takeoff --drone N".into(),
+            ));
+        }
         (CrewOrder::Closed, Some(drone)) => {
             return Err(CliError(format!(
                 "--drone {drone}: the deck is closed for every drone"
@@ -218,6 +239,12 @@ fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
                 "the order is taken, but switch or sensor keep the deck closed: alight status"
             }
             CrewOrder::Open => "the deck is open",
+            CrewOrder::Takeoff if closed => {
+                "the order is taken, but the deck is closed: alight command deck open"
+            }
+            CrewOrder::Takeoff => {
+                "the deck is cleared for two minutes: keep away from the drone, its motors start 5 s after its take-off is ordered"
+            }
         });
         let unheard = newest.iter().flat_map(|s| s.deck.unheard.iter());
         for drone in unheard.filter(|_| word == CrewOrder::Open) {

@@ -88,6 +88,8 @@ pub struct DeckGrant<C: Clock> {
     pub places: [u32; PLACES],
     /// What the helm intends.
     pub course: Course,
+    /// Somebody aboard has cleared the deck for a take-off of its owner.
+    pub take_off: bool,
 }
 
 impl<C: Clock> DeckGrant<C> {
@@ -102,7 +104,8 @@ restamped!(DeckGrant {
     owner,
     occupied,
     places,
-    course
+    course,
+    take_off
 });
 message!(@C DeckGrant<C>, C, |m| {
     match m.course {

@@ -48,7 +48,7 @@ pub mod vessel;
 pub use aboard::{
     Closure, CrewOrder, DeckOrder, DeckStatus, Decoded, DroneContact, EstimatorStatus, FollowsAnother,
     HeadingAdvice, Line, MAX_DEVICES, MAX_NAMED, MAX_ORDERS, SensorReadings, SourceRemark, SourceReport,
-    SourceStatus, SourceUse, Starved, Unheard, VesselStatus,
+    SourceStatus, SourceUse, Starved, TAKE_OFF_CLEARANCE_S, Unheard, VesselStatus,
 };
 pub use deck::{
     DeckForecast, DeckStage, FORECAST_STAGES, LinkState, PREDICTED_SLOPE_STEP_S, PREDICTED_SLOPES,
@@ -83,7 +83,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 21;
+pub const MESSAGE_VERSION: u16 = 22;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]

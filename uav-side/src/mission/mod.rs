@@ -3,12 +3,13 @@
 //! Read `transition` (the state machine as a pure function), `states` (its table), `phase` (the states and what they
 //! remember), `situation` (every quantity it judges), `height` (does a second witness
 //! confirm the deck's height?), `outlook` (how likely a landing succeeds, with `staying`: does the landed
-//! drone stay?), `waiting` (is a better moment worth its cost?), then `checkpoint` (what outlives the process). This file keeps the inputs and writes the output.
+//! drone stay?), `take_off` and `lift_off` (the way back up), `waiting` (is a better moment worth its cost?), then `checkpoint` (what outlives the process). This file keeps the inputs and writes the output.
 
 mod air;
 mod battery;
 mod checkpoint;
 mod height;
+mod lift_off;
 mod limits;
 mod normal;
 mod odds;
@@ -16,9 +17,11 @@ mod outlook;
 mod phase;
 mod place;
 mod situation;
+mod sortie;
 mod states;
 mod staying;
 mod swing;
+mod take_off;
 mod tilt;
 mod transition;
 mod waiting;
@@ -35,6 +38,8 @@ mod node_tests;
 #[cfg(test)]
 mod settings_tests;
 #[cfg(test)]
+mod take_off_tests;
+#[cfg(test)]
 mod tests;
 
 pub use crate::mission_config::MissionConfig;
@@ -44,26 +49,32 @@ use alight_shared::admission::{CommandAdmission, Latest};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header, MissionCheckpoint,
+    AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header, LandedState, MissionCheckpoint,
     MissionSettings, MissionState, Motors, Phase, Plan, RangeSample, Reason, ReasonCode, SetPoint,
     SettingsOrder, Solve, State, VesselLevel,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
+use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
+use crate::lift_off::Rise;
 use crate::odometry::origin::FrameEpoch;
 use battery::BatteryMonitor;
 use checkpoint::{Beginning, Begun};
 use height::{HeightWitnesses, Surface};
+use lift_off::Jump;
 use limits::{MATCHES_FROM_M, TAG_HEIGHT_M};
 use odds::Odds;
 use outlook::Outlook;
 use phase::{MissionPhase, Progress, gave_up};
 use place::Place;
-use situation::{ControlState, Deck, OwnState, Reservation, Situation, rotors_carry, stated_course};
+use situation::{
+    ControlState, Deck, OwnState, Reservation, Situation, rotors_carry, stated_course, tips_rad,
+};
+use sortie::Way;
 pub use states::MAX_VESSEL_DISTANCE_M;
 use states::{RADIO_BLIND_S, blind_limit};
 use staying::{Stand, Staying};
@@ -146,6 +157,8 @@ pub struct Mission {
     /// By the newest forecast: whether a landed drone stays, and how likely a landing succeeds.
     judged: Option<(Time<DroneClock>, Staying, Option<Odds>)>,
     battery: BatteryMonitor,
+    /// Since its take-off began.
+    rise: Rise,
     /// Flies over the deck at its speed: the wind now is the wind on the deck.
     follows: bool,
 
@@ -342,6 +355,54 @@ impl Mission {
         s.odds = outlook.odds(now);
     }
 
+    /// What a take-off is judged by: how likely it succeeds while the drone stands on the deck, how far it has risen since.
+    fn judge_take_off(&mut self, now: Time<DroneClock>, s: &mut Situation) {
+        if let (true, Some(forecast)) = (
+            self.phase.stands() && s.fresh_deck().is_some(),
+            self.forecast.get(),
+        ) {
+            let jump = Jump {
+                forecast,
+                wind: &self.wind,
+                drone: &self.drone_geometry,
+            };
+            s.lift_off = jump.moments(now);
+        }
+        if !matches!(self.phase, MissionPhase::TakeOff { .. }) {
+            self.rise = Rise::default();
+        } else if let Some(d) = self.drone.get() {
+            let deck = self
+                .forecast
+                .get()
+                .and_then(|f| f.at(d.header.at.max(f.header.at)));
+            self.rise
+                .update(d.header.at, d.velocity[2], deck.map(|deck| deck.velocity[2]));
+        }
+        s.risen_m = self.rise.risen_m();
+    }
+    /// How long a drone on a sortie may stay away.
+    fn judge_sortie(&self, s: &mut Situation) {
+        let c = &self.config;
+        let known = self.progress.sortie.then(|| self.battery.energy(c)).flatten();
+        let (Some(energy), Some(own), Some(forecast)) = (known, s.own, self.forecast.get()) else {
+            return;
+        };
+        let Some(deck) = forecast.stages.first().filter(|_| s.fresh_deck().is_some()) else {
+            return;
+        };
+        let mean = |k: usize| forecast.stages.iter().map(|d| d.velocity[k]).sum::<f64>();
+        let stages = forecast.stages.len().max(1) as f64;
+        let wind = self.wind.true_wind().filter(|(_, sd)| *sd < WIND_SD_MPS);
+        let way = Way {
+            offset: Vector2::new(deck.position[0], deck.position[1]) - own.position.xy(),
+            vessel: Vector2::new(mean(0), mean(1)) / stages,
+            wind: wind.map_or(Vector2::zeros(), |(wind, _)| wind),
+            air_mps: c.battery_air_speed_mps,
+        };
+        s.turns_back = energy.turns_back(&way);
+        s.turns_in_s = Some(energy.turns_in_s(&way));
+    }
+
     /// The speed made good on the way to the deck.
     fn watch_way(&mut self, now: Time<DroneClock>, s: &Situation) {
         let dt = self.stepped.map_or(0.0, |at| (now - at).secs()).clamp(0.0, 1.0);
@@ -421,6 +482,14 @@ impl Mission {
                 .is_some_and(|s| s.motors == Motors::Stop),
             rotors_carry: autopilot.and_then(|a| rotors_carry(a, &self.drone_geometry)),
             hard_contact_mps: self.set_point.get().and_then(|s| s.hard_contact_mps),
+            not_cleared: take_off::not_cleared(self.grant.get(), self.drone_id, now),
+            on_ground: autopilot.is_some_and(|a| a.landed == LandedState::OnGround),
+            battery_for_take_off: self.battery.for_take_off(c),
+            turns_back: None,
+            turns_in_s: None,
+            lift_off: None,
+            risen_m: self.rise.risen_m(),
+            tips_rad: (self.forecast.get().zip(drone)).map_or(0.0, |(f, d)| tips_rad(f, d, now)),
         }
     }
 
@@ -439,7 +508,13 @@ impl Mission {
             | State::TrackingStable
             | State::Landed
             | State::Hold
-            | State::GaveUp => return decision,
+            | State::GaveUp
+            | State::Preparing
+            | State::Countdown
+            | State::SpinUp
+            | State::TakeOff
+            | State::ClimbOut
+            | State::StandDown => return decision,
         };
         let lasted = (now - self.since).secs();
         if decision.entered.is_some() || lasted <= limit {
@@ -608,6 +683,7 @@ impl Mission {
             datum: self.drone.get().map_or(Datum::default(), |d| d.datum),
             mean_deck_z: self.mean_deck_z.value(),
             was_away: self.was_away,
+            sortie: self.progress.sortie,
         }
     }
 
@@ -647,13 +723,17 @@ impl Mission {
             lowest_clearance_m: c.lowest_plan_m(),
             commit_clearance_m: c.commit_clearance_m,
             battery_reserve: s.battery_reserve,
-            likelihood: s.odds.map(|o| o.whole()),
+            likelihood: match s.lift_off {
+                Some(moments) => Some(moments.now.whole()),
+                None => s.odds.map(|o| o.whole()),
+            },
             wind: self
                 .wind
                 .true_wind()
                 .filter(|(_, sd)| *sd < WIND_SD_MPS)
                 .map(|(wind, _)| wind.into()),
             low_battery: self.progress.low_battery,
+            turns_in_s: s.turns_in_s,
             abort: self.commands.abort().map(|h| [h.boot, h.sequence]),
         }
     }
@@ -683,6 +763,8 @@ impl Node for Mission {
         self.follows = self.follows(&s);
         self.watch_way(now, &s);
         self.judge(now, &mut s);
+        self.judge_take_off(now, &mut s);
+        self.judge_sortie(&mut s);
         if let Some((after, at)) = &mut self.forced_descent
             && self.phase == MissionPhase::TrackingStable
         {
