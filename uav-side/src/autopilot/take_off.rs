@@ -14,6 +14,7 @@
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{AutopilotMode, ReasonCode, State};
 use alight_shared::time::Span;
+use nalgebra::Vector3;
 
 use super::message::{CUSTOM_MODE, CommandLong, CommandResult, Message, command, severity};
 use super::modes::Firmware;
@@ -192,9 +193,9 @@ impl AutopilotLink {
         // A drone that somebody else flies is theirs.
         let may = armed && ours && (self.departure.armed || stands_down);
         let low = self.sent_thrust.is_low(now);
-        let carried = self
-            .force
-            .is_some_and(|f| f >= self.config.disarm.min_load_factor * GRAVITY);
+        // In whatever attitude it came to rest.
+        let force = self.state.map(|s| Vector3::from(s.specific_force).norm());
+        let carried = force.is_some_and(|f| f >= self.config.disarm.min_load_factor * GRAVITY);
         let d = &mut self.departure;
         d.carried = d
             .carried

@@ -131,7 +131,8 @@ fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionC
             airborne: None,
         },
         State::Hold => {
-            let cause = if m.stopped {
+            // After a take-off it waits for an order, too.
+            let cause = if m.stopped || m.sortie && !m.landing {
                 HoldCause::Operator
             } else {
                 HoldCause::Data

@@ -37,6 +37,9 @@ const SPIN_UP_S: f64 = 1.5;
 const MOMENT_S: f64 = 8.5;
 /// The feet leave the deck within this time, s: three times what a drone of half the surplus thrust takes.
 const LEAVES_WITHIN_S: f64 = 1.0;
+/// A drone that tips on a foot has risen by less than this, m: half of its feet's span times the sine of the angle. Higher up it
+/// lies on the deck no more, and turns because it levels.
+const TIPS_BELOW_M: f64 = 0.1;
 /// Clear of the deck from here on, where the camera sees it and where it does not, m.
 const CLEAR_M: f64 = 3.0;
 const CLEAR_BLIND_M: f64 = 6.0;
@@ -240,7 +243,7 @@ pub(super) fn take_off(since: DroneTime, s: &Situation, c: &MissionConfig) -> Tr
     let stays = |why| MissionPhase::TakeOff { since }.stay(why);
     let (rose, lasted_s) = (s.risen_m, (s.now - since).secs());
     if rose < LEFT_M {
-        let tips = exceeds(TipsOver, s.tips_rad, MAX_TILT_RAD);
+        let tips = exceeds(TipsOver, s.tips_rad, MAX_TILT_RAD).filter(|_| rose < TIPS_BELOW_M);
         let stuck = (lasted_s > LEAVES_WITHIN_S).then_some(Reason::new(DoesNotRise, rose, LEFT_M));
         return match tips.or(stuck) {
             Some(why) => MissionPhase::StandDown { since: s.now }.enter(why),

@@ -215,6 +215,7 @@ fn feet_that_leave_the_deck_or_do_not() {
     };
     assert_eq!(leaves(0.5, 0.1, 0.05, false).0, State::TakeOff);
     assert_eq!(leaves(0.3, 0.05, 0.18, false), (State::StandDown, TipsOver));
+    assert_eq!(leaves(0.3, 0.15, 0.18, false).0, State::TakeOff, "it levels");
     assert_eq!(leaves(1.1, 0.1, 0.05, false), (State::StandDown, DoesNotRise));
     // Once they have left, the thrust is cut no more.
     assert_eq!(leaves(0.9, 0.4, 0.3, false).0, State::TakeOff);
@@ -267,4 +268,70 @@ fn end_of_a_take_off() {
     assert!(state == State::ClimbOut && why != BatteryLow);
     let high = with(|s| s.own.iter_mut().for_each(|own| own.position.z = -16.0));
     assert_eq!(follows(climbs, None, &high), (State::Hold, TakenOff));
+}
+
+/// A mission that is started anew in a take-off begins nothing that was not commanded to it.
+#[test]
+fn successor_of_a_mission_that_takes_off() {
+    let restored = |state: State, sortie: bool| {
+        let header = Header::new(1, 1, 1, 1, at(9.9));
+        let m = MissionCheckpoint {
+            header,
+            state: MissionState {
+                header,
+                state,
+                ..MissionState::default()
+            },
+            sortie,
+            ..MissionCheckpoint::default()
+        };
+        let (phase, _) = checkpoint::restored(&m, true, &fair(), &permits());
+        (phase.state(), phase.waits_for_operator())
+    };
+    for (state, sortie, expected) in [
+        (State::Preparing, false, (State::Idle, false)),
+        (State::Countdown, false, (State::Idle, false)),
+        (State::SpinUp, false, (State::StandDown, false)),
+        (State::StandDown, false, (State::StandDown, false)),
+        (State::TakeOff, false, (State::ClimbOut, false)),
+        (State::ClimbOut, false, (State::ClimbOut, false)),
+        (State::Hold, true, (State::Hold, true)),
+        (State::Hold, false, (State::Hold, false)),
+    ] {
+        assert_eq!(restored(state, sortie), expected, "{state:?}");
+    }
+}
+
+/// The battery ends a sortie: from the hold at once, else as an order that waits for the drone.
+#[test]
+fn end_of_a_sortie_by_the_battery() {
+    let due = Reason::new(ReasonCode::TurnsBack, 0.3, 0.31);
+    let sortie = |stopped| Progress {
+        sortie: true,
+        stopped,
+        ..Progress::default()
+    };
+    let hold = MissionPhase::Hold {
+        cause: phase::HoldCause::Operator,
+        at: Vector3::new(0.0, 0.0, -16.3),
+        yaw: 0.0,
+        fresh: None,
+    };
+    let step = |phase, progress, s: &Situation| decide(phase, progress, None, s, &permits());
+    let s = with(|s| s.turns_back = Some(due));
+    let d = step(hold, sortie(false), &s);
+    assert!(d.progress.landing && d.phase.state() == State::Hold && !d.phase.waits_for_operator());
+    // Who has stopped it is asked first, and one that is on no sortie stays.
+    assert_eq!(step(hold, sortie(true), &s).entered, None);
+    assert_eq!(step(hold, Progress::default(), &s).entered, None);
+    let others = with(|s| {
+        s.turns_back = Some(due);
+        s.flight = ControlState::OtherControl(AutopilotMode::Other);
+    });
+    let d = step(MissionPhase::Idle, sortie(false), &others);
+    assert_eq!((d.entered, d.progress.landing), (Some(due), true));
+    let mut later = others;
+    later.now = at(300.0);
+    let d = step(MissionPhase::Idle, d.progress, &later);
+    assert_eq!((d.entered, d.waiting, d.progress.landing), (None, due, true));
 }

@@ -155,7 +155,11 @@ fn wants_steady(status: &DroneStatus) -> bool {
         status.waiting.code,
         ReasonCode::VesselTurns | ReasonCode::CourseEnds | ReasonCode::TurnTooFast
     );
-    waits || matches!(status.state, State::Descent | State::Flare)
+    let moves = matches!(
+        status.state,
+        State::Descent | State::Flare | State::Countdown | State::SpinUp | State::TakeOff
+    );
+    waits || moves
 }
 
 /// What arrived since the last step.
