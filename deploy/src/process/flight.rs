@@ -113,11 +113,7 @@ impl FlightLog {
         let outcome = match state {
             // What came before counts.
             State::Idle if last.is_landing() => "ended",
-            State::Idle
-            | State::Preparing
-            | State::Countdown
-            | State::SpinUp
-            | State::StandDown => "",
+            State::Idle | State::Preparing | State::Countdown | State::SpinUp | State::StandDown => "",
             // It was before this flight that it landed or gave up.
             State::Landed | State::GaveUp if before.is_none() => "",
             State::Landed => "landed",

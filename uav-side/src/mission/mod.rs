@@ -49,14 +49,13 @@ use alight_shared::admission::{CommandAdmission, Latest};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header, LandedState, MissionCheckpoint,
-    MissionSettings, MissionState, Motors, Phase, Plan, RangeSample, Reason, ReasonCode, SetPoint,
-    SettingsOrder, Solve, State, VesselLevel,
+    AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header, LandedState,
+    MissionCheckpoint, MissionSettings, MissionState, Motors, Phase, Plan, RangeSample, Reason, ReasonCode,
+    SetPoint, SettingsOrder, Solve, State, VesselLevel,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
-use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
@@ -65,7 +64,6 @@ use crate::odometry::origin::FrameEpoch;
 use battery::BatteryMonitor;
 use checkpoint::{Beginning, Begun};
 use height::{HeightWitnesses, Surface};
-use lift_off::Jump;
 use limits::{MATCHES_FROM_M, TAG_HEIGHT_M};
 use odds::Odds;
 use outlook::Outlook;
@@ -74,7 +72,6 @@ use place::Place;
 use situation::{
     ControlState, Deck, OwnState, Reservation, Situation, rotors_carry, stated_course, tips_rad,
 };
-use sortie::Way;
 pub use states::MAX_VESSEL_DISTANCE_M;
 use states::{RADIO_BLIND_S, blind_limit};
 use staying::{Stand, Staying};
@@ -353,54 +350,6 @@ impl Mission {
             response: self.set_point.get().map(|s| s.response).unwrap_or_default(),
         };
         s.odds = outlook.odds(now);
-    }
-
-    /// What a take-off is judged by: how likely it succeeds while the drone stands on the deck, how far it has risen since.
-    fn judge_take_off(&mut self, now: Time<DroneClock>, s: &mut Situation) {
-        if let (true, Some(forecast)) = (
-            self.phase.stands() && s.fresh_deck().is_some(),
-            self.forecast.get(),
-        ) {
-            let jump = Jump {
-                forecast,
-                wind: &self.wind,
-                drone: &self.drone_geometry,
-            };
-            s.lift_off = jump.moments(now);
-        }
-        if !matches!(self.phase, MissionPhase::TakeOff { .. }) {
-            self.rise = Rise::default();
-        } else if let Some(d) = self.drone.get() {
-            let deck = self
-                .forecast
-                .get()
-                .and_then(|f| f.at(d.header.at.max(f.header.at)));
-            self.rise
-                .update(d.header.at, d.velocity[2], deck.map(|deck| deck.velocity[2]));
-        }
-        s.risen_m = self.rise.risen_m();
-    }
-    /// How long a drone on a sortie may stay away.
-    fn judge_sortie(&self, s: &mut Situation) {
-        let c = &self.config;
-        let known = self.progress.sortie.then(|| self.battery.energy(c)).flatten();
-        let (Some(energy), Some(own), Some(forecast)) = (known, s.own, self.forecast.get()) else {
-            return;
-        };
-        let Some(deck) = forecast.stages.first().filter(|_| s.fresh_deck().is_some()) else {
-            return;
-        };
-        let mean = |k: usize| forecast.stages.iter().map(|d| d.velocity[k]).sum::<f64>();
-        let stages = forecast.stages.len().max(1) as f64;
-        let wind = self.wind.true_wind().filter(|(_, sd)| *sd < WIND_SD_MPS);
-        let way = Way {
-            offset: Vector2::new(deck.position[0], deck.position[1]) - own.position.xy(),
-            vessel: Vector2::new(mean(0), mean(1)) / stages,
-            wind: wind.map_or(Vector2::zeros(), |(wind, _)| wind),
-            air_mps: c.battery_air_speed_mps,
-        };
-        s.turns_back = energy.turns_back(&way);
-        s.turns_in_s = Some(energy.turns_in_s(&way));
     }
 
     /// The speed made good on the way to the deck.

@@ -8,6 +8,9 @@
 use alight_shared::msg::{Reason, ReasonCode};
 use nalgebra::Vector2;
 
+use super::situation::Situation;
+use super::{Mission, WIND_SD_MPS};
+
 /// Longer ways are as good as none, s.
 const MAX_WAY_S: f64 = 3600.0;
 /// Steps of the bisection: from an hour to a tenth of a second.
@@ -91,6 +94,31 @@ impl Energy {
     pub(super) fn turns_back(&self, way: &Way) -> Option<Reason> {
         let needed = self.needed(way, 0.0);
         (!(self.charge > needed)).then(|| Reason::new(ReasonCode::TurnsBack, self.charge, needed.min(1.0)))
+    }
+}
+
+impl Mission {
+    /// How long a drone on a sortie may stay away.
+    pub(super) fn judge_sortie(&self, s: &mut Situation) {
+        let c = &self.config;
+        let known = self.progress.sortie.then(|| self.battery.energy(c)).flatten();
+        let (Some(energy), Some(own), Some(forecast)) = (known, s.own, self.forecast.get()) else {
+            return;
+        };
+        let Some(deck) = forecast.stages.first().filter(|_| s.fresh_deck().is_some()) else {
+            return;
+        };
+        let mean = |k: usize| forecast.stages.iter().map(|d| d.velocity[k]).sum::<f64>();
+        let stages = forecast.stages.len().max(1) as f64;
+        let wind = self.wind.true_wind().filter(|(_, sd)| *sd < WIND_SD_MPS);
+        let way = Way {
+            offset: Vector2::new(deck.position[0], deck.position[1]) - own.position.xy(),
+            vessel: Vector2::new(mean(0), mean(1)) / stages,
+            wind: wind.map_or(Vector2::zeros(), |(wind, _)| wind),
+            air_mps: c.battery_air_speed_mps,
+        };
+        s.turns_back = energy.turns_back(&way);
+        s.turns_in_s = Some(energy.turns_in_s(&way));
     }
 }
 

@@ -2,10 +2,9 @@
 
 use alight_shared::msg::ReasonCode::{
     ArmedAgain, Commanded, CourseEnds, Descending, DescendingTo, Deviated, FlareHeight, Flaring,
-    HeightReached, InSight, Matched, Matching, Missed, NoPlace, NoPlan, NoVessel, NoVision,
-    NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, Operator, Permitted, Recovered, Steady,
-    Swings, TagsInSight, TiltExcess, TooFar, TooFast, TooNear, VesselTooFar, VesselTurns,
-    VisionLost,
+    HeightReached, InSight, Matched, Matching, Missed, NoPlace, NoPlan, NoVessel, NoVision, NotCommanded,
+    NotFlying, NotIdentified, NotSteady, OffHeight, Operator, Permitted, Recovered, Steady, Swings,
+    TagsInSight, TiltExcess, TooFar, TooFast, TooNear, VesselTooFar, VesselTurns, VisionLost,
 };
 use alight_shared::msg::{Course, PLACES, Reason, ReasonCode, VesselLevel};
 use nalgebra::Vector3;

@@ -16,13 +16,15 @@ use alight_shared::time::DroneClock;
 use alight_shared::topics;
 use nalgebra::Vector3;
 
+use super::Mission;
+use super::lift_off::Jump;
 use super::limits::{HEIGHT_TOLERANCE_M, ORDER_WAITS_S, exceeds};
 use super::phase::{
     DroneTime, HoldCause, MissionPhase, Progress, Transition, climbing_out, holding, moving_place, old_data,
 };
 use super::situation::{ControlState, Situation};
 use crate::contingency::MAX_TILT_RAD;
-use crate::lift_off::LEFT_M;
+use crate::lift_off::{LEFT_M, Rise};
 use crate::mission_config::MissionConfig;
 
 /// People aboard see the countdown for so long before the motors start, s.
@@ -286,5 +288,33 @@ pub(super) fn stand_down(since: DroneTime, s: &Situation) -> Transition {
             let lasted_s = (s.now - since).secs();
             MissionPhase::StandDown { since }.stay(Reason::new(StillArmed, lasted_s, 0.0))
         }
+    }
+}
+
+impl Mission {
+    /// What a take-off is judged by: how likely it succeeds while the drone stands on the deck, how far it has risen since.
+    pub(super) fn judge_take_off(&mut self, now: DroneTime, s: &mut Situation) {
+        if let (true, Some(forecast)) = (
+            self.phase.stands() && s.fresh_deck().is_some(),
+            self.forecast.get(),
+        ) {
+            let jump = Jump {
+                forecast,
+                wind: &self.wind,
+                drone: &self.drone_geometry,
+            };
+            s.lift_off = jump.moments(now);
+        }
+        if !matches!(self.phase, MissionPhase::TakeOff { .. }) {
+            self.rise = Rise::default();
+        } else if let Some(d) = self.drone.get() {
+            let deck = self
+                .forecast
+                .get()
+                .and_then(|f| f.at(d.header.at.max(f.header.at)));
+            self.rise
+                .update(d.header.at, d.velocity[2], deck.map(|deck| deck.velocity[2]));
+        }
+        s.risen_m = self.rise.risen_m();
     }
 }

@@ -101,7 +101,8 @@ fn checks_before_the_countdown() {
     let preparing = MissionPhase::Preparing;
     let waits = |change: fn(&mut Situation)| follows(preparing, None, &standing(change));
     assert_eq!(waits(|_| {}), (State::Countdown, Counting));
-    let gaps: [(ReasonCode, fn(&mut Situation)); 8] = [
+    type Change = fn(&mut Situation);
+    let gaps: [(ReasonCode, Change); 8] = [
         (NotCleared, |s| s.not_cleared = Some(NotCleared.into())),
         (NotOnDeck, |s| s.on_ground = false),
         (NotOnDeck, |s| s.deck.iter_mut().for_each(|d| d.distance_m = 5.1)),
