@@ -86,6 +86,9 @@ config! {
         /// No descent without the vessel's grant of the deck: for vessels with several drones.
         /// Source: One drone needs no grant; the file of the drone's package sets true.
         pub reservation_required: bool = false;
+        /// `alight command takeoff` takes off from the deck: Alight chooses the autopilot's mode and arms, after somebody
+        /// aboard has cleared the deck (`alight command deck takeoff`) and a countdown.
+        pub takeoff: bool = false;
         /// Descents that may be begun.
         pub max_attempts: u32 = 10;
         /// Remaining battery below which the drone lands at the first place of `battery_order` that can be had, 0 to 1.

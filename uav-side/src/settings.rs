@@ -8,7 +8,7 @@ use alight_shared::tags::{DeckTag, Tags};
 use crate::camera::{CameraSettings, layout};
 use crate::mission::MissionConfig;
 use crate::odometry::OdometryConfig;
-use crate::pilot::PilotConfig;
+use crate::pilot::{Output, PilotConfig};
 use crate::planner::{PlannerConfig, PlannerKind};
 use crate::predictor::PredictorConfig;
 
@@ -51,6 +51,14 @@ config! {
         pub planner: PlannerConfig;
         /// Pilot.
         pub pilot: PilotConfig;
+    }
+    check |this, at| {
+        at.require(
+            !this.mission.takeoff || this.pilot.output == Output::Attitude,
+            "mission.takeoff",
+            this.mission.takeoff,
+            "false with pilot.output = \"trajectory\": only an attitude and a thrust lift a drone off a deck that moves",
+        )?;
     }
 }
 

@@ -298,6 +298,10 @@ fn battery(s: &Situation) -> Figure {
         s.seen
             .mission
             .map(|m| format!("needs {:.0} %", 100.0 * m.battery_reserve)),
+        s.seen
+            .mission
+            .and_then(|m| m.turns_in_s)
+            .map(|t| format!("turns back in {:.0} min", (t / 60.0).floor())),
         a.battery_v.map(|v| format!("{v:.1} V")),
         a.battery_a.map(|i| format!("{i:.1} A")),
     ]

@@ -39,6 +39,8 @@ pub enum Order {
     Abort,
     /// Hold where you are.
     Hold,
+    /// Take off from the deck, climb and hold (drone.mission.takeoff).
+    Takeoff,
     /// Say how the mission stands; commands nothing.
     Status,
     /// Where a silent vessel is: latitude and longitude, deg.
@@ -60,6 +62,8 @@ pub enum CrewOrder {
     Closed,
     /// It is free, but for drones that report from it.
     Open,
+    /// For two minutes: nobody is near the drone of `--drone`, which may take off.
+    Takeoff,
 }
 
 impl Order {
@@ -69,6 +73,7 @@ impl Order {
             Order::Land => Some(CommandKind::Land),
             Order::Abort => Some(CommandKind::Abort),
             Order::Hold => Some(CommandKind::Hold),
+            Order::Takeoff => Some(CommandKind::TakeOff),
             Order::Status | Order::DeckAt | Order::Deck | Order::Steady | Order::Turning | Order::Helm => {
                 None
             }
@@ -93,7 +98,7 @@ pub struct CommandArgs {
     /// What to command
     #[arg(value_enum)]
     pub order: Order,
-    /// With `deck`: closed or open; with `helm`: yes or no; with `deck-at`: latitude and longitude, deg
+    /// With `deck`: closed, open or takeoff; with `helm`: yes or no; with `deck-at`: latitude and longitude, deg
     #[arg(value_name = "WORDS", num_args = 0..=2, allow_negative_numbers = true)]
     pub words: Vec<String>,
     /// With `steady` and `deck-at`: for so long, s [default: 60, 300]; with `steady` 0: nothing is stated any more
@@ -145,18 +150,24 @@ pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
         Order::Deck => return deck(args, crew_order(&args.words)?),
         Order::Helm => return course(args, DeckOrder::Helm(consent(&args.words)?)),
         Order::DeckAt => return beacon::run(args),
-        Order::Land | Order::Abort | Order::Hold | Order::Status | Order::Steady | Order::Turning
+        Order::Land
+        | Order::Abort
+        | Order::Hold
+        | Order::Takeoff
+        | Order::Status
+        | Order::Steady
+        | Order::Turning
             if !args.words.is_empty() =>
         {
             return Err(CliError(format!(
-                "{}: closed and open belong to `alight command deck`, yes and no to `alight command helm`, places to \
+                "{}: closed, open and takeoff belong to `alight command deck`, yes and no to `alight command helm`, places to \
                  `alight command deck-at`",
                 args.words.join(" ")
             )));
         }
         Order::Steady => return course(args, DeckOrder::Steady(args.for_s.unwrap_or(STEADY_S))),
         Order::Turning => return course(args, DeckOrder::Turning),
-        Order::Land | Order::Abort | Order::Hold | Order::Status => {}
+        Order::Land | Order::Abort | Order::Hold | Order::Takeoff | Order::Status => {}
     }
     match (&args.vessel, &args.keys) {
         (Some(endpoint), Some(keys)) => ashore::run(args, endpoint, keys),
@@ -170,7 +181,7 @@ fn crew_order(words: &[String]) -> Result<CrewOrder, CliError> {
         [word] => CrewOrder::from_str(word, false).ok(),
         [] | [_, _, ..] => None,
     };
-    order.ok_or_else(|| CliError("alight command deck: closed or open has to follow".into()))
+    order.ok_or_else(|| CliError("alight command deck: closed, open or takeoff has to follow".into()))
 }
 /// The word behind `helm`: whether the computer may steer.
 fn consent(words: &[String]) -> Result<bool, CliError> {
@@ -228,9 +239,11 @@ fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
         DeckOrder::Steady(_) => "course and speed are kept; a turn at the helm's switch counts more",
         DeckOrder::Helm(true) => "the computer may steer while it asks: alight status shows whether it does",
         DeckOrder::Helm(false) => "the computer does not steer for this landing",
-        DeckOrder::Turning | DeckOrder::Closed | DeckOrder::Open | DeckOrder::Clear(_) => {
-            "no drone descends while she turns"
-        }
+        DeckOrder::Turning
+        | DeckOrder::Closed
+        | DeckOrder::Open
+        | DeckOrder::Clear(_)
+        | DeckOrder::TakeOff(_) => "no drone descends while she turns",
     };
     if args.json {
         terminal::line(json!({ "taken": newest.is_some(), "deck": newest.map(|s| s.deck) }));
@@ -246,6 +259,12 @@ fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
         (CrewOrder::Closed, None) => DeckOrder::Closed,
         (CrewOrder::Open, None) => DeckOrder::Open,
         (CrewOrder::Open, Some(drone)) => DeckOrder::Clear(drone),
+        (CrewOrder::Takeoff, Some(drone)) => DeckOrder::TakeOff(drone),
+        (CrewOrder::Takeoff, None) => {
+            return Err(CliError(
+                "whose take-off? alight command deck takeoff --drone N".into(),
+            ));
+        }
         (CrewOrder::Closed, Some(drone)) => {
             return Err(CliError(format!(
                 "--drone {drone}: the deck is closed for every drone"
@@ -263,6 +282,12 @@ fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
                 "the order is taken, but switch or sensor keep the deck closed: alight status"
             }
             CrewOrder::Open => "the deck is open",
+            CrewOrder::Takeoff if closed => {
+                "the order is taken, but the deck is closed: alight command deck open"
+            }
+            CrewOrder::Takeoff => {
+                "the deck is cleared for two minutes: keep away from the drone, its motors start 5 s after its take-off is ordered"
+            }
         });
         let unheard = newest.iter().flat_map(|s| s.deck.unheard.iter());
         for drone in unheard.filter(|_| word == CrewOrder::Open) {

@@ -20,6 +20,9 @@ pub const MAX_ORDERS: usize = 8;
 /// A text for a person in a status.
 pub type Line = Text<240>;
 
+/// A clearance for a take-off lasts so long, s: its checks, the countdown and the wait for the moment.
+pub const TAKE_OFF_CLEARANCE_S: f64 = 120.0;
+
 /// The crew's order about the deck, or about the vessel's course under a drone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -31,6 +34,9 @@ pub enum DeckOrder {
     Open,
     /// The same, and this drone is neither there nor above it.
     Clear(u32),
+    /// Nobody and nothing is near this drone on the deck, nor tied to it: it may take off within
+    /// [`TAKE_OFF_CLEARANCE_S`].
+    TakeOff(u32),
     /// Course and speed are kept for so many seconds; 0: nothing is stated any more.
     Steady(u32),
     /// The vessel turns or may turn, until another order about her course.

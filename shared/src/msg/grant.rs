@@ -90,6 +90,8 @@ pub struct DeckGrant<C: Clock> {
     pub course: Course,
     /// Where the handshake about the helm stands.
     pub helm: HelmStatus,
+    /// Somebody aboard has cleared the deck for a take-off of its owner.
+    pub take_off: bool,
 }
 
 impl<C: Clock> DeckGrant<C> {
@@ -105,7 +107,8 @@ restamped!(DeckGrant {
     occupied,
     places,
     course,
-    helm
+    helm,
+    take_off
 });
 message!(@C DeckGrant<C>, C, |m| {
     match m.course {

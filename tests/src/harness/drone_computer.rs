@@ -226,6 +226,11 @@ impl DroneComputer {
         self.linked = physics
             .autopilot(self.k)
             .map(|(config, autopilot)| LinkedAutopilot::new(config, &streams, autopilot, make, self.boot));
+        if physics.starts_on_deck() {
+            self.linked.iter_mut().for_each(|l| l.autopilot.arm(false));
+            // Nobody gives it the mode.
+            self.handed_over = true;
+        }
     }
 
     /// Its autopilot; None before it has appeared.

@@ -64,7 +64,15 @@ impl Moment {
                 State::Descent => 2.5,
                 State::Flare => 0.8,
                 State::Landed => 0.3,
-                State::Idle | State::Hold | State::GaveUp => 0.0,
+                State::Idle
+                | State::Hold
+                | State::GaveUp
+                | State::Preparing
+                | State::Countdown
+                | State::SpinUp
+                | State::TakeOff
+                | State::ClimbOut
+                | State::StandDown => 0.0,
             },
             Moment::Contact => 0.0,
         }

@@ -239,6 +239,18 @@ impl Physics {
             start,
         ));
         (plant.in_water, plant.motors_on) = (false, true);
+        if self.scenario.start.on_deck {
+            let deck = self.deck();
+            if let Some(drone) = self.drones.get_mut(k).and_then(|p| p.drone.as_mut()) {
+                drone.stand_on(&deck, yaw);
+            }
+        }
+    }
+    /// Something holds a foot of a drone down with so much, N: a strap, a net.
+    pub fn snag(&mut self, k: usize, foot: usize, newton: f64) {
+        if let Some(drone) = self.drones.get_mut(k).and_then(|p| p.drone.as_mut()) {
+            drone.snag(foot, newton);
+        }
     }
     /// A drone stands on a pad where the scenario places it, motors off.
     pub fn place_drone_on_pad(&mut self, k: usize) {
@@ -386,6 +398,10 @@ impl Physics {
     /// Time since the landing was commanded.
     pub fn time_since_start(&self) -> Span {
         self.t - self.started
+    }
+    /// Drones appear on the deck.
+    pub fn starts_on_deck(&self) -> bool {
+        self.scenario.start.on_deck
     }
     /// True time.
     pub fn now(&self) -> Time<TrueTime> {

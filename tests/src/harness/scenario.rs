@@ -77,6 +77,8 @@ config! {
         /// The vessel's estimator runs this long before the landing is commanded, s.
         /// Source: it works from an unknown sea within 60 s.
         pub warm_up_s: f64 = 60.0, in 0.0..=600.0;
+        /// The drone stands in the middle of the deck, disarmed, instead of hovering beside the vessel.
+        pub on_deck: bool = false;
         /// The drone hovers this long before the landing is commanded, s.
         /// Source: ours, the link has found the autopilot, and a person has given it the mode.
         pub hover_s: f64 = 5.0, in 1.0..=60.0;

@@ -100,7 +100,9 @@ impl World {
             boat: BoatAutopilot::default(),
             given: ComputerIn::default(),
             operator_sequence: 0,
-            shares_deck: scenario.drones > 1 || nodes.drone.mission.reservation_required,
+            shares_deck: scenario.drones > 1
+                || nodes.drone.mission.reservation_required
+                || nodes.drone.mission.takeoff,
             drones: (0..scenario.drones as usize)
                 .map(|k| DroneComputer::new(k, scenario, nodes, &physics, BOOT))
                 .collect(),
@@ -206,6 +208,10 @@ impl World {
             ..DroneComputer::new(k, scenario, nodes, &self.physics, boot)
         };
         self.drones[k].appear(&mut self.physics);
+    }
+    /// Something holds a foot of a drone on the deck with so much, N.
+    pub fn snag(&mut self, k: usize, foot: usize, newton: f64) {
+        self.physics.snag(k, foot, newton);
     }
     /// A person has landed a drone on a pad where it is, and disarmed it.
     pub fn stand_on_pad(&mut self, k: usize) {

@@ -27,6 +27,7 @@ mod restarts;
 mod review;
 mod stated_course;
 mod storm;
+mod takeoff;
 mod witnesses;
 
 use alight_uav::autopilot::modes::Firmware;

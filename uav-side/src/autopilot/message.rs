@@ -121,6 +121,10 @@ pub mod command {
     pub const MESSAGE_INTERVAL: u16 = 511;
     /// `MAV_CMD_REQUEST_MESSAGE`.
     pub const REQUEST_MESSAGE: u16 = 512;
+    /// `MAV_CMD_NAV_LAND`: to the companion, land on the vessel.
+    pub const NAV_LAND: u16 = 21;
+    /// `MAV_CMD_NAV_TAKEOFF`: to the companion, take off from the deck.
+    pub const NAV_TAKEOFF: u16 = 22;
     /// `MAV_CMD_USER_1`: of ours, land.
     pub const USER_1: u16 = 31010;
     /// `MAV_CMD_USER_2`: of ours, abort.

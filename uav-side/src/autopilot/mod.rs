@@ -3,7 +3,7 @@
 //! process around it is `alight autopilot`.
 //!
 //! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
-//! [`lapse`] (whose hold it is), `heading` (whether it is aligned), [`disarm`] (when motors are stopped), this file (one step), [`inbound`] and [`outbound`] (its two
+//! [`lapse`] (whose hold it is), `heading` (whether it is aligned), [`disarm`] (when motors are stopped), `take_off` (when they are started), this file (one step), [`inbound`] and [`outbound`] (its two
 //! halves), [`ground_station`], [`station`] and [`rc_switch`] (people at a ground station and at the remote control, and their [`orders`]), [`station_parameters`] (what a ground station sets of the mission), [`shadow`] (a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), `beacon` (the vessel's place by other systems), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
 //! [`parameters`] (what a landing relies on), and [`wire`] for the bytes.
 //!
@@ -36,6 +36,7 @@ mod shadow;
 mod station;
 mod station_parameters;
 mod streams;
+mod take_off;
 mod thrust;
 pub mod wire;
 
@@ -72,6 +73,7 @@ use peer::Peer;
 use rc_switch::RcSwitch;
 use station::StationOrders;
 use station_parameters::StationParameters;
+use take_off::TakeOffSequence;
 use thrust::{HoverThrust, SentThrust};
 
 type DroneTime = Time<DroneClock>;
@@ -243,6 +245,9 @@ pub struct AutopilotLink {
     /// When home was sent, and which.
     home: Option<(DroneTime, Datum)>,
     arm_tries: u32,
+    departure: TakeOffSequence,
+    /// Commands to end the autopilot's own mission.
+    mission_ends: u32,
     timers: Timers,
 }
 
@@ -498,6 +503,8 @@ impl Node for AutopilotLink {
             self.divert(now, &mut out);
             self.send_set_point(now, new, &mut out);
             self.arm(now, &mut out);
+            self.take_off(now, &mut out);
+            self.end_mission(now, &mut out);
             self.send_home(now, &mut out);
         }
         self.report_armed(now, &mut out);

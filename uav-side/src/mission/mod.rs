@@ -3,20 +3,23 @@
 //! Read `transition` (the state machine as a pure function), `states` (its table), `phase` (the states and what they
 //! remember), `search` (the way to a deck that is known by a beacon alone), `situation` (every quantity it judges), `height` (does a second witness
 //! confirm the deck's height?), `outlook` (how likely a landing succeeds, with `staying`: does the landed
-//! drone stay?), `waiting` (is a better moment worth its cost?), then `checkpoint` (what outlives the process). This file keeps the inputs and writes the output.
+//! drone stay?), `take_off` and `lift_off` (the way back up), `waiting` (is a better moment worth its cost?), then `checkpoint` (what outlives the process). This file keeps the inputs and writes the output.
 
 mod air;
 mod battery;
 mod checkpoint;
 mod height;
+mod lift_off;
 mod limits;
 mod outlook;
 mod phase;
 mod place;
 mod search;
 mod situation;
+mod sortie;
 mod states;
 mod swing;
+mod take_off;
 mod tilt;
 mod transition;
 mod waiting;
@@ -36,6 +39,7 @@ mod promise_tests;
 mod settings_tests;
 #[cfg(test)]
 mod staying_tests;
+mod take_off_tests;
 #[cfg(test)]
 mod tests;
 
@@ -47,9 +51,9 @@ use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::landing::{Odds, Slopes, Stand, Staying};
 use alight_shared::msg::{
-    AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header, MissionCheckpoint,
-    MissionSettings, MissionState, Motors, Phase, Plan, RangeSample, Reason, ReasonCode, SetPoint,
-    SettingsOrder, Solve, State, VesselLevel,
+    AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header, LandedState,
+    MissionCheckpoint, MissionSettings, MissionState, Motors, Phase, Plan, RangeSample, Reason, ReasonCode,
+    SetPoint, SettingsOrder, Solve, State, VesselLevel,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -57,6 +61,7 @@ use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
+use crate::lift_off::Rise;
 use crate::odometry::origin::FrameEpoch;
 use battery::BatteryMonitor;
 use checkpoint::{Beginning, Begun};
@@ -68,6 +73,7 @@ use phase::{MissionPhase, Progress, gave_up};
 use place::Place;
 use situation::{
     ControlState, Deck, OwnState, Promise, Reservation, Situation, rotors_carry, several, stated_course,
+    tips_rad,
 };
 use states::{RADIO_BLIND_S, blind_limit};
 use swing::SwingMonitor;
@@ -149,6 +155,8 @@ pub struct Mission {
     /// By the newest forecast: whether a landed drone stays, and how likely a landing succeeds.
     judged: Option<(Time<DroneClock>, Staying, Option<Odds>)>,
     battery: BatteryMonitor,
+    /// Since its take-off began.
+    rise: Rise,
     /// Flies over the deck at its speed: the wind now is the wind on the deck.
     follows: bool,
 
@@ -422,6 +430,14 @@ impl Mission {
                 .is_some_and(|s| s.motors == Motors::Stop),
             rotors_carry: autopilot.and_then(|a| rotors_carry(a, &self.drone_geometry)),
             hard_contact_mps: self.set_point.get().and_then(|s| s.hard_contact_mps),
+            not_cleared: take_off::not_cleared(self.grant.get(), self.drone_id, now),
+            on_ground: autopilot.is_some_and(|a| a.landed == LandedState::OnGround),
+            battery_for_take_off: self.battery.for_take_off(c),
+            turns_back: None,
+            turns_in_s: None,
+            lift_off: None,
+            risen_m: self.rise.risen_m(),
+            tips_rad: (self.forecast.get().zip(drone)).map_or(0.0, |(f, d)| tips_rad(f, d, now)),
         }
     }
 
@@ -441,7 +457,13 @@ impl Mission {
             | State::TrackingStable
             | State::Landed
             | State::Hold
-            | State::GaveUp => return decision,
+            | State::GaveUp
+            | State::Preparing
+            | State::Countdown
+            | State::SpinUp
+            | State::TakeOff
+            | State::ClimbOut
+            | State::StandDown => return decision,
         };
         let lasted = (now - self.since).secs();
         if decision.entered.is_some() || lasted <= limit {
@@ -610,6 +632,7 @@ impl Mission {
             datum: self.drone.get().map_or(Datum::default(), |d| d.datum),
             mean_deck_z: self.mean_deck_z.value(),
             was_away: self.was_away,
+            sortie: self.progress.sortie,
         }
     }
 
@@ -649,13 +672,17 @@ impl Mission {
             lowest_clearance_m: c.lowest_plan_m(),
             commit_clearance_m: c.commit_clearance_m,
             battery_reserve: s.battery_reserve,
-            likelihood: s.odds.map(|o| o.whole()),
+            likelihood: match s.lift_off {
+                Some(moments) => Some(moments.now.whole()),
+                None => s.odds.map(|o| o.whole()),
+            },
             wind: self
                 .wind
                 .true_wind()
                 .filter(|(_, sd)| *sd < WIND_SD_MPS)
                 .map(|(wind, _)| wind.into()),
             low_battery: self.progress.low_battery,
+            turns_in_s: s.turns_in_s,
             abort: self.commands.abort().map(|h| [h.boot, h.sequence]),
         }
     }
@@ -685,6 +712,8 @@ impl Node for Mission {
         self.follows = self.follows(&s);
         self.watch_way(now, &s);
         self.judge(now, &mut s);
+        self.judge_take_off(now, &mut s);
+        self.judge_sortie(&mut s);
         if let Some((after, at)) = &mut self.forced_descent
             && self.phase == MissionPhase::TrackingStable
         {

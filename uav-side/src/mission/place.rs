@@ -57,6 +57,10 @@ impl Place {
                 ..held(at, yaw, false)
             },
             MissionPhase::GaveUp { at, yaw } => held(at, yaw, true),
+            MissionPhase::ClimbOut { at, yaw } => Place {
+                offset: None,
+                ..held(at, yaw, true)
+            },
             MissionPhase::Approach { .. } => {
                 let waits = s.waits(c).is_some();
                 let above = s.fresh_deck().is_some_and(|d| d.distance_m < d.ring_m);
@@ -75,7 +79,12 @@ impl Place {
                 offset: s.fresh_deck().and_then(|d| looks.offset(d, c)),
                 ..here
             },
-            MissionPhase::Idle => here,
+            MissionPhase::Idle
+            | MissionPhase::Preparing
+            | MissionPhase::Countdown { .. }
+            | MissionPhase::SpinUp { .. }
+            | MissionPhase::TakeOff { .. }
+            | MissionPhase::StandDown { .. } => here,
             MissionPhase::Tracking { .. }
             | MissionPhase::TrackingStable
             | MissionPhase::Descent { .. }

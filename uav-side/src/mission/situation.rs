@@ -6,10 +6,12 @@ use alight_shared::msg::{
     AutopilotMode, AutopilotState, Course, DECK_CLOSED, DeckForecast, DeckGrant, DeckStage, DroneState,
     HelmState, LandedState, LandingMode, Reason, ReasonCode, VesselLevel, WAITING_DISTANCE_M, WaitingPlace,
 };
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
+use super::lift_off::Moments;
+use super::limits::first_beyond;
 use crate::contingency::Ends;
 use crate::mission_config::MissionConfig;
 use crate::surroundings::ring_m;
@@ -181,6 +183,8 @@ impl OwnState {
     }
 }
 
+/// A vessel that turns faster than this is led sideways by its rudder as no forecast knows, rad/s: 11 deg/s.
+const MAX_TURN_RADPS: f64 = 0.2;
 /// The deck's motion is judged over this time, s.
 const FEASIBLE_S: f64 = 2.0;
 
@@ -318,6 +322,15 @@ impl Deck {
                 .flatten(),
         })
     }
+    /// What no likelihood overrules: the deck moves or tilts more than drone and planner follow; `slack` widens the limits.
+    pub fn infeasible(&self, c: &MissionConfig, slack: f64) -> Option<Reason> {
+        first_beyond([
+            (ReasonCode::Infeasible, self.speed_mps, c.deck_speed_mps * slack),
+            (ReasonCode::Infeasible, self.heave_mps, c.deck_heave_mps * slack),
+            (ReasonCode::Infeasible, self.turn_radps, MAX_TURN_RADPS * slack),
+            (ReasonCode::TooSteep, self.tilt_rad, c.deck_tilt_rad * slack),
+        ])
+    }
     /// How far the centre of the feet is outside the part of the deck on which all feet stand, m;
     /// negative inside.
     pub fn outside_m(&self, deck: &DeckGeometry, drone: &DroneGeometry) -> f64 {
@@ -424,6 +437,34 @@ pub struct Situation {
     pub rotors_carry: Option<bool>,
     /// The hardest contact that the pilot has noticed, when it was hard, m/s.
     pub hard_contact_mps: Option<f64>,
+    /// Why the vessel does not let the drone take off; None: it does.
+    pub not_cleared: Option<Reason>,
+    /// The autopilot reports the ground.
+    pub on_ground: bool,
+    /// The charge that a take-off needs, 0 to 1.
+    pub battery_for_take_off: f64,
+    /// Why a drone on a sortie turns back now.
+    pub turns_back: Option<Reason>,
+    /// Time until it does, s; None while that is not known.
+    pub turns_in_s: Option<f64>,
+    /// How likely a take-off succeeds now and soon; None while that is not known or not asked for.
+    pub lift_off: Option<Moments>,
+    /// How far the drone has risen from the deck since its take-off began, m.
+    pub risen_m: f64,
+    /// Angle between the drone and the deck that it leaves, a reaction from now, rad.
+    pub tips_rad: f64,
+}
+
+/// A drone that tips on the deck goes on for so long after the thrust was cut, s: a period, the wire and three lags of the
+/// rotors.
+const TIPS_ON_S: f64 = 0.15;
+
+/// Angle between drone and deck [`TIPS_ON_S`] from `now`, each turning on as it does, rad; 0 where the forecast does not reach.
+pub fn tips_rad(forecast: &DeckForecast, drone: &DroneState, now: Time<DroneClock>) -> f64 {
+    let at = now.max(forecast.header.at) + Span::from_secs(TIPS_ON_S);
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::from(drone.rates) * TIPS_ON_S);
+    let down = drone.attitude() * turn * Vector3::z();
+    forecast.at(at).map_or(0.0, |deck| (-deck.normal()).angle(&down))
 }
 
 /// Feet this far above the deck do not stand on it, m: several times the forecast's error.

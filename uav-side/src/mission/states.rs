@@ -19,6 +19,7 @@ use super::phase::{
 };
 use super::search;
 use super::situation::{ControlState, Deck, Reservation, Situation};
+use super::take_off;
 use super::waiting::promised;
 use crate::mission_config::MissionConfig;
 
@@ -59,6 +60,12 @@ pub(super) fn step(
             let why = stopped_low(progress, s).unwrap_or(NotCommanded.into());
             MissionPhase::GaveUp { at, yaw }.stay(why)
         }
+        MissionPhase::Preparing => take_off::preparing(progress, s, c),
+        MissionPhase::Countdown { since } => take_off::countdown(since, s, c),
+        MissionPhase::SpinUp { since, armed } => take_off::spin_up(since, armed, s, c),
+        MissionPhase::TakeOff { since } => take_off::take_off(since, s, c),
+        MissionPhase::ClimbOut { at, yaw } => take_off::climb_out(at, yaw, progress, s, c),
+        MissionPhase::StandDown { since } => take_off::stand_down(since, s),
     }
 }
 
@@ -91,7 +98,8 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
     if !progress.landing {
         return idle.stay(if progress.stopped { Operator } else { NotCommanded });
     }
-    if let Some(why) = order_expired(progress, s, c) {
+    let turns_back = s.turns_back.filter(|_| progress.sortie);
+    if let Some(why) = order_expired(progress, s, c).filter(|_| turns_back.is_none()) {
         progress.landing = false;
         return idle.enter(why);
     }
@@ -99,7 +107,7 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
         return idle.stay(why);
     }
     if s.flight != ControlState::Ours {
-        return idle.stay(NotFlying);
+        return idle.stay(turns_back.unwrap_or(NotFlying.into()));
     }
     if let Some(why) = s.waits(c).filter(|_| s.place.is_none()) {
         let full = matches!(s.reservation, Reservation::Others(_));
@@ -307,7 +315,7 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
                 (NoPlan, s.plan_age_s, s.plan_limit_s),
             ])
         })
-        .or_else(|| deck_infeasible(deck, c, wide))
+        .or_else(|| deck.infeasible(c, wide))
         .or_else(|| contradicted(deck, progress));
     // What happens to a drone at rest on the deck is better than what happens to one with an empty battery.
     let rejection = rejection.or_else(|| {
@@ -361,22 +369,9 @@ fn withdrawn(progress: &Progress, s: &Situation) -> Option<Reason> {
     (s.reservation.lost()).or_else(|| turns.then(|| VesselTurns.into()))
 }
 
-/// A vessel that turns faster than this is led sideways by its rudder as no forecast knows, rad/s: 11 deg/s.
-const MAX_TURN_RADPS: f64 = 0.2;
-
 /// Set-points of a loop that settles swing by less than this besides what plan and wind ask for, rad: half of the angle at
 /// which a contact is harmful, 5 deg rms.
 const MAX_SWING_RAD: f64 = 0.087;
-
-/// What no likelihood overrules: the deck moves or tilts more than drone and planner follow.
-fn deck_infeasible(deck: &Deck, c: &MissionConfig, slack: f64) -> Option<Reason> {
-    first_beyond([
-        (Infeasible, deck.speed_mps, c.deck_speed_mps * slack),
-        (Infeasible, deck.heave_mps, c.deck_heave_mps * slack),
-        (Infeasible, deck.turn_radps, MAX_TURN_RADPS * slack),
-        (TooSteep, deck.tilt_rad, c.deck_tilt_rad * slack),
-    ])
-}
 
 /// Two witnesses of the deck contradict each other: no landing, unless the battery decides.
 fn contradicted(deck: &Deck, progress: &Progress) -> Option<Reason> {
@@ -416,7 +411,7 @@ fn violation(
     exceeds(VisionLost, deck.vision_age_s, blind_s)
         .or(s.doubt)
         .or_else(|| exceeds(Deviated, deck.distance_m, cone))
-        .or_else(|| deck_infeasible(deck, c, WIDER * widening(progress)))
+        .or_else(|| deck.infeasible(c, WIDER * widening(progress)))
         .or_else(|| exceeds(Swings, s.swing_rad, WIDER * MAX_SWING_RAD))
         .or_else(|| contradicted(deck, progress))
         .or_else(|| unlikely(progress, s, needed))
@@ -603,7 +598,8 @@ fn held(
     c: &MissionConfig,
 ) -> Transition {
     if cause == HoldCause::Operator && !progress.landing {
-        let why = stopped_low(progress, s).unwrap_or(Operator.into());
+        let waits = if progress.stopped { Operator } else { NotCommanded };
+        let why = stopped_low(progress, s).unwrap_or(waits.into());
         return hold(None).stay(why);
     }
     if s.flight == ControlState::Unknown {

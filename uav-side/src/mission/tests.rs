@@ -95,6 +95,14 @@ pub(super) fn fair() -> Situation {
         motors_stopped: false,
         rotors_carry: Some(true),
         hard_contact_mps: None,
+        not_cleared: None,
+        on_ground: false,
+        battery_for_take_off: 0.3,
+        turns_back: None,
+        turns_in_s: None,
+        lift_off: None,
+        risen_m: 0.0,
+        tips_rad: 0.0,
     }
 }
 const SURE: Odds = Odds {

@@ -106,6 +106,9 @@ impl fmt::Display for VesselEvent {
                 Charge(*battery)
             ),
             VesselEvent::Command { drone, kind } => write!(f, "an operator commands drone {drone}: {kind:?}"),
+            VesselEvent::DeckOrder(DeckOrder::TakeOff(drone)) => {
+                write!(f, "crew order: deck cleared for the take-off of drone {drone}")
+            }
             VesselEvent::DeckOrder(DeckOrder::Closed) => write!(f, "crew order: deck closed"),
             VesselEvent::DeckOrder(DeckOrder::Open) => write!(f, "crew order: deck open"),
             VesselEvent::DeckOrder(DeckOrder::Clear(drone)) => {

@@ -21,6 +21,9 @@
 //! Digital inputs close it too, where configured ([`DeckInputs`]): the crew's switch, and a sensor of what lies on the
 //! deck that is no drone's weight. They free it of nobody, and one that is not read any more closes it.
 //!
+//! A drone that stands on the deck takes off only while somebody aboard has cleared the deck for that
+//! ([`DeckOrder::TakeOff`]): for a while, for that drone, and until the deck is closed.
+//!
 //! With the deck it publishes what the helm intends ([`Course`]), and it knows whether a drone wants a steady course.
 
 use core::mem::discriminant;
@@ -28,7 +31,7 @@ use core::mem::discriminant;
 use alight_shared::admission::check_message;
 use alight_shared::msg::{
     Closure, Course, DECK_CLOSED, DeckGrant, DeckOrder, DroneStatus, Header, HelmStatus, LandedState, PLACES,
-    ReasonCode, Starved, State, Unheard,
+    ReasonCode, Starved, State, TAKE_OFF_CLEARANCE_S, Unheard,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time, VesselClock};
@@ -154,7 +157,11 @@ fn wants_steady(status: &DroneStatus) -> bool {
         status.waiting.code,
         ReasonCode::VesselTurns | ReasonCode::CourseEnds | ReasonCode::TurnTooFast | ReasonCode::HelmTurns
     );
-    waits || matches!(status.state, State::Descent | State::Flare)
+    let moves = matches!(
+        status.state,
+        State::Descent | State::Flare | State::Countdown | State::SpinUp | State::TakeOff
+    );
+    waits || moves
 }
 
 /// What arrived since the last step.
@@ -191,6 +198,9 @@ pub struct DeckArbiter {
     /// Owner and course of the newest grant.
     published: u32,
     stated: Course,
+    /// The drone for whose take-off the crew has cleared the deck, and when; as published in the newest grant.
+    cleared: Option<(u32, Time<VesselClock>)>,
+    take_off: bool,
     /// By an order or by the state of the checkpoint: until the crew orders it open.
     closed: Option<Closure>,
     switch: Option<Reading>,
@@ -432,6 +442,7 @@ impl DeckArbiter {
             DeckOrder::Steady(for_s) => self.course.order_steady(now, for_s),
             DeckOrder::Turning => self.course.order_turning(),
             DeckOrder::Closed => self.closed = Some(Closure::Crew),
+            DeckOrder::TakeOff(drone) => self.cleared = Some((drone, now)),
             DeckOrder::Open => self.open(now, None),
             DeckOrder::Clear(drone) => self.open(now, Some(drone)),
             // The helm's.
@@ -508,6 +519,21 @@ impl DeckArbiter {
         assigned.map(|d| d.header.drone)
     }
 
+    /// Whether the deck's owner may take off: it stands there, and the crew has cleared the deck for it since.
+    fn clears_take_off(&mut self, now: Time<VesselClock>) -> bool {
+        let open = self.closed(now).is_none();
+        let lasts = |at: Time<VesselClock>| (now - at).secs() <= TAKE_OFF_CLEARANCE_S;
+        self.cleared = self.cleared.filter(|(_, at)| open && lasts(*at));
+        let drone = self.cleared.map(|(drone, _)| drone);
+        let stands = |d: &Drone| d.claim == Claim::OnDeck && Some(d.header.drone) == drone && !d.is_double();
+        let clears = drone.is_some() && drone == self.owner && self.drones.iter().any(stands);
+        if self.take_off && !clears {
+            // It has left: the word was for one take-off.
+            self.cleared = None;
+        }
+        clears
+    }
+
     /// The owner as drones are to know it.
     fn published(&self, now: Time<VesselClock>) -> u32 {
         let double = |id: u32| self.drones.iter().any(|d| d.header.drone == id && d.is_double());
@@ -570,11 +596,13 @@ impl Node for DeckArbiter {
             self.owner = owner;
         }
         let (published, course) = (self.published(now), self.course(now));
-        let same = published == self.published && discriminant(&course) == discriminant(&self.stated);
+        let take_off = self.clears_take_off(now);
+        let same = (published, take_off) == (self.published, self.take_off)
+            && discriminant(&course) == discriminant(&self.stated);
         if now < self.due && same && !helm_changed {
             return ArbiterOut::default();
         }
-        (self.published, self.stated) = (published, course);
+        (self.published, self.stated, self.take_off) = (published, course, take_off);
         self.due = now + PERIOD;
         self.sequence = self.sequence.wrapping_add(1);
         ArbiterOut {
@@ -583,6 +611,7 @@ impl Node for DeckArbiter {
                 owner: published,
                 course,
                 helm: input.helm,
+                take_off,
                 occupied: self.occupied(now),
                 places: core::array::from_fn(|k| {
                     // Two with one number would both go there.
