@@ -113,6 +113,7 @@ fn bridge_wave_model_and_prediction() {
             shape: [[0.2, 0.1].map(f16::from_f32); 6],
         }]),
         slopes: Seq::filled([20, 10]),
+        advice: None,
     };
     let prediction = VesselPrediction::<VesselClock> {
         header: Header::new(1, 0, 1, 0, vessel(now - 0.1)),

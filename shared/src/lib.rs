@@ -13,6 +13,7 @@ pub mod frames;
 pub mod geodesy;
 pub mod geoid;
 pub mod geometry;
+pub mod landing;
 #[cfg(feature = "mavlink")]
 pub mod mavlink;
 pub mod motion_model;

@@ -5,6 +5,8 @@ use crate::msg::Seq;
 
 /// Tags of a deck, at most.
 pub const MAX_TAGS: usize = 24;
+/// Tags of the family 36h11.
+pub const FAMILY: u16 = 587;
 /// Side of a tag with its white margin, in sides of its black square: ten cells to eight.
 pub const MARGIN: f64 = 1.25;
 
@@ -36,6 +38,24 @@ const LARGE_M: [f64; 2] = [0.8, 0.25];
 /// the paper's metre and 0.7 of the deck, so that its margin is on the deck as well.
 const LEAST_M: f64 = 0.44;
 const ALONE: (f64, f64) = (1.0, 0.7);
+
+/// The first of the numbers that are the tags' of the boat `vessel`: each boat has [`MAX_TAGS`] of its own among the family's, so
+/// that boats whose numbers differ, and not by a multiple of 23, have none in common. The family's first ones, which every
+/// example has, are no boat's.
+pub fn first_number(vessel: u32) -> u16 {
+    let each = MAX_TAGS as u16;
+    let boats = u32::from(FAMILY / each) - 1;
+    each * (1 + (vessel % boats) as u16)
+}
+/// These tags with the numbers of the boat `vessel`, in their order.
+pub fn of_vessel(tags: &Tags, vessel: u32) -> Tags {
+    let first = first_number(vessel);
+    Seq::filled(tags.iter().zip(first..).map(|(tag, id)| DeckTag { id, ..*tag }))
+}
+/// They have numbers that every boat has which was given none of its own.
+pub fn are_anybodys(tags: &[DeckTag]) -> bool {
+    tags.iter().any(|tag| usize::from(tag.id) < MAX_TAGS)
+}
 
 /// The tags that are suggested for a deck of this size: seven small ones about its centre for the last metre, two to the
 /// sides, and two large ones fore and aft; one alone where the deck is too short.
@@ -72,4 +92,24 @@ pub fn suggested(length_m: f64, width_m: f64) -> Tags {
         side_m: (1e3 * side + 1e-6).floor() / 1e3,
         centre_m: [mm(x), mm(y), 0.0],
     }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn tag_numbers_of_a_fleet() {
+        let tags = suggested(2.5, 1.7);
+        let boats: Vec<BTreeSet<u16>> = (1..=23)
+            .map(|vessel| of_vessel(&tags, vessel).iter().map(|t| t.id).collect())
+            .collect();
+        let all: BTreeSet<u16> = boats.iter().flatten().copied().collect();
+        assert_eq!(all.len(), 23 * tags.len());
+        assert!(all.iter().all(|id| *id < FAMILY));
+        assert!(are_anybodys(&tags) && !are_anybodys(&of_vessel(&tags, 7)));
+        // A boat's largest number, whatever its deck.
+        assert!((0..=u32::from(u16::MAX)).all(|v| first_number(v) + MAX_TAGS as u16 <= FAMILY));
+    }
 }

@@ -124,7 +124,7 @@ topics! {
     /// The vessel's answer.
     TIME_REPLY: "time/reply", msg::TimeReply<VesselClock, DroneClock>, Radio, 2.0 Hz, 64, 2000 ms, 2 deep;
     /// Whose the vessel's deck is.
-    DECK: "deck", msg::DeckGrant<VesselClock>, Radio, 2.0 Hz, 80, 2000 ms, 2 deep;
+    DECK: "deck", msg::DeckGrant<VesselClock>, Radio, 2.0 Hz, 112, 2000 ms, 2 deep;
     /// An operator's command, from the operator to the vessel and from the vessel to a drone.
     OPERATOR: "command", msg::OperatorCommand<VesselClock>, Radio, 0.1 Hz, 64, 5000 ms, 2 deep;
     /// Statuses of drones as the vessel received them, for operators.
@@ -183,6 +183,8 @@ topics! {
     CREW: "vessel/crew", msg::CrewOrder, Memory, 0.1 Hz, size_of::<msg::CrewOrder>(), 10000 ms, 16 deep;
     /// What a ground station sets of the mission.
     SETTINGS: "operator/settings", msg::SettingsOrder, Memory, 0.1 Hz, size_of::<msg::SettingsOrder>(), 1000 ms, 2 deep;
+    /// The vessel's place by a beacon; each is good for as long as it says.
+    BEACON: "deck/beacon", msg::DeckBeacon, Memory, 1.0 Hz, size_of::<msg::DeckBeacon>(), 10000 ms, 8 deep;
 }
 
 #[cfg(test)]
@@ -293,6 +295,10 @@ mod tests {
                 }; 3],
             ),
             slopes: Seq::filled([10, 20]),
+            advice: Some(CourseAdvice {
+                speed: [5.0, 3.0],
+                ..CourseAdvice::default()
+            }),
         };
         let read = decoded(&WAVE, &wave);
         assert_eq!((read[".modes[2].pole[1]"], read[".slopes[1]"]), (2.0, 20.0));
@@ -381,13 +387,14 @@ mod tests {
     }
 
     /// What is a number and has no unit: counts, numbers of computers, shares, probabilities, ratios.
-    const WITHOUT_UNIT: [&str; 17] = [
+    const WITHOUT_UNIT: [&str; 18] = [
         "boot",
         "sequence",
         "vessel",
         "drone",
         "version",
         "confidence",
+        "likelihood",
         "slopes",
         "newest_boot",
         "owner",

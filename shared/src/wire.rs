@@ -157,7 +157,9 @@ fn short_name<T>() -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::msg::{PredictedStage, Seq, VesselEstimate, VesselPrediction, WaveMode, WaveModel, f16};
+    use crate::msg::{
+        CourseAdvice, PredictedStage, Seq, VesselEstimate, VesselPrediction, WaveMode, WaveModel, f16,
+    };
     use crate::time::VesselClock;
 
     fn estimate() -> VesselEstimate<VesselClock> {
@@ -193,8 +195,17 @@ mod tests {
             confidence: 1.0,
             modes: Seq::filled([WaveMode::default(); 12]),
             slopes: Seq::filled([10; 60]),
+            advice: None,
         };
-        assert_eq!(encode(&waves).unwrap().len(), 50 + 12 * 32 + 60);
+        assert_eq!(encode(&waves).unwrap().len(), 51 + 12 * 32 + 60);
+        let advised = WaveModel {
+            advice: Some(CourseAdvice::default()),
+            modes: Seq::filled([WaveMode::default(); 24]),
+            ..waves
+        };
+        let longest = encode(&advised).unwrap().len();
+        assert_eq!(longest, 51 + 24 * 32 + 60 + 44);
+        assert!(longest <= crate::topics::WAVE.bytes);
         let prediction = VesselPrediction::<VesselClock> {
             header: Default::default(),
             step_s: 0.2,

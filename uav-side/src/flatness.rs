@@ -6,12 +6,6 @@ use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::DeckStage;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
-/// Wind up to this acceleration blows an aligned drone along, m/s²: an alignment lasts about 0.3 s, so that each m/s² costs
-/// 0.3 m/s along the deck, and each that is compensated by tilt 6 deg. At 5 m/s (0.7 m/s²) aligning is cheap ...
-const ALIGNED_MPS2: f64 = 1.2;
-/// ... and at 8 m/s (1.8 m/s²) it is divided: so much of what is beyond; for the rest the drone keeps its tilt.
-const ALIGNED_FRACTION: f64 = 0.6;
-
 /// The attitude whose up axis lies along `thrust` (NED, any length, m/s²) at heading `yaw` (rad).
 ///
 /// With `R = Rz(yaw) Ry(pitch) Rx(roll)` the down axis in the heading frame is
@@ -34,15 +28,6 @@ pub fn aligned_acceleration(deck: &DeckStage) -> Vector2<f64> {
     let n = deck.normal();
     let up = (-n.z).max(0.3);
     Vector2::new(n.x, n.y) * ((GRAVITY - deck.acceleration[2]) / up)
-}
-
-/// The part of the acceleration `wind` (m/s²) that an aligned drone is to be blown along with; against the rest it tilts.
-pub fn wind_during_alignment(wind: &Vector2<f64>) -> Vector2<f64> {
-    let whole = wind.norm();
-    if whole <= ALIGNED_MPS2 {
-        return *wind;
-    }
-    wind * ((ALIGNED_MPS2 + ALIGNED_FRACTION * (whole - ALIGNED_MPS2)) / whole)
 }
 
 /// The specific thrust (NED, m/s²) along the up axis of `attitude` whose vertical part holds
@@ -98,17 +83,5 @@ pub fn slewed(last: &UnitQuaternion<f64>, wanted: &UnitQuaternion<f64>, max: f64
     match turn.axis() {
         Some(axis) => UnitQuaternion::from_axis_angle(&axis, max) * last,
         None => *wanted,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn drift_and_tilt_in_strong_wind() {
-        let of = |d: f64| wind_during_alignment(&Vector2::new(0.0, d)).y;
-        assert_eq!((of(0.7), of(-1.2)), (0.7, -1.2));
-        assert!((of(1.201) - 1.2006).abs() < 1e-9 && (of(3.2) - 2.4).abs() < 1e-9);
     }
 }

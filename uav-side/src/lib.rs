@@ -7,6 +7,7 @@ mod deck_height;
 #[cfg(test)]
 mod fixtures;
 mod flatness;
+mod lift_off;
 pub mod mission;
 pub mod mission_config;
 pub mod odometry;

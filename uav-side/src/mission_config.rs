@@ -34,9 +34,13 @@ config! {
         /// The same while descending near or over the deck, m.
         /// Chosen: the deck's surface is 1.3 m above the water.
         pub minimum_altitude_landing_m: f64 = 0.5;
-        /// The least by which a vessel has to be known for a landing to begin: "computer" (its broadcast is received) or "tag"
-        /// (the camera sees its tags from within 10 m of the deck's centre; what stands around the deck is not known then).
+        /// The least by which a vessel has to be known for a landing to begin: "computer" (its broadcast is received), "beacon"
+        /// (a beacon gives its place, and the drone looks for its tags there) or "tag" (the camera sees its tags from within 10 m of the deck's centre; what stands around the deck is not known then).
         pub least_vessel: VesselLevel = VesselLevel::Computer;
+        /// Height over the deck from which a search sees its tags, and how far around the point below it sees them, m: of the
+        /// camera and the tags, from the drone's common settings.
+        #[serde(skip)]
+        pub search_view_m: [f64; 2] = [12.0, 6.0];
         /// A landing needs vision of the deck; else a radio estimate counts as a detection.
         pub vision_required: bool = true;
         /// The deck counts as detected while its newest vision measurement is no older than this, s.
@@ -55,7 +59,7 @@ config! {
         /// What a minute of waiting above the deck costs, as a probability: the more, the sooner a descent begins that is
         /// likely enough, and the less it waits for the calm between two groups of waves.
         /// Chosen: a battery that lasts ten minutes above the deck.
-        pub waiting_cost_per_min: f64 = 0.1, in 0.0..=10.0;
+        pub waiting_cost_per_min: f64 = alight_shared::landing::WAITING_COST_PER_MIN, in 0.0..=10.0;
         /// The predicted deck is feasible up to this horizontal speed, m/s.
         /// Source: The fastest vessel the paper landed on moved at 7 m/s; the drone flies 8.
         pub deck_speed_mps: f64 = 7.5, in 0.01..=50.0;
@@ -66,7 +70,7 @@ config! {
         pub deck_tilt_rad: f64 = 0.45, in 0.01..=1.5;
         /// Coefficient of friction between feet and deck, wet: with it slope and wind are judged in which a landed drone
         /// stays.
-        pub friction: f64 = 0.4, in 0.01..=2.0;
+        pub friction: f64 = alight_shared::landing::FRICTION, in 0.01..=2.0;
         /// Descent needs a detection no older than this, s.
         pub descent_vision_s: f64 = 1.0, in 0.0..=120.0;
         /// Radio no older than this counts as fresh, s.
@@ -82,6 +86,9 @@ config! {
         /// No descent without the vessel's grant of the deck: for vessels with several drones.
         /// Source: One drone needs no grant; the file of the drone's package sets true.
         pub reservation_required: bool = false;
+        /// `alight command takeoff` takes off from the deck: Alight chooses the autopilot's mode and arms, after somebody
+        /// aboard has cleared the deck (`alight command deck takeoff`) and a countdown.
+        pub takeoff: bool = false;
         /// Descents that may be begun.
         pub max_attempts: u32 = 10;
         /// Remaining battery below which the drone lands at the first place of `battery_order` that can be had, 0 to 1.

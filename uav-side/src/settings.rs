@@ -2,12 +2,13 @@
 
 use alight_shared::config;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::msg::VesselLevel;
 use alight_shared::tags::{DeckTag, Tags};
 
-use crate::camera::CameraSettings;
+use crate::camera::{CameraSettings, layout};
 use crate::mission::MissionConfig;
 use crate::odometry::OdometryConfig;
-use crate::pilot::PilotConfig;
+use crate::pilot::{Output, PilotConfig};
 use crate::planner::{PlannerConfig, PlannerKind};
 use crate::predictor::PredictorConfig;
 
@@ -51,6 +52,14 @@ config! {
         /// Pilot.
         pub pilot: PilotConfig;
     }
+    check |this, at| {
+        at.require(
+            !this.mission.takeoff || this.pilot.output == Output::Attitude,
+            "mission.takeoff",
+            this.mission.takeoff,
+            "false with pilot.output = \"trajectory\": only an attitude and a thrust lift a drone off a deck that moves",
+        )?;
+    }
 }
 
 impl DroneSettings {
@@ -68,11 +77,16 @@ impl DroneSettings {
         PredictorConfig {
             deck: self.deck,
             drone: self.airframe,
+            beacons: self.mission.least_vessel <= VesselLevel::Beacon,
             ..self.predictor.clone()
         }
     }
     /// The mission's configuration, as the chosen planner has it.
     pub fn mission(&self) -> MissionConfig {
-        self.planner.kind.mission(self.mission.clone())
+        let mission = MissionConfig {
+            search_view_m: layout::search_view(&self.tags(), &self.camera),
+            ..self.mission.clone()
+        };
+        self.planner.kind.mission(mission)
     }
 }

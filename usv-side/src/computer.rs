@@ -1,24 +1,28 @@
 //! The vessel's computer: its nodes in the order of their data. The simulated world and the process step this one.
 
-use core::fmt;
-
 use alight_shared::admission::{Arrival, RejectionReason, Rejections, Sender};
+use alight_shared::mavlink::Signing;
 use alight_shared::msg::{
-    Charge, CommandKind, CommandReceipt, DeckGrant, DeckOrder, DroneStatus, FollowsAnother, MAX_SOURCES,
-    OperatorCommand, Reason, Starved, State, still_armed,
+    CommandReceipt, DeckGrant, DeckOrder, DroneStatus, FollowsAnother, HelmState, MAX_SOURCES,
+    OperatorCommand,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
+mod event;
+
+pub use event::VesselEvent;
+
 use crate::VesselNodeConfig;
+use crate::advice::{Advice, CourseOutlook};
 use crate::deck::{
     ArbiterIn, DeckArbiter, DeckCheckpoint, DeckConfig, DeckInputs, DroneMonitor, GivenCommand, OperatorIn,
     OperatorRelay,
 };
 use crate::followed::Followed;
+use crate::helm::{BoatMotion, Goal, HelmCheckpoint, HelmIn, HelmNode};
 use crate::node::{IMU, VesselIn, VesselNode, VesselOut};
-use crate::sensors::MAX_REPEATED;
 
 /// What arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -33,6 +37,8 @@ pub struct ComputerIn {
     pub deck_orders: Vec<DeckOrder>,
     /// Digital inputs.
     pub deck_inputs: DeckInputs,
+    /// Bytes of the boat's autopilot.
+    pub helm: Vec<u8>,
     /// At the first step, what the former start left.
     pub checkpoint: Option<VesselCheckpoint>,
 }
@@ -52,8 +58,10 @@ pub struct ComputerOut {
     pub statuses: Vec<DroneStatus>,
     /// What happened in this step.
     pub events: Vec<VesselEvent>,
-    /// A drone wants the vessel to keep course and speed.
+    /// A drone wants the vessel to keep course and speed, or the skipper is asked for the helm.
     pub wants_steady: bool,
+    /// Bytes for the boat's autopilot.
+    pub helm: Vec<u8>,
 }
 
 /// What must not be forgotten when the process or the computer is started anew.
@@ -63,148 +71,19 @@ pub struct VesselCheckpoint {
     pub deck: DeckCheckpoint,
     /// The commands that operators gave, for longer than their terminals repeat them.
     pub commands: Vec<GivenCommand>,
-}
-
-/// What people on board are to know.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub enum VesselEvent {
-    /// A drone reports another state of its mission, or reports for the first time.
-    DroneState {
-        /// The drone.
-        drone: u32,
-        /// Its state.
-        state: State,
-        /// Why it was entered.
-        entered: Reason,
-        /// Its battery, 0 to 1; None: not reported.
-        battery: Option<f64>,
-    },
-    /// An operator's command was accepted.
-    Command {
-        /// The drone.
-        drone: u32,
-        /// What it is to do.
-        kind: CommandKind,
-    },
-    /// The crew's order was taken.
-    DeckOrder(DeckOrder),
-    /// The deck has another owner.
-    DeckOwner(Option<u32>),
-    /// A drone is landed and armed for longer than its disarm takes.
-    StillArmed {
-        /// The drone.
-        drone: u32,
-        /// Since its landing, s.
-        for_s: f32,
-    },
-    /// An inertial sensor repeats one sample, or measures again.
-    StuckImu {
-        /// Its number.
-        source: usize,
-        /// It repeats one.
-        stuck: bool,
-    },
-    /// A drone with a low battery waits for the deck, whose owner is silent.
-    DeckStarved(Starved),
-    /// A drone listens to another computer with this vessel's identity.
-    SecondComputer(FollowsAnother),
-    /// Two drones have one number.
-    DoubleNumber {
-        /// The number.
-        drone: u32,
-        /// The boot ids of both.
-        boots: [u32; 2],
-    },
-}
-
-impl VesselEvent {
-    /// A drone's new state.
-    fn of(status: &DroneStatus) -> VesselEvent {
-        VesselEvent::DroneState {
-            drone: status.header.drone,
-            state: status.state,
-            entered: status.entered,
-            battery: status.battery,
-        }
-    }
-    /// Somebody has to do something about it.
-    pub fn is_warning(&self) -> bool {
-        match self {
-            VesselEvent::DoubleNumber { .. }
-            | VesselEvent::SecondComputer(_)
-            | VesselEvent::StillArmed { .. }
-            | VesselEvent::DeckStarved(_) => true,
-            VesselEvent::StuckImu { stuck, .. } => *stuck,
-            VesselEvent::DroneState { .. }
-            | VesselEvent::Command { .. }
-            | VesselEvent::DeckOrder(_)
-            | VesselEvent::DeckOwner(_) => false,
-        }
-    }
-}
-
-impl fmt::Display for VesselEvent {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            VesselEvent::DroneState {
-                drone,
-                state,
-                entered,
-                battery,
-            } => write!(
-                f,
-                "drone {drone}: {}: {entered} (battery {})",
-                state.name(),
-                Charge(*battery)
-            ),
-            VesselEvent::Command { drone, kind } => write!(f, "an operator commands drone {drone}: {kind:?}"),
-            VesselEvent::DeckOrder(DeckOrder::Closed) => write!(f, "crew order: deck closed"),
-            VesselEvent::DeckOrder(DeckOrder::Open) => write!(f, "crew order: deck open"),
-            VesselEvent::DeckOrder(DeckOrder::Clear(drone)) => {
-                write!(
-                    f,
-                    "crew order: deck open, drone {drone} is neither on it nor above it"
-                )
-            }
-            VesselEvent::DeckOrder(DeckOrder::Steady(0)) => write!(f, "crew order: no course is stated"),
-            VesselEvent::DeckOrder(DeckOrder::Steady(for_s)) => {
-                write!(f, "crew order: course and speed are kept for {for_s} s")
-            }
-            VesselEvent::DeckOrder(DeckOrder::Turning) => write!(f, "crew order: the vessel turns"),
-            VesselEvent::DeckOwner(Some(drone)) => write!(f, "the deck is reserved for drone {drone}"),
-            VesselEvent::DeckOwner(None) => write!(f, "the deck is free"),
-            VesselEvent::StillArmed { drone, for_s } => write!(f, "drone {drone}: {}", still_armed(*for_s)),
-            VesselEvent::StuckImu { source, stuck: true } => write!(
-                f,
-                "inertial sensor {source} is STUCK: {MAX_REPEATED} samples in a row have the same numbers, and no \
-                 more are used: power it off and on, see to its cable and driver"
-            ),
-            VesselEvent::StuckImu { source, stuck: false } => {
-                write!(f, "inertial sensor {source} measures again")
-            }
-            VesselEvent::DeckStarved(s) => write!(f, "{s}"),
-            VesselEvent::SecondComputer(FollowsAnother { drone, boot }) => write!(
-                f,
-                "drone {drone} listens to a SECOND COMPUTER with this vessel's certificate (boot id {boot:08x}): switch \
-                 one of the two off"
-            ),
-            VesselEvent::DoubleNumber {
-                drone,
-                boots: [one, other],
-            } => write!(
-                f,
-                "two drones have the number {drone} (boot ids {one:08x} and {other:08x}): neither is given the deck; \
-                 change bridge.drone_id of one of them"
-            ),
-        }
-    }
+    /// What was before the vessel was steered, while it is.
+    pub helm: Option<HelmCheckpoint>,
 }
 
 /// The vessel's computer.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct VesselComputer {
     node: VesselNode,
     arbiter: DeckArbiter,
+    helm: HelmNode,
+    /// For the helm: the newest motion, and the best course.
+    motion: Option<(Time<VesselClock>, BoatMotion)>,
+    advice: Option<Goal>,
     relay: OperatorRelay,
     drones: DroneMonitor,
     doubles: Vec<(u32, [u32; 2])>,
@@ -226,6 +105,9 @@ impl VesselComputer {
         VesselComputer {
             node: VesselNode::new(node, vessel, boot),
             arbiter: DeckArbiter::new(deck, vessel, boot),
+            helm: HelmNode::new(&node.helm),
+            motion: None,
+            advice: None,
             relay: OperatorRelay::new(vessel, boot),
             drones: DroneMonitor::new(vessel),
             doubles: Vec::new(),
@@ -245,6 +127,14 @@ impl VesselComputer {
     /// The deck arbiter.
     pub fn arbiter(&self) -> &DeckArbiter {
         &self.arbiter
+    }
+    /// The helm.
+    pub fn helm(&self) -> &HelmNode {
+        &self.helm
+    }
+    /// MAVLink frames of the helm are signed with this key.
+    pub fn sign_helm(&mut self, key: Signing) {
+        self.helm.sign(key);
     }
     /// The operator relay.
     pub fn relay(&self) -> &OperatorRelay {
@@ -268,6 +158,7 @@ impl VesselComputer {
         VesselCheckpoint {
             deck: self.arbiter.checkpoint(),
             commands: self.relay.given(),
+            helm: self.helm.checkpoint(),
         }
     }
 
@@ -282,6 +173,63 @@ impl VesselComputer {
         self.rejected
             .count_many(RejectionReason::Sender, arrivals.len() - own.len());
         own
+    }
+
+    /// The helm's step, by what arbiter and estimator knew at the step before: its bytes for the boat's autopilot.
+    fn steer(
+        &mut self,
+        now: Time<VesselClock>,
+        input: &ComputerIn,
+        events: &mut Vec<VesselEvent>,
+    ) -> Vec<u8> {
+        let answer = |order: &DeckOrder| match order {
+            DeckOrder::Helm(yes) => Some(*yes),
+            DeckOrder::Closed
+            | DeckOrder::Open
+            | DeckOrder::Clear(_)
+            | DeckOrder::TakeOff(_)
+            | DeckOrder::Steady(_)
+            | DeckOrder::Turning => None,
+        };
+        let before = self.helm.status();
+        let out = self.helm.step(
+            now,
+            &HelmIn {
+                demand: self.arbiter.demand(now),
+                motion: self.motion,
+                advice: self.advice,
+                answers: input.deck_orders.iter().filter_map(answer).collect(),
+                consent: input.deck_inputs.consent,
+                turning: self.arbiter.is_turning(now),
+                bytes: input.helm.clone(),
+                checkpoint: input.checkpoint.as_ref().and_then(|c| c.helm),
+            },
+        );
+        events.extend((out.status.state != before.state).then_some(VesselEvent::Helm(out.status)));
+        out.bytes
+    }
+    /// What of a step's output the helm goes by.
+    fn observe_motion(&mut self, out: &VesselOut) {
+        if let Some(e) = &out.estimate {
+            let [heading_rad, rate_radps] = e.mean_heading.map(f64::from);
+            let [north, east] = e.mean_velocity.map(f64::from);
+            let motion = BoatMotion {
+                heading_rad,
+                rate_radps,
+                speed_mps: north * heading_rad.cos() + east * heading_rad.sin(),
+            };
+            self.motion = Some((e.header.at, motion));
+        }
+        if let (Some(_), Some((_, motion))) = (&out.wave, &self.motion) {
+            let goal = |c: &CourseOutlook| Goal {
+                heading_rad: c.heading_rad,
+                speed_mps: c.speed_mps,
+                likelihood: Some(c.likelihood),
+            };
+            let permitted = |c: &CourseOutlook| self.helm.permits(&goal(c), motion);
+            let advice = self.node.advisor().advice_within(permitted);
+            self.advice = advice.filter(Advice::is_change).map(|a| goal(&a.best));
+        }
     }
 
     /// What has changed of the deck's owner and the drones' numbers.
@@ -342,12 +290,14 @@ impl Node for VesselComputer {
         // what it did before shows neither that it left the deck nor that it took a command.
         let current: Vec<_> = statuses.iter().copied().filter(DroneStatus::is_current).collect();
         let former_owner = self.arbiter.owner();
+        let helm = self.steer(now, input, &mut events);
         let granted = self.arbiter.step(
             now,
             &ArbiterIn {
                 statuses: current.clone(),
                 orders: input.deck_orders.clone(),
                 inputs: input.deck_inputs,
+                helm: self.helm.status(),
                 checkpoint: left.map(|c| c.deck.clone()),
             },
         );
@@ -367,7 +317,9 @@ impl Node for VesselComputer {
 
         // Sensors -> estimator -> broadcast, at the rates that the landing drone's link carries.
         self.node.prioritise(self.arbiter.landing(now));
+        self.node.blow(self.drones.wind(now));
         let vessel = self.node.step(now, &input.vessel);
+        self.observe_motion(&vessel);
         for (source, before) in self.stuck.iter_mut().enumerate() {
             let stuck = self.node.source(IMU, source).is_stuck;
             let changed = std::mem::replace(before, stuck) != stuck;
@@ -380,7 +332,8 @@ impl Node for VesselComputer {
             receipts: relayed.receipts,
             statuses,
             events,
-            wants_steady: self.arbiter.wants_steady(now),
+            wants_steady: self.arbiter.wants_steady(now) || self.helm.status().state == HelmState::Asked,
+            helm,
         }
     }
 }
@@ -388,7 +341,7 @@ impl Node for VesselComputer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::{Header, ReasonCode, TimeRequest};
+    use alight_shared::msg::{CommandKind, Header, Reason, ReasonCode, State, TimeRequest};
 
     fn status(boot: u32, sequence: u32, state: State) -> Arrival<VesselClock, DroneStatus> {
         let message = DroneStatus {

@@ -7,25 +7,32 @@
 //! | [`node`] | [`VesselNode`]: admission, [`estimator`], broadcast, time replies |
 //! | [`estimator`] | the Kalman filter |
 //! | [`alight_shared::motion_model`] | identification of the motion, prediction and the measured spread of its error |
+//! | [`advice`] | heading and speed on which a landing is most likely to succeed |
 //! | [`rate_control`] | the rates that the radio carries |
 //! | [`followed`] | whether the drones listen to this computer, or to another with its identity |
 //! | [`deck`] | the deck arbiter and the operator relay |
+//! | [`helm`] | steers the vessel for a landing, with the skipper's consent |
 //! | [`calibrate`], [`log`], [`review`] | offline: nothing of them runs in flight |
 
+pub mod advice;
 pub mod calibrate;
 pub mod computer;
 pub mod config;
 pub mod deck;
+pub mod demand;
 pub mod estimator;
 #[cfg(test)]
 mod fixtures;
 pub mod followed;
+pub mod helm;
 pub mod log;
+mod mavlink_systems;
 pub mod node;
 pub mod rate_control;
 pub mod review;
 pub mod sensors;
 
+pub use advice::{Advice, Advisor, CourseOutlook};
 pub use computer::{ComputerIn, ComputerOut, VesselCheckpoint, VesselComputer, VesselEvent};
 pub use config::{BroadcastConfig, GnssConfig, HeadingConfig, ImuConfig, VesselNodeConfig};
 pub use deck::DeckConfig;

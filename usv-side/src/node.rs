@@ -3,15 +3,17 @@
 use alight_shared::admission::{Arrival, Periodic, RejectionReason, Rejections, Rule, Sender};
 use alight_shared::apparent_slope::{self, ApparentSlope};
 use alight_shared::msg::{
-    AttitudeFix, GnssFix, Header, HeadingFix, ImuSample, MAX_SOURCES, MESSAGE_VERSION, Message, TimeReply,
-    TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
+    AttitudeFix, CourseAdvice, GnssFix, Header, HeadingFix, ImuSample, MAX_SOURCES, MESSAGE_VERSION, Message,
+    TimeReply, TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
 };
 use alight_shared::node::Node;
 use alight_shared::surroundings::Surroundings;
 use alight_shared::time::{DroneClock, Span, Time, VesselClock};
+use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use crate::VesselNodeConfig;
+use crate::advice::Advisor;
 use crate::estimator::{Estimator, Gated};
 use crate::rate_control::RateControl;
 use crate::sensors::{Measurement, Repetition};
@@ -147,6 +149,9 @@ pub struct VesselNode {
     replies: u32,
     apparent_slope: (Periodic<VesselClock>, ApparentSlope<VesselClock>),
     rate_control: RateControl,
+    advisor: Advisor,
+    /// The true wind that a drone reports, towards NED, m/s.
+    wind: Option<Vector2<f64>>,
 }
 
 impl VesselNode {
@@ -167,6 +172,8 @@ impl VesselNode {
             replies: 0,
             apparent_slope: Default::default(),
             rate_control: RateControl::new(&config.broadcast.rate_control),
+            advisor: Advisor::new(&config.model, &config.deck),
+            wind: None,
         }
     }
     /// Inputs that were not admitted, by reason.
@@ -189,6 +196,14 @@ impl VesselNode {
     /// The rates are from now on those that the link of this drone carries, which is on its way down.
     pub fn prioritise(&mut self, landing: Option<u32>) {
         self.rate_control.landing = landing;
+    }
+    /// The true wind from now on, towards NED, m/s, as a drone reports it.
+    pub fn blow(&mut self, wind: Option<Vector2<f64>>) {
+        self.wind = wind;
+    }
+    /// Advice for the helm.
+    pub fn advisor(&self) -> &Advisor {
+        &self.advisor
     }
     /// The estimator, for display and tests.
     pub fn estimator(&self) -> &Estimator {
@@ -341,6 +356,7 @@ impl Node for VesselNode {
         else {
             return out;
         };
+        self.advisor.step(now, &filter.underway(self.wind));
         let header = |sequence| Header::new(self.vessel, 0, self.boot, sequence, now);
         let broadcast = &self.config.broadcast;
         let period = |hz: f64, fraction: f64| Span::from_secs(1.0 / (hz * fraction));
@@ -367,6 +383,8 @@ impl Node for VesselNode {
         }
         if self.wave.0.is_due(now, period(broadcast.wave_hz, models)) {
             let m = filter.wave_model(header(self.wave.1), self.apparent_slope.1.slopes(now));
+            let advice = self.advisor.advice().as_ref().map(CourseAdvice::from);
+            let m = m.map(|m| WaveModel { advice, ..m });
             out.wave = m.and_then(|m| checked(m, &mut self.wave.1, &mut self.rejected));
         }
         if self

@@ -16,7 +16,7 @@ import time
 from pymavlink import mavutil
 
 COMPANION = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
-ORDERS = {"land": 31010, "abort": 31011, "hold": 31012}  # MAV_CMD_USER_1 to MAV_CMD_USER_3
+ORDERS = {"land": 31010, "abort": 31011, "hold": 31012, "takeoff": 22}  # MAV_CMD_USER_1 to 3, MAV_CMD_NAV_TAKEOFF
 
 
 def switch(text):

@@ -13,6 +13,7 @@ use alight_shared::transport::radio::{RadioConfig, TlsConfig};
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::camera::motion_blur::longest_exposure_s;
 use alight_uav::settings::DroneSettings;
+use alight_usv::helm::HelmOutput;
 use alight_usv::sensors::SourcesConfig;
 use alight_usv::{DeckConfig, VesselNodeConfig};
 
@@ -44,6 +45,19 @@ config! {
         pub view: ViewConfig;
         /// Its node.
         pub vessel: VesselNodeConfig;
+    }
+    check |this, at| {
+        let helm = &this.vessel.helm;
+        let taken = this.sensor.sources.iter().find(|s| s.connect == helm.connect);
+        if helm.output != HelmOutput::None {
+            let vessel = at.table("vessel");
+            let at = vessel.table("helm");
+            if let Err(why) = LinkUrl::of_autopilot(&helm.connect) {
+                at.require(false, "connect", &helm.connect, &why)?;
+            }
+            let own = "a link of its own: that of a sensor is read by another process (docs/helm.md)";
+            at.require(taken.is_none(), "connect", &helm.connect, own)?;
+        }
     }
 }
 
@@ -138,6 +152,24 @@ mod tests {
             config::parse::<DroneComputer>(&text, "drone").unwrap(),
             DroneComputer::default()
         );
+    }
+
+    #[test]
+    fn helm_on_the_link_of_a_sensor() {
+        let source = "[[sensor.sources]]\nname = \"pixhawk\"\nconnect = \"serial:///dev/ttyACM0:57600\"\nformat = \"mavlink\"\n";
+        let helm = |connect: &str| {
+            let text = format!("{source}[vessel.helm]\noutput = \"mavlink\"\nconnect = \"{connect}\"\n");
+            config::parse::<VesselComputer>(&text, "vessel")
+                .map(drop)
+                .map_err(|e| e.to_string())
+        };
+        let shared = helm("serial:///dev/ttyACM0:57600").unwrap_err();
+        assert!(
+            shared.contains("`vessel.helm.connect`") && shared.contains("a link of its own"),
+            "{shared}"
+        );
+        assert!(helm("udpin://0.0.0.0:14560").unwrap_err().contains("?from=IP"));
+        assert_eq!(helm("udpin://127.0.0.1:14560"), Ok(()));
     }
 
     #[test]

@@ -10,8 +10,8 @@ use std::time::Duration;
 use alight_shared::config;
 use alight_shared::mavlink::{Signatures, Signing};
 use alight_shared::msg::{
-    AutopilotState, Command, DeckForecast, DroneState, LinkCheckpoint, MissionState, RangeSample, Seq,
-    SetPoint, SettingsOrder,
+    AutopilotState, Command, DeckBeacon, DeckForecast, DroneState, LinkCheckpoint, MissionState, RangeSample,
+    Seq, SetPoint, SettingsOrder,
 };
 use alight_shared::transport::memory::{Instance, Memory};
 use alight_shared::transport::metrics::MetricName;
@@ -121,6 +121,7 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
     let mut ranges = memory.publisher::<RangeSample>()?;
     let mut commands = memory.publisher::<Command>()?;
     let mut settings = memory.publisher::<SettingsOrder>()?;
+    let mut beacons = memory.publisher::<DeckBeacon>()?;
     let mut reports = memory.publisher()?;
     let (mut decoder, mut encoder) = (Decoder::signed(signing.clone()), Encoder::signed(signing));
     let wakes = watched(memory.listener::<SetPoint>()?, Interest::READABLE);
@@ -172,6 +173,7 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
             checkpoint.publish(out.checkpoint.as_ref());
             commands.send_any(out.command.as_ref());
             settings.send_any(out.settings.as_ref());
+            beacons.send_any(out.beacon.as_ref());
             out.ranges.iter().for_each(|m| ranges.send(m));
             states.send_any(out.state.as_ref());
             // Odometry last, because it wakes the other processes.
@@ -207,7 +209,8 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
             + states.unsent()
             + ranges.unsent()
             + commands.unsent()
-            + settings.unsent();
+            + settings.unsent()
+            + beacons.unsent();
         let report = process.state(inputs, unsent);
         reports.send_any(report.as_ref());
     }

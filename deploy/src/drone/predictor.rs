@@ -2,8 +2,8 @@
 //! supervisor, which republishes it to a predictor that begins.
 
 use alight_shared::msg::{
-    DeckForecast, DroneState, LinkState, PredictorCheckpoint, RangeSample, TagPose, UvdarFix, VesselEstimate,
-    VesselPrediction, VesselSurroundings, WaveModel,
+    AutopilotState, DeckBeacon, DeckForecast, DroneState, LinkState, PredictorCheckpoint, RangeSample,
+    TagPose, UvdarFix, VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
 };
 use alight_shared::time::DroneClock;
 use alight_shared::transport::TransportError;
@@ -24,6 +24,8 @@ reads! {
         newest surroundings: VesselSurroundings<DroneClock>,
         newest link: LinkState,
         newest drone: DroneState,
+        newest autopilot: AutopilotState,
+        all beacons: DeckBeacon,
         all tags: TagPose,
         all uvdar: UvdarFix,
         all ranges: RangeSample,

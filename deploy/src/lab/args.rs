@@ -88,9 +88,10 @@ impl From<Course> for vessel::Course {
 }
 
 /// Phases of the mission by their names on the command line.
-pub const PHASES: [(&str, State); 7] = [
+pub const PHASES: [(&str, State); 8] = [
     ("get-altitude", State::GetAltitude),
     ("approach", State::Approach),
+    ("search", State::Search),
     ("tracking", State::Tracking),
     ("tracking-stable", State::TrackingStable),
     ("descent", State::Descent),

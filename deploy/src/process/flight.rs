@@ -113,18 +113,21 @@ impl FlightLog {
         let outcome = match state {
             // What came before counts.
             State::Idle if last.is_landing() => "ended",
-            State::Idle => "",
+            State::Idle | State::Preparing | State::Countdown | State::SpinUp | State::StandDown => "",
             // It was before this flight that it landed or gave up.
             State::Landed | State::GaveUp if before.is_none() => "",
             State::Landed => "landed",
             State::GaveUp => "gave up",
             State::GetAltitude
             | State::Approach
+            | State::Search
             | State::Tracking
             | State::TrackingStable
             | State::Descent
             | State::Flare
-            | State::Hold => "in flight",
+            | State::Hold
+            | State::TakeOff
+            | State::ClimbOut => "in flight",
         };
         if !outcome.is_empty() {
             self.summary.outcome = named(who, outcome);

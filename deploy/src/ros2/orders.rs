@@ -60,6 +60,7 @@ const fn name(kind: CommandKind) -> &'static str {
         CommandKind::Land => "landing",
         CommandKind::Abort => "abort",
         CommandKind::Hold => "hold",
+        CommandKind::TakeOff => "take-off",
     }
 }
 

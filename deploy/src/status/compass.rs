@@ -1,13 +1,12 @@
 //! Wind, waves and advised heading relative to the vessel's bow, as far as they are known.
 
 use alight_shared::frames::wrap_angle;
-use alight_shared::msg::{VesselStatus, Wind};
+use alight_shared::msg::{CourseAdvice, VesselStatus, Wind};
 use serde::Serialize;
 
+use super::Figure;
 use super::situation::Situation;
 
-/// A turn that takes less than a tenth of the tilt away is not worth it.
-pub const WORTH_TURNING: f64 = 0.9;
 /// A slower vessel has no course over ground, m/s.
 const STILL_MPS: f64 = 0.3;
 /// A knot, m/s.
@@ -72,7 +71,7 @@ fn words(from_bow_deg: f64) -> String {
     }
 }
 
-/// What the drone knows: the forecast's heading, the mission's wind.
+/// What the drone knows: the forecast's heading, the mission's wind, the vessel's advice.
 pub fn of_drone(s: &Situation) -> Option<Compass> {
     let heading_deg = s
         .seen
@@ -99,34 +98,79 @@ pub fn of_drone(s: &Situation) -> Option<Compass> {
         _ if blows.is_some() => CALM.into(),
         _ => "wind unknown".into(),
     };
+    let received = s.seen.wave.fresh(s.now_ns).and_then(|w| w.advice);
+    let (waves_from_deg, advised_deg) = received.as_ref().map(of_advice).unzip();
     Some(Compass {
         heading_deg,
         wind_from_deg,
-        text,
-        ..Compass::default()
+        waves_from_deg,
+        advised_deg: advised_deg.flatten(),
+        text: received
+            .as_ref()
+            .map_or(text.clone(), |a| format!("{text}; {}", advice(a))),
     })
 }
 
-/// What the vessel knows: the waves and the quietest heading of its own estimate.
-pub fn of_vessel(status: &VesselStatus) -> Option<Compass> {
-    let h = status.estimator.heading?;
-    let [now, there] = h.tilt_deg;
-    let waves = from_bow(h.waves_from_deg, h.now_deg);
-    let turn = from_bow(h.quietest_deg, h.now_deg);
-    let advised_deg = (there < WORTH_TURNING * now).then_some(turn);
-    let advice = match advised_deg {
-        Some(turn) => format!(
-            "turn to {:03.0}°, {}: the deck tilts {there:.1}° instead of {now:.1}°",
-            h.quietest_deg,
-            words(turn)
-        ),
-        None => format!("this heading is as quiet as any: the deck tilts {now:.1}°"),
+/// A direction clockwise from north, rad, as a bearing, deg.
+pub fn bearing_deg(rad: f32) -> f64 {
+    f64::from(rad).to_degrees().rem_euclid(360.0)
+}
+
+/// Waves and advised course in words: `waves from 20° to port of the bow; turn to 030°, ...`.
+pub fn advice(a: &CourseAdvice) -> String {
+    let [now, best] = a.heading.map(bearing_deg);
+    let waves = words(from_bow(bearing_deg(a.waves_to) + 180.0, now));
+    let percent = a.likelihood.map(|p| format!("{:.0} %", 100.0 * p));
+    let tilt = a.tilt.map(|rad| format!("{:.1}°", rad.to_degrees()));
+    if !a.is_change() {
+        return format!(
+            "waves from {waves}; no other course is better: {} of landings succeed, the deck tilts {}",
+            percent[0], tilt[0]
+        );
+    }
+    let turn = from_bow(best, now);
+    let heading = if turn == 0.0 {
+        "keep the heading".to_owned()
+    } else {
+        format!("turn to {best:03.0}°, {}", words(turn))
     };
+    let slower = if a.speed[0] == a.speed[1] {
+        String::new()
+    } else {
+        format!(", at {:.0} m/s", a.speed[1])
+    };
+    format!(
+        "waves from {waves}; {heading}{slower}: {} of landings succeed instead of {}, the deck tilts {} instead of {} \
+         ({:.0} s; {:.0} m of way a minute)",
+        percent[1], percent[0], tilt[1], tilt[0], a.turn_s, a.way_lost_m
+    )
+}
+
+/// The vessel's heading, with the advice.
+pub fn figure(a: &CourseAdvice) -> Figure {
+    Figure::of(
+        "heading",
+        format!("{:03.0} deg", bearing_deg(a.heading[0])),
+        advice(a),
+    )
+}
+
+/// Where the waves come from and the advised turn, deg from the bow; None where no other course is advised.
+fn of_advice(a: &CourseAdvice) -> (f64, Option<f64>) {
+    let [now, best] = a.heading.map(bearing_deg);
+    let waves = from_bow(bearing_deg(a.waves_to) + 180.0, now);
+    (waves, a.is_change().then(|| from_bow(best, now)))
+}
+
+/// What the vessel knows: the waves, and the advice of its own estimate.
+pub fn of_vessel(status: &VesselStatus) -> Option<Compass> {
+    let a = status.estimator.advice?;
+    let (waves, advised_deg) = of_advice(&a);
     Some(Compass {
-        heading_deg: h.now_deg,
+        heading_deg: bearing_deg(a.heading[0]),
         waves_from_deg: Some(waves),
         advised_deg,
-        text: format!("waves from {}; {advice}", words(waves)),
+        text: advice(&a),
         wind_from_deg: None,
     })
 }
@@ -134,7 +178,6 @@ pub fn of_vessel(status: &VesselStatus) -> Option<Compass> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::HeadingAdvice;
 
     #[test]
     fn directions_from_the_bow() {
@@ -165,25 +208,31 @@ mod tests {
     fn advised_heading_of_a_vessel() {
         let mut status = VesselStatus::default();
         assert_eq!(of_vessel(&status), None);
-        let mut advice = HeadingAdvice {
-            now_deg: 350.0,
-            quietest_deg: 30.0,
-            tilt_deg: [4.0, 2.0],
-            waves_from_deg: 30.0,
+        let rad = |deg: f64| deg.to_radians() as f32;
+        let mut a = CourseAdvice {
+            heading: [rad(350.0), rad(30.0)],
+            speed: [5.0, 3.0],
+            likelihood: [0.81, 0.97],
+            tilt: [rad(4.0), rad(2.0)],
+            turn_s: 7.0,
+            way_lost_m: 162.0,
+            waves_to: rad(210.0),
         };
-        status.estimator.heading = Some(advice);
+        status.estimator.advice = Some(a);
         let compass = of_vessel(&status).unwrap();
         assert_eq!(
             (compass.waves_from_deg, compass.advised_deg),
             (Some(40.0), Some(40.0))
         );
+        let text = compass.text;
         assert!(
-            compass.text.contains("turn to 030°, 40° to starboard"),
-            "{}",
-            compass.text
+            text.contains("turn to 030°, 40° to starboard of the bow, at 3 m/s: 97 % of landings succeed instead of 81 %"),
+            "{text}"
         );
-        advice.tilt_deg = [4.0, 3.9];
-        status.estimator.heading = Some(advice);
+        a.heading[1] = a.heading[0];
+        assert!(advice(&a).contains("keep the heading, at 3 m/s"));
+        a.speed[1] = a.speed[0];
+        status.estimator.advice = Some(a);
         assert_eq!(of_vessel(&status).unwrap().advised_deg, None);
     }
 }

@@ -85,13 +85,16 @@ fn link(s: &Situation) -> Vec<Finding> {
     let limit_s = topics::ESTIMATE.stale_after.secs();
     let found = format!("the vessel's newest estimate is {} old", time(age_s));
     let remedy = "is alight-vessel running, its radio in reach, its certificate admitted?";
-    let by_tags = known_by_tags(s);
-    let mut all = vec![if age_s.is_infinite() && by_tags {
-        TOPIC.warning("no vessel received yet: it is known by its tags alone", remedy)
+    let otherwise = known_otherwise(s);
+    let mut all = vec![if let (true, Some(by)) = (age_s.is_infinite(), otherwise) {
+        TOPIC.warning(
+            format!("no vessel received yet: it is known by its {by} alone"),
+            remedy,
+        )
     } else if age_s.is_infinite() {
         TOPIC.stopping("no vessel received yet", remedy)
-    } else if age_s > limit_s && by_tags {
-        TOPIC.warning(format!("{found}: it is known by its tags alone"), remedy)
+    } else if let (true, Some(by)) = (age_s > limit_s, otherwise) {
+        TOPIC.warning(format!("{found}: it is known by its {by} alone"), remedy)
     } else if age_s > limit_s {
         TOPIC.broken(found, remedy)
     } else if age_s > OLD_LINK * limit_s {
@@ -116,11 +119,17 @@ fn link(s: &Situation) -> Vec<Finding> {
     all
 }
 
-/// The tags of a vessel that need not be received are in sight.
-fn known_by_tags(s: &Situation) -> bool {
-    let forecast = s.seen.forecast.fresh(s.now_ns);
-    let suffice = (s.seen.mission.as_ref()).is_some_and(|m| m.least_vessel == VesselLevel::Tag);
-    suffice && forecast.is_some_and(|f| f.vision_age_s < FRESH_TAGS_S)
+/// By what a vessel is known that need not be received: its tags are in sight, or a beacon gives its place.
+fn known_otherwise(s: &Situation) -> Option<&'static str> {
+    let forecast = s.seen.forecast.fresh(s.now_ns)?;
+    let least = s.seen.mission.as_ref()?.least_vessel;
+    let beacon = forecast.beacon.is_some() && least <= VesselLevel::Beacon;
+    let tags = forecast.vision_age_s < FRESH_TAGS_S && (beacon || least == VesselLevel::Tag);
+    if tags {
+        Some("tags")
+    } else {
+        beacon.then_some("beacon")
+    }
 }
 
 /// A battery that does not last for the way to the deck and one attempt.
@@ -219,6 +228,8 @@ pub fn figures(s: &Situation) -> Vec<Figure> {
             .and_then(|m| mode(m, s.seen.autopilot.as_ref()))
             .map(|f| f.stale(s.seen.mission.is_old(s.now_ns))),
     );
+    let advice = s.seen.wave.fresh(s.now_ns).and_then(|w| w.advice);
+    all.extend(advice.as_ref().map(compass::figure));
     all.extend(s.seen.response.as_ref().map(response));
     all.extend(processes(s));
     all
@@ -239,8 +250,12 @@ fn distance(s: &Situation) -> Figure {
     let level = match forecast.vessel_level() {
         VesselLevel::Computer => "",
         VesselLevel::Tag => ", by tags alone",
+        VesselLevel::Beacon => "",
     };
-    let seen = if forecast.vision_age_s.is_finite() {
+    let seen = if let (VesselLevel::Beacon, Some([sd_m, age_s])) = (forecast.vessel_level(), forecast.beacon)
+    {
+        format!("vessel known by beacon, {sd_m:.0} m, {age_s:.1} s old")
+    } else if forecast.vision_age_s.is_finite() {
         format!("seen {} ago{level}", time(forecast.vision_age_s))
     } else {
         "not seen yet".into()
@@ -283,6 +298,10 @@ fn battery(s: &Situation) -> Figure {
         s.seen
             .mission
             .map(|m| format!("needs {:.0} %", 100.0 * m.battery_reserve)),
+        s.seen
+            .mission
+            .and_then(|m| m.turns_in_s)
+            .map(|t| format!("turns back in {:.0} min", (t / 60.0).floor())),
         a.battery_v.map(|v| format!("{v:.1} V")),
         a.battery_a.map(|i| format!("{i:.1} A")),
     ]
@@ -576,6 +595,22 @@ mod tests {
             s.mission = came(MissionState {
                 least_vessel,
                 ..mission(State::Tracking, ReasonCode::NotIdentified)
+            });
+            let all = findings(&Situation::of(Known::default(), &s, NOW_NS));
+            let link = all.iter().find(|f| f.topic == "link");
+            assert!(link.is_some_and(|f| f.stops == stops), "{all:?}");
+        }
+        // A beacon leads to it, where that is permitted.
+        s.forecast = came(DeckForecast {
+            radio_age_s: f64::INFINITY,
+            vision_age_s: f64::INFINITY,
+            beacon: Some([12.0, 0.8]),
+            ..DeckForecast::default()
+        });
+        for (least_vessel, stops) in [(VesselLevel::Computer, true), (VesselLevel::Beacon, false)] {
+            s.mission = came(MissionState {
+                least_vessel,
+                ..mission(State::Search, ReasonCode::Searching)
             });
             let all = findings(&Situation::of(Known::default(), &s, NOW_NS));
             let link = all.iter().find(|f| f.topic == "link");

@@ -74,7 +74,13 @@ pub enum Progress {
 
 /// The stages, seen from a state.
 pub fn stages(state: State) -> Vec<Stage> {
-    let now = STAGES.iter().position(|s| *s == state);
+    // A search is the end of the approach to a vessel that is known by its beacon.
+    let shown = if state == State::Search {
+        State::Approach
+    } else {
+        state
+    };
+    let now = STAGES.iter().position(|s| *s == shown);
     let stage = |(k, s): (usize, &State)| Stage {
         name: s.name(),
         is: match now {

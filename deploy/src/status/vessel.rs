@@ -1,8 +1,8 @@
 //! The vessel's computer: findings, state and figures.
 
 use alight_shared::msg::{
-    Charge, Closure, Course, DeckStatus, DroneContact, DroneStatus, EstimatorStatus, HeadingAdvice,
-    VesselStatus, still_armed,
+    Charge, Closure, Course, CourseAdvice, DeckStatus, DroneContact, DroneStatus, EstimatorStatus, HelmState,
+    State, VesselStatus, still_armed,
 };
 use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessKind;
@@ -12,7 +12,7 @@ use super::situation::{KnownVessel, Situation};
 use super::sources::{self, MISSING_S, estimator, source};
 use super::{ARMED_REMEDY, Figure, StateView, certificate, compass, course, go, processes};
 use crate::process::snapshot::time;
-use crate::vessel::{deck_inputs, helm_lamp};
+use crate::vessel::{deck_inputs, helm, helm_lamp};
 
 /// A drone reports at 2 Hz; without a report for this long it is out of reach, s.
 pub const LOST_CONTACT_S: f64 = 5.0;
@@ -30,7 +30,8 @@ pub fn findings(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Ve
     all.push(unauthorised_peers(s, known));
     all.extend(deck(status));
     all.extend(course_findings(&status.deck));
-    all.extend(status.estimator.heading.as_ref().map(quiet_heading));
+    all.extend(helm_findings(&status.deck));
+    all.extend(status.estimator.advice.as_ref().map(advised_course));
     all.extend(drones(status));
     all
 }
@@ -175,21 +176,32 @@ fn course_findings(deck: &DeckStatus) -> Vec<Finding> {
     all
 }
 
-/// The heading that the helm may choose before a landing.
-fn quiet_heading(h: &HeadingAdvice) -> Finding {
-    let [now, there] = h.tilt_deg;
-    let from = format!("waves from {:03.0} deg", h.waves_from_deg);
-    Topic("heading").fine(if there < compass::WORTH_TURNING * now {
-        format!(
-            "{from}; on {:03.0} deg the deck tilts {there:.1} deg, now {now:.1} deg: turn before the landing",
-            h.quietest_deg
-        )
-    } else {
-        format!(
-            "{from}; {:03.0} deg is as quiet as any, the deck tilts {now:.1} deg",
-            h.now_deg
-        )
-    })
+/// The handshake about the helm, where there is one.
+fn helm_findings(deck: &DeckStatus) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("helm");
+    let helm = &deck.helm;
+    let mut all: Vec<Finding> = deck
+        .helm_error
+        .iter()
+        .map(|e| TOPIC.warning(e.as_str(), helm::REMEDY))
+        .collect();
+    all.extend(match helm.state {
+        HelmState::Idle => None,
+        HelmState::Asked => Some(TOPIC.stopping(
+            format!("{helm}: MAY THE COMPUTER STEER?"),
+            "look for traffic, then: alight command helm yes, or no; without an answer the drone lands as it is",
+        )),
+        HelmState::Agreed | HelmState::Steady | HelmState::Done => {
+            Some(TOPIC.fine(format!("{helm}; a hand on the helm, or alight command helm no, ends it")))
+        }
+        HelmState::Withdrawn => Some(TOPIC.warning(helm.to_string(), "the boat steers as its skipper has it")),
+    });
+    all
+}
+
+/// The course that the helm may choose before a landing.
+fn advised_course(a: &CourseAdvice) -> Finding {
+    Topic("heading").fine(compass::advice(a))
 }
 
 /// Name of the figures of drones, each of which judges itself.
@@ -214,10 +226,31 @@ pub fn drone(d: &DroneStatus) -> Finding {
     }
     let armed = if d.armed { "armed" } else { "disarmed" };
     let state = d.state.because(&d.entered);
-    TOPIC.fine(format!(
-        "drone {number}: {state}; {armed}, battery {}",
-        Charge(d.battery)
-    ))
+    let found = format!("drone {number}: {state}; {armed}, battery {}", Charge(d.battery));
+    if starts_motors(d.state) {
+        return TOPIC.warning(found, "stand clear; alight command abort stops it");
+    }
+    TOPIC.fine(found)
+}
+
+/// Whoever is near a drone in this state has to get away from it.
+fn starts_motors(state: State) -> bool {
+    match state {
+        State::Countdown | State::SpinUp | State::TakeOff | State::StandDown => true,
+        State::Idle
+        | State::GetAltitude
+        | State::Search
+        | State::Approach
+        | State::Tracking
+        | State::TrackingStable
+        | State::Descent
+        | State::Flare
+        | State::Landed
+        | State::Hold
+        | State::GaveUp
+        | State::Preparing
+        | State::ClimbOut => false,
+    }
 }
 
 /// The drones, and how long ago each reported.
@@ -296,13 +329,9 @@ pub fn figures(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Vec
         ""
     };
     all.push(Figure::of("course", course(status.deck.course), keep));
-    all.extend(status.estimator.heading.as_ref().map(|h| {
-        Figure::of(
-            "heading",
-            format!("{:03.0} deg", h.now_deg),
-            quiet_heading(h).found,
-        )
-    }));
+    all.extend(status.estimator.advice.as_ref().map(compass::figure));
+    let helm = &status.deck.helm;
+    all.extend((helm.state != HelmState::Idle).then(|| Figure::of("helm", helm.to_string(), "")));
     all.push(speed(&status.estimator, s.known.knots));
     all.extend(motion(&status.estimator));
     let sources = s.sources();

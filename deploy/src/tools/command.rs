@@ -3,6 +3,7 @@
 //! computer also the crew's order for the deck. Every answer names its drone.
 
 mod ashore;
+mod beacon;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -26,6 +27,9 @@ use crate::vessel::crew::OrderOnItsWay;
 /// What shows whether a command was taken is looked at this often.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 
+/// Without `--for` course and speed are kept for so long, s.
+const STEADY_S: u32 = 60;
+
 /// An operator's command.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum Order {
@@ -35,23 +39,31 @@ pub enum Order {
     Abort,
     /// Hold where you are.
     Hold,
+    /// Take off from the deck, climb and hold (drone.mission.takeoff).
+    Takeoff,
     /// Say how the mission stands; commands nothing.
     Status,
+    /// Where a silent vessel is: latitude and longitude, deg.
+    DeckAt,
     /// On the vessel: close the deck or open it.
     Deck,
     /// On the vessel: course and speed are kept for a while (`--for`).
     Steady,
     /// On the vessel: she turns or may turn, until `steady` is ordered.
     Turning,
+    /// On the vessel: the skipper's answer, whether the computer may steer.
+    Helm,
 }
 
-/// Order of the crew for the deck.
+/// Order of the crew for the deck, or the skipper's answer about the helm.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum CrewOrder {
     /// Nobody descends; a descent that is still high is broken off.
     Closed,
     /// It is free, but for drones that report from it.
     Open,
+    /// For two minutes: nobody is near the drone of `--drone`, which may take off.
+    Takeoff,
 }
 
 impl Order {
@@ -61,7 +73,10 @@ impl Order {
             Order::Land => Some(CommandKind::Land),
             Order::Abort => Some(CommandKind::Abort),
             Order::Hold => Some(CommandKind::Hold),
-            Order::Status | Order::Deck | Order::Steady | Order::Turning => None,
+            Order::Takeoff => Some(CommandKind::TakeOff),
+            Order::Status | Order::DeckAt | Order::Deck | Order::Steady | Order::Turning | Order::Helm => {
+                None
+            }
         }
     }
 }
@@ -72,22 +87,33 @@ impl Order {
     after_help = "Run it as the user that runs Alight: sudo -u alight alight command abort\n\
 From ashore: alight command abort --drone 2 --vessel quic/192.168.7.1:7447 --keys keys/operator-1\n\
 A simulated landing: alight command abort --instance land\n\
+Where a silent vessel is: alight command deck-at 59.3456 18.1234 --error 10\n\
 On the vessel: sudo -u alight alight command deck closed\n  \
 sudo -u alight alight command deck open --drone 2   (which is not above it)\n  \
-sudo -u alight alight command steady --for 60\n\
+sudo -u alight alight command steady --for 60\n  \
+sudo -u alight alight command helm yes            (the computer may steer)\n\
 Exit codes: 0 the mission or the vessel took it, 1 it did not in time, 2 bad input or no mission answers."
 )]
 pub struct CommandArgs {
     /// What to command
     #[arg(value_enum)]
     pub order: Order,
-    /// With `deck`: closed or open
-    #[arg(value_enum, required_if_eq("order", "deck"))]
-    pub deck: Option<CrewOrder>,
-    /// With `steady`: for so long, s; 0: nothing is stated any more
-    #[arg(long = "for", value_name = "SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u32).range(0..=3600))]
-    pub for_s: u32,
-    /// Configuration of the drone's computer, with `deck`, `steady` and `turning` of the vessel's (TOML) [default:
+    /// With `deck`: closed, open or takeoff; with `helm`: yes or no; with `deck-at`: latitude and longitude, deg
+    #[arg(value_name = "WORDS", num_args = 0..=2, allow_negative_numbers = true)]
+    pub words: Vec<String>,
+    /// With `steady` and `deck-at`: for so long, s [default: 60, 300]; with `steady` 0: nothing is stated any more
+    #[arg(long = "for", value_name = "SECONDS", value_parser = clap::value_parser!(u32).range(0..=3600))]
+    pub for_s: Option<u32>,
+    /// With `deck-at`: the vessel's course, deg from north, and its speed, m/s [default: it lies still]
+    #[arg(long, value_name = "DEG", requires = "speed")]
+    pub course: Option<f64>,
+    /// See --course
+    #[arg(long, value_name = "M/S")]
+    pub speed: Option<f64>,
+    /// With `deck-at`: standard deviation of the place, each axis, m
+    #[arg(long, value_name = "METRES", default_value_t = 10.0)]
+    pub error: f64,
+    /// Configuration of the drone's computer, with `deck`, `steady`, `turning` and `helm` of the vessel's (TOML) [default:
     /// /etc/alight/drone.toml or /etc/alight/vessel.toml; without the drone's: of a landing that runs here]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
@@ -120,21 +146,49 @@ impl CommandArgs {
 
 /// Commands, waits for the mission's answer and shows it.
 pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
-    match (args.order, args.deck) {
-        (Order::Deck, Some(word)) => return deck(args, word),
-        (Order::Steady, None) => return course(args, DeckOrder::Steady(args.for_s)),
-        (Order::Turning, None) => return course(args, DeckOrder::Turning),
-        (
-            Order::Land | Order::Abort | Order::Hold | Order::Status | Order::Steady | Order::Turning,
-            Some(_),
-        ) => {
-            return Err(CliError("closed and open belong to `alight command deck`".into()));
+    match args.order {
+        Order::Deck => return deck(args, crew_order(&args.words)?),
+        Order::Helm => return course(args, DeckOrder::Helm(consent(&args.words)?)),
+        Order::DeckAt => return beacon::run(args),
+        Order::Land
+        | Order::Abort
+        | Order::Hold
+        | Order::Takeoff
+        | Order::Status
+        | Order::Steady
+        | Order::Turning
+            if !args.words.is_empty() =>
+        {
+            return Err(CliError(format!(
+                "{}: closed, open and takeoff belong to `alight command deck`, yes and no to `alight command helm`, places to \
+                 `alight command deck-at`",
+                args.words.join(" ")
+            )));
         }
-        (_, None) => {}
+        Order::Steady => return course(args, DeckOrder::Steady(args.for_s.unwrap_or(STEADY_S))),
+        Order::Turning => return course(args, DeckOrder::Turning),
+        Order::Land | Order::Abort | Order::Hold | Order::Takeoff | Order::Status => {}
     }
     match (&args.vessel, &args.keys) {
         (Some(endpoint), Some(keys)) => ashore::run(args, endpoint, keys),
         (_, _) => here(args),
+    }
+}
+
+/// What is ordered of the deck.
+fn crew_order(words: &[String]) -> Result<CrewOrder, CliError> {
+    let order = match words {
+        [word] => CrewOrder::from_str(word, false).ok(),
+        [] | [_, _, ..] => None,
+    };
+    order.ok_or_else(|| CliError("alight command deck: closed, open or takeoff has to follow".into()))
+}
+/// The word behind `helm`: whether the computer may steer.
+fn consent(words: &[String]) -> Result<bool, CliError> {
+    match words {
+        [word] if word == "yes" => Ok(true),
+        [word] if word == "no" => Ok(false),
+        _ => Err(CliError("alight command helm: yes or no has to follow".into())),
     }
 }
 
@@ -175,7 +229,7 @@ const NOT_TAKEN: &str =
 fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
     if let Some(drone) = args.drone {
         return Err(CliError(format!(
-            "--drone {drone}: the course is stated for every drone"
+            "--drone {drone}: course and helm are the vessel's, for every drone"
         )));
     }
     let newest = order_aboard(args, "the course is stated", order)?;
@@ -183,9 +237,13 @@ fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
         _ if newest.is_none() => NOT_TAKEN,
         DeckOrder::Steady(0) => "nothing is stated of the course",
         DeckOrder::Steady(_) => "course and speed are kept; a turn at the helm's switch counts more",
-        DeckOrder::Turning | DeckOrder::Closed | DeckOrder::Open | DeckOrder::Clear(_) => {
-            "no drone descends while she turns"
-        }
+        DeckOrder::Helm(true) => "the computer may steer while it asks: alight status shows whether it does",
+        DeckOrder::Helm(false) => "the computer does not steer for this landing",
+        DeckOrder::Turning
+        | DeckOrder::Closed
+        | DeckOrder::Open
+        | DeckOrder::Clear(_)
+        | DeckOrder::TakeOff(_) => "no drone descends while she turns",
     };
     if args.json {
         terminal::line(json!({ "taken": newest.is_some(), "deck": newest.map(|s| s.deck) }));
@@ -201,6 +259,12 @@ fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
         (CrewOrder::Closed, None) => DeckOrder::Closed,
         (CrewOrder::Open, None) => DeckOrder::Open,
         (CrewOrder::Open, Some(drone)) => DeckOrder::Clear(drone),
+        (CrewOrder::Takeoff, Some(drone)) => DeckOrder::TakeOff(drone),
+        (CrewOrder::Takeoff, None) => {
+            return Err(CliError(
+                "whose take-off? alight command deck takeoff --drone N".into(),
+            ));
+        }
         (CrewOrder::Closed, Some(drone)) => {
             return Err(CliError(format!(
                 "--drone {drone}: the deck is closed for every drone"
@@ -218,6 +282,12 @@ fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
                 "the order is taken, but switch or sensor keep the deck closed: alight status"
             }
             CrewOrder::Open => "the deck is open",
+            CrewOrder::Takeoff if closed => {
+                "the order is taken, but the deck is closed: alight command deck open"
+            }
+            CrewOrder::Takeoff => {
+                "the deck is cleared for two minutes: keep away from the drone, its motors start 5 s after its take-off is ordered"
+            }
         });
         let unheard = newest.iter().flat_map(|s| s.deck.unheard.iter());
         for drone in unheard.filter(|_| word == CrewOrder::Open) {

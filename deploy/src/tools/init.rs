@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use alight_shared::config;
 use alight_shared::geometry::GRAVITY;
-use alight_shared::tags::suggested;
+use alight_shared::tags::{of_vessel, suggested};
 use clap::Args;
 
 use crate::config::{DroneComputer, VesselComputer};
@@ -182,9 +182,10 @@ impl Boat {
             );
         }
         let size = ["length_m", "width_m"].map(|side| number(self, "drone.deck", side));
-        let tags: String = suggested(size[0], size[1]).iter().map(tag::row).collect();
-        self.set((Of::Drone, "drone.deck", "tags"), &format!("[\n{tags}]"));
         let (vessel, drone) = self.check()?;
+        let tags = of_vessel(&suggested(size[0], size[1]), vessel.vessel_id);
+        let tags: String = tags.iter().map(tag::row).collect();
+        self.set((Of::Drone, "drone.deck", "tags"), &format!("[\n{tags}]"));
         let (other, own) = (vessel.vessel_id, drone.bridge.drone_id);
         self.set((Of::Vessel, "radio.tls", "peers"), &format!("[\"drone-{own}\"]"));
         self.set(

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use alight_shared::config;
 use alight_shared::geometry::DeckGeometry;
-use alight_shared::tags::{DeckTag, MARGIN, Tags, suggested};
+use alight_shared::tags::{DeckTag, MARGIN, Tags, of_vessel, suggested};
 use alight_uav::camera::layout::{CELLS, cells, faults};
 use clap::{Args, ValueEnum};
 use pdf_writer::{Content, Finish, Name, Pdf, Rect, Ref, Str};
@@ -22,6 +22,9 @@ pub struct TagArgs {
     /// The tags that are suggested for the deck's size, in the place of those that are configured
     #[arg(long)]
     pub suggest: bool,
+    /// Number of the vessel, whose tags get numbers of their own [default: with --suggest the configuration's]
+    #[arg(long, value_name = "N")]
+    pub vessel: Option<u32>,
     /// Write printable sheets of the tags at true scale, and a drawing of the deck with their places
     #[arg(long, value_name = "FILE")]
     pub pdf: Option<PathBuf>,
@@ -56,16 +59,20 @@ impl Paper {
 
 /// Prints the list and writes the sheets.
 pub fn run(args: &TagArgs) -> Result<Exit, CliError> {
-    let drone = match &args.config {
-        Some(path) => config::load::<DroneComputer>(path)?.drone,
-        None => DroneComputer::default().drone,
+    let computer = match &args.config {
+        Some(path) => config::load::<DroneComputer>(path)?,
+        None => DroneComputer::default(),
     };
+    let drone = computer.drone;
     let deck = drone.deck;
     let tags = if args.suggest {
         suggested(deck.length_m, deck.width_m)
     } else {
         drone.tags()
     };
+    // What is printed and glued keeps its numbers unless it is asked for others.
+    let vessel = args.vessel.or(args.suggest.then_some(computer.bridge.vessel_id));
+    let tags = vessel.map_or(tags, |vessel| of_vessel(&tags, vessel));
     terminal::line(listed(&tags));
     for fault in faults(&tags, &deck) {
         terminal::note(true, format!("alight tag: {fault}"));

@@ -1,12 +1,14 @@
-//! The deck's digital inputs ([`DigitalLine`]): the crew's switch, a sensor of what lies on the deck, and the helm's switch.
+//! The deck's digital inputs ([`DigitalLine`]): the crew's switch, a sensor of what lies on the deck, the helm's switch, and
+//! the switch by which the skipper lets the computer steer.
 //!
 //! Each is read twice a second in a thread of its own, since a driver may take long. One that cannot be read yields no
-//! level, and the deck arbiter then counts it as active.
+//! level, and the deck arbiter then counts it as active, the helm as a no.
 
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
 
 use alight_usv::deck::{DeckConfig, DeckInputs};
+use alight_usv::helm::HelmConfig;
 use tracing::{info, warn};
 
 use crate::io::digital_line::DigitalLine;
@@ -21,11 +23,12 @@ pub const REMEDY: &str = "it counts as 1: let the user alight read the line or f
                           vessel.toml";
 
 /// The inputs that may be configured: key and path; an empty path is none.
-pub fn configured(deck: &DeckConfig) -> [(&'static str, &str); 3] {
+pub fn configured<'a>(deck: &'a DeckConfig, helm: &'a HelmConfig) -> [(&'static str, &'a str); 4] {
     [
         ("deck.crew_switch", &deck.crew_switch),
         ("deck.occupancy_sensor", &deck.occupancy_sensor),
         ("deck.helm_switch", &deck.helm_switch),
+        ("vessel.helm.consent_switch", &helm.consent_switch),
     ]
 }
 
@@ -86,20 +89,22 @@ impl Input {
 }
 
 /// All inputs that are configured.
-pub struct InputFiles([Option<Input>; 3]);
+pub struct InputFiles([Option<Input>; 4]);
 
 impl InputFiles {
     /// Begins to read them.
-    pub fn start(deck: &DeckConfig, now_ns: i64) -> InputFiles {
-        InputFiles(configured(deck).map(|input| Input::start(input, now_ns)))
+    pub fn start(deck: &DeckConfig, helm: &HelmConfig, now_ns: i64) -> InputFiles {
+        InputFiles(configured(deck, helm).map(|input| Input::start(input, now_ns)))
     }
     /// The levels that were read since the last call.
     pub fn poll(&mut self, now_ns: i64) -> DeckInputs {
-        let [closed, occupied, turning] = self.0.each_mut().map(|i| i.as_mut().and_then(|i| i.poll(now_ns)));
+        let [closed, occupied, turning, consent] =
+            self.0.each_mut().map(|i| i.as_mut().and_then(|i| i.poll(now_ns)));
         DeckInputs {
             closed,
             occupied,
             turning,
+            consent,
         }
     }
     /// Why inputs cannot be read: key, path and error.
@@ -123,11 +128,11 @@ mod tests {
             occupancy_sensor: "/nowhere/value".into(),
             ..DeckConfig::default()
         };
-        let mut files = InputFiles::start(&deck, 0);
+        let mut files = InputFiles::start(&deck, &HelmConfig::default(), 0);
         let read = DeckInputs {
             closed: Some(true),
             occupied: None,
-            turning: None,
+            ..DeckInputs::default()
         };
         assert_eq!(files.poll(0), read);
         let [error] = &files.errors()[..] else {
@@ -138,7 +143,7 @@ mod tests {
             "{error}"
         );
         fs::remove_file(&path).unwrap();
-        let mut none = InputFiles::start(&DeckConfig::default(), 0);
+        let mut none = InputFiles::start(&DeckConfig::default(), &HelmConfig::default(), 0);
         assert_eq!(none.poll(i64::MAX), DeckInputs::default());
     }
 }

@@ -30,6 +30,7 @@ use crate::process::life::Process;
 use crate::vessel::crew::CrewOrders;
 use crate::vessel::deck_file::DeckFile;
 use crate::vessel::deck_inputs::InputFiles;
+use crate::vessel::helm::{self, HelmLink};
 use crate::vessel::helm_lamp::HelmLamp;
 use crate::vessel::radio::VesselRadio;
 use crate::vessel::status::{Errors, StatusReport};
@@ -71,8 +72,11 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
 
 async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
     let computer: VesselComputer = config::load(&args.config)?;
+    let helm_key = helm::signing_key(&computer)?;
     let mut process = Process::start(ProcessKind::Vessel, args, computer.clock, |boot| {
-        computer.node(boot)
+        let mut node = computer.node(boot);
+        helm_key.into_iter().for_each(|key| node.sign_helm(key));
+        node
     })?;
     let memory = Memory::join(&Instance::new(&computer.instance)?, ProcessKind::Vessel.name())?;
     let mut ports = Ports::join(&memory)?;
@@ -80,7 +84,8 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
     let wakes = wakes.doing("waiting for sensors")?;
     let mut radio = VesselRadio::open(&computer)?;
     let (mut deck_file, left) = DeckFile::open(&computer);
-    let mut deck_inputs = InputFiles::start(&computer.deck, steady_ns());
+    let mut deck_inputs = InputFiles::start(&computer.deck, &computer.vessel.helm, steady_ns());
+    let mut helm = HelmLink::open(&computer).await?;
     let mut helm_lamp = HelmLamp::start(&computer.deck.helm_lamp);
     let (mut crew, mut status) = (CrewOrders::default(), StatusReport::default());
     let mut people = ForPeople::new(!computer.sensor.sources.is_empty(), steady_ns());
@@ -103,6 +108,7 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
             vessel: ports.readings(t.nanos()).input(),
             deck_orders: crew.take(t, &ports.crew.all(t.nanos())),
             deck_inputs: deck_inputs.poll(steady_ns()),
+            helm: helm.received(),
             checkpoint: checkpoint.take(),
             ..ComputerIn::default()
         };
@@ -113,6 +119,7 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
             radio.publish(out);
             true
         });
+        helm.send(&out.helm);
         helm_lamp.set(out.wants_steady);
         people.show(&out, process.now(), process.node().node());
         deck_file.keep(process.node().checkpoint());
@@ -128,6 +135,7 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
                 file: deck_file.error(),
                 inputs: deck_inputs.errors(),
                 lamp: helm_lamp.error(),
+                helm: helm.error(process.node().helm().is_silent(now)),
             };
             let header = Header::new(computer.vessel_id, 0, process.life.boot(), 0, now);
             let message = status.message(process.node(), (header, steady_ns()), crew.taken(), &errors);

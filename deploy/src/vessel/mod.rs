@@ -4,6 +4,7 @@ pub mod crew;
 pub mod deck_file;
 pub mod deck_inputs;
 pub mod estimator;
+pub mod helm;
 pub mod helm_lamp;
 pub mod radio;
 pub mod sensors;
@@ -30,6 +31,7 @@ pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
         source.connect.parse::<LinkUrl>().map_err(of)?;
     }
     computer.radio.check_zenoh()?;
+    helm::signing_key(&computer)?;
     sensors::node(&computer, 0)?;
     let sensors = !computer.sensor.sources.is_empty();
     let nodes = [(ProcessKind::Vessel, true), (ProcessKind::Sensors, sensors)];

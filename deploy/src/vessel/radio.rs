@@ -138,6 +138,7 @@ impl VesselRadio {
             statuses,
             events: _,
             wants_steady: _,
+            helm: _,
         } = out;
         self.send(ESTIMATE, &vessel.estimate);
         self.send(TIME_REPLY, &vessel.time_replies);

@@ -1,14 +1,13 @@
 //! The status of the vessel, as its process publishes it.
 
-use core::f64::consts::PI;
 use std::collections::VecDeque;
 
 use alight_shared::msg::{
-    DeckStatus, DroneContact, EstimatorStatus, Header, HeadingAdvice, Line, MAX_DEVICES, MAX_ORDERS, Seq,
+    CourseAdvice, DeckStatus, DroneContact, EstimatorStatus, Header, Line, MAX_DEVICES, MAX_ORDERS, Seq,
     SourceUse, VesselStatus,
 };
 use alight_shared::time::{Time, VesselClock};
-use alight_usv::{ComputerIn, ComputerOut, Estimator, KINDS, VesselNode};
+use alight_usv::{ComputerIn, ComputerOut, KINDS, VesselNode};
 
 /// Time between two samples of the motion, ns.
 const MOTION_PERIOD_NS: i64 = 90_000_000;
@@ -23,6 +22,8 @@ pub struct Errors {
     pub inputs: Vec<String>,
     /// The lamp at the helm cannot be driven.
     pub lamp: Option<String>,
+    /// The boat's autopilot cannot be steered.
+    pub helm: Option<String>,
 }
 
 /// Collects what the process knows.
@@ -89,7 +90,7 @@ impl StatusReport {
         let estimator = EstimatorStatus {
             sensor_age_s: self.sensors_ns.map(since),
             estimate_age_s: since(self.estimated_ns),
-            heading: heading_advice(node.estimator()),
+            advice: node.advisor().advice().as_ref().map(CourseAdvice::from),
             gated: [gated.imu, gated.gnss, gated.heading],
             restarts: gated.restarts,
             rejected: node.rejected().total().into(),
@@ -148,17 +149,6 @@ fn source_use(node: &VesselNode, number: usize) -> SourceUse {
     all
 }
 
-fn heading_advice(estimator: &Estimator) -> Option<HeadingAdvice> {
-    let (quiet, now) = estimator.quietest_heading()?;
-    let compass = |rad: f64| rad.to_degrees().rem_euclid(360.0);
-    Some(HeadingAdvice {
-        now_deg: compass(now),
-        quietest_deg: compass(quiet.heading),
-        tilt_deg: [quiet.tilt_now, quiet.tilt].map(f64::to_degrees),
-        waves_from_deg: compass(quiet.waves_to + PI),
-    })
-}
-
 /// The deck as arbiter and relay know it at `now`.
 fn deck(now: Time<VesselClock>, node: &alight_usv::VesselComputer, errors: &Errors) -> DeckStatus {
     let arbiter = node.arbiter();
@@ -177,5 +167,7 @@ fn deck(now: Time<VesselClock>, node: &alight_usv::VesselComputer, errors: &Erro
         lamp_error: errors.lamp.as_ref().map(line),
         course: arbiter.course(now),
         wants_steady: arbiter.wants_steady(now),
+        helm: node.helm().status(),
+        helm_error: errors.helm.as_ref().map(line),
     }
 }

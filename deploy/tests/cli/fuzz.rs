@@ -118,6 +118,7 @@ fn sound() -> Vec<Vec<u8>> {
         confidence: 1.0,
         modes: Seq::filled([WaveMode::default(); 12]),
         slopes: Seq::filled([10; 60]),
+        advice: None,
     };
     let prediction = VesselPrediction::<VesselClock> {
         header: Header::default(),

@@ -182,7 +182,7 @@ const NODES: [(&str, &[&str]); 2] = [
         "uav-side",
         &["autopilot", "camera", "mission", "pilot", "planner", "predictor"],
     ),
-    ("usv-side", &["deck", "estimator", "sensors"]),
+    ("usv-side", &["deck", "estimator", "helm", "sensors"]),
 ];
 
 #[test]

@@ -20,10 +20,11 @@ const SAME_COMMAND: Span = Span::from_millis(100);
 const LEAD: Span = Span::from_millis(500);
 
 impl<C: Clock> OperatorCommand<C> {
-    /// Whether this is a landing ordered by another sender who cannot have seen the effect of `abort`.
+    /// Whether this is a landing or take-off ordered by another sender who cannot have seen the effect of `abort`.
     pub fn is_unaware_of(&self, abort: &Header<C>) -> bool {
         let h = &self.header;
-        self.kind == CommandKind::Land && abort.boot != h.boot && h.at < abort.at + UNAWARE_OF_ABORT
+        let begins = matches!(self.kind, CommandKind::Land | CommandKind::TakeOff);
+        begins && abort.boot != h.boot && h.at < abort.at + UNAWARE_OF_ABORT
     }
 }
 
@@ -144,7 +145,7 @@ impl<C: Clock> CommandAdmission<C> {
                 repeated
             }
             (CommandKind::Abort, None) => false,
-            (CommandKind::Land | CommandKind::Hold, _) => self
+            (CommandKind::Land | CommandKind::Hold | CommandKind::TakeOff, _) => self
                 .newest
                 .is_some_and(|n| same_message(&n.header) || n.kind == command.kind && same_time(&n.header)),
         }

@@ -7,7 +7,7 @@ use crate::vessel_model::{DOFS, Modes, PITCH, ROLL};
 
 use super::MotionSample;
 use super::errors::Errors;
-use super::regression::{self, Covariance, PAST, REACH, Regression};
+use super::regression::{self, PAST, REACH, Regression};
 use super::subspace::{Fit, Model, Progress};
 
 /// A longer gap between two samples empties the record, s: the past of a regression has no holes.
@@ -135,10 +135,6 @@ impl<C: Clock> Identification<C> {
     /// Mean of each degree of freedom of late, in these axes.
     pub(super) fn mean(&self) -> [f64; DOFS] {
         self.regression.mean()
-    }
-    /// Covariance of the quantities of a sample of late.
-    pub(super) fn covariance(&self) -> Covariance {
-        self.regression.covariance()
     }
     /// Its standard deviation.
     pub(super) fn deviation(&self) -> [f64; DOFS] {

@@ -21,7 +21,6 @@
 //! The error of the predictions is measured, not assumed: each is kept until it is due ([`errors`]).
 
 mod errors;
-mod heading;
 mod identification;
 mod regression;
 mod subspace;
@@ -33,10 +32,8 @@ use nalgebra::Complex;
 
 pub use errors::MeasuredErrors;
 use errors::{Errors, SPREAD_AT_S};
-use heading::Moments;
-pub use heading::QuietHeading;
 use identification::{Axes, Identification};
-use regression::{OBSERVED, PUSH, SINKS, TILT};
+use regression::OBSERVED;
 
 /// Time between two samples, s: ten a second, eight to the period of the fastest deck (0.95 Hz).
 pub const SAMPLE_S: f64 = 0.1;
@@ -265,21 +262,6 @@ impl<C: Clock> MotionModel<C> {
     pub fn slow_heave_variance(&self) -> f64 {
         let [earth, vessel] = &self.identified;
         earth.slow_variance().max(vessel.slow_variance())
-    }
-    /// The heading on which the deck would tilt least, of a vessel on this mean heading (rad); None before the first
-    /// identification and where the waves' direction is not known.
-    pub fn quietest_heading(&self, mean_heading: f64) -> Option<QuietHeading> {
-        let [earth, vessel] = &self.identified;
-        let known = earth.is_identified() && vessel.is_identified();
-        let (e, v) = (earth.covariance(), vessel.covariance());
-        let moments = Moments {
-            push: e.fixed_view::<2, 2>(PUSH[0], PUSH[0]).into_owned(),
-            runs: -e.fixed_view::<2, 1>(PUSH[0], SINKS).into_owned(),
-            rise: e[(SINKS, SINKS)],
-            own_push: PUSH.map(|c| v[(c, c)]),
-            own_tilt: TILT.map(|c| v[(c, c)]),
-        };
-        known.then(|| moments.quietest(mean_heading)).flatten()
     }
     /// Standard deviation of each degree of freedom of late.
     pub fn deviation(&self) -> [f64; DOFS] {

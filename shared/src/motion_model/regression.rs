@@ -4,19 +4,13 @@ use std::collections::VecDeque;
 
 use crate::time::Clock;
 use crate::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY};
-use nalgebra::{DMatrix, DVector, SMatrix};
+use nalgebra::{DMatrix, DVector};
 
 use super::MotionSample;
 
 /// Quantities of a sample that the past is made of: heave, tilt, their rates, and horizontal
 /// acceleration, for a velocity is mostly the helmsman's.
 pub(super) const CHANNELS: usize = 8;
-/// Rate of heave; pitch and roll, in the order of what pushes them; horizontal acceleration.
-pub(super) const SINKS: usize = 3;
-pub(super) const TILT: [usize; 2] = [2, 1];
-pub(super) const PUSH: [usize; 2] = [6, 7];
-/// Covariance of the quantities of a sample.
-pub(super) type Covariance = SMatrix<f64, CHANNELS, CHANNELS>;
 /// Number of past samples that are read.
 pub(super) const LAGS: usize = 24;
 /// How far back they reach, samples: dense over a second, then each fourth over six (ours: denser or longer gains
@@ -121,12 +115,6 @@ impl Regression {
     /// Rows since the start.
     pub(super) fn rows(&self) -> f64 {
         self.rows
-    }
-    /// Covariance of the quantities of a sample.
-    pub(super) fn covariance(&self) -> Covariance {
-        let w = self.weight.max(1.0);
-        let mean = &self.sums / w;
-        Covariance::from_fn(|i, j| self.products[(i, j)] / w - mean[i] * mean[j])
     }
     /// Mean of a degree of freedom over the first instant of the future.
     pub(super) fn mean(&self) -> [f64; DOFS] {

@@ -5,7 +5,10 @@ use core::fmt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{AttitudeFix, Course, DroneStatus, GnssFix, Header, HeadingFix, ImuSample, Seq, Text};
+use super::{
+    AttitudeFix, Course, CourseAdvice, DroneStatus, GnssFix, Header, HeadingFix, HelmStatus, ImuSample, Seq,
+    Text,
+};
 use crate::time::VesselClock;
 
 /// Real sensors of a vessel, at most: each source of bytes may be two of measurements ([`super::MAX_SOURCES`]).
@@ -16,6 +19,9 @@ pub const MAX_NAMED: usize = 16;
 pub const MAX_ORDERS: usize = 8;
 /// A text for a person in a status.
 pub type Line = Text<240>;
+
+/// A clearance for a take-off lasts so long, s: its checks, the countdown and the wait for the moment.
+pub const TAKE_OFF_CLEARANCE_S: f64 = 120.0;
 
 /// The crew's order about the deck, or about the vessel's course under a drone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
@@ -28,10 +34,15 @@ pub enum DeckOrder {
     Open,
     /// The same, and this drone is neither there nor above it.
     Clear(u32),
+    /// Nobody and nothing is near this drone on the deck, nor tied to it: it may take off within
+    /// [`TAKE_OFF_CLEARANCE_S`].
+    TakeOff(u32),
     /// Course and speed are kept for so many seconds; 0: nothing is stated any more.
     Steady(u32),
     /// The vessel turns or may turn, until another order about her course.
     Turning,
+    /// The skipper's answer: whether the vessel's computer may steer for this landing. No takes the helm back.
+    Helm(bool),
 }
 
 /// Why the deck is closed.
@@ -233,20 +244,6 @@ pub struct SourceUse {
     pub lately: [u64; 2],
 }
 
-/// The heading of the least deck motion beside the present one.
-#[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
-#[repr(C)]
-pub struct HeadingAdvice {
-    /// Present mean heading, deg.
-    pub now_deg: f64,
-    /// Heading of the least tilt, deg.
-    pub quietest_deg: f64,
-    /// Standard deviation of the deck's tilt that is predicted on both, deg.
-    pub tilt_deg: [f64; 2],
-    /// Where the waves come from, deg.
-    pub waves_from_deg: f64,
-}
-
 /// The estimator's health.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
@@ -263,8 +260,8 @@ pub struct EstimatorStatus {
     pub mean_velocity: Option<[f64; 2]>,
     /// Significant wave height, m, and how far the waves' identification is trusted, 0 to 1.
     pub waves: Option<[f64; 2]>,
-    /// Another heading that would be quieter, where the waves' direction is known.
-    pub heading: Option<HeadingAdvice>,
+    /// Advice for the helm, where the waves' directions are known.
+    pub advice: Option<CourseAdvice>,
     /// Measurements outside its chi-square gates: inertial, GNSS, heading.
     pub gated: [u64; 3],
     /// Starts from scratch.
@@ -296,13 +293,17 @@ pub struct DeckStatus {
     /// Why its state would not outlive the process, if it would not.
     pub file_error: Option<Line>,
     /// Digital inputs that cannot be read, and why.
-    pub input_errors: Seq<Line, 3>,
+    pub input_errors: Seq<Line, 4>,
     /// Why the lamp at the helm cannot be driven, if it cannot.
     pub lamp_error: Option<Line>,
     /// What the helm intends.
     pub course: Course,
     /// A drone wants the vessel to keep course and speed.
     pub wants_steady: bool,
+    /// Where the handshake about the helm stands.
+    pub helm: HelmStatus,
+    /// Why the boat's autopilot cannot be steered, if it cannot.
+    pub helm_error: Option<Line>,
 }
 
 /// A drone that was received.

@@ -182,6 +182,10 @@ pub struct DeckForecast {
     pub vision_age_s: f64,
     /// Age of the newest tag detection that was used, s; infinite when there was none.
     pub tag_age_s: f64,
+    /// The beacon that is known, if there is one: the standard deviation of its place now, each horizontal axis, m, and its age, s.
+    pub beacon: Option<[f64; 2]>,
+    /// Decks with the tags of this one that are in sight while nothing says which is its own; 0: none, or it is known.
+    pub decks_in_sight: u32,
     /// The deck's height by the rangefinder against the camera's: mean of the normalised innovation squared over 3 s, the largest
     /// of late, 1 where both err as they state; None while one of them is missing.
     pub height_nis: Option<f64>,
@@ -213,10 +217,11 @@ pub const SILENT_S: f64 = 5.0;
 impl DeckForecast {
     /// By what the vessel is known now.
     pub fn vessel_level(&self) -> VesselLevel {
-        if self.radio_age_s > SILENT_S {
-            VesselLevel::Tag
-        } else {
-            VesselLevel::Computer
+        match self.beacon {
+            _ if self.radio_age_s <= SILENT_S => VesselLevel::Computer,
+            // What was seen a moment ago is known better by that.
+            Some(_) if self.vision_age_s > SILENT_S => VesselLevel::Beacon,
+            Some(_) | None => VesselLevel::Tag,
         }
     }
     /// The deck at time `t`, by linear interpolation; None before the first or after the last
@@ -264,6 +269,7 @@ message!(DeckForecast, DroneClock, |m| {
     m.surroundings.is_sound() => "surroundings",
     within([&m.mean_heading_rate], MAX_RATE_RPS) => "mean_heading_rate",
     m.height_nis.is_none_or(|n| n >= 0.0) => "height_nis",
+    m.beacon.is_none_or(|b| b.iter().all(|v| (0.0..=MAX_POSITION_M).contains(v))) => "beacon",
     m.place_apart_m.is_none_or(|a| within(&a, MAX_POSITION_M)) => "place_apart_m",
     m.stages.iter().all(|s| {
         within(&s.position, MAX_POSITION_M)

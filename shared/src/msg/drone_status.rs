@@ -29,6 +29,7 @@ impl DroneStatus {
             armed: autopilot.is_some_and(|a| a.armed),
             still_armed_s: None,
             mission_age_s: (header.at - mission.header.at).secs().max(0.0) as f32,
+            wind: mission.wind.map(|w| w.map(|v| v as f32)),
         }
     }
     /// Whether it tells the mission's state as it was when this was sent. A status with an older one says where the

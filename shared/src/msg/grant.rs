@@ -5,7 +5,7 @@ use core::f64::consts::TAU;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::Header;
+use super::{Header, HelmStatus};
 use crate::time::{Clock, Time};
 
 /// In the place of a drone's number: the deck is closed to all.
@@ -88,6 +88,10 @@ pub struct DeckGrant<C: Clock> {
     pub places: [u32; PLACES],
     /// What the helm intends.
     pub course: Course,
+    /// Where the handshake about the helm stands.
+    pub helm: HelmStatus,
+    /// Somebody aboard has cleared the deck for a take-off of its owner.
+    pub take_off: bool,
 }
 
 impl<C: Clock> DeckGrant<C> {
@@ -102,11 +106,14 @@ restamped!(DeckGrant {
     owner,
     occupied,
     places,
-    course
+    course,
+    helm,
+    take_off
 });
 message!(@C DeckGrant<C>, C, |m| {
     match m.course {
         Course::Unknown | Course::Turning => true,
         Course::Steady(for_s) => (0.0..=MAX_STEADY_S).contains(&for_s),
     } => "course",
+    m.helm.is_sound() => "helm",
 });

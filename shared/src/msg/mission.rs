@@ -39,6 +39,20 @@ pub enum State {
     Hold,
     /// Ended without landing: aborted by command or out of retries.
     GaveUp,
+    /// Looks for the tags of a vessel that is known by its beacon alone, in a pattern about the beacon's predicted place.
+    Search,
+    /// Stands on the deck and is to take off: waits until every check passes.
+    Preparing,
+    /// Stands on the deck; the motors start when the countdown ends.
+    Countdown,
+    /// Armed on the deck with little thrust: waits for the moment to leave it.
+    SpinUp,
+    /// Leaves the deck.
+    TakeOff,
+    /// Climbs away from the vessel.
+    ClimbOut,
+    /// A take-off was stopped before the feet left the deck: stands there until it is disarmed.
+    StandDown,
 }
 
 /// Phases that choose weights and rates.
@@ -60,8 +74,19 @@ impl State {
     /// The phase that a state belongs to.
     pub const fn phase(self) -> Phase {
         match self {
-            State::Idle | State::Landed => Phase::None,
-            State::GetAltitude | State::Approach | State::Hold | State::GaveUp => Phase::Navigation,
+            State::Idle
+            | State::Landed
+            | State::Preparing
+            | State::Countdown
+            | State::SpinUp
+            | State::TakeOff
+            | State::StandDown => Phase::None,
+            State::GetAltitude
+            | State::Approach
+            | State::Search
+            | State::Hold
+            | State::GaveUp
+            | State::ClimbOut => Phase::Navigation,
             State::Tracking | State::TrackingStable => Phase::Follow,
             State::Descent | State::Flare => Phase::Landing,
         }
@@ -79,6 +104,13 @@ impl State {
             State::Landed => "Landed",
             State::Hold => "Hold",
             State::GaveUp => "Gave up",
+            State::Search => "Search",
+            State::Preparing => "Preparing",
+            State::Countdown => "Countdown",
+            State::SpinUp => "Spin up",
+            State::TakeOff => "Take-off",
+            State::ClimbOut => "Climb out",
+            State::StandDown => "Stand down",
         }
     }
     /// What the drone does in it, for people.
@@ -94,6 +126,13 @@ impl State {
             State::Landed => "stands on the deck",
             State::Hold => "holds its position at a safe height",
             State::GaveUp => "holds its position: the landing has ended without a touchdown",
+            State::Search => "looks for the deck's tags around its beacon",
+            State::Preparing => "stands on the deck and is checked before its take-off",
+            State::Countdown => "stands on the deck: the motors start when the countdown ends",
+            State::SpinUp => "armed on the deck, waits for the moment to take off",
+            State::TakeOff => "leaves the deck",
+            State::ClimbOut => "climbs away from the vessel",
+            State::StandDown => "stands on the deck after a stopped take-off, to be disarmed",
         }
     }
     /// How a landing ended that left the drone in it, for people; None: it goes on, or there was none.
@@ -104,16 +143,37 @@ impl State {
             State::Idle
             | State::GetAltitude
             | State::Approach
+            | State::Search
             | State::Tracking
             | State::TrackingStable
             | State::Descent
             | State::Flare
-            | State::Hold => None,
+            | State::Hold
+            | State::Preparing
+            | State::Countdown
+            | State::SpinUp
+            | State::TakeOff
+            | State::ClimbOut
+            | State::StandDown => None,
         }
     }
     /// A landing goes on in it.
     pub const fn is_landing(self) -> bool {
-        !matches!(self, State::Idle) && self.ending().is_none()
+        !matches!(self, State::Idle | State::StandDown) && !self.is_take_off() && self.ending().is_none()
+    }
+    /// A take-off goes on in it.
+    pub const fn is_take_off(self) -> bool {
+        matches!(
+            self,
+            State::Preparing | State::Countdown | State::SpinUp | State::TakeOff | State::ClimbOut
+        )
+    }
+    /// A drone that is to take off, or was to, stands on the deck in it.
+    pub const fn stands_for_take_off(self) -> bool {
+        matches!(
+            self,
+            State::Preparing | State::Countdown | State::SpinUp | State::StandDown
+        )
     }
     /// The state with why it was entered, for people: `Hold: operator's command`.
     pub fn because(self, entered: &Reason) -> String {
@@ -197,6 +257,8 @@ pub struct SettingsOrder {
 pub enum VesselLevel {
     /// By the tags on its deck alone.
     Tag,
+    /// By a beacon as well, which gives place and velocity to metres ([`super::DeckBeacon`]): it leads to a search for the tags.
+    Beacon,
     /// By the estimates and the waves that its computer broadcasts.
     #[default]
     Computer,
@@ -252,6 +314,8 @@ pub struct MissionState {
     pub wind: Option<[f64; 2]>,
     /// Where it lands, once the battery is below the reserve.
     pub low_battery: Option<BatteryPlace>,
+    /// On a sortie from the deck: time until the drone has to turn back to the vessel, s; None: on none, or not known.
+    pub turns_in_s: Option<f64>,
     /// Boot and sequence of the newest abort that it has received.
     pub abort: Option<[u32; 2]>,
 }
@@ -268,10 +332,20 @@ impl MissionState {
             State::Hold => {
                 broken_off || !matches!(self.entered.code, ReasonCode::Operator | ReasonCode::Matched)
             }
-            State::Idle | State::GetAltitude | State::Approach | State::Tracking | State::TrackingStable => {
-                broken_off
-            }
-            State::Descent | State::Flare => false,
+            State::Idle
+            | State::GetAltitude
+            | State::Approach
+            | State::Search
+            | State::Tracking
+            | State::TrackingStable => broken_off,
+            State::StandDown => self.entered.code != ReasonCode::Operator,
+            State::Descent
+            | State::Flare
+            | State::Preparing
+            | State::Countdown
+            | State::SpinUp
+            | State::TakeOff
+            | State::ClimbOut => false,
         }
     }
     /// The next state waits for something that does not come by itself.
@@ -286,6 +360,7 @@ impl MissionState {
                 | ReasonCode::BatteryDeck
                 | ReasonCode::BatteryHome
                 | ReasonCode::BatteryHere
+                | ReasonCode::ArmingRejected
         )
     }
     /// Where to hold, drone's NED, m.
@@ -330,6 +405,8 @@ pub struct MissionCheckpoint {
     pub mean_deck_z: Option<f64>,
     /// Without an order it has been away from the deck: it climbs when the vessel comes to it.
     pub was_away: bool,
+    /// It has taken off from the deck, and not landed since.
+    pub sortie: bool,
 }
 
 /// What an operator wants.
@@ -344,6 +421,8 @@ pub enum CommandKind {
     Abort,
     /// Hold where you are (not below the tracking height over the deck).
     Hold,
+    /// Take off from the deck, climb to the height of the approach and hold there.
+    TakeOff,
 }
 
 /// A command to the mission.
@@ -407,10 +486,17 @@ impl CommandKind {
             // A mission that was commanded and waits for something else has received it.
             CommandKind::Land => match state {
                 State::Idle => !matches!(waiting, ReasonCode::NotCommanded | ReasonCode::Operator),
-                State::Hold => waiting != ReasonCode::Operator,
-                State::GaveUp => false,
+                State::Hold => !matches!(waiting, ReasonCode::NotCommanded | ReasonCode::Operator),
+                State::GaveUp
+                | State::Preparing
+                | State::Countdown
+                | State::SpinUp
+                | State::TakeOff
+                | State::ClimbOut
+                | State::StandDown => false,
                 State::GetAltitude
                 | State::Approach
+                | State::Search
                 | State::Tracking
                 | State::TrackingStable
                 | State::Descent
@@ -420,15 +506,22 @@ impl CommandKind {
             // On the deck there is nothing to break off; a waiting mission reports when it has received it.
             CommandKind::Abort => {
                 matches!(state, State::GaveUp | State::Landed)
+                    || CommandKind::leaves_the_deck(state)
                     || state == State::Idle && waiting == ReasonCode::Operator
                     || waiting == ReasonCode::CompletesLanding
             }
             CommandKind::Hold => {
                 matches!(state, State::Hold | State::Idle) && waiting == ReasonCode::Operator
                     || state == State::Landed
+                    || CommandKind::leaves_the_deck(state)
                     || waiting == ReasonCode::CompletesLanding
             }
+            CommandKind::TakeOff => state.is_take_off(),
         }
+    }
+    /// A take-off that was stopped, or that an order to stop lets go on: it ends in a hold.
+    const fn leaves_the_deck(state: State) -> bool {
+        matches!(state, State::StandDown | State::TakeOff | State::ClimbOut)
     }
 }
 
@@ -460,6 +553,8 @@ pub struct DroneStatus {
     pub still_armed_s: Option<f32>,
     /// Age of the mission's state when this was sent, s: its process may have ended, or hang.
     pub mission_age_s: f32,
+    /// The true wind, towards north and east, m/s, as far as the mission knows it.
+    pub wind: Option<[f32; 2]>,
 }
 
 /// What to do about a drone that is on the deck and armed, as people read it after its subject.
@@ -529,6 +624,7 @@ message!(DroneStatus, DroneClock, |m| {
     m.deck_distance_m.is_none_or(|d| d >= 0.0) => "deck_distance_m",
     m.still_armed_s.is_none_or(|s| s >= 0.0) => "still_armed_s",
     m.mission_age_s >= 0.0 => "mission_age_s",
+    m.wind.is_none_or(|w| within(&w, MAX_SPEED_MPS)) => "wind",
 });
 message!(MissionState, DroneClock, |m| {
     within(&m.hold_position, MAX_POSITION_M) && within([&m.hold_yaw], 50.0) => "hold_position",
@@ -538,6 +634,7 @@ message!(MissionState, DroneClock, |m| {
     (0.0..=10.0).contains(&m.commit_clearance_m) => "commit_clearance_m",
     (0.0..=1e3).contains(&m.battery_reserve) => "battery_reserve",
     m.likelihood.is_none_or(|p| FRACTION.contains(&p)) => "likelihood",
+    m.turns_in_s.is_none_or(|s| s >= 0.0) => "turns_in_s",
     m.wind.is_none_or(|w| within(&w, MAX_SPEED_MPS)) => "wind",
     (0.0..=1e3).contains(&m.height_m) && (0.0..=10.0).contains(&m.descent_mps) => "height_m or descent_mps",
 });

@@ -34,10 +34,12 @@ macro_rules! restamped {
 }
 
 mod aboard;
+mod beacon;
 mod deck;
 mod drone;
 mod drone_status;
 mod grant;
+mod helm;
 mod mission;
 mod reason;
 mod sensors;
@@ -46,10 +48,11 @@ mod text;
 pub mod vessel;
 
 pub use aboard::{
-    Closure, CrewOrder, DeckOrder, DeckStatus, Decoded, DroneContact, EstimatorStatus, FollowsAnother,
-    HeadingAdvice, Line, MAX_DEVICES, MAX_NAMED, MAX_ORDERS, SensorReadings, SourceRemark, SourceReport,
-    SourceStatus, SourceUse, Starved, Unheard, VesselStatus,
+    Closure, CrewOrder, DeckOrder, DeckStatus, Decoded, DroneContact, EstimatorStatus, FollowsAnother, Line,
+    MAX_DEVICES, MAX_NAMED, MAX_ORDERS, SensorReadings, SourceRemark, SourceReport, SourceStatus, SourceUse,
+    Starved, TAKE_OFF_CLEARANCE_S, Unheard, VesselStatus,
 };
+pub use beacon::{BeaconSource, DeckBeacon, MAX_BEACON_LASTS_S, MAX_BEACON_MPS, MIN_BEACON_SD_M};
 pub use deck::{
     DeckForecast, DeckStage, FORECAST_STAGES, LinkState, PREDICTED_SLOPE_STEP_S, PREDICTED_SLOPES,
     RangeSample, SILENT_S, Source, TagPose, UvdarFix,
@@ -63,6 +66,7 @@ pub use grant::{
 };
 /// Numbers of which three digits suffice.
 pub use half::f16;
+pub use helm::{HelmEnd, HelmState, HelmStatus, MAX_HELM_TURN_S};
 pub use mission::{
     BatteryPlace, Charge, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, LandingMode,
     MissionCheckpoint, MissionSettings, MissionState, OperatorCommand, Phase, SettingsOrder, State,
@@ -73,8 +77,8 @@ pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_
 pub use seq::Seq;
 pub use text::Text;
 pub use vessel::{
-    MAX_MODES, PREDICTION_STAGES, PredictedStage, SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS, TimeReply,
-    TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode, WaveModel,
+    CourseAdvice, MAX_MODES, PREDICTION_STAGES, PredictedStage, SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS,
+    TimeReply, TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode, WaveModel,
 };
 
 use schemars::JsonSchema;
@@ -83,7 +87,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 21;
+pub const MESSAGE_VERSION: u16 = 22;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]

@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::DECK_CLOSED;
+use super::helm::compass_deg;
 use crate::autopilot_parameters::{REQUESTS, numbered};
 
 /// Why a transition happened, or why the next one does not.
@@ -157,6 +158,66 @@ pub enum ReasonCode {
     NotIdentified,
     /// The tags of a vessel that is not received are detected.
     TagsInSight,
+    /// The vessel's computer turns her to a better heading, rad, on which she is steady in this time, s.
+    HelmTurns,
+    /// The vessel is known by its beacon alone: the standard deviation of its place, m, and the beacon's age, s.
+    KnownByBeacon,
+    /// Above the beacon's predicted place the tags are not detected: its distance, m, and how far is searched around it, m.
+    AtBeacon,
+    /// Looks for the tags around the beacon's place: flown so far, m, and the whole pattern's length, m.
+    Searching,
+    /// The tags were nowhere around the beacon's place: searched to this distance, m, which took so long, s.
+    NotFound,
+    /// The beacon's place is known too poorly for a search: the distance that it would have to reach, m, and the limit.
+    BeaconVague,
+    /// Several decks with this deck's tags are in sight, and nothing says which is its own: their number.
+    SeveralDecks,
+    /// A take-off was commanded.
+    TakeOffCommanded,
+    /// Take-offs are off: `drone.mission.takeoff`, or a mode in which nothing is commanded.
+    TakeOffOff,
+    /// The drone does not stand on the deck, disarmed: its distance from the centre, m, and the most that it may be.
+    NotOnDeck,
+    /// Nobody aboard has cleared the deck for a take-off.
+    NotCleared,
+    /// Counts down: what is left, s.
+    Counting,
+    /// The countdown is over.
+    CountedDown,
+    /// Waits for the autopilot to arm: since, s, and for how long.
+    Arming,
+    /// The autopilot has not armed: after, s, and the limit.
+    ArmingRejected,
+    /// The motors spin up: since, s, and for how long.
+    SpinningUp,
+    /// A take-off is not likely enough, by its probability: the deck tilts, or moves sideways.
+    TakeOffTilted,
+    /// The same: the deck may rise into the drone.
+    TakeOffHit,
+    /// A better moment to take off comes soon: its probability now and then.
+    BetterMoment,
+    /// The moment to take off, with its probability.
+    GoodMoment,
+    /// No moment to take off came: waited for, s, and the limit.
+    NoMoment,
+    /// Leaves the deck: risen by, m.
+    Leaving,
+    /// The feet do not leave the deck: risen by, m, and what it had to be by then.
+    DoesNotRise,
+    /// The drone tips on the deck, as a foot that is held makes it: angle to the deck, rad, and the most that it may be.
+    TipsOver,
+    /// Clear of the deck: risen by, m.
+    ClearOfDeck,
+    /// At its height after the take-off.
+    TakenOff,
+    /// Stands on the deck armed after a stopped take-off: for so long, s.
+    StillArmed,
+    /// The autopilot is disarmed.
+    Disarmed,
+    /// Battery too low for a take-off: its charge, fraction.
+    TakeOffBattery,
+    /// A sortie ends: what is left of the battery, fraction, and what the way back to the vessel and one missed attempt take.
+    TurnsBack,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -192,6 +253,12 @@ impl From<ReasonCode> for Reason {
     }
 }
 
+/// A take-off that is not likely enough, for people.
+fn likely_take_off(f: &mut fmt::Formatter<'_>, p: f64, needed: f64, costs: &str) -> fmt::Result {
+    let (p, needed) = ((p * 100.0).floor(), (needed * 100.0).ceil());
+    write!(f, "a take-off is {p:.0} % likely (needs {needed:.0}): {costs}")
+}
+
 impl fmt::Display for Reason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (v, l) = (self.value, self.limit);
@@ -218,12 +285,86 @@ impl fmt::Display for Reason {
             ReasonCode::ArmedAgain => write!(f, "armed again after the landing"),
             ReasonCode::Recovered => write!(f, "what was missing is back for {v:.1} s"),
             ReasonCode::NotCommanded => write!(f, "no landing commanded"),
+            ReasonCode::TakeOffCommanded => write!(f, "take-off commanded"),
+            ReasonCode::TakeOffOff => write!(
+                f,
+                "take-off is off (drone.mission.takeoff = false, or mode = \"shadow\")"
+            ),
+            ReasonCode::NotOnDeck if v <= l => write!(f, "the drone is not disarmed on the ground"),
+            ReasonCode::NotOnDeck => {
+                write!(f, "not on the deck: {v:.1} m from its centre (limit {l:.0})")
+            }
+            ReasonCode::NotCleared => {
+                write!(f, "nobody aboard has cleared the deck for a take-off")
+            }
+            ReasonCode::Counting => write!(f, "motors start in {:.0} s: stand clear", v.ceil()),
+            ReasonCode::CountedDown => write!(f, "counted down: motors start"),
+            ReasonCode::Arming => write!(f, "the autopilot has not armed for {v:.0} s (limit {l:.0})"),
+            ReasonCode::ArmingRejected => write!(
+                f,
+                "the autopilot did not arm within {l:.0} s: its own text says why"
+            ),
+            ReasonCode::SpinningUp => write!(f, "motors spin up for {v:.1} s (needs {l:.1})"),
+            ReasonCode::TakeOffTilted => likely_take_off(f, v, l, "the deck tilts or slides away"),
+            ReasonCode::TakeOffHit => likely_take_off(f, v, l, "the deck may rise into it"),
+            ReasonCode::BetterMoment => write!(
+                f,
+                "a take-off is {:.0} % likely now, {:.0} % within seconds",
+                (100.0 * v).floor(),
+                (100.0 * l).floor()
+            ),
+            ReasonCode::GoodMoment => write!(f, "a take-off is {:.0} % likely now", (100.0 * v).floor()),
+            ReasonCode::NoMoment => write!(f, "no moment to take off in {v:.0} s (limit {l:.0})"),
+            ReasonCode::Leaving => write!(f, "leaves the deck, {v:.1} m above it"),
+            ReasonCode::DoesNotRise => write!(
+                f,
+                "rose by {v:.2} m only (needs {l:.2}): held, too heavy, or a motor that does not follow"
+            ),
+            ReasonCode::TipsOver => write!(
+                f,
+                "tips on the deck by {:.0} deg (limit {:.0}): is a foot held?",
+                v.to_degrees(),
+                l.to_degrees()
+            ),
+            ReasonCode::ClearOfDeck => write!(f, "clear of the deck by {v:.1} m"),
+            ReasonCode::TakenOff => write!(f, "at its height after the take-off"),
+            ReasonCode::StillArmed => write!(
+                f,
+                "stands armed for {v:.0} s: if it stays so, disarm by remote control"
+            ),
+            ReasonCode::TurnsBack => battery(f, ": turns back to the vessel"),
+            ReasonCode::TakeOffBattery => battery(f, " for a take-off"),
+            ReasonCode::Disarmed => write!(f, "disarmed on the deck"),
             ReasonCode::NotFlying => write!(
                 f,
                 "not flying, not armed, or not in OFFBOARD (PX4) or GUIDED (ArduPilot)"
             ),
             ReasonCode::NoVessel => write!(f, "no vessel state received from within 100 km"),
             ReasonCode::TagsInSight => write!(f, "the tags are detected, the vessel is silent"),
+            ReasonCode::KnownByBeacon => {
+                write!(f, "vessel known by beacon, {v:.0} m, {l:.1} s old")
+            }
+            ReasonCode::AtBeacon => {
+                write!(f, "no tags at the beacon's place: searches {l:.0} m around it")
+            }
+            ReasonCode::Searching => {
+                write!(f, "searches for the tags, {v:.0} m of {l:.0} m flown")
+            }
+            ReasonCode::NotFound => {
+                write!(f, "no tags within {v:.0} m of the beacon in {l:.0} s of search")
+            }
+            ReasonCode::BeaconVague => {
+                write!(
+                    f,
+                    "the beacon is too inexact: the search would reach {v:.0} m (limit {l:.0})"
+                )
+            }
+            ReasonCode::SeveralDecks => {
+                write!(
+                    f,
+                    "{v:.0} decks with these tags are in sight, and nothing tells its own"
+                )
+            }
             ReasonCode::NotIdentified => {
                 write!(
                     f,
@@ -353,6 +494,11 @@ impl fmt::Display for Reason {
             ReasonCode::TooNear => write!(f, "{v:.2} m above the deck (lowest {l:.2})"),
             ReasonCode::Matched => write!(f, "matched the deck at {v:.1} m for {l:.0} s: climbs"),
             ReasonCode::VesselTurns => write!(f, "the vessel states that she turns"),
+            ReasonCode::HelmTurns => write!(
+                f,
+                "waits for the vessel to be steady on {:03.0} deg, {l:.0} s",
+                compass_deg(v)
+            ),
             ReasonCode::OrderExpired => write!(
                 f,
                 "the order to land has ended after {v:.0} s in which the drone did not begin (limit {l:.0}): give it again"

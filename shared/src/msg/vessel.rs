@@ -27,7 +27,7 @@
 //! | 182..190 | mean velocity north, east, m/s (2 x f32) |
 //! | 190..198 | mean heading rad, its rate rad/s (2 x f32) |
 //!
-//! | bytes | wave model (50 + 32 n + m B, n <= 24 modes, m <= 60 slopes, 5 Hz, bound 1200 B) |
+//! | bytes | wave model (51 + 32 n + m B and 44 B with advice, n <= 24 modes, m <= 60 slopes, 5 Hz, bound 1200 B) |
 //! |---|---|
 //! | 26..30 | significant height, m (f32) |
 //! | 30..34 | confidence (f32) |
@@ -36,6 +36,8 @@
 //! | + 8..32 | shape per degree of freedom: real, imaginary part (6 x 2 x f16) |
 //! | then 0..8 | m (u64) |
 //! | + 0..1 | steepest apparent slope, newest first, 0.01 (u8) |
+//! | then 0..1 | advice follows (1), or none (0) |
+//! | + 0..44 | `heading`, `speed`, `likelihood`, `tilt`, each now and advised, `turn_s`, `way_lost_m`, `waves_to` (11 x f32) |
 //!
 //! | bytes | prediction (62 + 54 n B, n <= 16 stages, 1 Hz, bound 1200 B) |
 //! |---|---|
@@ -113,6 +115,44 @@ pub struct WaveMode {
     pub shape: [[f16; 2]; 6],
 }
 
+/// Advice for the helm: the course on which a landing is most likely to succeed, next to the present one. Each pair is of the
+/// present course and of the advised one, which are equal where no other is worth its cost.
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
+#[repr(C)]
+pub struct CourseAdvice {
+    /// Headings, rad.
+    pub heading: [f32; 2],
+    /// Speeds, m/s.
+    pub speed: [f32; 2],
+    /// Probabilities that a landing begun at some moment succeeds.
+    pub likelihood: [f32; 2],
+    /// Standard deviations of the deck's tilt, rad.
+    pub tilt: [f32; 2],
+    /// Time until the advised course is reached, s.
+    pub turn_s: f32,
+    /// Way that the advised course loses in a minute, m.
+    pub way_lost_m: f32,
+    /// Where the waves run to, rad.
+    pub waves_to: f32,
+}
+
+impl CourseAdvice {
+    /// Another course than the present one is advised.
+    pub fn is_change(&self) -> bool {
+        self.heading[0] != self.heading[1] || self.speed[0] != self.speed[1]
+    }
+    /// Within the bounds of its figures.
+    fn is_sane(&self) -> bool {
+        within(&self.heading, MAX_ANGLE_RAD)
+            && within(&self.speed, MAX_SPEED_MPS)
+            && self.likelihood.iter().all(|p| (0.0..=1.0).contains(p))
+            && within(&self.tilt, 10.0)
+            && (0.0..=3600.0).contains(&self.turn_s)
+            && within([&self.way_lost_m], 1e5)
+            && within([&self.waves_to], MAX_ANGLE_RAD)
+    }
+}
+
 /// The vessel's wave model: what rolls its estimate on.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
@@ -133,6 +173,8 @@ pub struct WaveModel<C: Clock> {
     /// coefficient of friction it slides. What no sum of waves predicts (a hull that leaves the water over a steep
     /// crest) comes again as it came before.
     pub slopes: Seq<u8, SLOPE_WINDOWS>,
+    /// Advice for the helm; None while the waves' directions are not known.
+    pub advice: Option<CourseAdvice>,
 }
 
 /// One stage of the vessel's prediction.
@@ -221,7 +263,8 @@ restamped!(WaveModel {
     significant_height_m,
     confidence,
     modes,
-    slopes
+    slopes,
+    advice
 });
 restamped!(VesselPrediction {
     step_s,
@@ -306,6 +349,7 @@ message!(@C WaveModel<C>, C, |m| {
     (0.0..=1.0).contains(&m.confidence) => "confidence",
     m.modes.iter().all(|c| (-1e3..=0.0).contains(&c.pole[0]) && (-40.0..=40.0).contains(&c.pole[1])) => "pole",
     m.modes.iter().all(|c| within(c.shape.iter().flatten(), 1e4)) => "shape",
+    m.advice.is_none_or(|a| a.is_sane()) => "advice",
 });
 message!(@C VesselSurroundings<C>, C, |m| {
     m.surroundings.is_sound() => "surroundings",

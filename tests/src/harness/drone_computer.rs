@@ -2,7 +2,7 @@
 
 use super::cameras::SimulatedCameras;
 use super::failing::Failing;
-use super::foresight::{Foresight, drift};
+use super::foresight::{Foresight, OdometryError};
 use super::inbox::Inbox;
 use super::link::Checkpoints;
 use super::link::{LinkedAutopilot, MakeLink};
@@ -226,6 +226,11 @@ impl DroneComputer {
         self.linked = physics
             .autopilot(self.k)
             .map(|(config, autopilot)| LinkedAutopilot::new(config, &streams, autopilot, make, self.boot));
+        if physics.starts_on_deck() {
+            self.linked.iter_mut().for_each(|l| l.autopilot.arm(false));
+            // Nobody gives it the mode.
+            self.handed_over = true;
+        }
     }
 
     /// Its autopilot; None before it has appeared.
@@ -309,6 +314,8 @@ impl DroneComputer {
             surroundings: received.surroundings,
             link: received.link,
             drone: odometry,
+            autopilot,
+            beacons: readings.beacons,
             tags: readings.tags,
             uvdar: readings.uvdar,
             ranges: readings.ranges.clone(),
@@ -321,7 +328,7 @@ impl DroneComputer {
             predicted = predictor.step(now, &input);
             let believed = odometry
                 .zip(physics.drone(k))
-                .map(|(d, truth)| drift(&d, now, &truth));
+                .map(|(d, truth)| OdometryError::of(&d, now, &truth));
             if let (Some(foresight), Some(forecast)) = (foresight, &mut predicted.forecast) {
                 foresight.correct(forecast, &clock, &believed.unwrap_or_default());
             }

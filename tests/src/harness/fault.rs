@@ -58,13 +58,21 @@ impl Moment {
     const fn max_delay_s(self) -> f64 {
         match self {
             Moment::In(state) => match state {
-                State::Approach => 2.0,
+                State::Approach | State::Search => 2.0,
                 State::GetAltitude | State::Tracking => 0.5,
                 State::TrackingStable => 0.1,
                 State::Descent => 2.5,
                 State::Flare => 0.8,
                 State::Landed => 0.3,
-                State::Idle | State::Hold | State::GaveUp => 0.0,
+                State::Idle
+                | State::Hold
+                | State::GaveUp
+                | State::Preparing
+                | State::Countdown
+                | State::SpinUp
+                | State::TakeOff
+                | State::ClimbOut
+                | State::StandDown => 0.0,
             },
             Moment::Contact => 0.0,
         }

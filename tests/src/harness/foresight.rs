@@ -1,29 +1,41 @@
-//! The forecast with the deck's true motion from now on, for an error budget: what is left of the errors is not the
-//! prediction's. The deck is where the drone takes it to be now; how it moves from there is true, in a frame that drifts as
-//! the drone's odometry does.
+//! Forecasts with a part of the truth, for an error budget: what is left of the errors is not that part's.
 //!
-//! `p(t) = p^(0) + p*(t) - p*(0) + e t`, `v(t) = v*(t) + e`, `R(t) = R^(0) R*(0)^-1 R*(t)` with the forecast `^`, the truth
-//! `*`, and the error `e` of the odometry's velocity.
+//! With the forecast `^`, the truth `*` and the error of the odometry's position `d` and velocity `e`, in whose frame the
+//! drone flies:
+//!
+//! | part | the deck's place `t` ahead |
+//! |---|---|
+//! | [`TruePart::Motion`] | `p^(0) + p*(t) - p*(0) + e t`: our state now, true motion from now on |
+//! | [`TruePart::State`] | `p^(t) + (p*(0) + d - p^(0))`, and what the velocity is wrong by, which fades: true state, our modes |
+//! | [`TruePart::Whole`] | `p*(t) + d + e t` |
+//! | [`TruePart::Contact`] | that of the motion for half a second, ours from a second on |
+//!
+//! and its attitude likewise.
 
 use std::collections::VecDeque;
 
-use alight_shared::frames::{Deck, DroneBody, euler_rates};
+use alight_shared::frames::{Deck, DroneBody, body_rates, euler_rates, wrap_angle};
+use alight_shared::motion_model::FADE_S;
 use alight_shared::msg::{DeckForecast, DeckStage, DroneState, FORECAST_STAGES};
 use alight_shared::time::{DroneClock, Time, TrueTime};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 use super::physics::{Physics, TICK};
+use super::scenario::foresight::{Dof, ForesightConfig, TruePart};
 use super::scenario::{Scenario, SetupError};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 use crate::sensors::clocks::ClockModel;
 
+/// The true motion is known for so long before a contact, s.
+const CONTACT_S: f64 = 0.5;
 /// Ticks between the present and the furthest moment that is asked for: a forecast of 4 s that is up to 0.1 s old.
 const AHEAD: usize = (FORECAST_STAGES - 1) * 10 + 10;
 
 /// The same sea and vessel, so many ticks ahead of the world; drones move no deck. A course that a descent changes is not
 /// known to it.
 pub(super) struct Foresight {
+    config: ForesightConfig,
     ahead: Physics,
     /// One state a tick, the oldest that of `from`.
     states: VecDeque<RigidState<Deck>>,
@@ -32,9 +44,14 @@ pub(super) struct Foresight {
 
 impl Foresight {
     /// From the world's beginning.
-    pub(super) fn new(scenario: &Scenario, streams: Streams) -> Result<Self, SetupError> {
+    pub(super) fn new(
+        scenario: &Scenario,
+        config: &ForesightConfig,
+        streams: Streams,
+    ) -> Result<Self, SetupError> {
         let ahead = Physics::new(scenario, streams)?;
         Ok(Foresight {
+            config: config.clone(),
             from: ahead.now(),
             states: VecDeque::from([ahead.deck()]),
             ahead,
@@ -50,43 +67,227 @@ impl Foresight {
             self.states.push_back(self.ahead.deck());
         }
     }
-    /// Gives `forecast` the true motion from its first stage on, in a frame whose odometry is wrong by `drift`, m/s.
-    pub(super) fn correct(&self, forecast: &mut DeckForecast, clock: &ClockModel, drift: &Vector3<f64>) {
+    /// Makes the configured part of `forecast` true, in a frame whose odometry is wrong by `odometry`.
+    pub(super) fn correct(&self, forecast: &mut DeckForecast, clock: &ClockModel, odometry: &OdometryError) {
         let state = |k: usize| {
             let t = clock.true_time(forecast.header.at + forecast.step * k as i64);
             let ticks = (t - self.from).secs() / TICK.secs();
             self.states.get(ticks.round().max(0.0) as usize)
         };
-        let (Some(then), Some(stage)) = (state(0), forecast.stages.first()) else {
+        let (Some(then), Some(first)) = (state(0).copied(), forecast.stages.first().copied()) else {
             return;
         };
-        let offset = Vector3::from(stage.position) - then.position.0;
-        let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(stage.rotation()))
-            * then.attitude.0.inverse();
         let truth: Vec<_> = (0..forecast.stages.len())
             .map_while(|k| state(k).copied())
             .collect();
+        let now = Now {
+            truth: stage_of(&then, &odometry.position, &odometry.velocity),
+            own: first,
+        };
         let step_s = forecast.step.secs();
         for (k, (stage, truth)) in forecast.stages.iter_mut().zip(&truth).enumerate() {
-            let (roll, pitch, yaw) = (turn * truth.attitude.0).euler_angles();
-            *stage = DeckStage {
-                position: (truth.position.0 + offset + drift * (step_s * k as f64)).into(),
-                velocity: (truth.velocity.0 + drift).into(),
-                acceleration: truth.acceleration.0.into(),
-                euler: [roll, pitch, yaw],
-                euler_rates: euler_rates(roll, pitch, truth.rates.0).into(),
-                ..*stage
-            };
+            let t = step_s * k as f64;
+            let offset = odometry.position + odometry.velocity * t;
+            let truth = stage_of(truth, &offset, &odometry.velocity);
+            let wanted = now.corrected(self.config.part, stage, &truth, t);
+            *stage = mixed(stage, &wanted, &self.config);
         }
     }
 }
 
-/// By how much the odometry's velocity is wrong, m/s: the truth is of `now`, `drone` of when it was measured.
-pub(super) fn drift(
-    drone: &DroneState,
-    now: Time<DroneClock>,
-    truth: &RigidState<DroneBody>,
-) -> Vector3<f64> {
-    let then = truth.velocity.0 - truth.acceleration.0 * (now - drone.header.at).secs();
-    drone.velocity() - then
+/// By how much the odometry is wrong: position, m, and velocity, m/s.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct OdometryError {
+    position: Vector3<f64>,
+    velocity: Vector3<f64>,
+}
+
+impl OdometryError {
+    /// The truth is of `now`, `drone` of when it was measured.
+    pub(super) fn of(drone: &DroneState, now: Time<DroneClock>, truth: &RigidState<DroneBody>) -> Self {
+        let since = (now - drone.header.at).secs();
+        let then = truth.velocity.0 - truth.acceleration.0 * since;
+        let place = truth.position.0 - truth.velocity.0 * since;
+        OdometryError {
+            position: Vector3::from(drone.position) - place,
+            velocity: drone.velocity() - then,
+        }
+    }
+}
+
+/// A true state as a stage, in a frame that is off by `offset` (m) and drifts by `drift`, m/s.
+fn stage_of(truth: &RigidState<Deck>, offset: &Vector3<f64>, drift: &Vector3<f64>) -> DeckStage {
+    let (roll, pitch, yaw) = truth.attitude.0.euler_angles();
+    DeckStage {
+        position: (truth.position.0 + offset).into(),
+        velocity: (truth.velocity.0 + drift).into(),
+        acceleration: truth.acceleration.0.into(),
+        euler: [roll, pitch, yaw],
+        euler_rates: euler_rates(roll, pitch, truth.rates.0).into(),
+        ..DeckStage::default()
+    }
+}
+
+/// The present as it is and as the drone takes it to be.
+struct Now {
+    truth: DeckStage,
+    own: DeckStage,
+}
+
+impl Now {
+    /// The stage `own`, `t` seconds ahead, with this part true.
+    fn corrected(&self, part: TruePart, own: &DeckStage, truth: &DeckStage, t: f64) -> DeckStage {
+        match part {
+            TruePart::Motion => self.moved(truth),
+            TruePart::State => self.begun(own, t),
+            TruePart::Whole => *truth,
+            TruePart::Contact => {
+                let part = ((2.0 * CONTACT_S - t) / CONTACT_S).clamp(0.0, 1.0);
+                own.blend(&self.moved(truth), part)
+            }
+        }
+    }
+    /// The true motion from where the drone takes the deck to be now: `R(t) = R^(0) R*(0)^-1 R*(t)`.
+    fn moved(&self, truth: &DeckStage) -> DeckStage {
+        let attitude = |s: &DeckStage| {
+            UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(s.rotation()))
+        };
+        let turned = attitude(&self.own) * attitude(&self.truth).inverse() * attitude(truth);
+        let (roll, pitch, yaw) = turned.euler_angles();
+        let place = Vector3::from(self.own.position) - Vector3::from(self.truth.position);
+        let rates = body_rates(truth.euler[0], truth.euler[1], Vector3::from(truth.euler_rates));
+        DeckStage {
+            position: (Vector3::from(truth.position) + place).into(),
+            euler: [roll, pitch, yaw],
+            euler_rates: euler_rates(roll, pitch, rates).into(),
+            ..*truth
+        }
+    }
+    /// The predicted motion from the true present: what it begins wrong by stays of a place and an angle, and fades of a
+    /// rate, as the prediction lets it.
+    fn begun(&self, own: &DeckStage, t: f64) -> DeckStage {
+        let fades = (-t / FADE_S).exp();
+        let gone = FADE_S * (1.0 - fades);
+        let off = |now: f64, wrong: f64, rate: f64, wrong_rate: f64| now - wrong + (rate - wrong_rate) * gone;
+        let (truth, first) = (&self.truth, &self.own);
+        DeckStage {
+            position: core::array::from_fn(|i| {
+                own.position[i]
+                    + off(
+                        truth.position[i],
+                        first.position[i],
+                        truth.velocity[i],
+                        first.velocity[i],
+                    )
+            }),
+            velocity: core::array::from_fn(|i| {
+                own.velocity[i] + (truth.velocity[i] - first.velocity[i]) * fades
+            }),
+            acceleration: core::array::from_fn(|i| {
+                own.acceleration[i] - (truth.velocity[i] - first.velocity[i]) * fades / FADE_S
+            }),
+            euler: core::array::from_fn(|i| {
+                let wrong = wrap_angle(truth.euler[i] - first.euler[i]);
+                own.euler[i] + off(wrong, 0.0, truth.euler_rates[i], first.euler_rates[i])
+            }),
+            euler_rates: core::array::from_fn(|i| {
+                own.euler_rates[i] + (truth.euler_rates[i] - first.euler_rates[i]) * fades
+            }),
+            ..*own
+        }
+    }
+}
+
+/// `own` with the degrees of freedom of `config` as `wanted` has them: surge and sway along its heading.
+fn mixed(own: &DeckStage, wanted: &DeckStage, config: &ForesightConfig) -> DeckStage {
+    let heading = Rotation3::from_axis_angle(&Vector3::z_axis(), own.euler[2]);
+    let has = |dof: Dof| f64::from(u8::from(config.dofs.is_empty() || config.dofs.contains(&dof)));
+    let along = Vector3::new(has(Dof::Surge), has(Dof::Sway), has(Dof::Heave));
+    let place = |a: [f64; 3], b: [f64; 3]| -> [f64; 3] {
+        let (a, b) = (Vector3::from(a), Vector3::from(b));
+        (a + heading * (heading.inverse() * (b - a)).component_mul(&along)).into()
+    };
+    let turns = [Dof::Roll, Dof::Pitch, Dof::Yaw].map(has);
+    DeckStage {
+        position: place(own.position, wanted.position),
+        velocity: place(own.velocity, wanted.velocity),
+        acceleration: place(own.acceleration, wanted.acceleration),
+        euler: core::array::from_fn(|i| own.euler[i] + turns[i] * wrap_angle(wanted.euler[i] - own.euler[i])),
+        euler_rates: core::array::from_fn(|i| {
+            own.euler_rates[i] + turns[i] * (wanted.euler_rates[i] - own.euler_rates[i])
+        }),
+        ..*own
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn stage(by: f64) -> DeckStage {
+        DeckStage {
+            position: [by, 2.0 * by, -by],
+            velocity: [0.3 * by, 0.1 * by, by],
+            euler: [0.1 * by, -0.1 * by, 0.5],
+            euler_rates: [0.2 * by, 0.1 * by, 0.0],
+            ..DeckStage::default()
+        }
+    }
+    fn distance(a: &DeckStage, b: &DeckStage) -> f64 {
+        let off = Vector3::from(a.position) - Vector3::from(b.position);
+        let turn = Vector3::from(a.euler) - Vector3::from(b.euler);
+        off.norm() + turn.norm()
+    }
+
+    #[test]
+    fn true_parts_of_a_forecast() {
+        let now = Now {
+            truth: stage(1.0),
+            own: stage(1.2),
+        };
+        let (own, truth) = (stage(2.0), stage(2.5));
+        let of = |part, t| now.corrected(part, &own, &truth, t);
+        assert!(distance(&of(TruePart::Whole, 1.0), &truth) < 1e-12);
+        // The present is the truth's where the state is, and the drone's where the motion is.
+        assert!(
+            distance(
+                &now.corrected(TruePart::State, &now.own, &now.truth, 0.0),
+                &now.truth
+            ) < 1e-12
+        );
+        assert!(
+            distance(
+                &now.corrected(TruePart::Motion, &now.own, &now.truth, 0.0),
+                &now.own
+            ) < 1e-12
+        );
+        assert!(distance(&of(TruePart::Contact, 0.4), &of(TruePart::Motion, 0.4)) < 1e-12);
+        assert!(distance(&of(TruePart::Contact, 1.1), &own) < 1e-12);
+    }
+
+    #[test]
+    fn true_degrees_of_freedom() {
+        let (own, truth) = (stage(2.0), stage(2.5));
+        let with = |dofs: &[Dof]| {
+            let config = ForesightConfig {
+                dofs: dofs.to_vec(),
+                ..ForesightConfig::default()
+            };
+            mixed(&own, &truth, &config)
+        };
+        assert!(distance(&with(&[]), &truth) < 1e-12);
+        let heave = with(&[Dof::Heave]);
+        assert_eq!(
+            (heave.position[0], heave.position[2], heave.euler),
+            (own.position[0], truth.position[2], own.euler)
+        );
+        let level = with(&[Dof::Surge, Dof::Sway]);
+        assert!(
+            (level.position[1] - truth.position[1]).abs() < 1e-12 && level.position[2] == own.position[2]
+        );
+        assert_eq!(
+            with(&[Dof::Pitch]).euler,
+            [own.euler[0], truth.euler[1], own.euler[2]]
+        );
+    }
 }

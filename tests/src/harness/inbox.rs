@@ -58,6 +58,8 @@ impl Waits for PredictorIn {
             surroundings: later.surroundings.or(self.surroundings),
             link: later.link.or(self.link),
             drone: later.drone.or(self.drone),
+            autopilot: later.autopilot.or(self.autopilot),
+            beacons: both(self.beacons, later.beacons),
             tags: both(self.tags, later.tags),
             uvdar: both(self.uvdar, later.uvdar),
             ranges: both(self.ranges, later.ranges),

@@ -3,6 +3,8 @@
 //! Each drone meets the deck and the water alone. Two whose spans overlap have collided: that is counted, and they fly on.
 //! Drones fly through keep-out volumes, which the judge counts.
 
+mod neighbour;
+
 use core::f64::consts::TAU;
 
 use alight_shared::config::{Check, Keys};
@@ -14,6 +16,7 @@ use alight_shared::time::{DroneClock, Span, Time, TrueTime, VesselClock};
 use alight_usv::sensors::Readings;
 use nalgebra::Vector3;
 
+use self::neighbour::Neighbour;
 use super::outcome::{ContactEvent, Observation};
 use super::scenario::{Scenario, SetupError};
 use super::trace::TracePoint;
@@ -26,6 +29,7 @@ use crate::physics::drone::{
 use crate::physics::sea::Sea;
 use crate::physics::streams::Streams;
 use crate::physics::vessel::response::{HullFiles, ResponseVessel};
+use crate::physics::vessel::steering::SetPoint;
 use crate::sensors::clocks::{ClockModel, Clocks};
 use crate::sensors::noise::Noise;
 use crate::sensors::outlet::Identity;
@@ -60,7 +64,7 @@ struct Plant {
 }
 
 impl Plant {
-    fn new(k: usize, scenario: &Scenario, streams: &Streams) -> Plant {
+    fn new(k: usize, scenario: &Scenario, place: Option<Datum>, streams: &Streams) -> Plant {
         let streams = streams.of_drone(k);
         let identity = Identity {
             vessel: VESSEL_ID,
@@ -71,7 +75,7 @@ impl Plant {
         let (drone, deck) = (&scenario.airframe, &scenario.deck);
         Plant {
             identity,
-            sensors: DroneSensors::new(&scenario.sensors, drone, deck, identity, &streams),
+            sensors: DroneSensors::new(&scenario.sensors, drone, deck, place, identity, &streams),
             streams,
             drone: None,
             origin: Datum::default(),
@@ -124,6 +128,7 @@ pub struct Physics {
     started: Time<TrueTime>,
     sea: Sea,
     carrier: DeckCarrier,
+    neighbour: Option<Neighbour>,
     /// Where the true NED begins; None: that of vessel and drones is the true one.
     place: Option<Datum>,
     vessel_clock: ClockModel,
@@ -155,6 +160,7 @@ impl Physics {
                 (sea, carrier)
             }
         };
+        let neighbour = Neighbour::new(scenario, &sea, &streams)?;
         let place = scenario.place.drawn(&streams);
         let vessel_clock = Clocks::new(&scenario.sensors.clocks, &streams).vessel;
         let identity = Identity {
@@ -168,11 +174,12 @@ impl Physics {
             started: Time::EPOCH + Span::from_secs(scenario.start.warm_up_s),
             sea,
             carrier,
+            neighbour,
             place,
             vessel_clock,
             vessel_sensors: VesselSensors::new(&scenario.sensors, place, identity, &streams),
             drones: (0..scenario.drones as usize)
-                .map(|k| Plant::new(k, scenario, &streams))
+                .map(|k| Plant::new(k, scenario, place, &streams))
                 .collect(),
             keep_out: KeepOut::all(&scenario.keep_out_m, &scenario.deck),
             scenario: scenario.clone(),
@@ -232,6 +239,18 @@ impl Physics {
             start,
         ));
         (plant.in_water, plant.motors_on) = (false, true);
+        if self.scenario.start.on_deck {
+            let deck = self.deck();
+            if let Some(drone) = self.drones.get_mut(k).and_then(|p| p.drone.as_mut()) {
+                drone.stand_on(&deck, yaw);
+            }
+        }
+    }
+    /// Something holds a foot of a drone down with so much, N: a strap, a net.
+    pub fn snag(&mut self, k: usize, foot: usize, newton: f64) {
+        if let Some(drone) = self.drones.get_mut(k).and_then(|p| p.drone.as_mut()) {
+            drone.snag(foot, newton);
+        }
     }
     /// A drone stands on a pad where the scenario places it, motors off.
     pub fn place_drone_on_pad(&mut self, k: usize) {
@@ -278,8 +297,10 @@ impl Physics {
     /// What a drone's camera and rangefinder measure now; None before it has appeared.
     pub fn drone_readings(&mut self, k: usize) -> Option<DroneReadings> {
         let (t, deck, sea, lift) = (self.t, self.deck(), &self.sea, self.carrier.water_lift());
+        let neighbour = self.neighbour_deck();
         let plant = self.drones.get_mut(k)?;
         let truth = plant.truth()?;
+        plant.sensors.show(neighbour);
         Some(plant.sensors.step(t, &truth, &deck, |north, east| {
             sea.surface(t, north, east).surface_z() - lift
         }))
@@ -294,6 +315,10 @@ impl Physics {
     pub fn push(&mut self, by_n_nm: [f64; 6]) {
         self.carrier.push(by_n_nm);
     }
+    /// The boat's autopilot steers to a set-point from now on; None: as its course has it.
+    pub fn steer_to(&mut self, set_point: Option<SetPoint>) {
+        self.carrier.steer_to(self.t, set_point);
+    }
     /// Vessel and contacts move on by one tick; drones with their motors off.
     pub fn advance(&mut self) {
         self.advance_with(1, |_, _| None);
@@ -307,6 +332,7 @@ impl Physics {
     ) {
         let (t, before, lift) = (self.t, self.deck(), self.carrier.water_lift());
         self.carrier.step(t, TICK.secs(), &self.sea);
+        self.neighbour.iter_mut().for_each(|n| n.step(t, TICK));
         let deck = [before, self.deck()];
         for k in 0..self.drones.len() {
             let Some(plant) = self.drones.get_mut(k) else {
@@ -373,6 +399,10 @@ impl Physics {
     pub fn time_since_start(&self) -> Span {
         self.t - self.started
     }
+    /// Drones appear on the deck.
+    pub fn starts_on_deck(&self) -> bool {
+        self.scenario.start.on_deck
+    }
     /// True time.
     pub fn now(&self) -> Time<TrueTime> {
         self.t
@@ -417,6 +447,11 @@ impl Physics {
     /// The deck.
     pub fn deck(&self) -> RigidState<Deck> {
         self.carrier.state().at(self.scenario.deck.centre())
+    }
+    /// The deck of another boat with the same tags.
+    pub fn neighbour_deck(&self) -> Option<RigidState<Deck>> {
+        let n = self.neighbour.as_ref()?;
+        Some(n.deck(&self.deck(), &self.scenario))
     }
     /// The vessel's reference point.
     pub fn vessel(&self) -> RigidState<VesselBody> {

@@ -1,6 +1,7 @@
 //! Scenario: the world's parameters and the nodes' configurations.
 
 pub mod draws;
+pub mod foresight;
 
 use alight_bridge::BridgeConfig;
 use alight_shared::config;
@@ -18,6 +19,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use self::draws::DrawConfig;
+use self::foresight::ForesightConfig;
 use crate::baselines::Baseline;
 use crate::physics::deck_motion::{DeckMotionConfig, DeckMotionError};
 use crate::physics::drone::DroneConfig;
@@ -75,6 +77,8 @@ config! {
         /// The vessel's estimator runs this long before the landing is commanded, s.
         /// Source: it works from an unknown sea within 60 s.
         pub warm_up_s: f64 = 60.0, in 0.0..=600.0;
+        /// The drone stands in the middle of the deck, disarmed, instead of hovering beside the vessel.
+        pub on_deck: bool = false;
         /// The drone hovers this long before the landing is commanded, s.
         /// Source: ours, the link has found the autopilot, and a person has given it the mode.
         pub hover_s: f64 = 5.0, in 1.0..=60.0;
@@ -162,6 +166,10 @@ config! {
         pub drone: DroneConfig;
         /// Where on Earth it is.
         pub place: PlaceConfig;
+        /// Another boat with the same tags lies so far from this one, between the decks' centres, m, and rocks by itself. None:
+        /// there is none.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub neighbour_m: Option<f64> = None, in 1.0..=500.0;
         /// What differs from what the nodes know.
         pub draws: DrawConfig;
         /// Where the drone starts.
@@ -181,8 +189,9 @@ config! {
         /// A descent begins at a random moment within 20 s after the drone is steady above the deck, and goes on, however
         /// likely it succeeds: so predicted probability is compared with what happens.
         pub begin_anyway: bool = false;
-        /// The forecasts have the deck's true motion from now on, for an error budget.
-        pub true_prediction: bool = false;
+        /// What the forecasts have of the truth, for an error budget.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub foresight: Option<ForesightConfig> = None;
         /// From the planner's step to the plan's arrival at the pilot, s.
         /// Source: One period of the planner at 50 Hz: the plan is used one period after its
         /// inputs.

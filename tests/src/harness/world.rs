@@ -16,12 +16,15 @@ use super::outcome::Observation;
 use super::physics::{BOOT, DRONE_ID, Physics, TICK, VESSEL_ID};
 use super::scenario::{NodeConfigs, Scenario, SetupError, StateOutage};
 use super::tap::{NoTap, Tap};
+use crate::autopilots::boat::BoatAutopilot;
 use crate::autopilots::simulated::INNER_PER_OUTER;
 use crate::physics::streams::Streams;
 use crate::sensors::delay::DelayLine;
 use alight_bridge::{Bridge, Packet, PacketKind};
 use alight_shared::admission::{Arrival, Sender};
-use alight_shared::msg::{Command, CommandKind, DeckOrder, Header, MissionState, OperatorCommand, SetPoint};
+use alight_shared::msg::{
+    Command, CommandKind, DeckOrder, Header, HelmStatus, MissionState, OperatorCommand, SetPoint,
+};
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, TrueTime, VesselClock};
 use alight_shared::wire;
@@ -52,6 +55,8 @@ pub struct World {
     // The vessel's computer.
     vessel_boot: u32,
     vessel: VesselComputer,
+    /// The boat's own autopilot.
+    boat: BoatAutopilot,
     /// What its crew, its operators and its former start have given it since the last tick.
     given: ComputerIn,
     operator_sequence: u32,
@@ -85,15 +90,19 @@ impl World {
         let scenario = &scenario.drawn(streams);
         let physics = Physics::new(scenario, streams)?;
         let foresight = scenario
-            .true_prediction
-            .then(|| Foresight::new(scenario, streams));
+            .foresight
+            .as_ref()
+            .map(|part| Foresight::new(scenario, part, streams));
         Ok(World {
             foresight: foresight.transpose()?,
             vessel: VesselComputer::new(&nodes.vessel, &nodes.deck, VESSEL_ID, BOOT),
             vessel_boot: BOOT,
+            boat: BoatAutopilot::default(),
             given: ComputerIn::default(),
             operator_sequence: 0,
-            shares_deck: scenario.drones > 1 || nodes.drone.mission.reservation_required,
+            shares_deck: scenario.drones > 1
+                || nodes.drone.mission.reservation_required
+                || nodes.drone.mission.takeoff,
             drones: (0..scenario.drones as usize)
                 .map(|k| DroneComputer::new(k, scenario, nodes, &physics, BOOT))
                 .collect(),
@@ -199,6 +208,10 @@ impl World {
             ..DroneComputer::new(k, scenario, nodes, &self.physics, boot)
         };
         self.drones[k].appear(&mut self.physics);
+    }
+    /// Something holds a foot of a drone on the deck with so much, N.
+    pub fn snag(&mut self, k: usize, foot: usize, newton: f64) {
+        self.physics.snag(k, foot, newton);
     }
     /// A person has landed a drone on a pad where it is, and disarmed it.
     pub fn stand_on_pad(&mut self, k: usize) {
@@ -413,6 +426,7 @@ impl World {
             ..core::mem::replace(&mut self.given, given)
         };
         self.receive_at_vessel(t, &mut input);
+        input.helm = self.boat.sent(t);
         if self.failing.frozen.vessel {
             // Orders wait, what was measured is lost.
             (self.given.commands, self.given.deck_orders) = (input.commands, input.deck_orders);
@@ -420,6 +434,7 @@ impl World {
         } else {
             let output = self.vessel.step(now, &input);
             tap.vessel(t, now, &input, &output);
+            self.boat.receive(t, &output.helm);
             self.broadcast_all(t, &output);
         }
 
@@ -444,6 +459,7 @@ impl World {
         let mut push = self.push;
         push[3] += self.failing.wake_nm * (TAU / WAKE_S * t.secs()).sin();
         self.physics.push(push);
+        self.physics.steer_to(self.boat.steers_to(t));
         self.physics.advance_with(INNER_PER_OUTER, |k, truth| {
             let motors = self.drones[k].linked.as_mut().and_then(|l| l.turn(truth))?;
             Some(if k == 0 {
@@ -529,6 +545,14 @@ impl World {
     /// Whether a drone wants the vessel to keep course and speed now.
     pub fn wants_steady(&self) -> bool {
         self.vessel.arbiter().wants_steady(self.vessel_now())
+    }
+    /// The boat's own autopilot.
+    pub fn boat(&mut self) -> &mut BoatAutopilot {
+        &mut self.boat
+    }
+    /// Where the handshake about the helm stands.
+    pub fn helm(&self) -> HelmStatus {
+        self.vessel.helm().status()
     }
     /// The drones' computers.
     pub fn drones(&self) -> &[DroneComputer] {

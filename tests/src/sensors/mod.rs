@@ -7,6 +7,7 @@
 //! [`sight_loss`], [`occlusion`] and [`tag`] for the drone.
 
 pub mod attitude;
+pub mod beacon;
 pub mod bytes;
 pub mod camera;
 pub mod clocks;
@@ -28,7 +29,7 @@ use alight_shared::config;
 use alight_shared::frames::{Deck, DroneBody, VesselBody};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::{RangeSample, TagPose, UvdarFix};
+use alight_shared::msg::{DeckBeacon, RangeSample, TagPose, UvdarFix};
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_usv::sensors::Readings;
 use nalgebra::Vector3;
@@ -51,6 +52,9 @@ config! {
         /// Its attitude sensor, where it has one.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub vessel_attitude: Option<attitude::VesselAttitudeConfig> = None;
+        /// A beacon of the vessel, where it has one.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub beacon: Option<beacon::BeaconConfig> = None;
         /// The detector of the deck's tag.
         pub tag: tag::TagConfig;
         /// The UVDAR system.
@@ -68,12 +72,17 @@ config! {
         if let Some(attitude) = &this.vessel_attitude {
             attitude.check(&at.table("vessel_attitude"))?;
         }
+        if let Some(beacon) = &this.beacon {
+            beacon.check(&at.table("beacon"))?;
+        }
     }
 }
 
 /// What the drone's deck sensors delivered in one tick.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DroneReadings {
+    /// Messages of the vessel's beacon.
+    pub beacons: Vec<DeckBeacon>,
     /// Tag detections.
     pub tags: Vec<TagPose>,
     /// Images that were begun, where they take the detections' place.
@@ -89,6 +98,7 @@ pub struct DroneReadings {
 impl DroneReadings {
     /// Stamped so much later.
     pub fn shift(&mut self, by: Span) {
+        self.beacons.iter_mut().for_each(|m| m.header.at += by);
         self.tags.iter_mut().for_each(|m| m.header.at += by);
         self.uvdar.iter_mut().for_each(|m| m.header.at += by);
         self.ranges.iter_mut().for_each(|m| m.header.at += by);
@@ -136,10 +146,14 @@ impl VesselSensors {
 }
 
 /// A drone's deck sensors at work, called like [`VesselSensors`].
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct DroneSensors {
+    beacon: Option<beacon::Beacon>,
     mount: CameraMount,
     tag: tag::TagDetector,
+    /// The same camera's view of another boat's tags.
+    other_tag: tag::TagDetector,
+    other: Option<RigidState<Deck>>,
     tag_outlet: Outlet<TagPose, DroneClock>,
     shutter: Option<render::Shutter>,
     uv_shutter: Option<render::Shutter>,
@@ -153,6 +167,7 @@ impl DroneSensors {
         config: &SensorConfig,
         drone: &DroneGeometry,
         deck: &DeckGeometry,
+        place: Option<Datum>,
         identity: Identity,
         streams: &Streams,
     ) -> Self {
@@ -160,13 +175,16 @@ impl DroneSensors {
         let shutter = |on: bool, rate_hz: f64| {
             on.then(|| render::Shutter::new(rate_hz, config.tag.exposure_s, identity.clock))
         };
+        let tag = |name: &str| {
+            let sun = render::sun(&config.render, streams);
+            tag::TagDetector::new(&config.tag, deck, name, streams).below(Occlusion::new(drone, &mount, sun))
+        };
         DroneSensors {
+            beacon: (config.beacon.as_ref()).map(|c| beacon::Beacon::new(c, place, identity, streams)),
             mount,
-            tag: tag::TagDetector::new(&config.tag, deck, streams).below(Occlusion::new(
-                drone,
-                &mount,
-                render::sun(&config.render, streams),
-            )),
+            tag: tag("drone.tag"),
+            other_tag: tag("drone.other_tag"),
+            other: None,
             tag_outlet: Outlet::new(
                 config.tag.rate_hz,
                 config.tag.latency_s,
@@ -179,6 +197,10 @@ impl DroneSensors {
             rangefinder: rangefinder::Rangefinder::new(&config.rangefinder, drone, deck, identity, streams),
         }
     }
+    /// Another boat with the vessel's tags is in sight from now on, or none.
+    pub fn show(&mut self, other: Option<RigidState<Deck>>) {
+        self.other = other;
+    }
     /// The measurements that have arrived by `t`; `water(north, east)` is the surface's NED z, m.
     pub fn step(
         &mut self,
@@ -190,6 +212,7 @@ impl DroneSensors {
         let view = self.mount.view(drone);
         let mut readings = DroneReadings {
             ranges: self.rangefinder.step(t, drone, deck, water),
+            beacons: self.beacon.as_mut().map_or_else(Vec::new, |b| b.step(t, deck)),
             ..DroneReadings::default()
         };
         match &mut self.shutter {
@@ -198,6 +221,11 @@ impl DroneSensors {
                     let pose = self.tag.detect(t, &view, deck);
                     self.tag_outlet
                         .send(t, false, |header| pose.map(|pose| TagPose { header, ..pose }));
+                    let other = self.other.and_then(|deck| self.other_tag.detect(t, &view, &deck));
+                    if let Some(pose) = other {
+                        let send = |header| Some(TagPose { header, ..pose });
+                        self.tag_outlet.send(t, false, send);
+                    }
                 }
                 readings.tags = self.tag_outlet.arrived(t);
             }

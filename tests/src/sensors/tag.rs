@@ -108,7 +108,8 @@ pub(crate) struct TagDetector {
 }
 
 impl TagDetector {
-    pub(crate) fn new(config: &TagConfig, deck: &DeckGeometry, streams: &Streams) -> Self {
+    /// With the streams `NAME.corner` and `NAME.read`.
+    pub(crate) fn new(config: &TagConfig, deck: &DeckGeometry, name: &str, streams: &Streams) -> Self {
         TagDetector {
             lens: Lens::new(config.width_px, config.height_px, config.fov_deg.to_radians()),
             tags: deck.tags(),
@@ -118,9 +119,9 @@ impl TagDetector {
                 config.known
             },
             occlusion: None,
-            corner: Noise::new(streams, "drone.tag.corner"),
+            corner: Noise::new(streams, &format!("{name}.corner")),
             loss: SightLoss::new(&config.loss, streams),
-            read: Noise::new(streams, "drone.tag.read"),
+            read: Noise::new(streams, &format!("{name}.read")),
             config: config.clone(),
         }
     }

@@ -177,7 +177,7 @@ impl CameraBench {
         CameraBench {
             renderer: Renderer::new(&sensors.render, &deck, &streams),
             node: CameraNode::new(settings, &tags, names),
-            model: TagDetector::new(&in_sight, &deck, &streams),
+            model: TagDetector::new(&in_sight, &deck, "drone.tag", &streams),
             sensors: sensors.clone(),
             tag: tags.first().copied().unwrap_or_default(),
             draw: Noise::new(&streams, "study.camera"),

@@ -11,6 +11,7 @@ mod home;
 mod landings;
 mod rig;
 mod silence;
+mod takeoff;
 
 use alight_shared::geodesy::Datum;
 use alight_shared::geoid;

@@ -3,13 +3,17 @@
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod advice;
+mod beacon;
 mod calibration;
 mod contact;
 mod deck_reservation;
 mod estimate_jumps;
 mod estimator;
 mod faults;
+mod helm;
 mod hulls;
+mod identity;
 mod interrupted_landing;
 mod keep_out;
 mod ladder;
@@ -23,6 +27,7 @@ mod restarts;
 mod review;
 mod stated_course;
 mod storm;
+mod takeoff;
 mod under_way;
 mod witnesses;
 

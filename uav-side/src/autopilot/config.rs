@@ -42,6 +42,9 @@ config! {
         pub signing_key: String = String::new();
         /// System number of the autopilot; 0: the first one whose heartbeat is received.
         pub vehicle: u8 = 0;
+        /// System number of what reports the vessel's place over this link (`GLOBAL_POSITION_INT`, `FOLLOW_TARGET`), for
+        /// `drone.mission.least_vessel = "beacon"` or "tag"; 0: nothing does.
+        pub beacon_system: u8 = 0;
         /// Our system number; 0: the vehicle's, as a companion computer has it.
         /// Source: MAVLink's convention for companions.
         pub system: u8 = 0;

@@ -3,7 +3,7 @@
 
 use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::geodesy::Datum;
-use alight_shared::msg::{DeckStage, SetPoint, SetPointKind};
+use alight_shared::msg::{DeckStage, SetPoint, SetPointKind, VesselLevel};
 use alight_shared::time::Span;
 use alight_shared::topics;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -29,12 +29,17 @@ impl AutopilotLink {
         let forecast = self.forecast.get()?;
         forecast.at(now.max(forecast.header.at))
     }
+    /// The deck is known by more than a beacon: what nobody authenticates is not passed on.
+    fn is_known(&self, now: DroneTime) -> bool {
+        let forecast = self.forecast.fresh(now, topics::FORECAST.stale_after);
+        forecast.is_some_and(|f| f.vessel_level() != VesselLevel::Beacon)
+    }
     /// Sends the deck in the autopilot's frame and at its time.
     pub(super) fn publish_deck(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         if !self.config.publish_deck || !self.timers.deck.is_ready(now) || !self.clock.is_synchronised() {
             return;
         }
-        if self.forecast.fresh(now, topics::FORECAST.stale_after).is_none() {
+        if !self.is_known(now) {
             return;
         }
         let Some(d) = self.deck(now) else { return };
@@ -133,8 +138,8 @@ impl AutopilotLink {
     }
     /// Sends the deck's place as home, where that is configured. The command's single precision is half a metre of it.
     pub(super) fn send_home(&mut self, now: DroneTime, out: &mut AutopilotOut) {
-        let fresh = self.forecast.fresh(now, topics::FORECAST.stale_after).is_some();
-        let deck = self.deck(now).filter(|_| self.config.send_home && fresh);
+        let known = self.is_known(now);
+        let deck = self.deck(now).filter(|_| self.config.send_home && known);
         let place = deck.and_then(|d| self.place(&d));
         let (Some((place, sea_m)), Some(peer)) = (place, &self.peer) else {
             return;

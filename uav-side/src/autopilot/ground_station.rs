@@ -141,15 +141,20 @@ impl GroundReports {
 fn severity_of(m: &MissionState) -> u8 {
     match m.state {
         _ if m.was_entered_in_trouble() => severity::WARNING,
-        State::Hold | State::Landed => severity::NOTICE,
+        State::Countdown | State::SpinUp => severity::WARNING,
+        State::Hold | State::Landed | State::TakeOff => severity::NOTICE,
         State::Idle
         | State::GetAltitude
         | State::Approach
+        | State::Search
         | State::Tracking
         | State::TrackingStable
         | State::Descent
         | State::Flare
-        | State::GaveUp => severity::INFO,
+        | State::GaveUp
+        | State::Preparing
+        | State::ClimbOut
+        | State::StandDown => severity::INFO,
     }
 }
 

@@ -37,6 +37,10 @@ impl AutopilotLink {
         if self.asked_by_station(now, frame, out) {
             return false;
         }
+        if let Some(beacon) = self.beacon(now, frame) {
+            out.beacon = Some(beacon);
+            return false;
+        }
         let Some(peer) = self.peer.as_mut().filter(|p| p.address == frame.from) else {
             return false;
         };
@@ -86,7 +90,7 @@ impl AutopilotLink {
             }
             Message::Mode { custom_mode } => {
                 peer.streams.received(message::id::CURRENT_MODE);
-                peer.mode = peer.firmware.mode(*custom_mode);
+                peer.on_mode(*custom_mode);
                 // It reports the mode as well as a heartbeat does.
                 return true;
             }
@@ -137,6 +141,7 @@ impl AutopilotLink {
             }
             Message::Text { severity: of, text } => {
                 if *of <= severity::WARNING {
+                    self.departure.explained(now, text);
                     out.texts.push(format!("{}: {text}", peer.firmware.name()));
                 }
             }
@@ -146,6 +151,8 @@ impl AutopilotLink {
             | Message::ParameterSet { .. }
             | Message::Command(_)
             | Message::CommandInt { .. }
+            | Message::GlobalPosition(_)
+            | Message::FollowTarget(_)
             | Message::Position(_)
             | Message::AttitudeThrust(_)
             | Message::LandingTarget(_)
@@ -210,13 +217,20 @@ impl AutopilotLink {
             peer.streams.answered(now, result);
         } else if command == command::ARM_DISARM
             && result == CommandResult::Accepted
-            && self.disarm.sent() + self.alone.sent() + self.own_landing.sent() > 0
+            && self.departure.disarms() + self.disarm.sent() + self.alone.sent() + self.own_landing.sent() > 0
         {
             // PX4's next heartbeat may be a second away.
             peer.armed = false;
         } else if matches!(command, command::ARM_DISARM | command::SET_MODE)
             && !matches!(result, CommandResult::Accepted | CommandResult::InProgress)
         {
+            if command == command::ARM_DISARM
+                && let Some(why) = self.departure.denied(now, result)
+            {
+                let text = format!("{} {why}", peer.firmware.name());
+                out.alarm(severity::WARNING, text);
+                return;
+            }
             out.texts
                 .push(format!("the autopilot denied command {command}: {result:?}"));
         }

@@ -7,6 +7,8 @@
 use alight_shared::geodesy::Datum;
 use serde::{Deserialize, Serialize};
 
+use super::place_report::PlaceReport;
+
 /// Sender or receiver: system and component.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Address {
@@ -119,6 +121,10 @@ pub mod command {
     pub const MESSAGE_INTERVAL: u16 = 511;
     /// `MAV_CMD_REQUEST_MESSAGE`.
     pub const REQUEST_MESSAGE: u16 = 512;
+    /// `MAV_CMD_NAV_LAND`: to the companion, land on the vessel.
+    pub const NAV_LAND: u16 = 21;
+    /// `MAV_CMD_NAV_TAKEOFF`: to the companion, take off from the deck.
+    pub const NAV_TAKEOFF: u16 = 22;
     /// `MAV_CMD_USER_1`: of ours, land.
     pub const USER_1: u16 = 31010;
     /// `MAV_CMD_USER_2`: of ours, abort.
@@ -480,6 +486,10 @@ pub enum Message {
         /// `alt_ellipsoid`.
         ellipsoid_m: f64,
     },
+    /// `GLOBAL_POSITION_INT`: where a system is.
+    GlobalPosition(PlaceReport),
+    /// `FOLLOW_TARGET`: where a phone or a ground station is.
+    FollowTarget(PlaceReport),
     /// `COMMAND_LONG`.
     Command(CommandLong),
     /// `COMMAND_INT`, without its parameters: no order has any.

@@ -3,8 +3,8 @@
 //! process around it is `alight autopilot`.
 //!
 //! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
-//! [`lapse`] (whose hold it is), `heading` (whether it is aligned), [`disarm`] (when motors are stopped), this file (one step), [`inbound`] and [`outbound`] (its two
-//! halves), [`ground_station`], [`station`] and [`rc_switch`] (people at a ground station and at the remote control, and their [`orders`]), [`station_parameters`] (what a ground station sets of the mission), [`shadow`] (a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
+//! [`lapse`] (whose hold it is), `heading` (whether it is aligned), [`disarm`] (when motors are stopped), `take_off` (when they are started), this file (one step), [`inbound`] and [`outbound`] (its two
+//! halves), [`ground_station`], [`station`] and [`rc_switch`] (people at a ground station and at the remote control, and their [`orders`]), [`station_parameters`] (what a ground station sets of the mission), [`shadow`] (a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), `beacon` (the vessel's place by other systems), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
 //! [`parameters`] (what a landing relies on), and [`wire`] for the bytes.
 //!
 //! Safety does not rest on this node being alive. Without its set-points PX4 leaves OFFBOARD after
@@ -12,6 +12,7 @@
 //! holds in GUIDED (after one of attitude: level, no climb).
 
 pub mod authority;
+mod beacon;
 mod checkpoint;
 mod clock;
 pub mod config;
@@ -29,11 +30,13 @@ mod orders;
 mod outbound;
 pub mod parameters;
 mod peer;
+pub mod place_report;
 mod rc_switch;
 mod shadow;
 mod station;
 mod station_parameters;
 mod streams;
+mod take_off;
 mod thrust;
 pub mod wire;
 
@@ -47,8 +50,8 @@ use alight_shared::admission::{Latest, Periodic};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, Command, DeckForecast, DroneState, Header, LandedState, LandingMode,
-    LinkCheckpoint, MissionState, RangeSample, Reason, ReasonCode, SetPoint, SettingsOrder,
+    AutopilotMode, AutopilotState, Command, DeckBeacon, DeckForecast, DroneState, Header, LandedState,
+    LandingMode, LinkCheckpoint, MissionState, RangeSample, Reason, ReasonCode, SetPoint, SettingsOrder,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -70,6 +73,7 @@ use peer::Peer;
 use rc_switch::RcSwitch;
 use station::StationOrders;
 use station_parameters::StationParameters;
+use take_off::TakeOffSequence;
 use thrust::{HoverThrust, SentThrust};
 
 type DroneTime = Time<DroneClock>;
@@ -127,6 +131,8 @@ pub struct AutopilotOut {
     pub command: Option<Command>,
     /// Of a ground station, to the mission.
     pub settings: Option<SettingsOrder>,
+    /// The vessel's place by another system.
+    pub beacon: Option<DeckBeacon>,
     /// For a person: changes of control authority, denied commands, the autopilot's own texts.
     pub texts: Vec<String>,
 }
@@ -155,6 +161,7 @@ enum Output {
     Checkpoint,
     Command,
     Settings,
+    Beacon,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -178,7 +185,7 @@ pub struct AutopilotLink {
     attitudes: bool,
     drone_id: u32,
     boot: u32,
-    sequences: [u32; 6],
+    sequences: [u32; 7],
     /// Of a crashed predecessor.
     recovery: Recovery<LinkCheckpoint>,
     /// It waits no longer for a predecessor's checkpoint.
@@ -238,6 +245,9 @@ pub struct AutopilotLink {
     /// When home was sent, and which.
     home: Option<(DroneTime, Datum)>,
     arm_tries: u32,
+    departure: TakeOffSequence,
+    /// Commands to end the autopilot's own mission.
+    mission_ends: u32,
     timers: Timers,
 }
 
@@ -493,6 +503,8 @@ impl Node for AutopilotLink {
             self.divert(now, &mut out);
             self.send_set_point(now, new, &mut out);
             self.arm(now, &mut out);
+            self.take_off(now, &mut out);
+            self.end_mission(now, &mut out);
             self.send_home(now, &mut out);
         }
         self.report_armed(now, &mut out);

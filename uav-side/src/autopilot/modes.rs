@@ -80,6 +80,13 @@ impl Firmware {
             },
         }
     }
+    /// Whether this custom mode flies the autopilot's own mission (PX4's Mission, ArduCopter's AUTO).
+    pub(crate) fn flies_mission(self, custom: u32) -> bool {
+        match self {
+            Firmware::Px4 => ((custom >> 16) & 0xff, custom >> 24) == (4, 4),
+            Firmware::ArduCopter => custom == 3,
+        }
+    }
     /// A parameter's value: PX4 puts an integer's bytes in the place of the float, ArduCopter casts it.
     pub fn parameter(self, value: ParameterValue) -> f64 {
         match (self, value.integer) {
@@ -94,6 +101,13 @@ impl Firmware {
             (Firmware::Px4, false) | (Firmware::ArduCopter, _) => (value as f32).to_bits(),
         };
         ParameterValue { bits, integer }
+    }
+    /// Second and third parameter of `MAV_CMD_DO_SET_MODE` for the mode that follows set-points.
+    pub(crate) const fn offboard(self) -> [f64; 2] {
+        match self {
+            Firmware::Px4 => [6.0, 0.0],
+            Firmware::ArduCopter => [4.0, 0.0],
+        }
     }
     /// Second and third parameter of `MAV_CMD_DO_SET_MODE` for a diversion.
     pub fn diversion(self, to: Diversion) -> Option<[f64; 2]> {

@@ -47,7 +47,7 @@ impl Order {
         let (h, kind) = (self.command.header, self.command.kind);
         let taken = |m: &MissionState| match kind {
             CommandKind::Abort => m.abort == Some([h.boot, h.sequence]),
-            CommandKind::Land | CommandKind::Hold => {
+            CommandKind::Land | CommandKind::Hold | CommandKind::TakeOff => {
                 m.header.at > h.at && kind.is_met(m.state, m.waiting.code)
             }
         };
@@ -68,5 +68,6 @@ pub(super) fn named(kind: CommandKind) -> (u8, &'static str) {
         CommandKind::Abort => (severity::WARNING, "an abort"),
         CommandKind::Land => (severity::NOTICE, "a landing"),
         CommandKind::Hold => (severity::NOTICE, "a hold"),
+        CommandKind::TakeOff => (severity::WARNING, "a take-off"),
     }
 }

@@ -47,7 +47,7 @@ pub(super) struct Held {
 }
 
 impl AutopilotLink {
-    fn fresh_mission(&self, now: DroneTime) -> Option<&MissionState> {
+    pub(super) fn fresh_mission(&self, now: DroneTime) -> Option<&MissionState> {
         self.mission.fresh(now, topics::MISSION.stale_after)
     }
     /// The mission's last state, for as long as the pilot goes on with it.
@@ -113,10 +113,17 @@ impl AutopilotLink {
                 State::Idle
                 | State::GetAltitude
                 | State::Approach
+                | State::Search
                 | State::Tracking
                 | State::TrackingStable
                 | State::Hold
-                | State::GaveUp => false,
+                | State::GaveUp
+                | State::Preparing
+                | State::Countdown
+                | State::SpinUp
+                | State::TakeOff
+                | State::ClimbOut
+                | State::StandDown => false,
             }),
             range_height: range.filter(believed).map(|r| r - self.feet_range_m()),
             range_doubted: range.is_some_and(|r| !believed(&r)),
@@ -396,6 +403,10 @@ impl AutopilotLink {
             return self.apply(now, wanted, out);
         }
         self.interrupted();
+        if self.streams_for_take_off(now) {
+            let flown = wanted.kind != SetPointKind::None && wanted.motors == Motors::Run;
+            return flown.then_some(*wanted);
+        }
         // PX4 needs a stream of set-points before a person can choose OFFBOARD; in other modes it
         // follows none. ArduCopter needs no stream.
         (authority.may_offer() && px4)

@@ -29,6 +29,8 @@ pub(crate) struct Peer {
     pub(crate) address: Address,
     pub(crate) firmware: Firmware,
     pub(crate) mode: AutopilotMode,
+    /// It flies its own mission.
+    pub(crate) flies_mission: bool,
     pub(crate) armed: bool,
     pub(crate) heartbeat_at: DroneTime,
     landed: Option<(DroneTime, LandedState)>,
@@ -53,6 +55,7 @@ impl Peer {
             address,
             firmware,
             mode: AutopilotMode::Other,
+            flies_mission: false,
             armed: false,
             heartbeat_at: now,
             landed: None,
@@ -67,7 +70,12 @@ impl Peer {
     pub(crate) fn heartbeat(&mut self, now: DroneTime, base_mode: u8, custom_mode: u32) {
         self.heartbeat_at = now;
         self.armed = base_mode & ARMED != 0;
+        self.on_mode(custom_mode);
+    }
+    /// Its mode.
+    pub(crate) fn on_mode(&mut self, custom_mode: u32) {
         self.mode = self.firmware.mode(custom_mode);
+        self.flies_mission = self.firmware.flies_mission(custom_mode);
     }
     /// Its `MAV_LANDED_STATE`.
     pub(crate) fn on_landed(&mut self, now: DroneTime, state: u8) {

@@ -1,6 +1,7 @@
 //! Orders of a ground station: `COMMAND_LONG` or `COMMAND_INT` to the companion, answered by `COMMAND_ACK` to whoever gave it.
 //!
-//! `MAV_CMD_USER_1` lands, `MAV_CMD_USER_2` aborts, `MAV_CMD_USER_3` holds, all without parameters. An order is answered with
+//! `MAV_CMD_USER_1` and `MAV_CMD_NAV_LAND` land, `MAV_CMD_USER_2` aborts, `MAV_CMD_USER_3` holds, `MAV_CMD_NAV_TAKEOFF` takes
+//! off where the mission permits that, all whatever their parameters. An order is answered with
 //! IN_PROGRESS at once and each second, with ACCEPTED when the mission has taken it, and with TEMPORARILY_REJECTED, or FAILED
 //! where no mission reports, when it has not in 5 s. It is admitted by the mission as any other. An order to land or to hold
 //! that a station repeats (its confirmation counts; a `COMMAND_INT`, which has none, may be a repetition), or gives within a
@@ -21,7 +22,8 @@ use super::orders::{Order, Progress, named};
 /// What a number orders.
 const fn ordered(number: u16) -> Option<CommandKind> {
     match number {
-        command::USER_1 => Some(CommandKind::Land),
+        command::USER_1 | command::NAV_LAND => Some(CommandKind::Land),
+        command::NAV_TAKEOFF => Some(CommandKind::TakeOff),
         command::USER_2 => Some(CommandKind::Abort),
         command::USER_3 => Some(CommandKind::Hold),
         _ => None,

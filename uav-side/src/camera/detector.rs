@@ -69,6 +69,15 @@ pub struct TagDetection {
     pub light: TagLight,
 }
 
+impl TagDetection {
+    /// Another square lies on this one in the image.
+    fn overlaps(&self, other: &[Vector2<f64>; 4]) -> bool {
+        let middle = |c: &[Vector2<f64>; 4]| c.iter().sum::<Vector2<f64>>() / 4.0;
+        let diagonal = (self.corners[2] - self.corners[0]).norm();
+        (middle(&self.corners) - middle(other)).norm() < diagonal
+    }
+}
+
 /// Images and the library's detections by result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TagCounts {
@@ -153,10 +162,14 @@ impl TagDetector {
             } else if !well_shaped(&corners, self.settings.min_side_px) {
                 self.counts.misshapen += 1;
             } else {
-                match best.iter_mut().find(|b| b.tag.id == tag.id) {
+                // Another boat's tag of the same number lies elsewhere in the image.
+                let same = |b: &&mut TagDetection| b.tag.id == tag.id && b.overlaps(&corners);
+                let room = best.len() < MAX_DETECTIONS;
+                match best.iter_mut().find(same) {
                     Some(b) if detection.margin > b.margin => *b = detection,
                     Some(_) => {}
-                    None => best.push(detection),
+                    None if room => best.push(detection),
+                    None => {}
                 }
             }
         }

@@ -107,6 +107,22 @@ pub fn gaps(tags: &[DeckTag], camera: &CameraSettings, drone: &DroneGeometry) ->
     gaps
 }
 
+/// From a tag's range on a search keeps so much below, and so much it takes off a tag's width there: a deck that is not where it
+/// is thought to be, and an oblique view.
+const SEARCH_RANGE: f64 = 0.8;
+
+/// Height over the deck from which a search sees its largest tag, and the distance from the point below within which it sees
+/// it whatever its heading, m, for a drone that tilts by [`TILT_RAD`].
+pub fn search_view(tags: &[DeckTag], camera: &CameraSettings) -> [f64; 2] {
+    let lens = &camera.lens;
+    let side_m = tags.iter().fold(0.0, |most: f64, tag| tag.side_m.max(most));
+    let [fx, fy] = lens.focal_px;
+    let height_m = SEARCH_RANGE * fx.min(fy) * side_m / DECODED_PX;
+    let half = (0.5 * f64::from(lens.width_px) / fx).min(0.5 * f64::from(lens.height_px) / fy);
+    let seen = (half.atan() - TILT_RAD).max(0.0).tan();
+    [height_m, (height_m * seen - side_m).max(0.5)]
+}
+
 /// What is wrong with the tags of a deck, in words with the numbers: ids that occur twice or are none, tags that reach
 /// beyond the deck's edges or over each other, white margins included.
 pub fn faults(tags: &[DeckTag], deck: &DeckGeometry) -> Vec<String> {

@@ -4,6 +4,7 @@
 //! [`detector`] (their corners), [`motion_blur`], [`square_pose`] (the deck's pose and covariance), [`node`]; [`light`] and [`metering`] (exposure and
 //! gain); [`marked`] (the image for people); then [`uvdar`], the second camera.
 
+mod decks;
 pub mod detector;
 pub mod image;
 pub mod layout;

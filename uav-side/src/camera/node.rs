@@ -7,6 +7,7 @@ use alight_shared::tags::Tags;
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
 
+use super::decks;
 use super::detector::{TagCounts, TagDetection, TagDetector, TagSettings};
 use super::image::{Frame, GreyImage};
 use super::light::TagLight;
@@ -144,17 +145,26 @@ impl CameraNode {
     pub fn counts(&self) -> TagCounts {
         self.detector.counts
     }
-    /// The deck in one image.
+    /// The deck in one image; of several that of the largest tag.
     pub fn detect(&mut self, image: &GreyImage) -> Option<TagPose> {
+        self.decks(image).first().copied()
+    }
+    /// Every deck with these tags in one image, that of the largest tag first.
+    pub fn decks(&mut self, image: &GreyImage) -> Vec<TagPose> {
         self.newest = Newest::default();
         if !image.has_size(self.lens.width_px, self.lens.height_px) {
             self.detector.counts.wrong_size += 1;
-            return None;
+            return Vec::new();
         }
         let tags = self.detector.find(image);
-        let pose = self.estimate_pose(&tags);
+        let seen = tags.iter().filter_map(|d| self.seen(d)).collect();
+        let poses: Vec<TagPose> = decks::apart(seen)
+            .into_iter()
+            .filter_map(|deck| self.common_pose(deck))
+            .collect();
+        let pose = poses.first().copied();
         self.newest = Newest { tags, pose };
-        pose
+        poses
     }
     /// The corners of the deck's tags in one image.
     pub fn find(&mut self, image: &GreyImage) -> Vec<TagDetection> {
@@ -163,7 +173,9 @@ impl CameraNode {
     /// The deck's pose from the corners of its tags, if one explains them; a tag that no common pose explains, one that
     /// came loose or is another's, is left out.
     pub fn estimate_pose(&mut self, detections: &[TagDetection]) -> Option<TagPose> {
-        let mut seen: Vec<SeenTag> = detections.iter().filter_map(|d| self.seen(d)).collect();
+        self.common_pose(detections.iter().filter_map(|d| self.seen(d)).collect())
+    }
+    fn common_pose(&mut self, mut seen: Vec<SeenTag>) -> Option<TagPose> {
         while !seen.is_empty() {
             if let Some(pose) = self.pose(&seen) {
                 self.detector.counts.detected += 1;
@@ -256,11 +268,11 @@ impl Node for CameraNode {
     fn step(&mut self, now: Time<DroneClock>, input: &CameraIn) -> CameraOut {
         let mut out = CameraOut::default();
         for Frame { at, image } in &input.frames {
-            if self.exposures.accept(now, *at)
-                && let Some(pose) = self.detect(image)
-            {
-                let header = self.exposures.header(*at);
-                out.tags.push(TagPose { header, ..pose });
+            if self.exposures.accept(now, *at) {
+                for pose in self.decks(image) {
+                    let header = self.exposures.header(*at);
+                    out.tags.push(TagPose { header, ..pose });
+                }
             }
         }
         out

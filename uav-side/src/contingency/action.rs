@@ -25,6 +25,10 @@ pub(crate) enum Action {
     Complete,
     /// Presses the feet onto the deck: a contact is suspected.
     Press,
+    /// Stands on the deck for a take-off, armed or not yet: PX4 wants a stream of set-points before it enters OFFBOARD.
+    Idle,
+    /// Leaves the deck.
+    Jump,
 }
 
 /// What is known in a step.
@@ -68,6 +72,29 @@ impl Known<'_> {
 
     /// What the drone does. `softer`: to complete the landing ends softer than to climb.
     pub(crate) fn action(&self, softer: impl Fn() -> bool) -> Action {
+        match self.mission.map(|m| m.state) {
+            Some(State::SpinUp | State::StandDown) if self.attitudes && !self.silent => return Action::Idle,
+            Some(State::TakeOff) if self.attitudes && self.autopilot.is_some() => return Action::Jump,
+            // Disarmed.
+            Some(State::Preparing | State::Countdown | State::SpinUp | State::StandDown | State::TakeOff) => {
+                return Action::Nothing;
+            }
+            Some(
+                State::Idle
+                | State::GetAltitude
+                | State::Approach
+                | State::Search
+                | State::Tracking
+                | State::TrackingStable
+                | State::Descent
+                | State::Flare
+                | State::Landed
+                | State::Hold
+                | State::GaveUp
+                | State::ClimbOut,
+            )
+            | None => {}
+        }
         let (Some(autopilot), Some(mission)) = (self.autopilot, self.mission) else {
             return Action::Nothing;
         };

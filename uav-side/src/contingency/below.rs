@@ -75,6 +75,11 @@ impl DeckBelow {
         })
     }
 
+    /// The same deck for a drone whose feet are so far above it by another witness, m.
+    pub(crate) fn with_clearance(self, clearance: f64) -> DeckBelow {
+        DeckBelow { clearance, ..self }
+    }
+
     /// Whether a drone without mission or plan has to climb with the deck: near enough to be reached by it or what stands on
     /// the vessel, now or when the deck has risen, and not yet as high over the deck as the mission has asked for (`height_m`).
     pub(crate) fn is_near(&self, body: &Body, height_m: f64, drone: &DroneGeometry) -> bool {

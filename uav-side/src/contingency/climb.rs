@@ -39,6 +39,11 @@ impl Climb {
         }
     }
 
+    /// Bound of the change of its velocity, m/s².
+    pub(crate) fn acceleration_mps2(&self) -> f64 {
+        self.acceleration
+    }
+
     /// `dt` later (s) over a deck that moves down at `deck` (m/s).
     pub(crate) fn advance(&mut self, dt: f64, deck: f64) {
         self.towards((deck.min(0.0) - CLIMB_MPS).max(-GREATEST_MPS), dt);

@@ -8,6 +8,7 @@
 //! and the two are compared.
 
 use alight_shared::geometry::DroneGeometry;
+use alight_shared::landing::{MAX_MPS, MAX_TILT_RAD};
 use alight_shared::msg::{DeckForecast, DeckStage};
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::Vector3;
@@ -15,9 +16,6 @@ use nalgebra::Vector3;
 use super::climb::Climb;
 use super::completion::SINK_MPS;
 
-/// The limits of a good contact (trials are judged by the same): speeds, m/s, and angle, rad.
-pub(crate) const MAX_MPS: f64 = 1.0;
-pub(crate) const MAX_TILT_RAD: f64 = 10.0 * core::f64::consts::PI / 180.0;
 /// A contact faster than this along the deck's normal is hard, m/s: what counts as good, and what the measured speed errs by.
 pub(crate) const HARD_MPS: f64 = 1.5;
 /// Feet no further from the deck than this rest on it, m: the forecast's error.

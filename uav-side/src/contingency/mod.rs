@@ -15,7 +15,7 @@ pub(crate) use action::{Action, GOES_ON_WITHOUT_MISSION_S, Known};
 pub(crate) use below::{Body, DeckBelow, NEAR_DECK_M};
 pub(crate) use climb::{BELOW_M, Climb};
 pub(crate) use completion::Completion;
+pub(crate) use contact::HARD_MPS;
 pub use contact::{Ends, PredictedContact};
-pub(crate) use contact::{HARD_MPS, MAX_MPS, MAX_TILT_RAD};
 pub(crate) use escape::escape_velocity;
 pub(crate) use hold::Hold;

@@ -6,24 +6,19 @@
 //! the mean of each second: `dd/d(ln k) = d`, `dd/dw = dd/dg = k (s 1 + u u' / s)`. A gust dies away with the turbulence's
 //! integral time, and is as strong as its intensity: what changes faster than gusts do is drag.
 
+use alight_shared::landing::{DRAG_PER_M, LINEAR_MPS, TURBULENCE, drag};
 use nalgebra::{Matrix2, Matrix2x5, SMatrix, SVector, Vector2};
 
-/// A drag per mass that is taken before any is learnt, 1/m: a multirotor of 3.5 kg that leans by 16 deg in 10 m/s; and the
-/// standard deviation of its logarithm.
-const DRAG_PER_M: f64 = 0.03;
+/// Standard deviation of the logarithm of a drag before any is learnt.
 const DRAG_LOG_SD: f64 = 0.5;
 /// No drag is further from it than four of these, and no wind is faster than this, m/s.
 const DRAG_LOG_BOUND: f64 = 4.0 * DRAG_LOG_SD;
 const MAX_WIND_MPS: f64 = 60.0;
-/// Below this speed through the air drag is linear, m/s.
-const LINEAR_MPS: f64 = 1.0;
 /// No wind is known to be less than this before any is measured, standard deviation of each axis, m/s.
 const UNKNOWN_MPS: f64 = 8.0;
 /// Mean winds change by this, m/s per root of a second: 1 m/s in seven minutes.
 const CHANGE_MPS: f64 = 0.05;
-/// Intensity of turbulence over water, 0.19 at 7 m (MIL-F-8785C), and the time between independent gusts, s: twice the
-/// integral time at 8 to 10 m/s.
-pub(super) const INTENSITY: f64 = 0.19;
+/// Time between independent gusts, s: twice the integral time at 8 to 10 m/s.
 pub(super) const INDEPENDENT_S: f64 = 10.0;
 /// The turbulence's integral time, s.
 const GUST_S: f64 = 0.5 * INDEPENDENT_S;
@@ -52,15 +47,6 @@ impl Default for Air {
             sum: (Vector2::zeros(), Vector2::zeros(), 0.0),
         }
     }
-}
-
-/// Acceleration by drag at `u` through the air (m/s²), and how it grows with the wind, 1/s.
-fn drag(k: f64, u: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
-    let s = u.norm().hypot(LINEAR_MPS);
-    (
-        -u * (k * s),
-        (Matrix2::identity() * s + u * u.transpose() / s) * k,
-    )
 }
 
 impl Air {
@@ -110,7 +96,7 @@ impl Air {
         let (x, _) = self.state?;
         let (wind, sd) = self.wind()?;
         let (_, slope) = drag(x[0].exp(), &(v - wind));
-        Some(slope.norm() * core::f64::consts::FRAC_1_SQRT_2 * INTENSITY * wind.norm().hypot(sd))
+        Some(slope.norm() * core::f64::consts::FRAC_1_SQRT_2 * TURBULENCE * wind.norm().hypot(sd))
     }
 }
 
@@ -132,7 +118,7 @@ fn bounded(x: State) -> State {
 
 /// Variance of a gust's components in this wind, m²/s².
 fn gust_variance(x: &State) -> f64 {
-    (INTENSITY * mean(x).norm()).powi(2)
+    (TURBULENCE * mean(x).norm()).powi(2)
 }
 
 /// Drag stays, the mean wind changes slowly, the gust dies away and another rises.

@@ -7,6 +7,7 @@ use alight_shared::estimation::low_pass_gain;
 use alight_shared::msg::AutopilotState;
 
 use super::phase::DroneTime;
+use super::sortie::Energy;
 use crate::mission_config::MissionConfig;
 
 /// Readings kept at most: a minute at the rate of the autopilot's state, and some.
@@ -83,10 +84,7 @@ impl BatteryMonitor {
     /// The charge by its last reading, the power and the time since; None before any.
     fn reckoned(&self, now: DroneTime, armed: bool, c: &MissionConfig) -> Option<f64> {
         let (at, before) = self.known?;
-        let power = match self.power(c) {
-            measured if measured > 0.0 => measured,
-            _ => UNMEASURED_PER_S,
-        };
+        let power = self.usual_power(c);
         let dt = if armed { (now - at).secs().max(0.0) } else { 0.0 };
         Some((before - power * dt).max(0.0))
     }
@@ -141,6 +139,28 @@ impl BatteryMonitor {
         let by_current = self.current_a.filter(|_| c.battery_capacity_ah > 0.0);
         let by_current = by_current.map(|i| i / (3600.0 * c.battery_capacity_ah));
         by_current.or(self.by_gauge).unwrap_or(0.0).max(0.0)
+    }
+
+    /// The charge that a take-off needs: the reserve, and one attempt to land again by the power that was measured last, or
+    /// that of a drone which flies for ten minutes.
+    pub(super) fn for_take_off(&self, c: &MissionConfig) -> f64 {
+        (c.battery_reserve + self.usual_power(c) * c.battery_attempt_s).min(1.0)
+    }
+    /// The measured power, or that of a drone which flies for ten minutes, 1/s.
+    fn usual_power(&self, c: &MissionConfig) -> f64 {
+        match self.power(c) {
+            measured if measured > 0.0 => measured,
+            _ => UNMEASURED_PER_S,
+        }
+    }
+    /// What a drone away from its vessel has and needs; None while the charge is not known.
+    pub(super) fn energy(&self, c: &MissionConfig) -> Option<Energy> {
+        Some(Energy {
+            charge: self.charge(c)?,
+            power: self.usual_power(c),
+            reserve: c.battery_reserve,
+            attempt_s: c.battery_attempt_s,
+        })
     }
 
     /// The charge that has to be left: for the way of `distance_m` to the deck at the speed made good, and one attempt, by

@@ -9,7 +9,7 @@ use alight_shared::time::Span;
 use alight_shared::topics;
 
 use super::limits::{AWAY_M, CLIMB_S, HEAVE_M, LOST_OUTSIDE_M, RESUME_DISTANCE_M, STEADY_HEIGHT_M};
-use super::phase::{DroneTime, HoldCause, MissionPhase, Progress, gave_up, holding};
+use super::phase::{DroneTime, HoldCause, MissionPhase, Progress, climbing_out, gave_up, holding};
 use super::situation::{ControlState, Deck, Situation};
 use crate::mission_config::MissionConfig;
 use alight_shared::checkpoint::{CheckpointRejection, Recovery, validate};
@@ -114,12 +114,12 @@ pub(super) fn ends_softer(d: &Deck, s: &Situation) -> bool {
 fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionConfig) -> MissionPhase {
     let (at, yaw) = (m.state.hold_position(), m.state.hold_yaw);
     match m.state.state {
-        State::Idle => MissionPhase::Idle,
         State::GetAltitude => {
             let own = s.own.filter(|_| !same_frame).map_or(at, |own| own.position);
             MissionPhase::GetAltitude { from: [own.x, own.y] }
         }
-        State::Approach => MissionPhase::APPROACH,
+        // A search begins again from the beacon's place.
+        State::Approach | State::Search => MissionPhase::APPROACH,
         // What it knew of the wind is gone: it begins its watch anew.
         State::Tracking | State::TrackingStable => MissionPhase::TRACKING,
         State::Descent => MissionPhase::DESCENT,
@@ -132,7 +132,8 @@ fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionC
             airborne: None,
         },
         State::Hold => {
-            let cause = if m.stopped {
+            // After a take-off it waits for an order, too.
+            let cause = if m.stopped || m.sortie && !m.landing {
                 HoldCause::Operator
             } else {
                 HoldCause::Data
@@ -150,6 +151,10 @@ fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionC
         }
         State::GaveUp if same_frame => MissionPhase::GaveUp { at, yaw },
         State::GaveUp => gave_up(s, c),
+        // What was not commanded yet is commanded anew.
+        State::Idle | State::Preparing | State::Countdown => MissionPhase::Idle,
+        State::SpinUp | State::StandDown => MissionPhase::StandDown { since: s.now },
+        State::TakeOff | State::ClimbOut => climbing_out(s, c),
     }
 }
 
@@ -166,6 +171,7 @@ pub(super) fn progress(m: &MissionCheckpoint) -> Progress {
         stopped: m.stopped,
         overruled: false,
         lapsed: false,
+        sortie: m.sortie,
     }
 }
 

@@ -1,24 +1,25 @@
 //! Mission: permission of what the planner may fly, with the reason why not more.
 //!
 //! Read `transition` (the state machine as a pure function), `states` (its table), `phase` (the states and what they
-//! remember), `situation` (every quantity it judges), `height` (does a second witness
+//! remember), `search` (the way to a deck that is known by a beacon alone), `situation` (every quantity it judges), `height` (does a second witness
 //! confirm the deck's height?), `outlook` (how likely a landing succeeds, with `staying`: does the landed
-//! drone stay?), `waiting` (is a better moment worth its cost?), then `checkpoint` (what outlives the process). This file keeps the inputs and writes the output.
+//! drone stay?), `take_off` and `lift_off` (the way back up), `waiting` (is a better moment worth its cost?), then `checkpoint` (what outlives the process). This file keeps the inputs and writes the output.
 
 mod air;
 mod battery;
 mod checkpoint;
 mod height;
+mod lift_off;
 mod limits;
-mod normal;
-mod odds;
 mod outlook;
 mod phase;
 mod place;
+mod search;
 mod situation;
+mod sortie;
 mod states;
-mod staying;
 mod swing;
+mod take_off;
 mod tilt;
 mod transition;
 mod waiting;
@@ -33,7 +34,13 @@ mod ladder_tests;
 #[cfg(test)]
 mod node_tests;
 #[cfg(test)]
+mod promise_tests;
+#[cfg(test)]
 mod settings_tests;
+#[cfg(test)]
+mod staying_tests;
+#[cfg(test)]
+mod take_off_tests;
 #[cfg(test)]
 mod tests;
 
@@ -42,11 +49,12 @@ pub use alight_shared::checkpoint::CheckpointRejection;
 
 use alight_shared::admission::{CommandAdmission, Latest};
 use alight_shared::geodesy::Datum;
-use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
+use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::landing::{Odds, Slopes, Stand, Staying};
 use alight_shared::msg::{
-    AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header, MissionCheckpoint,
-    MissionSettings, MissionState, Motors, Phase, Plan, RangeSample, Reason, ReasonCode, SetPoint,
-    SettingsOrder, Solve, State, VesselLevel,
+    AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header, LandedState,
+    MissionCheckpoint, MissionSettings, MissionState, Motors, Phase, Plan, RangeSample, Reason, ReasonCode,
+    SetPoint, SettingsOrder, Solve, State, VesselLevel,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -54,19 +62,21 @@ use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
+use crate::lift_off::Rise;
 use crate::odometry::origin::FrameEpoch;
 use battery::BatteryMonitor;
 use checkpoint::{Beginning, Begun};
 use height::{HeightWitnesses, Surface};
 use limits::{MATCHES_FROM_M, TAG_HEIGHT_M};
-use odds::Odds;
 use outlook::Outlook;
+pub use phase::MAX_VESSEL_DISTANCE_M;
 use phase::{MissionPhase, Progress, gave_up};
 use place::Place;
-use situation::{ControlState, Deck, OwnState, Reservation, Situation, rotors_carry, stated_course};
-pub use states::MAX_VESSEL_DISTANCE_M;
+use situation::{
+    ControlState, Deck, OwnState, Promise, Reservation, Situation, rotors_carry, several, stated_course,
+    tips_rad,
+};
 use states::{RADIO_BLIND_S, blind_limit};
-use staying::{Stand, Staying};
 use swing::SwingMonitor;
 use tilt::TiltMonitor;
 use transition::{Decision, decide};
@@ -146,6 +156,8 @@ pub struct Mission {
     /// By the newest forecast: whether a landed drone stays, and how likely a landing succeeds.
     judged: Option<(Time<DroneClock>, Staying, Option<Odds>)>,
     battery: BatteryMonitor,
+    /// Since its take-off began.
+    rise: Rise,
     /// Flies over the deck at its speed: the wind now is the wind on the deck.
     follows: bool,
 
@@ -320,12 +332,8 @@ impl Mission {
     }
     fn judge_anew(&self, now: Time<DroneClock>, s: &mut Situation) {
         let (plate, drone) = (&self.deck_geometry, &self.drone_geometry);
-        let edge = |side_m: f64, span_m: f64| 0.5 * (side_m - span_m);
-        let stand = Stand {
-            friction: self.config.friction * (1.0 + plate.hold_n / (drone.mass_kg * GRAVITY)),
-            edge_m: edge(plate.length_m, drone.feet_span_m[0]).min(edge(plate.width_m, drone.feet_span_m[1])),
-        };
-        s.staying = Staying::of(self.forecast.get(), &self.wind, &stand);
+        let stand = Stand::on(plate, drone, self.config.friction);
+        s.staying = Staying::of(&Slopes::of(self.forecast.get(), &self.wind.push()), &stand);
         let (Some(forecast), Some(deck)) = (self.forecast.get(), s.fresh_deck()) else {
             return;
         };
@@ -379,6 +387,7 @@ impl Mission {
             moved: self
                 .moved
                 .map(|(_, by_m)| Reason::new(ReasonCode::OriginMoved, by_m, 0.0)),
+            several: (self.forecast.fresh(now, topics::FORECAST.stale_after)).and_then(several),
             battery: autopilot.and_then(|_| self.battery.charge(c)),
             battery_reserve: deck.map_or(c.battery_reserve, |d| {
                 let assumed_mps = c.battery_air_speed_mps - d.leaving_mps;
@@ -410,6 +419,7 @@ impl Mission {
             }),
             reservation: Reservation::of(self.grant.get(), self.drone_id, now, c),
             course: stated_course(self.grant.get(), now),
+            promise: Promise::of(self.grant.get(), now),
             place: self
                 .grant
                 .get()
@@ -421,6 +431,14 @@ impl Mission {
                 .is_some_and(|s| s.motors == Motors::Stop),
             rotors_carry: autopilot.and_then(|a| rotors_carry(a, &self.drone_geometry)),
             hard_contact_mps: self.set_point.get().and_then(|s| s.hard_contact_mps),
+            not_cleared: take_off::not_cleared(self.grant.get(), self.drone_id, now),
+            on_ground: autopilot.is_some_and(|a| a.landed == LandedState::OnGround),
+            battery_for_take_off: self.battery.for_take_off(c),
+            turns_back: None,
+            turns_in_s: None,
+            lift_off: None,
+            risen_m: self.rise.risen_m(),
+            tips_rad: (self.forecast.get().zip(drone)).map_or(0.0, |(f, d)| tips_rad(f, d, now)),
         }
     }
 
@@ -435,11 +453,18 @@ impl Mission {
             State::Idle
             | State::GetAltitude
             | State::Approach
+            | State::Search
             | State::Tracking
             | State::TrackingStable
             | State::Landed
             | State::Hold
-            | State::GaveUp => return decision,
+            | State::GaveUp
+            | State::Preparing
+            | State::Countdown
+            | State::SpinUp
+            | State::TakeOff
+            | State::ClimbOut
+            | State::StandDown => return decision,
         };
         let lasted = (now - self.since).secs();
         if decision.entered.is_some() || lasted <= limit {
@@ -608,6 +633,7 @@ impl Mission {
             datum: self.drone.get().map_or(Datum::default(), |d| d.datum),
             mean_deck_z: self.mean_deck_z.value(),
             was_away: self.was_away,
+            sortie: self.progress.sortie,
         }
     }
 
@@ -647,13 +673,17 @@ impl Mission {
             lowest_clearance_m: c.lowest_plan_m(),
             commit_clearance_m: c.commit_clearance_m,
             battery_reserve: s.battery_reserve,
-            likelihood: s.odds.map(|o| o.whole()),
+            likelihood: match s.lift_off {
+                Some(moments) => Some(moments.now.whole()),
+                None => s.odds.map(|o| o.whole()),
+            },
             wind: self
                 .wind
                 .true_wind()
                 .filter(|(_, sd)| *sd < WIND_SD_MPS)
                 .map(|(wind, _)| wind.into()),
             low_battery: self.progress.low_battery,
+            turns_in_s: s.turns_in_s,
             abort: self.commands.abort().map(|h| [h.boot, h.sequence]),
         }
     }
@@ -683,6 +713,8 @@ impl Node for Mission {
         self.follows = self.follows(&s);
         self.watch_way(now, &s);
         self.judge(now, &mut s);
+        self.judge_take_off(now, &mut s);
+        self.judge_sortie(&mut s);
         if let Some((after, at)) = &mut self.forced_descent
             && self.phase == MissionPhase::TrackingStable
         {

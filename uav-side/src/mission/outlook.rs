@@ -1,15 +1,11 @@
 //! The probability that a landing which begins or goes on now succeeds.
 //!
-//! A good landing meets limits ([`super::odds::Limit`]): the speed onto the deck and along it, the angle between drone and deck, four
+//! A good landing meets limits ([`alight_shared::landing::Limit`]): the speed onto the deck and along it, the angle between drone and deck, four
 //! feet inside the edges, and staying where it stands. Each figure is taken as normal about what is predicted for the
 //! contact, with the variance of everything that nobody can take back any more:
 //!
-//! | figure | mean | standard deviations |
-//! |---|---|---|
-//! | onto the deck, m/s | `max(v_t, sqrt(w² - 2 a (h - w t_b)))` | the pilot's, `r sd(a_z)` |
-//! | along it, m/s | `U psi' t_l`, what is left of the present speed | the pilot's, `r sd(a_xy)`, gusts, `t_a m`, half of the turn's |
-//! | angle, rad | against a strong wind the drone banks | the pilot's, `sd(tilt)`, gusts |
-//! | place, m | what is left of the present offset | the pilot's, the forecast's, drift without sight, gusts |
+//! Onto the deck the mean is `max(v_t, sqrt(w² - 2 a (h - w t_b)))`; along it `U psi' t_l` and what is left of the present
+//! speed; unforeseen is `r sd(a)` ([`alight_shared::landing`]'s contact),
 //!
 //! with the drone's reaction `r`, the speed `w` at which deck and drone come together at the height `h`, and the deck's
 //! acceleration `m` that an aligned drone does not have. What a feedback takes back counts no more:
@@ -19,49 +15,25 @@
 
 use core::f64::consts::FRAC_1_SQRT_2;
 
-use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
+use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::landing::{
+    BLIND_S, CONTACT_MPS, Contact, Margins, Odds, REACTION_S, Staying, alignment_mps,
+};
 use alight_shared::msg::{AttitudeResponse, DeckForecast, DeckStage};
 use alight_shared::time::{DroneClock, Span, Time};
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector3;
 
-use super::normal::{below, inside, norm};
-use super::odds::Odds;
 use super::situation::Deck;
-use super::staying::Staying;
 use super::wind::WindMonitor;
-use crate::contingency::{MAX_MPS, MAX_TILT_RAD};
-use crate::flatness::{aligned_acceleration, wind_during_alignment};
+use crate::flatness::aligned_acceleration;
 
-/// What the deck does unforeseen for so long the drone does not follow, s: a tenth from measurement to thrust, and two
-/// tenths until its sink has changed.
-const REACTION_S: f64 = 0.3;
 /// A time constant of the attitude that this includes, s: what is slower, and the dead time, comes on top.
 const FOLLOWS_S: f64 = 0.2;
-/// Usual speed onto the deck, m/s, and how it is spread by drone and pilot alone.
-const CONTACT_MPS: f64 = 0.33;
-const CONTACT_SD_MPS: f64 = 0.12;
-/// What pilot and drone leave along the deck, m/s, of the angle, rad, and of the place, m: landings in still air on a deck
-/// that does not move.
-const ALONG_SD_MPS: f64 = 0.07;
-const TILT_SD_RAD: f64 = 0.6 * core::f64::consts::PI / 180.0;
-const PLACE_SD_M: f64 = 0.03;
 /// The drone can brake its sinking by this, m/s², twice what is planned; and begins to so late, s.
 const BRAKING_MPS2: f64 = 5.0;
 const BRAKING_LAG_S: f64 = 0.15;
 /// Time constant with which the pilot closes a gap, s.
 const CLOSING_S: f64 = 0.5;
-/// An alignment lasts so long, s: meanwhile what the deck does not share with an aligned drone parts the two.
-const ALIGNMENT_S: f64 = 0.1;
-/// Between the decision and the contact the deck's uncertainty changes, with the groups of the waves, to this much.
-const CHANGES: f64 = 1.3;
-/// What a gust of 1 m/s² leaves, by landings begun at random moments in 8 to 14 m/s of wind: of speed along the deck,
-/// m/s; of tilt, in parts of the thrust that holds it; of place, m.
-const ALONG_PER_GUST_S: f64 = 0.15;
-const TILT_PER_GUST: f64 = 0.25;
-const PLACE_PER_GUST_S2: f64 = 0.15;
-/// Odometry drifts by this without sight of the deck, m/s, and sight ends so long before the contact, s.
-const DRIFT_MPS: f64 = 0.05;
-const BLIND_S: f64 = 0.5;
 /// The planner chooses the instant of contact within this time, s, and this far apart are those that are judged.
 const WINDOW_S: f64 = 2.5;
 const GRID_S: f64 = 0.25;
@@ -116,33 +88,26 @@ impl Outlook<'_> {
     /// The odds of the contact with the deck `contact`, as uncertain as it is a reaction ahead.
     fn at_contact(&self, reacted: &DeckStage, contact: &DeckStage, left_s: f64) -> Odds {
         let left = (-left_s / CLOSING_S).exp();
-        let (wind, gust) = (self.wind.mean(), self.wind.gust_sd());
-        let slips = ALONG_PER_GUST_S * gust;
+        let wind = self.wind.push();
         let reaction_s = self.reaction_s();
         let [ax, ay, az] = reacted.acceleration_sd.map(|sd| reaction_s * sd);
-        let horizontal = (0.5 * (ax * ax + ay * ay)).sqrt();
         // Both to and fro: of what an aligned drone is parted by, the plan allows for the part that is foreseen.
-        let apart = Vector3::from(contact.acceleration).xy() - aligned_acceleration(contact) - wind;
-        let parted = ALIGNMENT_S * apart.norm();
-        // How far the forecast lags behind a turn is known to a half only.
-        let turns = 0.5 * self.deck.turn_mps;
-        let along_sd = norm(&[ALONG_SD_MPS, horizontal, slips, parted, turns]);
-        let along = self.deck.turn_mps + left * self.deck.relative_speed_mps;
-        let tilt_sd = norm(&[
-            TILT_SD_RAD,
-            (0.5 * (reacted.euler_sd[0].powi(2) + reacted.euler_sd[1].powi(2))).sqrt(),
-            TILT_PER_GUST * gust / GRAVITY,
-        ]);
-        // Against the part of a strong wind that would blow an aligned drone along too fast it banks.
-        let lean = (wind - wind_during_alignment(&wind)).norm() / GRAVITY;
-        Odds {
-            hard: below((MAX_MPS - self.contact_mps()) / norm(&[CONTACT_SD_MPS, CHANGES * az])),
-            fast: inside(along, along_sd, MAX_MPS),
-            tilted: inside(lean, tilt_sd, MAX_TILT_RAD),
-            beside: self.inside_edges(left, reacted, PLACE_PER_GUST_S2 * gust),
-            slides: self.staying.probability,
-            turns: self.deck.turn_mps > horizontal.max(slips).max(parted),
-        }
+        let apart = Vector3::from(contact.acceleration).xy() - aligned_acceleration(contact) - wind.mean;
+        let [roll, pitch, _] = reacted.euler_sd;
+        let contact = Contact {
+            speed_mps: self.contact_mps(),
+            turn_mps: self.deck.turn_mps,
+            left_mps: left * self.deck.relative_speed_mps,
+            unforeseen_mps: [(0.5 * (ax * ax + ay * ay)).sqrt(), az],
+            parted_mps: alignment_mps(apart.norm()),
+            tilt_sd_rad: (0.5 * (roll.powi(2) + pitch.powi(2))).sqrt(),
+            offset_m: self.deck.feet * left,
+            place_sd_m: reacted.position_sd[0].hypot(reacted.position_sd[1]) * FRAC_1_SQRT_2,
+            blind_s: BLIND_S + self.deck.vision_age_s.min(self.deck.radio_age_s),
+            wind,
+            stays: self.staying.probability,
+        };
+        contact.odds(&Margins::on(self.plate, self.drone))
     }
     /// The speed onto the deck if the drone brakes from now on, m/s.
     fn contact_mps(&self) -> f64 {
@@ -150,28 +115,14 @@ impl Outlook<'_> {
         let square = w * w - 2.0 * BRAKING_MPS2 * (h - w * BRAKING_LAG_S);
         CONTACT_MPS.max(square.max(0.0).sqrt())
     }
-    fn inside_edges(&self, left: f64, reacted: &DeckStage, blown_m: f64) -> f64 {
-        let blind_s = BLIND_S + self.deck.vision_age_s.min(self.deck.radio_age_s);
-        let margin = [
-            0.5 * (self.plate.length_m - self.drone.feet_span_m[0]),
-            0.5 * (self.plate.width_m - self.drone.feet_span_m[1]),
-        ];
-        let sd = norm(&[
-            PLACE_SD_M,
-            reacted.position_sd[0].hypot(reacted.position_sd[1]) * FRAC_1_SQRT_2,
-            DRIFT_MPS * blind_s,
-            blown_m,
-        ]);
-        let offset: Vector2<f64> = self.deck.feet * left;
-        let axis = |margin: f64, off: f64| below((margin - off) / sd) - below((-margin - off) / sd);
-        axis(margin[0], offset.x) * axis(margin[1], offset.y)
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::tests::with_deck;
     use super::*;
+    use nalgebra::Vector2;
+
     use crate::fixtures::{forecast, header};
     use alight_shared::msg::ReasonCode;
 

@@ -21,6 +21,20 @@ pub enum HoldCause {
     Data,
 }
 
+/// How far the search has come.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Search {
+    /// Since when it lasts, and when it last went on.
+    pub(super) since: DroneTime,
+    pub(super) at: DroneTime,
+    /// Path of the spiral so far, m.
+    pub(super) flown_m: f64,
+    /// It is at the path's end since.
+    pub(super) ended: Option<DroneTime>,
+    /// The tags have been detected since.
+    pub(super) detected: Option<DroneTime>,
+}
+
 /// A state with what it has to remember.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum MissionPhase {
@@ -37,6 +51,8 @@ pub enum MissionPhase {
         /// Detected since.
         detected: Option<DroneTime>,
     },
+    /// Looks for a deck that is known by a beacon alone.
+    Search(Search),
     /// Over the vessel.
     Tracking {
         /// Steady since.
@@ -83,6 +99,37 @@ pub enum MissionPhase {
         /// Heading, rad.
         yaw: f64,
     },
+    /// On the deck, checked before a take-off.
+    Preparing,
+    /// On the deck, before the motors start.
+    Countdown {
+        /// Since.
+        since: DroneTime,
+    },
+    /// On the deck with the motors started.
+    SpinUp {
+        /// Since.
+        since: DroneTime,
+        /// The autopilot has been armed since.
+        armed: Option<DroneTime>,
+    },
+    /// Leaves the deck.
+    TakeOff {
+        /// Since.
+        since: DroneTime,
+    },
+    /// Away from the vessel, up to the height of the approach.
+    ClimbOut {
+        /// Where it will hold, drone's NED, m.
+        at: Vector3<f64>,
+        /// Heading, rad.
+        yaw: f64,
+    },
+    /// On the deck after a take-off that was stopped.
+    StandDown {
+        /// Since.
+        since: DroneTime,
+    },
 }
 
 impl MissionPhase {
@@ -107,6 +154,7 @@ impl MissionPhase {
             MissionPhase::Idle => State::Idle,
             MissionPhase::GetAltitude { .. } => State::GetAltitude,
             MissionPhase::Approach { .. } => State::Approach,
+            MissionPhase::Search(_) => State::Search,
             MissionPhase::Tracking { .. } => State::Tracking,
             MissionPhase::TrackingStable => State::TrackingStable,
             MissionPhase::Descent { .. } => State::Descent,
@@ -114,6 +162,12 @@ impl MissionPhase {
             MissionPhase::Landed { .. } => State::Landed,
             MissionPhase::Hold { .. } => State::Hold,
             MissionPhase::GaveUp { .. } => State::GaveUp,
+            MissionPhase::Preparing => State::Preparing,
+            MissionPhase::Countdown { .. } => State::Countdown,
+            MissionPhase::SpinUp { .. } => State::SpinUp,
+            MissionPhase::TakeOff { .. } => State::TakeOff,
+            MissionPhase::ClimbOut { .. } => State::ClimbOut,
+            MissionPhase::StandDown { .. } => State::StandDown,
         }
     }
     /// Stays in this phase, waiting for `why`.
@@ -126,7 +180,15 @@ impl MissionPhase {
     }
     /// Whether the mission flies the drone.
     pub(super) const fn flies(&self) -> bool {
-        !matches!(self, MissionPhase::Idle | MissionPhase::Landed { .. })
+        !self.stands() && !matches!(self, MissionPhase::Idle | MissionPhase::Landed { .. })
+    }
+    /// Whether the drone stands on the deck to take off, or because that was stopped.
+    pub(super) const fn stands(&self) -> bool {
+        self.state().stands_for_take_off()
+    }
+    /// Whether it leaves the deck: nothing but up is safe.
+    pub(super) const fn takes_off(&self) -> bool {
+        matches!(self, MissionPhase::TakeOff { .. } | MissionPhase::ClimbOut { .. })
     }
     /// Whether it holds until an operator commands a landing.
     pub(super) const fn waits_for_operator(&self) -> bool {
@@ -140,7 +202,9 @@ impl MissionPhase {
     }
     /// Whether the mission still intends to land and depends on fresh data.
     pub(super) const fn needs_data(&self) -> bool {
-        self.flies() && !matches!(self, MissionPhase::Hold { .. } | MissionPhase::GaveUp { .. })
+        self.flies()
+            && !self.takes_off()
+            && !matches!(self, MissionPhase::Hold { .. } | MissionPhase::GaveUp { .. })
     }
 }
 
@@ -169,6 +233,8 @@ pub struct Progress {
     pub overruled: bool,
     /// Set-points ceased and the autopilot holds: the landing goes on once they are back.
     pub lapsed: bool,
+    /// It has taken off from the deck, and not landed since: it comes back while the battery lasts.
+    pub sortie: bool,
 }
 
 impl Progress {
@@ -186,6 +252,14 @@ pub(super) enum Transition {
     Go(MissionPhase, Reason),
     /// Breaks the landing off for this reason.
     BreakOff(Reason),
+}
+
+/// Nobody flies to a vessel further away than this, m: an origin that is wrong lies anywhere.
+pub const MAX_VESSEL_DISTANCE_M: f64 = 5e3;
+
+/// The vessel is further away than anybody means to fly.
+pub(super) fn too_far(deck: &Deck) -> Option<Reason> {
+    exceeds(ReasonCode::VesselTooFar, deck.distance_m, MAX_VESSEL_DISTANCE_M)
 }
 
 /// What is too old to go on.
@@ -225,6 +299,12 @@ pub(super) fn holding(cause: HoldCause, s: &Situation, c: &MissionConfig) -> Mis
 pub(super) fn gave_up(s: &Situation, c: &MissionConfig) -> MissionPhase {
     let (at, yaw) = safe_place(s, c, s.approach_height_m(c));
     MissionPhase::GaveUp { at, yaw }
+}
+
+/// Away from the vessel after a take-off, up to the approach height over the deck.
+pub(super) fn climbing_out(s: &Situation, c: &MissionConfig) -> MissionPhase {
+    let (at, yaw) = safe_place(s, c, s.approach_height_m(c));
+    MissionPhase::ClimbOut { at, yaw }
 }
 
 /// Whether the drone is low over the deck on its way to `at`, and where it holds. Until it is as high as there, it stays

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::phase::{MissionPhase, hold_height, moving_place, stands_aside};
+use super::search;
 use super::situation::Situation;
 use crate::mission_config::MissionConfig;
 
@@ -56,6 +57,10 @@ impl Place {
                 ..held(at, yaw, false)
             },
             MissionPhase::GaveUp { at, yaw } => held(at, yaw, true),
+            MissionPhase::ClimbOut { at, yaw } => Place {
+                offset: None,
+                ..held(at, yaw, true)
+            },
             MissionPhase::Approach { .. } => {
                 let waits = s.waits(c).is_some();
                 let above = s.fresh_deck().is_some_and(|d| d.distance_m < d.ring_m);
@@ -69,7 +74,17 @@ impl Place {
                     ..here
                 }
             }
-            MissionPhase::Idle => here,
+            MissionPhase::Search(looks) => Place {
+                height_m: search::height_m(c),
+                offset: s.fresh_deck().and_then(|d| looks.offset(d, c)),
+                ..here
+            },
+            MissionPhase::Idle
+            | MissionPhase::Preparing
+            | MissionPhase::Countdown { .. }
+            | MissionPhase::SpinUp { .. }
+            | MissionPhase::TakeOff { .. }
+            | MissionPhase::StandDown { .. } => here,
             MissionPhase::Tracking { .. }
             | MissionPhase::TrackingStable
             | MissionPhase::Descent { .. }

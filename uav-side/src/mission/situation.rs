@@ -4,17 +4,18 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Course, DECK_CLOSED, DeckForecast, DeckGrant, DeckStage, DroneState,
-    LandedState, LandingMode, Reason, ReasonCode, VesselLevel, WAITING_DISTANCE_M, WaitingPlace,
+    HelmState, LandedState, LandingMode, Reason, ReasonCode, VesselLevel, WAITING_DISTANCE_M, WaitingPlace,
 };
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
-use super::odds::Odds;
-use super::staying::Staying;
+use super::lift_off::Moments;
+use super::limits::first_beyond;
 use crate::contingency::Ends;
 use crate::mission_config::MissionConfig;
 use crate::surroundings::ring_m;
+use alight_shared::landing::{Odds, Staying};
 
 /// Whether the drone flies and who controls it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -136,6 +137,30 @@ pub fn stated_course(grant: Option<&DeckGrant<DroneClock>>, now: Time<DroneClock
     }
 }
 
+/// A steady course that the vessel's helm turns to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Promise {
+    /// Heading, rad from north.
+    pub heading_rad: f64,
+    /// The vessel is steady on it in so long, s.
+    pub steady_in_s: f64,
+    /// Probability of a landing then, 0 to 1.
+    pub likelihood: f64,
+}
+
+impl Promise {
+    /// What the newest grant promises at `now`; one that is not repeated is none.
+    pub fn of(grant: Option<&DeckGrant<DroneClock>>, now: Time<DroneClock>) -> Option<Promise> {
+        let grant = grant.filter(|g| now - g.header.at <= topics::DECK.stale_after)?;
+        let (helm, age_s) = (&grant.helm, (now - grant.header.at).secs());
+        (helm.state == HelmState::Agreed).then(|| Promise {
+            heading_rad: helm.heading_rad.into(),
+            steady_in_s: (f64::from(helm.steady_in_s) - age_s).max(0.0),
+            likelihood: helm.likelihood.into(),
+        })
+    }
+}
+
 /// The drone by its newest odometry.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OwnState {
@@ -158,6 +183,8 @@ impl OwnState {
     }
 }
 
+/// A vessel that turns faster than this is led sideways by its rudder as no forecast knows, rad/s: 11 deg/s.
+const MAX_TURN_RADPS: f64 = 0.2;
 /// The deck's motion is judged over this time, s.
 const FEASIBLE_S: f64 = 2.0;
 
@@ -204,6 +231,9 @@ pub struct Deck {
     pub turn_mps: f64,
     /// The motion of a vessel that is known by its tags alone is identified; that of another one she knows herself.
     pub identified: bool,
+    /// The beacon that may lead to it: the standard deviation of its place, each horizontal axis, m, and its age, s; None, too,
+    /// where the mission permits none.
+    pub beacon: Option<[f64; 2]>,
     /// Two witnesses of its place or height contradict each other.
     pub contradicted: Option<Reason>,
     /// How the landing, completed, and a climb from now on would end; None above the commit clearance.
@@ -213,6 +243,12 @@ pub struct Deck {
 /// The rangefinder and the camera may disagree about the height by this many standard deviations of both, root mean square over
 /// seconds. Chosen: 1 where both err as they state, 2.8 at most in 40 sound landings, 8 with images stamped 0.25 s late.
 const MAX_HEIGHT_SD: f64 = 3.0;
+
+/// Which decks are in sight of which one is the vessel's.
+pub fn several(forecast: &DeckForecast) -> Option<Reason> {
+    let decks = f64::from(forecast.decks_in_sight);
+    (decks > 1.0).then(|| Reason::new(ReasonCode::SeveralDecks, decks, 0.0))
+}
 
 /// Which two witnesses of the deck contradict each other.
 fn contradicted(forecast: &DeckForecast) -> Option<Reason> {
@@ -275,13 +311,25 @@ impl Deck {
             turn_mps: mean_mps * turn_radps * TURN_LAG_S,
             identified: match forecast.vessel_level() {
                 VesselLevel::Computer => true,
-                VesselLevel::Tag => !forecast.predicted_slopes.is_empty(),
+                VesselLevel::Tag | VesselLevel::Beacon => !forecast.predicted_slopes.is_empty(),
             },
+            beacon: forecast
+                .beacon
+                .filter(|_| config.least_vessel <= VesselLevel::Beacon),
             contradicted: contradicted(forecast),
             ends: (clearance_m < config.commit_clearance_m)
                 .then(|| Ends::predict(now, forecast, &own.position, &own.velocity, drone))
                 .flatten(),
         })
+    }
+    /// What no likelihood overrules: the deck moves or tilts more than drone and planner follow; `slack` widens the limits.
+    pub fn infeasible(&self, c: &MissionConfig, slack: f64) -> Option<Reason> {
+        first_beyond([
+            (ReasonCode::Infeasible, self.speed_mps, c.deck_speed_mps * slack),
+            (ReasonCode::Infeasible, self.heave_mps, c.deck_heave_mps * slack),
+            (ReasonCode::Infeasible, self.turn_radps, MAX_TURN_RADPS * slack),
+            (ReasonCode::TooSteep, self.tilt_rad, c.deck_tilt_rad * slack),
+        ])
     }
     /// How far the centre of the feet is outside the part of the deck on which all feet stand, m;
     /// negative inside.
@@ -330,6 +378,8 @@ pub struct Situation {
     pub rejection: Option<Reason>,
     /// The drone's frame has moved, and no forecast has come since.
     pub moved: Option<Reason>,
+    /// Several decks are in sight, of which one is the vessel's.
+    pub several: Option<Reason>,
     /// Remaining battery that counts; None when not reported.
     pub battery: Option<f64>,
     /// What has to be left of it, 0 to 1.
@@ -377,6 +427,8 @@ pub struct Situation {
     pub reservation: Reservation,
     /// What the vessel's helm states of her course, from now on.
     pub course: Course,
+    /// The steady course that she turns to.
+    pub promise: Option<Promise>,
     /// Where it waits for the deck; None: nowhere, or it reserves none.
     pub place: Option<WaitingPlace>,
     /// The pilot has stopped the motors.
@@ -385,6 +437,34 @@ pub struct Situation {
     pub rotors_carry: Option<bool>,
     /// The hardest contact that the pilot has noticed, when it was hard, m/s.
     pub hard_contact_mps: Option<f64>,
+    /// Why the vessel does not let the drone take off; None: it does.
+    pub not_cleared: Option<Reason>,
+    /// The autopilot reports the ground.
+    pub on_ground: bool,
+    /// The charge that a take-off needs, 0 to 1.
+    pub battery_for_take_off: f64,
+    /// Why a drone on a sortie turns back now.
+    pub turns_back: Option<Reason>,
+    /// Time until it does, s; None while that is not known.
+    pub turns_in_s: Option<f64>,
+    /// How likely a take-off succeeds now and soon; None while that is not known or not asked for.
+    pub lift_off: Option<Moments>,
+    /// How far the drone has risen from the deck since its take-off began, m.
+    pub risen_m: f64,
+    /// Angle between the drone and the deck that it leaves, a reaction from now, rad.
+    pub tips_rad: f64,
+}
+
+/// A drone that tips on the deck goes on for so long after the thrust was cut, s: a period, the wire and three lags of the
+/// rotors.
+const TIPS_ON_S: f64 = 0.15;
+
+/// Angle between drone and deck [`TIPS_ON_S`] from `now`, each turning on as it does, rad; 0 where the forecast does not reach.
+pub fn tips_rad(forecast: &DeckForecast, drone: &DroneState, now: Time<DroneClock>) -> f64 {
+    let at = now.max(forecast.header.at) + Span::from_secs(TIPS_ON_S);
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::from(drone.rates) * TIPS_ON_S);
+    let down = drone.attitude() * turn * Vector3::z();
+    forecast.at(at).map_or(0.0, |deck| (-deck.normal()).angle(&down))
 }
 
 /// Feet this far above the deck do not stand on it, m: several times the forecast's error.
@@ -413,7 +493,7 @@ pub fn rotors_carry(a: &AutopilotState, drone: &DroneGeometry) -> Option<bool> {
 impl Situation {
     /// Why there is no deck.
     pub fn no_deck(&self) -> Reason {
-        self.moved.unwrap_or(ReasonCode::NoVessel.into())
+        self.moved.or(self.several).unwrap_or(ReasonCode::NoVessel.into())
     }
     /// Why a touchdown that was detected is none: the rotors carry the drone, above the deck when that is known, or beside it.
     /// Where the thrust is not known, the height above the deck shows it alone.

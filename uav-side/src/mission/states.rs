@@ -2,10 +2,9 @@
 
 use alight_shared::msg::ReasonCode::{
     ArmedAgain, Commanded, CourseEnds, Descending, DescendingTo, Deviated, FlareHeight, Flaring,
-    HeightReached, InSight, Infeasible, Matched, Matching, Missed, NoPlace, NoPlan, NoVessel, NoVision,
+    HeightReached, HelmTurns, InSight, Matched, Matching, Missed, NoPlace, NoPlan, NoVessel, NoVision,
     NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, Operator, Permitted, Recovered, Steady,
-    Swings, TagsInSight, TiltExcess, TooFar, TooFast, TooNear, TooSteep, VesselTooFar, VesselTurns,
-    VisionLost,
+    Swings, TagsInSight, TiltExcess, TooFar, TooFast, TooNear, VesselTurns, VisionLost,
 };
 use alight_shared::msg::{Course, PLACES, Reason, ReasonCode, VesselLevel};
 use nalgebra::Vector3;
@@ -16,9 +15,12 @@ use super::limits::{
 };
 use super::phase::{
     DroneTime, HoldCause, MissionPhase, Progress, Transition, gave_up, held_place, holding, lasting,
-    moving_place, old_data,
+    moving_place, old_data, too_far,
 };
+use super::search;
 use super::situation::{ControlState, Deck, Reservation, Situation};
+use super::take_off;
+use super::waiting::promised;
 use crate::mission_config::MissionConfig;
 
 /// What the state of `phase` does in this situation.
@@ -32,6 +34,7 @@ pub(super) fn step(
         MissionPhase::Idle => idle(progress, s, c),
         MissionPhase::GetAltitude { from } => get_altitude(from, s, c),
         MissionPhase::Approach { detected } => approach(detected, s, c),
+        MissionPhase::Search(looks) => search::search(looks, s, c),
         MissionPhase::Tracking { steady } => tracking(steady, progress, s, c),
         MissionPhase::TrackingStable => tracking_stable(progress, s, c),
         MissionPhase::Descent { violated, paused } => descent(violated, paused, progress, s, c),
@@ -57,15 +60,13 @@ pub(super) fn step(
             let why = stopped_low(progress, s).unwrap_or(NotCommanded.into());
             MissionPhase::GaveUp { at, yaw }.stay(why)
         }
+        MissionPhase::Preparing => take_off::preparing(progress, s, c),
+        MissionPhase::Countdown { since } => take_off::countdown(since, s, c),
+        MissionPhase::SpinUp { since, armed } => take_off::spin_up(since, armed, s, c),
+        MissionPhase::TakeOff { since } => take_off::take_off(since, s, c),
+        MissionPhase::ClimbOut { at, yaw } => take_off::climb_out(at, yaw, progress, s, c),
+        MissionPhase::StandDown { since } => take_off::stand_down(since, s),
     }
-}
-
-/// Nobody flies to a vessel further away than this, m: an origin that is wrong lies anywhere.
-pub const MAX_VESSEL_DISTANCE_M: f64 = 5e3;
-
-/// The vessel is further away than anybody means to fly.
-fn too_far(deck: &Deck) -> Option<Reason> {
-    exceeds(VesselTooFar, deck.distance_m, MAX_VESSEL_DISTANCE_M)
 }
 
 /// Why an order to land that has not begun ends: it has waited for too long, or its flight is over.
@@ -97,7 +98,8 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
     if !progress.landing {
         return idle.stay(if progress.stopped { Operator } else { NotCommanded });
     }
-    if let Some(why) = order_expired(progress, s, c) {
+    let turns_back = s.turns_back.filter(|_| progress.sortie);
+    if let Some(why) = order_expired(progress, s, c).filter(|_| turns_back.is_none()) {
         progress.landing = false;
         return idle.enter(why);
     }
@@ -105,7 +107,7 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
         return idle.stay(why);
     }
     if s.flight != ControlState::Ours {
-        return idle.stay(NotFlying);
+        return idle.stay(turns_back.unwrap_or(NotFlying.into()));
     }
     if let Some(why) = s.waits(c).filter(|_| s.place.is_none()) {
         let full = matches!(s.reservation, Reservation::Others(_));
@@ -127,11 +129,22 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
             let from = [own.position.x, own.position.y];
             MissionPhase::GetAltitude { from }.enter(Commanded)
         }
-        (Some(deck), _) if c.least_vessel == VesselLevel::Tag && above(deck, c) => {
+        (Some(deck), _)
+            if (c.least_vessel == VesselLevel::Tag || deck.beacon.is_some()) && above(deck, c) =>
+        {
             progress.started = s.now;
             MissionPhase::TRACKING.enter(TagsInSight)
         }
-        _ => idle.stay(NoVessel),
+        (Some(deck), Some(own)) if let Some([sd_m, age_s]) = deck.beacon => {
+            if let Some(why) = too_far(deck).or_else(|| search::vague(deck)) {
+                return idle.stay(why);
+            }
+            progress.started = s.now;
+            let from = [own.position.x, own.position.y];
+            let known = Reason::new(ReasonCode::KnownByBeacon, sd_m, age_s);
+            MissionPhase::GetAltitude { from }.enter(known)
+        }
+        (_, _) => idle.stay(s.several.unwrap_or(NoVessel.into())),
     }
 }
 
@@ -170,7 +183,7 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Tr
         return holding(HoldCause::Data, s, c).enter(why);
     }
     let blind = deck.vision_age_s > c.vision_fresh_s;
-    if blind && deck.radio_age_s > c.radio_lost_s {
+    if blind && deck.radio_age_s > c.radio_lost_s && deck.beacon.is_none() {
         return holding(HoldCause::Data, s, c).enter(NoVessel);
     }
     if let Some(why) = s.waits(c) {
@@ -186,8 +199,12 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Tr
         return MissionPhase::APPROACH.stay(why);
     }
     if blind {
+        if let Some(next) = search::begins(deck, s, c) {
+            return next;
+        }
         // The tags that are detected may be another vessel's.
-        return MissionPhase::APPROACH.stay(deck.contradicted.unwrap_or(NoVision.into()));
+        let why = deck.contradicted.or(s.several);
+        return MissionPhase::APPROACH.stay(why.unwrap_or(NoVision.into()));
     }
     let (detected, lasted) = lasting(true, detected, s.now);
     if lasted < CONTACT_CONFIRM_S {
@@ -217,10 +234,10 @@ fn deck_lost(s: &Situation, c: &MissionConfig) -> Option<Transition> {
     s.place.map(|_| leave(s, why))
 }
 
-/// Vision lost in a state that follows the vessel by vision: the radio leads back to it, or nothing.
+/// Vision lost in a state that follows the vessel by vision: radio or beacon leads back to it, or nothing.
 fn vision_lost(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Transition> {
     let why = exceeds(VisionLost, deck.vision_age_s, c.vision_lost_s)?;
-    let next = if deck.radio_age_s <= c.radio_fresh_s {
+    let next = if deck.radio_age_s <= c.radio_fresh_s || deck.beacon.is_some() {
         MissionPhase::APPROACH
     } else {
         holding(HoldCause::Data, s, c)
@@ -298,7 +315,7 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
                 (NoPlan, s.plan_age_s, s.plan_limit_s),
             ])
         })
-        .or_else(|| deck_infeasible(deck, c, wide))
+        .or_else(|| deck.infeasible(c, wide))
         .or_else(|| contradicted(deck, progress));
     // What happens to a drone at rest on the deck is better than what happens to one with an empty battery.
     let rejection = rejection.or_else(|| {
@@ -331,8 +348,14 @@ fn landing_s(deck: &Deck, c: &MissionConfig) -> f64 {
     descent_m / c.descent_mps + c.flare_clearance_m / c.flare_mps + DECISION_TIMEOUT_S
 }
 
-/// Why no descent begins by what the helm states of the vessel's course.
+/// Why no descent begins by what the helm states of the vessel's course. A turn to a course that is promised is worth its
+/// waiting unless the odds of a landing now are better: then the helm keeps what is.
 fn course_rejection(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Reason> {
+    if let Some(p) = s.promise {
+        let worth = promised(p.likelihood, p.steady_in_s, c.waiting_cost_per_s());
+        let waits = s.odds.is_none_or(|odds| odds.whole() < worth);
+        return waits.then(|| Reason::new(HelmTurns, p.heading_rad, p.steady_in_s));
+    }
     match s.course {
         Course::Unknown => None,
         Course::Steady(left_s) => exceeds(CourseEnds, landing_s(deck, c), f64::from(left_s)),
@@ -342,26 +365,13 @@ fn course_rejection(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Rea
 
 /// Why a landing that is not committed is broken off: the deck is another's, or the helm states a turn.
 fn withdrawn(progress: &Progress, s: &Situation) -> Option<Reason> {
-    let turns = s.course == Course::Turning && !progress.is_urgent();
+    let turns = s.course == Course::Turning && s.promise.is_none() && !progress.is_urgent();
     (s.reservation.lost()).or_else(|| turns.then(|| VesselTurns.into()))
 }
-
-/// A vessel that turns faster than this is led sideways by its rudder as no forecast knows, rad/s: 11 deg/s.
-const MAX_TURN_RADPS: f64 = 0.2;
 
 /// Set-points of a loop that settles swing by less than this besides what plan and wind ask for, rad: half of the angle at
 /// which a contact is harmful, 5 deg rms.
 const MAX_SWING_RAD: f64 = 0.087;
-
-/// What no likelihood overrules: the deck moves or tilts more than drone and planner follow.
-fn deck_infeasible(deck: &Deck, c: &MissionConfig, slack: f64) -> Option<Reason> {
-    first_beyond([
-        (Infeasible, deck.speed_mps, c.deck_speed_mps * slack),
-        (Infeasible, deck.heave_mps, c.deck_heave_mps * slack),
-        (Infeasible, deck.turn_radps, MAX_TURN_RADPS * slack),
-        (TooSteep, deck.tilt_rad, c.deck_tilt_rad * slack),
-    ])
-}
 
 /// Two witnesses of the deck contradict each other: no landing, unless the battery decides.
 fn contradicted(deck: &Deck, progress: &Progress) -> Option<Reason> {
@@ -401,7 +411,7 @@ fn violation(
     exceeds(VisionLost, deck.vision_age_s, blind_s)
         .or(s.doubt)
         .or_else(|| exceeds(Deviated, deck.distance_m, cone))
-        .or_else(|| deck_infeasible(deck, c, WIDER * widening(progress)))
+        .or_else(|| deck.infeasible(c, WIDER * widening(progress)))
         .or_else(|| exceeds(Swings, s.swing_rad, WIDER * MAX_SWING_RAD))
         .or_else(|| contradicted(deck, progress))
         .or_else(|| unlikely(progress, s, needed))
@@ -588,7 +598,8 @@ fn held(
     c: &MissionConfig,
 ) -> Transition {
     if cause == HoldCause::Operator && !progress.landing {
-        let why = stopped_low(progress, s).unwrap_or(Operator.into());
+        let waits = if progress.stopped { Operator } else { NotCommanded };
+        let why = stopped_low(progress, s).unwrap_or(waits.into());
         return hold(None).stay(why);
     }
     if s.flight == ControlState::Unknown {
@@ -603,7 +614,7 @@ fn held(
     if let Some(why) = too_far(deck) {
         return hold(None).stay(why);
     }
-    if deck.vision_age_s > c.vision_fresh_s && deck.radio_age_s > c.radio_fresh_s {
+    if deck.vision_age_s > c.vision_fresh_s && deck.radio_age_s > c.radio_fresh_s && deck.beacon.is_none() {
         return hold(None).stay(Reason::new(VisionLost, deck.vision_age_s, c.vision_fresh_s));
     }
     let (fresh, lasted) = lasting(true, fresh, s.now);

@@ -1,20 +1,21 @@
 //! State table: situation to state and reason.
 
 use alight_shared::msg::ReasonCode::{
-    ArmedAgain, AutopilotParameter, Commanded, CourseEnds, DeckGrantStale, DeckReserved, Descending,
-    Deviated, FlareHeight, Flaring, ForecastStale, HeightReached, InSight, Infeasible, LikelyBeside,
-    LikelyFast, LikelyHard, LikelySlides, LikelyTilted, Missed, NoPlan, NoVessel, NoVision, NotCommanded,
-    NotFlying, NotIdentified, NotSteady, OffHeight, OriginMoved, Permitted, Steady, Swings, TagsInSight,
-    TiltExcess, TooFar, TooFast, TooSteep, Touchdown, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
+    ArmedAgain, AtBeacon, AutopilotParameter, BeaconVague, Commanded, CourseEnds, DeckGrantStale,
+    DeckReserved, Descending, Deviated, FlareHeight, Flaring, ForecastStale, HeightReached, InSight,
+    Infeasible, KnownByBeacon, LikelyBeside, LikelyFast, LikelyHard, LikelySlides, LikelyTilted, Missed,
+    NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, OriginMoved,
+    Permitted, Recovered, Searching, SeveralDecks, Steady, Swings, TagsInSight, TiltExcess, TooFar, TooFast,
+    TooSteep, Touchdown, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
 };
 use alight_shared::msg::{AutopilotMode, BatteryPlace, Course, DECK_CLOSED};
 use nalgebra::{Vector2, Vector3};
 
 use Does::{Enter, Stay};
-use State::{Approach, Descent, Flare, GetAltitude, Hold, Idle, Landed, Tracking, TrackingStable};
+use State::{Approach, Descent, Flare, GetAltitude, Hold, Idle, Landed, Search, Tracking, TrackingStable};
 
-use super::odds::Odds;
 use super::*;
+use alight_shared::landing::Odds;
 
 pub(super) type DroneTime = Time<DroneClock>;
 
@@ -39,6 +40,7 @@ pub(super) fn fair() -> Situation {
         flight: ControlState::Ours,
         rejection: None,
         moved: None,
+        several: None,
         battery: Some(0.9),
         battery_reserve: config().battery_reserve,
         own: Some(OwnState {
@@ -67,6 +69,7 @@ pub(super) fn fair() -> Situation {
             turn_radps: 0.0,
             turn_mps: 0.0,
             tilt_rad: 0.1,
+            beacon: None,
             contradicted: None,
             ends: None,
         }),
@@ -87,10 +90,19 @@ pub(super) fn fair() -> Situation {
         outside_m: -0.6,
         reservation: Reservation::NotNeeded,
         course: Course::Unknown,
+        promise: None,
         place: None,
         motors_stopped: false,
         rotors_carry: Some(true),
         hard_contact_mps: None,
+        not_cleared: None,
+        on_ground: false,
+        battery_for_take_off: 0.3,
+        turns_back: None,
+        turns_in_s: None,
+        lift_off: None,
+        risen_m: 0.0,
+        tips_rad: 0.0,
     }
 }
 const SURE: Odds = Odds {
@@ -238,6 +250,49 @@ fn idle_conditions() {
     waits(&step(unasked, &fair()), Idle, NotCommanded);
     let d = commanded(unasked, CommandKind::Land, &fair());
     goes(&d, GetAltitude, Commanded);
+}
+
+#[test]
+fn silent_vessel_with_its_beacon() {
+    let c = config();
+    let step = |phase, s: &Situation| decide(phase, wanted(), None, s, &c);
+    let known = |sd_m: f64, distance_m: f64| {
+        with_deck(|d| {
+            (d.radio_age_s, d.vision_age_s) = (f64::INFINITY, f64::INFINITY);
+            (d.beacon, d.distance_m) = (Some([sd_m, 0.8]), distance_m);
+        })
+    };
+    let far = step(MissionPhase::Idle, &known(5.0, 300.0));
+    goes(&far, GetAltitude, KnownByBeacon);
+    assert_eq!(
+        far.entered.unwrap().to_string(),
+        "vessel known by beacon, 5 m, 0.8 s old"
+    );
+    waits(&step(MissionPhase::Idle, &known(5.0, 6e3)), Idle, VesselTooFar);
+    waits(&step(MissionPhase::Idle, &known(40.0, 300.0)), Idle, BeaconVague);
+    // At its place the search begins, and nowhere else.
+    waits(
+        &step(MissionPhase::APPROACH, &known(5.0, 30.0)),
+        Approach,
+        NoVision,
+    );
+    let begun = step(MissionPhase::APPROACH, &known(5.0, 2.0));
+    goes(&begun, Search, AtBeacon);
+    waits(&step(begun.phase, &known(5.0, 2.0)), Search, Searching);
+    // A beacon that ends leads nowhere; a vessel that is received leads to itself.
+    let lost = with_deck(|d| (d.radio_age_s, d.vision_age_s) = (f64::INFINITY, f64::INFINITY));
+    goes(&step(begun.phase, &lost), Hold, NoVessel);
+    goes(
+        &step(begun.phase, &with_deck(|d| d.vision_age_s = 9.0)),
+        Approach,
+        Recovered,
+    );
+    // Several decks of which one is the own one.
+    let several = Situation {
+        several: Some(Reason::new(SeveralDecks, 2.0, 0.0)),
+        ..with_deck(|d| d.vision_age_s = 9.0)
+    };
+    waits(&step(MissionPhase::APPROACH, &several), Approach, SeveralDecks);
 }
 
 #[test]

@@ -11,6 +11,7 @@ use super::limits::{LOST_OUTSIDE_M, RESUME_DISTANCE_M};
 use super::phase::{HoldCause, MissionPhase, Progress, Transition, gave_up, holding, old_data};
 use super::situation::{ControlState, Deck, Reservation, Situation};
 use super::states;
+use super::take_off;
 use crate::contingency::HARD_MPS;
 use crate::mission_config::MissionConfig;
 
@@ -229,6 +230,30 @@ fn after_lapse(progress: &mut Progress, s: &Situation) {
     }
 }
 
+/// The end of a sortie by what is left of the battery: the drone lands as if that had been ordered. Where a person flies, or the
+/// autopilot its own mission, the order waits for the drone; who stopped a landing is asked first, as for any low battery.
+fn turn_back(
+    phase: MissionPhase,
+    progress: &mut Progress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Option<Transition> {
+    let why = s
+        .turns_back
+        .filter(|_| progress.sortie && !progress.landing && !progress.stopped)?;
+    let waits = phase.waits_for_operator();
+    if !(waits || phase == MissionPhase::Idle) {
+        return None;
+    }
+    (progress.landing, progress.started, progress.attempts) = (true, s.now, 0);
+    let next = if waits {
+        holding(HoldCause::Data, s, c)
+    } else {
+        phase
+    };
+    Some(next.enter(why))
+}
+
 /// What holds in every state.
 fn interrupt(
     phase: MissionPhase,
@@ -238,17 +263,22 @@ fn interrupt(
     c: &MissionConfig,
 ) -> Option<Transition> {
     progress.overruled &= s.motors_stopped;
+    progress.sortie &= s.flight != ControlState::Disarmed;
     after_lapse(progress, s);
     if phase.flies() && s.motors_stopped && !progress.overruled {
         let touchdown = hard_contact(s).unwrap_or(ReasonCode::Touchdown.into());
         return Some(MissionPhase::LANDED.enter(touchdown));
     }
     let commanded = command.and_then(|command| commanded(phase, progress, command, s, c));
+    let commanded = commanded.or_else(|| turn_back(phase, progress, s, c));
     if commanded.is_some() || !phase.flies() {
         return commanded;
     }
     if let Some(transition) = not_ours(phase, progress, s, c) {
         return Some(transition);
+    }
+    if phase.takes_off() {
+        return None;
     }
     if let Some(why) = old_data(s).filter(|_| phase.needs_data()) {
         return Some(if completes_without_data(phase, progress, s, c) {
@@ -294,6 +324,9 @@ fn commanded(
             progress.stopped = true;
             progress.deck_declined |= progress.is_urgent();
             progress.ordered_below = None;
+            if phase.stands() || phase.takes_off() {
+                return take_off::stopped(phase, s, ReasonCode::Operator);
+            }
             if !can_stop(phase, s) || completes || aborts && gives_up {
                 return None;
             }
@@ -320,6 +353,7 @@ fn commanded(
             progress.low_battery = progress.ordered_below.map(|_| BatteryPlace::Deck);
             gives_up.then(|| holding(HoldCause::Data, s, c).enter(ReasonCode::Commanded))
         }
+        CommandKind::TakeOff => take_off::commanded(phase, progress, s, c),
     }
 }
 

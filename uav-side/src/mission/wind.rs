@@ -4,6 +4,7 @@
 //! reacted; on the deck it pushes a drone that friction alone holds. Both are judged in acceleration, which is what the
 //! odometry shows. The mean is that of the vessel's way and the wind together; gusts are the wind's alone ([`Air`]).
 
+use alight_shared::landing::WindPush;
 use alight_shared::msg::DroneState;
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector2;
@@ -73,6 +74,14 @@ impl WindMonitor {
         let (n, t) = (INDEPENDENT_S, self.known_s);
         let variance = (n * prior + t * self.variance.min(prior)) / (n + t);
         (variance * (1.0 + n / t)).sqrt()
+    }
+
+    /// Both, as they push a drone that follows the vessel.
+    pub fn push(&self) -> WindPush {
+        WindPush {
+            mean: self.mean(),
+            gust_sd: self.gust_sd(),
+        }
     }
 
     /// A wind that has long been known to be steady, m/s².

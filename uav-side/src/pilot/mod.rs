@@ -9,6 +9,7 @@ pub mod config;
 mod delay;
 mod response;
 mod set_points;
+mod take_off;
 pub mod touchdown;
 
 #[cfg(test)]
@@ -32,6 +33,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::contingency::{Action, Body, DeckBelow, Ends, GOES_ON_WITHOUT_MISSION_S, Hold, Known};
+use crate::lift_off::Rise;
 use crate::odometry::origin::FrameEpoch;
 use crate::tracking::{FlightEstimator, Tracker};
 use delay::Delay;
@@ -97,6 +99,8 @@ pub struct Pilot {
     tracker: Tracker,
     detector: TouchdownDetector,
     hold: Option<Hold>,
+    /// Its take-off: since when, and how far it has risen.
+    jump: Option<(Time<DroneClock>, Rise)>,
     /// Height at which it was disarmed last, NED z, m.
     disarmed_z: Option<f64>,
     /// The landing goes on without the mission or a plan.
@@ -140,6 +144,7 @@ impl Pilot {
             tracker: Tracker::default(),
             detector: TouchdownDetector::new(geometry.feet_below_m - geometry.rangefinder_m[2]),
             hold: None,
+            jump: None,
             disarmed_z: None,
             completes: false,
             stopped_at: None,
@@ -226,7 +231,7 @@ impl Pilot {
         };
         let since = mission.filter(|m| m.header.at > at);
         self.landed_since_stop |= since.is_some_and(|m| m.state == State::Landed);
-        let anew = since.is_some_and(|m| m.state == State::Idle);
+        let anew = since.is_some_and(|m| m.state == State::Idle || m.state.stands_for_take_off());
         let climbs = since.is_some_and(|m| matches!(m.state, State::GaveUp | State::Hold));
         if !(anew && self.disarmed_since_stop || climbs && self.landed_since_stop) {
             return true;
@@ -272,6 +277,11 @@ impl Pilot {
     /// Learns hover thrust, response and disturbance from new odometry in free flight.
     fn learn(&mut self, now: Time<DroneClock>, new: Option<&DroneState>, dt: f64, below: Option<&DeckBelow>) {
         let Some(d) = new else { return };
+        if self.lies_on_deck() {
+            self.estimate.forget_lift();
+            self.response.interrupt();
+            return;
+        }
         let force = Vector3::from(d.specific_force);
         if self.detector.contact() == Contact::Clear {
             self.estimate
@@ -340,7 +350,10 @@ impl Pilot {
     /// What the mission wanted last, for a moment after its last message: then the autopilot's failsafe acts.
     fn last_mission(&self, now: Time<DroneClock>) -> Option<MissionState> {
         let limit = topics::MISSION.stale_after.secs() + GOES_ON_WITHOUT_MISSION_S;
-        let last = self.mission.get().filter(|m| m.state.phase() != Phase::None);
+        let last = self
+            .mission
+            .get()
+            .filter(|m| m.state.phase() != Phase::None || m.state == State::TakeOff);
         last.filter(|_| self.mission.age_s(now) <= limit).copied()
     }
 
@@ -375,11 +388,16 @@ impl Pilot {
             self.tracker.reset();
         }
         let action = known.action(|| below.is_some() && self.lands_softer(now, body));
+        if action != Action::Jump {
+            self.jump = None;
+        }
         let goes_on = matches!(action, Action::Follow | Action::Complete | Action::Press);
         self.completes = silent && goes_on;
         let led = self.acted_on(now, body);
         match (action, &plan, &mission, below) {
             (Action::Stand, ..) => self.stand(now, body),
+            (Action::Idle, ..) => self.idle(now, body, dt, below),
+            (Action::Jump, ..) => self.jump(now, &led, dt, below),
             (Action::Hold, ..) => self.hold(now, body, dt, None),
             (Action::Leave, ..) => {
                 let height_m = self.mission.get().map_or(0.0, |m| m.height_m);

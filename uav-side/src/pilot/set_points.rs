@@ -71,7 +71,7 @@ impl Pilot {
     }
 
     /// Attitude and thrust of the pilot's own loop.
-    fn attitude(
+    pub(super) fn attitude(
         &mut self,
         now: Time<DroneClock>,
         stage: Option<&PlanStage>,

@@ -199,10 +199,18 @@ impl ReferenceGenerator {
     ) -> (Goal, Weights, [f64; 4]) {
         let c = &self.config;
         let (goal, weights) = match mission.state {
-            Mode::Idle | Mode::Landed | Mode::GetAltitude | Mode::Hold | Mode::GaveUp => {
-                (Goal::Hold, c.navigation)
-            }
-            Mode::Approach => (Goal::Above, c.navigation),
+            Mode::Idle
+            | Mode::Landed
+            | Mode::GetAltitude
+            | Mode::Hold
+            | Mode::GaveUp
+            | Mode::Preparing
+            | Mode::Countdown
+            | Mode::SpinUp
+            | Mode::TakeOff
+            | Mode::ClimbOut
+            | Mode::StandDown => (Goal::Hold, c.navigation),
+            Mode::Approach | Mode::Search => (Goal::Above, c.navigation),
             Mode::Tracking | Mode::TrackingStable => (Goal::Above, c.follow),
             Mode::Descent => (Goal::Sink, c.landing),
             Mode::Flare => (Goal::Touch, c.landing),

@@ -15,7 +15,7 @@ const RELEASE_S: f64 = 30.0;
 const MOST: f64 = 100.0;
 /// The place seen is the radio's within so many standard deviations of their slow errors; Rayleigh: one sound landing in
 /// 3000 is refused.
-const PLACE_SD: f64 = 4.0;
+pub(super) const PLACE_SD: f64 = 4.0;
 
 /// Height by the rangefinder against what is known without it.
 #[derive(Clone, Copy, Debug, Default)]

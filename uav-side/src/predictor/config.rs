@@ -25,6 +25,9 @@ config! {
         /// The drone; from the drone's common settings.
         #[serde(skip)]
         pub drone: DroneGeometry;
+        /// Beacons are listened to: what the mission permits.
+        #[serde(skip)]
+        pub beacons: bool = false;
         /// Spread of the radio's slow error.
         /// Source: GNSS of the vessel: 1 m; tilt: trim of its inertial unit; compass: 1 deg. Ours.
         pub radio_bias_sd_m_rad: [f64; 6] = six([1.0, 1.0, 1.0], [0.3, 0.3, 1.5]), in 0.0..=100.0;

@@ -371,6 +371,16 @@ impl Filter {
         if followed && same_place {
             return None;
         }
+        let [apart, limit] = self.apart(s, seen)?;
+        (apart > limit).then_some([apart, limit])
+    }
+    /// How far what is seen now, about the modes, lies from the radio's place, by the state `s` of its time, and how far that may
+    /// be, m.
+    pub fn apart(&self, s: &State, seen: &Observation) -> Option<[f64; 2]> {
+        let [Some(north), Some(east), ..] = seen.value else {
+            return None;
+        };
+        let both = [(&s[0], north, seen.lever[0]), (&s[1], east, seen.lever[1])];
         let apart = both.map(|(axis, (value, variance), lever)| {
             let (place, of_radio) = axis.project(MeasurementRow::Radio);
             (
@@ -379,8 +389,8 @@ impl Filter {
             )
         });
         let [(north, var_north), (east, var_east)] = apart;
-        let place = agreement::place([north, east], var_north.max(var_east), &self.noise, self.taken);
-        Some(place).filter(|[apart, limit]| apart > limit)
+        let more = var_north.max(var_east);
+        Some(agreement::place([north, east], more, &self.noise, self.taken))
     }
 
     /// A source that is rejected again and again is right and the filter wrong: the states that may be

@@ -6,6 +6,8 @@
 //! - [`axis`]: the Kalman filter of one degree of freedom.
 //! - [`filter`]: the six of them, and how late observations are fused at their own time.
 //! - [`placement`]: the vessel's estimate in the drone's frame.
+//! - `beacon`: the vessel's place by its beacon, where nothing else is known.
+//! - `identity`: which of several decks with the same tags is the vessel's own.
 //! - `agreement`: whether camera, rangefinder and radio contradict each other.
 //! - [`observation`]: each message as a measurement of the six degrees of freedom.
 //! - [`track`]: where the drone was at the time of exposure.
@@ -20,10 +22,12 @@
 
 mod agreement;
 pub mod axis;
+mod beacon;
 mod checkpoint;
 mod config;
 pub mod filter;
 pub mod forecast;
+mod identity;
 pub mod lever_arm_heave;
 mod node;
 pub mod observation;

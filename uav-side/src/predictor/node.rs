@@ -4,24 +4,29 @@ use alight_shared::admission::{Periodic, RejectionReason, Rejections};
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    DeckForecast, DroneState, Header, LinkState, Message, PREDICTED_SLOPE_STEP_S, PredictorCheckpoint,
-    RangeSample, SILENT_S, SLOPE_WINDOWS, Source, TagPose, UvdarFix, VesselEstimate, VesselPrediction,
-    VesselSurroundings, WaveModel,
+    AutopilotState, DeckBeacon, DeckForecast, DroneState, Header, LinkState, Message, PREDICTED_SLOPE_STEP_S,
+    PredictorCheckpoint, RangeSample, SILENT_S, SLOPE_WINDOWS, Source, TagPose, UvdarFix, VesselEstimate,
+    VesselPrediction, VesselSurroundings, WaveModel,
 };
 use alight_shared::node::Node;
 use alight_shared::surroundings::Surroundings;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
 use alight_shared::vessel_model::{YAW, turn_tilt};
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
+
+mod by_beacon;
+mod sight;
 
 use super::agreement::HeightAgreement;
 use super::axis::{Axis, AxisNoise, MEAN, MeasurementRow, RATE, VISION, compass};
+use super::beacon::{BeaconTrack, Known};
 use super::checkpoint;
 use super::config::PredictorConfig;
 use super::filter::{Filter, Fused};
 use super::forecast::Horizon;
+use super::identity::{Decks, Verdict};
 use super::lever_arm_heave::lever_arm_heave;
 use super::observation::{self, MountRotation, Observation, Plane};
 use super::own::OwnModel;
@@ -45,6 +50,10 @@ pub struct PredictorIn {
     pub link: Option<LinkState>,
     /// The drone's state.
     pub drone: Option<DroneState>,
+    /// The autopilot's state: where the sea is in its frame.
+    pub autopilot: Option<AutopilotState>,
+    /// The vessel's place by beacons.
+    pub beacons: Vec<DeckBeacon>,
     /// Detections of the tag.
     pub tags: Vec<TagPose>,
     /// Detections of the UV markers.
@@ -92,6 +101,12 @@ pub struct Predictor {
     /// When tags were seen last that are another vessel's, and how far from the radio's place they may be and are, m.
     elsewhere: Option<(Time<DroneClock>, [f64; 2])>,
     height: HeightAgreement,
+    /// Decks with the vessel's tags.
+    decks: Decks,
+    /// Where the vessel is by its beacon.
+    beacon: Option<BeaconTrack>,
+    /// Height of the origin over mean sea level, m.
+    origin_sea_m: Option<f64>,
     /// What the drone identifies itself while the radio is silent.
     own: Option<OwnModel>,
     /// Apparent slopes of the deck as reported by the vessel, and when.
@@ -125,6 +140,9 @@ impl Predictor {
             range_at: None,
             elsewhere: None,
             height: HeightAgreement::default(),
+            decks: Decks::default(),
+            beacon: None,
+            origin_sea_m: None,
             own: None,
             slopes: None,
             surroundings: Surroundings::default(),
@@ -203,6 +221,7 @@ impl Predictor {
             && let Some(f) = &mut self.filter
         {
             f.shift(&jump);
+            self.decks.shift(&jump);
             self.own.iter_mut().for_each(|own| own.shift(&jump));
         }
         Ok(())
@@ -215,6 +234,7 @@ impl Predictor {
         (self.radio_at, self.radio_sequence) = (None, None);
         (self.vision_at, self.tag_at, self.range_at, self.elsewhere) = (None, None, None, None);
         self.height = HeightAgreement::default();
+        self.decks = Decks::default();
     }
 
     fn wave(&mut self, now: Time<DroneClock>, m: &WaveModel<DroneClock>) -> Result<(), RejectionReason> {
@@ -247,6 +267,7 @@ impl Predictor {
             return Err(RejectionReason::Duplicate);
         }
         let o = observation::estimate(e, self.clock_sd_s);
+        self.decks.report(&o);
         self.fuse(&o)?;
         if self.radio_at.is_none_or(|t| e.header.at > t) {
             self.radio_at = Some(e.header.at);
@@ -255,66 +276,6 @@ impl Predictor {
             self.stated = observation::stated(e);
         }
         Ok(())
-    }
-
-    /// Vision's rotation, as far as it is known.
-    fn mount(&self) -> MountRotation {
-        let last = self.filter.as_ref().and_then(Filter::last);
-        let slow = |i: usize| match last {
-            Some(s) => (s[i].x[VISION], s[i].p[VISION][VISION].max(0.0).sqrt()),
-            None => (0.0, self.config.vision_bias_sd_m_rad[i]),
-        };
-        let (n, e) = (slow(3), slow(4));
-        MountRotation {
-            // Heading: in the drone's frame, so it is not turned back.
-            turn: Vector3::new(n.0, e.0, 0.0),
-            sd: Vector3::new(n.1, e.1, 0.0),
-        }
-    }
-
-    fn vision(
-        &mut self,
-        now: Time<DroneClock>,
-        m: &impl Message<Clock = DroneClock>,
-        is_tag: bool,
-        observe: impl FnOnce(&super::track::Pose, &MountRotation, &PredictorConfig) -> Observation,
-    ) -> Result<(), RejectionReason> {
-        Self::admit(now, m)?;
-        let at = m.header().at;
-        let pose = self.track.at(at).ok_or(RejectionReason::NoDroneState)?;
-        let observation = observe(&pose, &self.mount(), &self.config);
-        let axes = self.filter.as_ref().map(|f| f.at(&self.waves, at));
-        let (lever_arm_heave_m, compass) = match &axes {
-            Some(axes) => (self.plane(axes, at).1, compass(&axes[5].x)),
-            None => (0.0, 0.0),
-        };
-        if let Some(apart) = axes.and_then(|axes| self.apart_from_radio(now, &axes, &observation)) {
-            self.elsewhere = Some((at, apart));
-            return Err(RejectionReason::Outlier);
-        }
-        self.fuse(&observation.by_compass(compass).levelled(lever_arm_heave_m))?;
-        let newer = |t: &mut Option<Time<DroneClock>>| {
-            *t = Some(t.map_or(at, |old| old.max(at)));
-        };
-        newer(&mut self.vision_at);
-        if is_tag {
-            newer(&mut self.tag_at);
-        }
-        Ok(())
-    }
-
-    /// How far tags that are seen now lie from where the radio places the deck, and the most that they may, m, where they are
-    /// another vessel's. A silent radio places none.
-    fn apart_from_radio(
-        &self,
-        now: Time<DroneClock>,
-        axes: &[Axis; AXES],
-        o: &Observation,
-    ) -> Option<[f64; 2]> {
-        let fresh = |at: Option<Time<DroneClock>>| at.is_some_and(|t| (now - t).secs() < self.config.fresh_s);
-        let filter = self.filter.as_ref().filter(|_| fresh(self.radio_at))?;
-        let seen = o.about(&self.waves.motion(o.at));
-        filter.elsewhere(axes, &seen, fresh(self.vision_at))
     }
 
     fn range(&mut self, now: Time<DroneClock>, m: &RangeSample) -> Result<(), RejectionReason> {
@@ -445,6 +406,7 @@ impl Predictor {
             let admitted = self.wave(now, w);
             self.count(admitted);
         }
+        self.receive_beacons(now, input);
         if let Some(e) = input.estimate.as_ref().filter(|_| !vision_suffices) {
             let admitted = self.estimate(now, e);
             self.count(admitted);
@@ -468,22 +430,6 @@ impl Predictor {
         }
     }
 
-    /// What camera and rangefinder see of the deck.
-    fn measure(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
-        for m in &input.uvdar {
-            let admitted = self.vision(now, m, false, |p, mount, c| observation::uvdar(m, p, mount, c));
-            self.count(admitted);
-        }
-        for m in &input.tags {
-            let admitted = self.vision(now, m, true, |p, mount, c| observation::tag(m, p, mount, c));
-            self.count(admitted);
-        }
-        for m in &input.ranges {
-            let admitted = self.range(now, m);
-            self.count(admitted);
-        }
-    }
-
     /// Whose measurements are fresh.
     fn source(&self, radio_age_s: f64, vision_age_s: f64) -> Source {
         let fresh = |age_s: f64| age_s < self.config.fresh_s;
@@ -503,8 +449,10 @@ impl Predictor {
     fn forecast(&mut self, now: Time<DroneClock>) -> Option<DeckForecast> {
         let age = |t: Option<Time<DroneClock>>| t.map_or(f64::INFINITY, |t| (now - t).secs().max(0.0));
         let (radio_age_s, vision_age_s) = (age(self.radio_at), age(self.vision_at));
-        if !(radio_age_s.min(vision_age_s) < self.config.silence_s) {
-            return None;
+        let unknown = !(radio_age_s.min(vision_age_s) < self.config.silence_s);
+        if unknown || radio_age_s.min(vision_age_s) > SILENT_S && self.known_by_beacon(now).is_some() {
+            let ages = [radio_age_s, vision_age_s];
+            return (self.forecast_by_beacon(now, ages)).or_else(|| self.no_forecast(now, ages));
         }
         if let Some(f) = &mut self.filter {
             f.set_radio_available(radio_age_s < self.config.fresh_s);
@@ -551,6 +499,8 @@ impl Predictor {
             radio_age_s,
             vision_age_s,
             tag_age_s: age(self.tag_at),
+            beacon: self.known_by_beacon(now).map(|b| [b.sd_m, b.age_s]),
+            decks_in_sight: self.decks.undecided(now),
             height_nis: self.height.value(now),
             place_apart_m: self.place_apart_m(now, filter, [radio_age_s, vision_age_s]),
             wave_confidence: self.waves.confidence,
@@ -570,22 +520,6 @@ impl Predictor {
             return None;
         }
         Some(f)
-    }
-
-    /// The place as seen less the place by radio, and the most that it may be, m: of the deck, or of tags that are not its own.
-    fn place_apart_m(
-        &self,
-        now: Time<DroneClock>,
-        filter: &Filter,
-        [radio_age_s, vision_age_s]: [f64; 2],
-    ) -> Option<[f64; 2]> {
-        let fresh_s = self.config.fresh_s;
-        let elsewhere = self.elsewhere.filter(|(at, _)| (now - *at).secs() < fresh_s);
-        match elsewhere {
-            Some((_, apart)) if vision_age_s >= fresh_s => Some(apart),
-            // What was received long ago is no witness of where a vessel has gone since.
-            Some(_) | None => (filter.place_apart_m()).filter(|_| radio_age_s < self.config.silence_s),
-        }
     }
 
     /// Variances of errors that are the same from one measurement to the next, which the filter
@@ -617,37 +551,6 @@ impl Predictor {
                 _ => (k * v, k * r),
             }
         })
-    }
-}
-
-impl Predictor {
-    /// The deck by a state of the filters at a time, and its height due to the tilt, m.
-    fn plane(&self, axes: &[Axis; AXES], at: Time<DroneClock>) -> (Plane, f64) {
-        let modes = self.waves.motion(at);
-        let deck = |i: usize, row: MeasurementRow| {
-            let (value, variance) = axes[i].project(row);
-            (value + modes.value[i], variance)
-        };
-        let (n, e, d) = (
-            deck(0, MeasurementRow::Vision),
-            deck(1, MeasurementRow::Vision),
-            deck(2, MeasurementRow::Vision),
-        );
-        let (tn, te, yaw) = (
-            deck(3, MeasurementRow::Level),
-            deck(4, MeasurementRow::Level),
-            deck(5, MeasurementRow::Vision),
-        );
-        let (roll, pitch) = turn_tilt(tn.0, te.0, yaw.0 + compass(&axes[5].x));
-        let [lever_arm_heave_m, ..] =
-            lever_arm_heave(self.waves.lever_arm(), [roll, pitch], [0.0; 2], [0.0; 2]);
-        let plane = Plane {
-            centre: Vector3::new(n.0, e.0, d.0 + lever_arm_heave_m),
-            rotation: UnitQuaternion::from_euler_angles(roll, pitch, yaw.0),
-            position_sd: n.1.max(e.1).sqrt(),
-            tilt_sd: tn.1.max(te.1).sqrt(),
-        };
-        (plane, lever_arm_heave_m)
     }
 }
 

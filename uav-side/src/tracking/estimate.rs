@@ -70,6 +70,10 @@ impl FlightEstimator {
     pub(crate) fn lift(&self) -> f64 {
         self.lift
     }
+    /// A deck carries the drone: what it gives is no lift.
+    pub(crate) fn forget_lift(&mut self) {
+        self.lift = 0.0;
+    }
     /// Learns that from a specific force (body, m/s²) and an attitude (NED from body) in flight under
     /// own thrust `f_u`: `l' = (-(R f)_z - f_u cos(tilt) - l) / lift_time_s`. Forgotten while the
     /// autopilot closes the loop.

@@ -53,7 +53,7 @@ proptest! {
                 stages: Seq::filled([PredictedStage { eta: six(4).map(|v: f64| v as f32),
                     eta_dot: six(10).map(f16::from_f64), sd: [f16::from_f64(x[16]); 6], course_sd: [f16::from_f64(x[16]); 3] }; 16]) }),
             _ => bad.wave = Some(WaveModel { header: h, significant_height_m: 1.0, confidence: x[0] as f32,
-                slopes: Seq::filled([x[8] as u8; 60]),
+                slopes: Seq::filled([x[8] as u8; 60]), advice: None,
                 modes: Seq::filled([WaveMode { pole: [x[1] as f32, x[2] as f32],
                     shape: [[x[4], x[5]].map(f16::from_f64); 6] }; 12]) }),
         }

@@ -373,6 +373,7 @@ pub fn waves(v: &Vessel, k: u32, now: f64) -> WaveModel<DroneClock> {
         significant_height_m: 2.0,
         confidence: 0.9,
         slopes: Seq::filled([10]),
+        advice: None,
         modes: Seq::filled(v.waves.iter().map(mode)),
     }
 }

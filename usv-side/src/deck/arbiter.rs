@@ -21,14 +21,17 @@
 //! Digital inputs close it too, where configured ([`DeckInputs`]): the crew's switch, and a sensor of what lies on the
 //! deck that is no drone's weight. They free it of nobody, and one that is not read any more closes it.
 //!
+//! A drone that stands on the deck takes off only while somebody aboard has cleared the deck for that
+//! ([`DeckOrder::TakeOff`]): for a while, for that drone, and until the deck is closed.
+//!
 //! With the deck it publishes what the helm intends ([`Course`]), and it knows whether a drone wants a steady course.
 
 use core::mem::discriminant;
 
 use alight_shared::admission::check_message;
 use alight_shared::msg::{
-    Closure, Course, DECK_CLOSED, DeckGrant, DeckOrder, DroneStatus, Header, LandedState, PLACES, ReasonCode,
-    Starved, State, Unheard,
+    Closure, Course, DECK_CLOSED, DeckGrant, DeckOrder, DroneStatus, Header, HelmStatus, LandedState, PLACES,
+    ReasonCode, Starved, State, TAKE_OFF_CLEARANCE_S, Unheard,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time, VesselClock};
@@ -36,6 +39,7 @@ use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
 mod claim;
+mod demand;
 
 use super::MAX_DRONES;
 use super::checkpoint::{Claim, DeckCheckpoint, DroneClaim};
@@ -83,6 +87,7 @@ struct Drone {
     flies: bool,
     /// 0 to 1; None: not reported.
     battery: Option<f64>,
+    armed: bool,
     /// Is on its way down, or begins no descent because of the vessel's course.
     wants_steady: bool,
 }
@@ -150,9 +155,13 @@ impl Drone {
 fn wants_steady(status: &DroneStatus) -> bool {
     let waits = matches!(
         status.waiting.code,
-        ReasonCode::VesselTurns | ReasonCode::CourseEnds | ReasonCode::TurnTooFast
+        ReasonCode::VesselTurns | ReasonCode::CourseEnds | ReasonCode::TurnTooFast | ReasonCode::HelmTurns
     );
-    waits || matches!(status.state, State::Descent | State::Flare)
+    let moves = matches!(
+        status.state,
+        State::Descent | State::Flare | State::Countdown | State::SpinUp | State::TakeOff
+    );
+    waits || moves
 }
 
 /// What arrived since the last step.
@@ -164,6 +173,8 @@ pub struct ArbiterIn {
     pub orders: Vec<DeckOrder>,
     /// Digital inputs.
     pub inputs: DeckInputs,
+    /// Where the handshake about the helm stands.
+    pub helm: HelmStatus,
     /// At the first step, that of the former start.
     pub checkpoint: Option<DeckCheckpoint>,
 }
@@ -187,6 +198,9 @@ pub struct DeckArbiter {
     /// Owner and course of the newest grant.
     published: u32,
     stated: Course,
+    /// The drone for whose take-off the crew has cleared the deck, and when; as published in the newest grant.
+    cleared: Option<(u32, Time<VesselClock>)>,
+    take_off: bool,
     /// By an order or by the state of the checkpoint: until the crew orders it open.
     closed: Option<Closure>,
     switch: Option<Reading>,
@@ -345,6 +359,7 @@ impl DeckArbiter {
             at_deck: false,
             flies: false,
             battery: None,
+            armed: false,
             wants_steady: false,
         });
         self.drones = drones.collect();
@@ -412,6 +427,7 @@ impl DeckArbiter {
             at_deck: Claim::is_at_deck(status),
             flies: claim::flies(status),
             battery: status.battery,
+            armed: status.armed,
             wants_steady: wants_steady(status),
         };
         match index.and_then(|k| self.drones.get_mut(k)) {
@@ -426,8 +442,11 @@ impl DeckArbiter {
             DeckOrder::Steady(for_s) => self.course.order_steady(now, for_s),
             DeckOrder::Turning => self.course.order_turning(),
             DeckOrder::Closed => self.closed = Some(Closure::Crew),
+            DeckOrder::TakeOff(drone) => self.cleared = Some((drone, now)),
             DeckOrder::Open => self.open(now, None),
             DeckOrder::Clear(drone) => self.open(now, Some(drone)),
+            // The helm's.
+            DeckOrder::Helm(_) => {}
         }
     }
 
@@ -500,6 +519,21 @@ impl DeckArbiter {
         assigned.map(|d| d.header.drone)
     }
 
+    /// Whether the deck's owner may take off: it stands there, and the crew has cleared the deck for it since.
+    fn clears_take_off(&mut self, now: Time<VesselClock>) -> bool {
+        let open = self.closed(now).is_none();
+        let lasts = |at: Time<VesselClock>| (now - at).secs() <= TAKE_OFF_CLEARANCE_S;
+        self.cleared = self.cleared.filter(|(_, at)| open && lasts(*at));
+        let drone = self.cleared.map(|(drone, _)| drone);
+        let stands = |d: &Drone| d.claim == Claim::OnDeck && Some(d.header.drone) == drone && !d.is_double();
+        let clears = drone.is_some() && drone == self.owner && self.drones.iter().any(stands);
+        if self.take_off && !clears {
+            // It has left: the word was for one take-off.
+            self.cleared = None;
+        }
+        clears
+    }
+
     /// The owner as drones are to know it.
     fn published(&self, now: Time<VesselClock>) -> u32 {
         let double = |id: u32| self.drones.iter().any(|d| d.header.drone == id && d.is_double());
@@ -539,6 +573,7 @@ impl Node for DeckArbiter {
         self.switch = reading(input.inputs.closed).or(self.switch);
         self.sensor = reading(input.inputs.occupied).or(self.sensor);
         self.course.switch = reading(input.inputs.turning).or(self.course.switch);
+        let helm_changed = core::mem::replace(&mut self.course.helm, input.helm).state != input.helm.state;
         let owner = self.assign(now);
         if owner != self.owner {
             // The new owner's idle time begins; the former owner joins the end of the queue.
@@ -561,11 +596,13 @@ impl Node for DeckArbiter {
             self.owner = owner;
         }
         let (published, course) = (self.published(now), self.course(now));
-        let same = published == self.published && discriminant(&course) == discriminant(&self.stated);
-        if now < self.due && same {
+        let take_off = self.clears_take_off(now);
+        let same = (published, take_off) == (self.published, self.take_off)
+            && discriminant(&course) == discriminant(&self.stated);
+        if now < self.due && same && !helm_changed {
             return ArbiterOut::default();
         }
-        (self.published, self.stated) = (published, course);
+        (self.published, self.stated, self.take_off) = (published, course, take_off);
         self.due = now + PERIOD;
         self.sequence = self.sequence.wrapping_add(1);
         ArbiterOut {
@@ -573,6 +610,8 @@ impl Node for DeckArbiter {
                 header: Header::new(self.vessel, 0, self.boot, self.sequence, now),
                 owner: published,
                 course,
+                helm: input.helm,
+                take_off,
                 occupied: self.occupied(now),
                 places: core::array::from_fn(|k| {
                     // Two with one number would both go there.

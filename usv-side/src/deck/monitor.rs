@@ -4,9 +4,13 @@ use std::collections::BTreeMap;
 
 use alight_shared::admission::{Arrival, check_message};
 use alight_shared::msg::DroneStatus;
-use alight_shared::time::VesselClock;
+use alight_shared::time::{Time, VesselClock};
+use nalgebra::Vector2;
 
 use super::MAX_DRONES;
+
+/// Mean winds stay what they are for so long, s.
+const MAX_WIND_AGE_S: f64 = 600.0;
 
 /// What a status changes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -67,6 +71,16 @@ impl DroneMonitor {
     /// The newest of all.
     pub fn newest(&self) -> Option<&Arrival<VesselClock, DroneStatus>> {
         self.drones.get(&self.newest?)
+    }
+    /// The true wind towards NED, m/s, by the newest status that has one and is no older than [`MAX_WIND_AGE_S`].
+    pub fn wind(&self, now: Time<VesselClock>) -> Option<Vector2<f64>> {
+        let recent = |s: &&Arrival<VesselClock, DroneStatus>| (now - s.at).secs() <= MAX_WIND_AGE_S;
+        let known = self
+            .statuses()
+            .filter(recent)
+            .filter(|s| s.message.wind.is_some());
+        let [north, east] = known.max_by_key(|s| s.at)?.message.wind?.map(f64::from);
+        Some(Vector2::new(north, east))
     }
     /// Statuses received.
     pub fn received(&self) -> u64 {

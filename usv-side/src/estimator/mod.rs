@@ -20,7 +20,7 @@ mod velocity_lag;
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::geodesy::Datum;
-use alight_shared::motion_model::{MeasuredErrors, MotionModel, QuietHeading};
+use alight_shared::motion_model::{MeasuredErrors, MotionModel};
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample};
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{
@@ -185,11 +185,6 @@ impl Estimator {
     /// seconds from now (position, m; roll, pitch, heading, rad), and that of heave about the level, m. For studies.
     pub fn level_and_sd(&self, ahead_s: f64) -> Option<(f64, [f64; 6], f64)> {
         self.filter.as_ref().map(|f| f.level_and_sd(ahead_s))
-    }
-    /// The heading on which the deck would tilt least, where it is known, and the present mean heading, rad.
-    pub fn quietest_heading(&self) -> Option<(QuietHeading, f64)> {
-        let f = self.filter.as_ref()?;
-        Some((f.motion.quietest_heading(f.mean_heading)?, f.mean_heading))
     }
     pub(crate) fn filter(&self) -> Option<&Filter> {
         self.filter.as_ref()

@@ -13,6 +13,7 @@ use nalgebra::{Rotation2, Vector2};
 
 use super::{Filter, GNSS_BIAS, Tilt};
 use crate::VesselNodeConfig;
+use crate::advice::Underway;
 
 /// Where the vessel goes: its mean velocity, which turns with the mean heading, the waves' and what both leave.
 struct Course<'a> {
@@ -176,7 +177,19 @@ impl Filter {
             confidence: self.motion.confidence() as f32,
             modes: Seq::filled(named.map(WaveMode::from)),
             slopes,
+            advice: None,
         })
+    }
+
+    /// The motion as the advice needs it, in this true wind, towards NED, m/s.
+    pub(crate) fn underway(&self, wind: Option<Vector2<f64>>) -> Underway<'_> {
+        Underway {
+            motion: &self.motion,
+            velocity: self.mean_velocity,
+            heading: self.mean_heading,
+            heading_rate: self.mean_heading_rate,
+            wind,
+        }
     }
 
     /// Gives the identification the motion of this instant.

@@ -1,9 +1,7 @@
 //! MAVLink of a boat's autopilot or INS: ATTITUDE_QUATERNION, HIGHRES_IMU, RAW_IMU, GPS_RAW_INT,
 //! GPS2_RAW, ODOMETRY (with GPS_GLOBAL_ORIGIN for its place). Payloads are read by their place in the message
 //! definition (common.xml), extension fields and left-out zeros included. Of the systems on the link one is the vessel's
-//! ([`systems`]).
-
-mod systems;
+//! ([`crate::mavlink_systems`]).
 
 use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::{self, Fields, FrameReader, MAX_WAITING, Sender, Signing, dialect as m};
@@ -12,7 +10,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::heights::Heights;
 use super::{Decoded, Decoder, Mounting, Remark, SourceMeasurement, euler};
-use systems::{AUTOPILOT, Systems};
+use crate::mavlink_systems::{AUTOPILOT, Systems};
 
 /// `RAW_IMU` of ArduPilot: m/s² per mG, rad/s per mrad/s.
 const MILLI_G: f64 = 9.806_65e-3;
@@ -319,7 +317,10 @@ impl Decoder for MavlinkDecoder {
         self.heights
             .remark()
             .into_iter()
-            .chain(self.systems.remarks())
+            .chain(self.systems.remark().map(|(text, remedy)| match remedy {
+                Some(remedy) => Remark::fault(text, remedy),
+                None => Remark::fine(text),
+            }))
             .chain(signatures.map(|(text, remedy)| Remark::fault(text, remedy)))
             .collect()
     }

@@ -9,7 +9,7 @@ use toml::Table;
 use crate::exit::{CliError, Doing};
 
 /// The studies that the program has with it.
-const SHIPPED: [(&str, &str); 11] = [
+const SHIPPED: [(&str, &str); 12] = [
     ("table2", include_str!("../../../../tests/studies/table2.toml")),
     ("seas", include_str!("../../../../tests/studies/seas.toml")),
     ("moving", include_str!("../../../../tests/studies/moving.toml")),
@@ -20,6 +20,10 @@ const SHIPPED: [(&str, &str); 11] = [
     ("link", include_str!("../../../../tests/studies/link.toml")),
     ("faa", include_str!("../../../../tests/studies/faa.toml")),
     ("budget", include_str!("../../../../tests/studies/budget.toml")),
+    (
+        "underway",
+        include_str!("../../../../tests/studies/underway.toml"),
+    ),
     (
         "ablation",
         include_str!("../../../../tests/studies/ablation.toml"),

@@ -20,7 +20,7 @@ type Metric = (
     fn(&[&Outcome]) -> Option<f64>,
 );
 
-const METRICS: [Metric; 5] = [
+const METRICS: [Metric; 8] = [
     ("landed_percent", "landed %", "landed, %", 0, |set| {
         mean(set.iter().map(|o| 100.0 * f64::from(u8::from(o.success))))
     }),
@@ -30,6 +30,27 @@ const METRICS: [Metric; 5] = [
         "position error, m, mean",
         3,
         |set| mean(set.iter().filter_map(|o| o.position_error_m)),
+    ),
+    (
+        "position_error_p95_m",
+        "position p95 m",
+        "position error, m, 95 % of the trials below",
+        3,
+        |set| SampleStatistics::of(set.iter().filter_map(|o| o.position_error_m)).map(|s| s.p95),
+    ),
+    (
+        "touchdown_speed_mps",
+        "onto deck m/s",
+        "speed onto the deck at first contact, m/s, mean",
+        2,
+        |set| mean(set.iter().filter_map(|o| o.touchdown_speed_mps)),
+    ),
+    (
+        "tilt_error_deg",
+        "tilt deg",
+        "angle between drone and deck at first contact, deg, mean",
+        1,
+        |set| mean(set.iter().filter_map(|o| o.tilt_error_deg)),
     ),
     (
         "landing_time_s",

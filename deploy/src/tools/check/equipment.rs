@@ -2,6 +2,7 @@
 //! of these figures.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::tags::are_anybodys;
 use alight_uav::camera::layout;
 use alight_uav::settings::DroneSettings;
 
@@ -136,6 +137,16 @@ pub fn tags(drone: &DroneSettings) -> Finding {
         );
     }
     let gaps = layout::gaps(&tags, &drone.camera, &drone.airframe);
+    if gaps.is_empty() && are_anybodys(&tags) {
+        return TOPIC.warning(
+            format!(
+                "their numbers are the family's first ({}), as any other boat's may be: a drone tells two such boats apart by \
+                 their places alone",
+                tags.iter().map(|t| t.id).min().unwrap_or_default()
+            ),
+            "print tags of this boat's own numbers: `alight tag --suggest --vessel N`, and set drone.deck.tags to that list",
+        );
+    }
     if gaps.is_empty() {
         return TOPIC.fine(format!(
             "{} on the deck, one of them in sight from 10 m to contact",

@@ -73,7 +73,7 @@ pub fn gather(path: &Path) -> Facts {
             let instance = Instance::new(&v.instance);
             facts.running = instance.as_ref().is_ok_and(instance::is_running);
             facts.radio(&v.radio);
-            let inputs = deck_inputs::configured(&v.deck).into_iter();
+            let inputs = deck_inputs::configured(&v.deck, &v.vessel.helm).into_iter();
             facts.deck_inputs = inputs
                 .filter(|(_, path)| !path.is_empty())
                 .map(|(key, path)| (key, path, DigitalLine::new(path)))

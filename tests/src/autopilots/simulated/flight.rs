@@ -254,6 +254,9 @@ impl Flight {
     pub(super) fn arm(&mut self, armed: bool, estimate: &Estimate) {
         if armed && !self.armed {
             self.hold_here(estimate);
+            // Its motors begin at idle.
+            self.target.thrust = 0.0;
+            self.in_force = self.target;
         }
         self.armed = armed;
         if !armed {

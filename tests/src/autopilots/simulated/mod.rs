@@ -4,9 +4,10 @@
 //!
 //! [`SimulatedAutopilot::step`] is one turn of the inner loops; every fifth estimates, decides and reports. [`protocol`]
 //! has messages, streams, commands and parameters, [`flight`] modes, failsafes, position control and the land detector,
-//! [`attitude`], [`shaping`] and [`mixer`] the inner loops, [`estimator`] its sensors, [`alignment`] its start.
+//! [`attitude`], [`shaping`] and [`mixer`] the inner loops, [`estimator`] its sensors, [`alignment`] its start, [`arming`] why it does not arm.
 
 mod alignment;
+mod arming;
 mod attitude;
 mod estimator;
 mod flight;
@@ -82,6 +83,8 @@ pub struct SimulatedAutopilot {
     pub silent: bool,
     /// Fault: answers every command with this instead of obeying.
     pub answer: Option<CommandResult>,
+    /// Fault: does not arm, for this reason in its own words.
+    pub arming_fault: Option<&'static str>,
     /// Home, its height above the sea; None before it was set by a command.
     pub home: Option<Datum>,
     /// Fault: messages with these numbers are sent no more.
@@ -114,6 +117,8 @@ pub struct SimulatedAutopilot {
     estimator: Estimator,
     flight: Flight,
     endurance_s: f64,
+    /// How fast it was turned when it started, rad/s.
+    started_rps: f64,
     now: Time<TrueTime>,
     outer_due: Time<TrueTime>,
     force: (Vector3<f64>, f64),
@@ -162,6 +167,8 @@ impl SimulatedAutopilot {
             battery_report: None,
             silent: false,
             answer: None,
+            arming_fault: None,
+            started_rps: truth.rates.norm(),
             muted: Vec::new(),
             landed_report: None,
             no_timesync: false,

@@ -303,6 +303,14 @@ impl SimulatedAutopilot {
                 if arms && !self.is_aligned() {
                     return CommandResult::Denied;
                 }
+                if let Some(text) = self.arming_denial().filter(|_| arms && !self.armed()) {
+                    let severity = severity::CRITICAL;
+                    self.outbox.push(Message::Text { severity, text });
+                    return match self.firmware() {
+                        Firmware::Px4 => CommandResult::TemporarilyRejected,
+                        Firmware::ArduCopter => CommandResult::Failed,
+                    };
+                }
                 if !arms && !forced && self.flight.landed() != LandedState::OnGround {
                     return CommandResult::Denied;
                 }

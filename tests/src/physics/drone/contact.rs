@@ -96,8 +96,8 @@ pub(crate) struct Contact {
     reach: f64,
     mass: f64,
     inertia: Vector3<f64>,
-    /// What the deck holds each foot with, N.
-    hold_per_foot: f64,
+    /// What holds each foot on the deck, N.
+    holds: [f64; 4],
 }
 
 /// A part counts as touching for this many sub-steps after its last impulse (10 ms): a resting
@@ -201,17 +201,26 @@ impl Contact {
             reach,
             mass: airframe.mass,
             inertia: airframe.inertia,
-            hold_per_foot,
+            holds: [hold_per_foot; 4],
         }
+    }
+
+    /// Something holds a foot down with so much, N.
+    pub(crate) fn snag(&mut self, foot: usize, newton: f64) {
+        self.holds.iter_mut().skip(foot).take(1).for_each(|h| *h = newton);
     }
 
     /// What the deck holds the feet with that touch it: force and moment about the centre of mass, NED. It acts along the
     /// deck's normal as long as a foot is on it; what it adds to the normal force adds to friction (Coulomb), and what
     /// pulls a foot off with more ends it.
     fn hold(&self, before: &Motion, deck: &DeckSpan) -> (Vector3<f64>, Vector3<f64>) {
-        let pull = deck.turn * Vector3::new(0.0, 0.0, self.hold_per_foot);
-        let held = (self.parts.iter()).filter(|t| t.idle <= HOLD_STEPS && matches!(t.part, Part::Foot(_)));
+        let down = deck.turn * Vector3::z();
+        let held = self.parts.iter().filter(|t| t.idle <= HOLD_STEPS);
         held.fold(Default::default(), |(force, moment), t| {
+            let Part::Foot(k) = t.part else {
+                return (force, moment);
+            };
+            let pull = down * self.holds.get(k).copied().unwrap_or(0.0);
             (force + pull, moment + (before.attitude * t.offset).cross(&pull))
         })
     }

@@ -160,6 +160,23 @@ impl SimulatedDrone {
         self.pad = Some(self.motion.position.z);
         self.airframe.stand_still();
     }
+    /// Stands in the middle of the deck with this heading, motors off, and moves with it.
+    pub fn stand_on(&mut self, deck: &RigidState<Deck>, yaw: f64) {
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw - deck.euler().z);
+        let feet = Vector3::new(0.0, 0.0, -self.reach[0]);
+        let here = deck.at::<DroneBody>(feet);
+        self.motion = Motion {
+            position: here.position.0,
+            velocity: here.velocity.0,
+            attitude: deck.attitude.0 * turn,
+            rates: turn.inverse() * deck.rates.0,
+        };
+        self.airframe.stand_still();
+    }
+    /// Something holds a foot down with so much, N.
+    pub fn snag(&mut self, foot: usize, newton: f64) {
+        self.contact.snag(foot, newton);
+    }
     /// What sensors are moved by.
     pub fn plant_state(&self, at: Time<TrueTime>) -> PlantState {
         PlantState {

@@ -181,6 +181,15 @@ impl Sea {
         }
     }
 
+    /// The same sea about another place: what it has at `by` (north, east, m) this one has at its origin.
+    #[must_use]
+    pub fn about(&self, by: &Vector2<f64>) -> Sea {
+        let mut sea = self.clone();
+        for c in &mut sea.components {
+            c.phase += c.wave_number * c.direction.dot(by);
+        }
+        sea
+    }
     /// Where the waves go, clockwise from north, rad.
     pub fn mean_direction(&self) -> f64 {
         self.mean_direction

@@ -18,6 +18,7 @@ pub mod hull;
 pub mod path;
 pub mod response;
 pub mod rigid;
+pub mod steering;
 
 use core::f64::consts::TAU;
 
@@ -32,6 +33,7 @@ pub use config::{Course, Push, VesselConfig};
 use self::helm::Helm;
 use self::hull::{Hull, segment};
 use self::rigid::{coriolis, head, join, rigid_body_mass, tail};
+use self::steering::SetPoint;
 use crate::physics::body::RigidState;
 use crate::physics::sea::{Sea, WATER_DENSITY, WaterSample};
 use crate::physics::streams::Streams;
@@ -229,6 +231,11 @@ impl Vessel {
     /// The course's one turn or change of speed begins a drawn time after `t`.
     pub fn ask_change(&mut self, t: Time<TrueTime>) {
         self.helm.ask_change(t.secs());
+    }
+    /// Its autopilot steers to a set-point from now on; None: as its course has it.
+    pub fn steer_to(&mut self, set_point: Option<SetPoint>) {
+        let heading = self.motion.attitude.euler_angles().2;
+        self.helm.steer_to(set_point, self.motion.position.xy(), heading);
     }
     /// The hulls.
     pub fn hull(&self) -> &Hull {

@@ -8,6 +8,7 @@ use nalgebra::Vector2;
 use rand::RngExt;
 
 use super::config::{Course, VesselConfig};
+use super::steering::{SetPoint, SteeredPath};
 use crate::physics::spline::smooth_step;
 use crate::physics::streams::Streams;
 
@@ -41,6 +42,8 @@ pub struct MeanPath {
     heading: f64,
     speed: f64,
     shape: Shape,
+    /// By set-points, in the place of the shape.
+    steered: Option<SteeredPath>,
 }
 
 #[derive(Clone, Debug)]
@@ -98,6 +101,7 @@ impl MeanPath {
             heading,
             speed,
             shape: Shape::Straight,
+            steered: None,
         };
         path.shape = match config.course {
             Course::Drift | Course::Straight => Shape::Straight,
@@ -143,8 +147,38 @@ impl MeanPath {
         }
     }
 
+    /// By a set-point from `t` (s) on; None: back to the heading and the speed that its course would have there, and straight
+    /// on. An anchored vessel is not steered, one that keeps its station keeps it.
+    pub fn steer_to(&mut self, t: f64, set_point: Option<SetPoint>) {
+        let moored = matches!(self.shape, Shape::Anchored(_) | Shape::LimitCycles(_));
+        let to = match (set_point, &self.steered) {
+            _ if moored => return,
+            (None, None) => return,
+            (Some(to), Some(_)) => to,
+            (Some(to), None) => {
+                self.steered = Some(SteeredPath::begin(t, &self.at(t), to));
+                return;
+            }
+            (None, Some(_)) => {
+                let own = self.by_shape(t);
+                SetPoint {
+                    heading: own.heading,
+                    speed: own.velocity.norm(),
+                }
+            }
+        };
+        self.steered.iter_mut().for_each(|path| path.set(to));
+    }
+    /// Computes it until `t`, s, where set-points steer it.
+    pub fn extend(&mut self, t: f64) {
+        self.steered.iter_mut().for_each(|path| path.extend(t));
+    }
+
     /// Whether heading or speed change at `t` (s) or within `margin` (s) of it.
     pub fn changes(&self, t: f64, margin: f64) -> bool {
+        if self.steered.is_some() {
+            return true;
+        }
         match &self.shape {
             Shape::Straight => false,
             Shape::Turns(c) => {
@@ -160,6 +194,11 @@ impl MeanPath {
 
     /// The path at `t`, s.
     pub fn at(&self, t: f64) -> PathPoint {
+        self.steered
+            .as_ref()
+            .map_or_else(|| self.by_shape(t), |path| path.at(t))
+    }
+    fn by_shape(&self, t: f64) -> PathPoint {
         match &self.shape {
             Shape::Straight => straight(Vector2::zeros(), self.speed, self.heading, t),
             Shape::Turns(turns) => turns.at(self.heading, self.speed, t),

@@ -40,7 +40,7 @@ fn sensors_over(deck: &DeckGeometry, config: &SensorConfig, seed: u64) -> Rig {
     Rig {
         clocks,
         vessel: VesselSensors::new(config, None, id(0, clocks.vessel), &streams),
-        drone: DroneSensors::new(config, &geometry, deck, id(1, clocks.drone), &streams),
+        drone: DroneSensors::new(config, &geometry, deck, None, id(1, clocks.drone), &streams),
     }
 }
 

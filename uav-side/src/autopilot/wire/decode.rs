@@ -8,6 +8,7 @@ use super::super::message::{
     HilSensor, ImuReport, Message, OdometryReport, ParameterValue, PositionReport, PositionTarget,
     RcChannels, VelocityFrame,
 };
+use super::super::place_report::PlaceReport;
 use super::extension::{
     ACK_TO_AT, DISTANCE_INVALID, DISTANCE_QUALITY_AT, ELLIPSOID_HEIGHT_AT, RESET_COUNTER_AT,
 };
@@ -119,6 +120,19 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
             sea_m: f64::from(d.alt) * 1e-3,
             ellipsoid_m: payload.i32(ELLIPSOID_HEIGHT_AT) * 1e-3,
         },
+        M::GLOBAL_POSITION_INT(d) => Message::GlobalPosition(PlaceReport {
+            latitude_deg: f64::from(d.lat) * 1e-7,
+            longitude_deg: f64::from(d.lon) * 1e-7,
+            velocity: Some([d.vx, d.vy].map(|v| f64::from(v) * 0.01)),
+            error_m: None,
+        }),
+        M::FOLLOW_TARGET(d) => Message::FollowTarget(PlaceReport {
+            latitude_deg: f64::from(d.lat) * 1e-7,
+            longitude_deg: f64::from(d.lon) * 1e-7,
+            // Zeros stand for unknown.
+            velocity: Some([d.vel[0], d.vel[1]].map(f64::from)).filter(|v| *v != [0.0; 2]),
+            error_m: Some(f64::from(d.position_cov[0])).filter(|m| *m > 0.0 && m.is_finite()),
+        }),
         M::COMMAND_LONG(d) => Message::Command(CommandLong {
             to: Address::new(d.target_system, d.target_component),
             command: d.command as u16,

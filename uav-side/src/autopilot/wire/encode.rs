@@ -59,6 +59,20 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
                 ..m::DISTANCE_SENSOR_DATA::DEFAULT
             })
         }
+        Message::GlobalPosition(p) => {
+            let mut d = m::GLOBAL_POSITION_INT_DATA::DEFAULT;
+            [d.lat, d.lon] = [p.latitude_deg, p.longitude_deg].map(|v| (v * 1e7).round() as i32);
+            [d.vx, d.vy] = p.velocity.unwrap_or_default().map(|v| (v * 100.0).round() as i16);
+            M::GLOBAL_POSITION_INT(d)
+        }
+        Message::FollowTarget(p) => {
+            let mut d = m::FOLLOW_TARGET_DATA::DEFAULT;
+            [d.lat, d.lon] = [p.latitude_deg, p.longitude_deg].map(|v| (v * 1e7).round() as i32);
+            let [north, east] = p.velocity.unwrap_or_default();
+            d.vel = narrow([north, east, 0.0]);
+            d.position_cov = narrow([p.error_m.unwrap_or(0.0), 0.0, 0.0]);
+            M::FOLLOW_TARGET(d)
+        }
         Message::Mode { custom_mode } => M::CURRENT_MODE(m::CURRENT_MODE_DATA {
             custom_mode: *custom_mode,
             intended_custom_mode: *custom_mode,

@@ -18,6 +18,7 @@ mod push;
 pub mod touchdown_time;
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
+use alight_shared::landing::wind_during_alignment;
 use alight_shared::msg::{DeckForecast, DeckStage, DroneState, MissionState, Phase, State as Mode};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::{Vector2, Vector3};
@@ -28,7 +29,7 @@ use super::model::{State, angular_velocity, state};
 use super::mpc_faa::Problem;
 use super::reference::{Reference, ReferenceGenerator};
 use super::weights::FaaDistance;
-use crate::flatness::{aligned_acceleration, wind_during_alignment};
+use crate::flatness::aligned_acceleration;
 use config::{RendezvousConfig, TouchdownTimeConfig};
 use profile::{Height, Profile};
 use push::Push;

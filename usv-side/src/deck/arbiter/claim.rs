@@ -71,13 +71,28 @@ impl Claim {
         let near = status.deck_distance_m.is_some_and(|d| d <= ON_DECK_M);
         match (status.state, status.landed) {
             (State::Landed, _) if !is_far(status) => Claim::OnDeck,
-            (State::Descent | State::Flare, _) => Claim::Landing,
-            (State::GetAltitude | State::Approach | State::TrackingStable, _) => Claim::Requesting,
+            (State::Descent | State::Flare | State::TakeOff | State::ClimbOut, _) => Claim::Landing,
+            // Of a drone that is to take off, or was to.
+            (State::Preparing | State::Countdown | State::SpinUp | State::StandDown, _)
+                if !is_far(status) =>
+            {
+                Claim::OnDeck
+            }
+            (State::GetAltitude | State::Approach | State::Search | State::TrackingStable, _) => {
+                Claim::Requesting
+            }
             (State::Tracking, _) => Claim::Above,
             // Parked.
             (State::Idle | State::Hold | State::GaveUp, LandedState::OnGround) if near => Claim::OnDeck,
             (
-                State::Idle | State::Landed | State::Hold | State::GaveUp,
+                State::Idle
+                | State::Landed
+                | State::Hold
+                | State::GaveUp
+                | State::Preparing
+                | State::Countdown
+                | State::SpinUp
+                | State::StandDown,
                 LandedState::Unknown | LandedState::OnGround | LandedState::InAir,
             ) => Claim::Away,
         }

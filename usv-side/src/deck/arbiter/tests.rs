@@ -656,7 +656,7 @@ fn with_inputs() -> Rig {
     let inputs = DeckInputs {
         closed: Some(false),
         occupied: Some(false),
-        turning: None,
+        ..DeckInputs::default()
     };
     Rig::of(&config, inputs)
 }
@@ -692,7 +692,7 @@ fn unread_deck_input() {
         let unread = DeckInputs {
             closed,
             occupied,
-            turning: None,
+            ..DeckInputs::default()
         };
         let mut rig = with_inputs();
         let read = rig.inputs;
@@ -828,4 +828,33 @@ fn wanted_steady_course() {
     };
     rig.step(vec![waits]);
     assert!(wants(&rig));
+}
+
+/// The word of the crew that a drone may take off: for the drone that stands there, for a while, until the deck is closed.
+#[test]
+fn clearance_for_a_take_off() {
+    let mut rig = Rig::new();
+    assert!(!rig.order(DeckOrder::TakeOff(1)).take_off, "nobody stands there");
+    assert_eq!(rig.run(&[(1, State::Landed)], 2.0), 1);
+    let cleared = |rig: &Rig| rig.arbiter.take_off;
+    assert!(cleared(&rig), "given before it was known there");
+    rig.run(&[(1, State::Preparing)], 2.0);
+    rig.run(&[(1, State::SpinUp)], 2.0);
+    assert!(cleared(&rig));
+    assert!(!rig.order(DeckOrder::Closed).take_off);
+    assert!(
+        !rig.order(DeckOrder::Open).take_off,
+        "what was cleared before it was closed"
+    );
+    assert!(!rig.order(DeckOrder::TakeOff(2)).take_off, "another's");
+    assert!(rig.order(DeckOrder::TakeOff(1)).take_off);
+    rig.run(&[(1, State::SpinUp)], TAKE_OFF_CLEARANCE_S + 1.0);
+    assert!(!cleared(&rig), "it has expired");
+    // The deck stays the drone's until it has left for sure.
+    rig.order(DeckOrder::TakeOff(1));
+    assert_eq!(rig.run(&[(1, State::TakeOff), (2, State::Approach)], 3.0), 1);
+    assert!(!cleared(&rig));
+    assert_eq!(rig.run(&[(1, State::ClimbOut), (2, State::Approach)], 8.0), 1);
+    rig.run(&[(1, State::Landed)], 2.0);
+    assert!(!cleared(&rig), "the word was for one take-off");
 }

@@ -66,6 +66,8 @@ pub struct Cell {
     pub unsafe_seeds: Vec<u64>,
     /// The most frequent reason of those that did not land.
     pub reason: String,
+    /// Force with which the deck has to hold a landed drone, N; None: no force up to 1 kN is enough.
+    pub hold_n: Option<f64>,
 }
 
 impl Cell {
@@ -95,7 +97,7 @@ impl Cell {
             "sea_state": self.state, "wind_mps": self.wind_mps, "from_deg": self.from_deg, "trials": self.trials,
             "landed": self.landed, "landed_interval": wilson(self.landed, self.trials),
             "refused": self.refused, "refused_interval": wilson(self.refused, self.trials),
-            "unsafe": self.unsafe_count(), "unsafe_interval": wilson(self.unsafe_count(), self.trials),
+            "hold_n": self.hold_n, "unsafe": self.unsafe_count(), "unsafe_interval": wilson(self.unsafe_count(), self.trials),
         })
     }
 }
@@ -161,6 +163,14 @@ impl Grid {
         let winds_of = |state: &u8| self.winds.iter().map(|wind| (*state, *wind)).collect::<Vec<_>>();
         let winds = self.states.iter().flat_map(winds_of);
         winds.flat_map(|(state, wind)| self.bearings().map(move |from| (state, wind, from)))
+    }
+    /// The force that the deck has to hold with in every wind from there, N; None: no force up to 1 kN is enough.
+    pub fn hold_n(&self, cells: &[Cell], state: u8, from_deg: f64) -> Option<f64> {
+        let here = cells
+            .iter()
+            .filter(|c| (c.state, c.from_deg) == (state, from_deg));
+        here.map(|c| c.hold_n)
+            .try_fold(0.0_f64, |most, n| Some(most.max(n?)))
     }
     /// The fastest wind up to which every wind from there is within the limit, m/s; None: not even the lightest.
     pub fn limit(&self, cells: &[Cell], state: u8, from_deg: f64) -> Option<f64> {

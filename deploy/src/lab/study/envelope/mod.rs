@@ -2,6 +2,7 @@
 //! her papers (what navies call ship-helicopter operating limits).
 
 mod grid;
+mod hold;
 mod polar;
 
 use std::collections::BTreeSet;
@@ -25,6 +26,9 @@ use grid::{Cell, Grid};
 
 /// Unsafe landings that the page flies again by a command.
 const MAX_UNSAFE: usize = 12;
+/// What the second table shows.
+const HOLD_TITLE: &str =
+    "hold_n, N, with which a landed drone stays in every wind flown (0: friction is enough; -: over 1 kN)";
 
 fn name(state: u8, wind: f64, from: f64) -> String {
     format!("sea state {state}, {wind} m/s from {from:.0} deg")
@@ -56,8 +60,8 @@ fn waits_for(failure: &FailureCount) -> String {
 }
 
 /// What became of each condition.
-fn cells(grid: &Grid, outcomes: &[Outcome]) -> Vec<Cell> {
-    let cell = |(state, wind_mps, from_deg)| {
+fn cells(grid: &Grid, outcomes: &[Outcome], holds: &[Option<f64>]) -> Vec<Cell> {
+    let cell = |((state, wind_mps, from_deg), hold_n): (_, &Option<f64>)| {
         let name = name(state, wind_mps, from_deg);
         let set: Vec<Outcome> = outcomes.iter().filter(|o| o.sea == name).cloned().collect();
         let summary = Summary::of(&set);
@@ -70,9 +74,10 @@ fn cells(grid: &Grid, outcomes: &[Outcome]) -> Vec<Cell> {
             refused: set.iter().filter(|o| o.is_refused()).count(),
             unsafe_seeds: set.iter().filter(|o| o.is_unsafe()).map(|o| o.seed).collect(),
             reason: summary.failures.first().map(waits_for).unwrap_or_default(),
+            hold_n: *hold_n,
         }
     };
-    grid.conditions().map(cell).collect()
+    grid.conditions().zip(holds).map(cell).collect()
 }
 
 /// The base of all scenes: the boat and the drone as their configurations describe them.
@@ -126,17 +131,21 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
         alone: args.form.alone(),
     };
     let outcomes = run::fly_grid(&flights, &scenes)?;
-    let cells = cells(&grid, &outcomes);
+    let holds = hold::needed_n(&scenes, args.seed0, args.jobs)?;
+    let cells = cells(&grid, &outcomes, &holds);
     let hash = run::configuration_hash(&base.nodes);
     let title = format!("Landing envelope of {boat}");
-    let limits = limits(&grid, &cells);
+    let limits = by_direction(&grid, |state, from| grid.limit(&cells, state, from));
+    let needed = by_direction(&grid, |state, from| grid.hold_n(&cells, state, from));
     note(
         args.form.alone(),
         format_args!(
-            "{title}: relative wind, m/s, up to which at least {:.0} % land (-: not shown for the lightest)\n{}\n{}",
+            "{title}: relative wind, m/s, up to which at least {:.0} % land (-: not shown for the lightest)\n{}\n{}\n\
+             {HOLD_TITLE}\n{}",
             100.0 * grid.rate,
             limits.text(),
-            bound(&cells)
+            bound(&cells),
+            needed.text()
         ),
     );
     let rows: Vec<Value> = cells.iter().map(|c| c.json(grid.rate)).collect();
@@ -150,7 +159,7 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     let page = document(
         &grid,
         &cells,
-        limits,
+        [limits, needed],
         (&title, &hash),
         &svg,
         &unsafe_landings(&args.out, &scenes, &outcomes),
@@ -186,12 +195,12 @@ fn bound(cells: &[Cell]) -> String {
     )
 }
 
-/// The limit by direction (a row each) and sea state.
-fn limits(grid: &Grid, cells: &[Cell]) -> Table {
+/// A figure by direction (a row each) and sea state.
+fn by_direction(grid: &Grid, figure: impl Fn(u8, f64) -> Option<f64>) -> Table {
     let heads = grid.states.iter().map(|s| Grid::sea_name(*s));
     let mut table = Table::new(0.., core::iter::once("wind from, deg".into()).chain(heads));
     for from in grid.bearings() {
-        let of_state = |s: &u8| TableCell::number(grid.limit(cells, *s, from), 0);
+        let of_state = |s: &u8| TableCell::number(figure(*s, from), 0);
         let row = core::iter::once(TableCell::number(from, 0));
         table.row(row.chain(grid.states.iter().map(of_state)));
     }
@@ -222,7 +231,7 @@ fn unsafe_landings(out: &Path, rows: &[Row], outcomes: &[Outcome]) -> Vec<String
 fn document(
     grid: &Grid,
     cells: &[Cell],
-    limits: Table,
+    [limits, needed]: [Table; 2],
     (title, hash): (&str, &str),
     svg: &str,
     unsafe_landings: &[String],
@@ -238,6 +247,7 @@ fn document(
         "unsafe",
         "95 %",
         "class",
+        "hold N",
         "mostly",
     ];
     let mut table = Table::new(1..9, heads);
@@ -259,6 +269,7 @@ fn document(
             if bad == 0 { count } else { count.judged(false) },
             interval(bad),
             c.class(grid.rate).name().into(),
+            TableCell::number(c.hold_n, 0),
             (&c.reason).into(),
         ]);
     }
@@ -280,6 +291,8 @@ fn document(
         }),
         Block::Heading("The limit, m/s (-: not shown for the lightest wind)".into()),
         Block::Table(limits),
+        Block::Heading(HOLD_TITLE.into()),
+        Block::Table(needed),
         Block::Heading("All cells".into()),
         Block::Table(table),
     ];
@@ -321,6 +334,7 @@ mod tests {
             refused,
             unsafe_seeds: (0..(4_usize.saturating_sub(landed + refused)) as u64).collect(),
             reason: String::new(),
+            hold_n: (wind_mps < 10.0).then_some(4.0 * wind_mps),
         }
     }
 
@@ -399,6 +413,23 @@ mod tests {
     }
 
     #[test]
+    fn envelope_holding_force_of_a_direction() {
+        let grid = Grid::of(&args("--winds 4,8,12"));
+        let needed = |winds: &[f64]| {
+            let cells: Vec<Cell> = winds.iter().map(|w| cell(*w, 4, 0)).collect();
+            grid.hold_n(&cells, 3, 90.0)
+        };
+        assert_eq!(needed(&[4.0, 8.0]), Some(32.0));
+        assert_eq!(needed(&[4.0, 8.0, 12.0]), None);
+        // In a breeze astern of a boat at rest in sea state 1 friction is enough; in state 4 from abeam it is not.
+        let base = base(&args("--hull mono-5m")).unwrap();
+        let scenes = [(1, 3.0, 180.0), (4, 10.0, 90.0)].map(|c| scene(&base, c));
+        let force = hold::needed_n(&scenes, 1, Some(1)).unwrap();
+        assert_eq!(force[0], Some(0.0));
+        assert!(force[1].is_none_or(|n| n > 0.0), "{force:?}");
+    }
+
+    #[test]
     fn envelope_picture_of_every_cell() {
         let grid = Grid::of(&args("--winds 4,8 --directions 4 --sea-states 3 --trials 4"));
         let cells = [cell(4.0, 4, 0), cell(8.0, 2, 1)];
@@ -409,7 +440,11 @@ mod tests {
         );
         assert!(svg.contains("no limit") && svg.contains("35"), "{svg}");
         assert!(svg.contains("sea state 3: 0.9 m, 4.7 s") && !svg.contains("<one>"));
-        let page = document(&grid, &cells, limits(&grid, &cells), ("E", "h"), &svg, &[]).html();
+        let tables = [
+            by_direction(&grid, |s, from| grid.limit(&cells, s, from)),
+            by_direction(&grid, |s, from| grid.hold_n(&cells, s, from)),
+        ];
+        let page = document(&grid, &cells, tables, ("E", "h"), &svg, &[]).html();
         assert!(page.contains("<svg") && page.contains("51-100 %") && !page.contains("src="));
         assert!(
             page.contains("unsafe: 1 of 8 landings, in 1 of 4 draws of sea and wind; of all draws, with 95 % confidence, at most 75.1 %"),

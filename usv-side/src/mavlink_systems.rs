@@ -3,10 +3,8 @@
 
 use alight_shared::mavlink::{Fields, RawFrame};
 
-use crate::sensors::Remark;
-
 const HEARTBEAT: u32 = 0;
-pub(super) const AUTOPILOT: u8 = 1;
+pub(crate) const AUTOPILOT: u8 = 1;
 /// `MAV_AUTOPILOT_INVALID`: a component that flies or steers nothing.
 const NO_AUTOPILOT: u8 = 8;
 /// `MAV_TYPE` of vehicles on or in the water, and of those that do not say.
@@ -68,7 +66,7 @@ impl Received {
 
 /// All of a link.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Systems {
+pub(crate) struct Systems {
     /// The vessel's by configuration.
     configured: Option<u32>,
     own: Option<(u32, u8)>,
@@ -77,19 +75,19 @@ pub(super) struct Systems {
 }
 
 impl Systems {
-    pub(super) fn new(configured: Option<u8>) -> Self {
+    pub(crate) fn new(configured: Option<u8>) -> Self {
         Systems {
             configured: configured.map(u32::from),
             ..Systems::default()
         }
     }
     /// The vessel's system, once it is known.
-    pub(super) fn own(&self) -> Option<u8> {
+    pub(crate) fn own(&self) -> Option<u8> {
         let own = self.own.map(|(system, _)| system).or(self.configured);
         own.and_then(|system| u8::try_from(system).ok())
     }
     /// Whether a message is the vessel's.
-    pub(super) fn is_own(&mut self, raw: &RawFrame) -> bool {
+    pub(crate) fn is_own(&mut self, raw: &RawFrame) -> bool {
         let id = (raw.system, raw.component);
         let at = self.received.iter().position(|h| (h.system, h.component) == id);
         let at = match at {
@@ -137,8 +135,8 @@ impl Systems {
         own
     }
 
-    /// Whose messages are used, and who else speaks.
-    pub(super) fn remarks(&self) -> Vec<Remark> {
+    /// Whose messages are used, and who else speaks; with what to do about it where something is wrong.
+    pub(crate) fn remark(&self) -> Option<(String, Option<&'static str>)> {
         let mut others: Vec<String> = self
             .received
             .iter()
@@ -149,17 +147,20 @@ impl Systems {
             others.push(format!("more ({} messages)", self.beyond));
         }
         if others.is_empty() {
-            return Vec::new();
+            return None;
         }
         let others = others.join("; ");
-        vec![match self.own {
-            Some((system, component)) => Remark::fine(format!(
-                "system {system} component {component} is the vessel's; left out: {others}"
-            )),
-            None => Remark::fault(
-                format!("no system on this link is known as the vessel's; left out: {others}"),
-                "its heartbeat must say that it is a boat (MAV_TYPE); or name its number: system = N at this source",
+        Some(match self.own {
+            Some((system, component)) => (
+                format!("system {system} component {component} is the vessel's; left out: {others}"),
+                None,
             ),
-        }]
+            None => (
+                format!("no system on this link is known as the vessel's; left out: {others}"),
+                Some(
+                    "its heartbeat must say that it is a boat (MAV_TYPE); or name its number: system = N at this source",
+                ),
+            ),
+        })
     }
 }

@@ -17,7 +17,7 @@ const NODES: [[f64; 2]; 10] = [
 ];
 
 /// Root of the sum of the squares.
-pub(super) fn norm(parts: &[f64]) -> f64 {
+pub fn norm(parts: &[f64]) -> f64 {
     parts.iter().map(|p| p * p).sum::<f64>().sqrt()
 }
 
@@ -39,7 +39,7 @@ fn erf(x: f64) -> f64 {
 }
 
 /// Probability that a standard normal figure is below `z`, to 2e-7.
-pub(super) fn below(z: f64) -> f64 {
+pub fn below(z: f64) -> f64 {
     let half = 0.5 * erf(z.abs() * FRAC_1_SQRT_2);
     0.5 + half.copysign(z)
 }
@@ -47,7 +47,7 @@ pub(super) fn below(z: f64) -> f64 {
 /// Probability that a plane's normal figure with the mean `mean` from the middle and the standard deviation `sd` of each
 /// axis lies within `radius` of the middle (Rice), to 5e-5: with `x = radius sin t = mean + sd u`
 /// `∫ phi(u) erf(radius cos t / (sd sqrt 2)) (radius cos t / sd) dt`.
-pub(super) fn inside(mean: f64, sd: f64, radius: f64) -> f64 {
+pub fn inside(mean: f64, sd: f64, radius: f64) -> f64 {
     /// Standard deviations to either side beyond which nothing is left.
     const REACH: f64 = 6.0;
     if !(sd > 0.0) {

@@ -1,9 +1,9 @@
 //! The probability of each limit of a good landing, and of all.
 
-use alight_shared::msg::{Reason, ReasonCode};
+use crate::msg::{Reason, ReasonCode};
 
 /// No landing is more likely than this: 1 of 100 fails of what is in no model.
-const MOST: f64 = 0.99;
+pub const MAX_ODDS: f64 = 0.99;
 
 /// What a landing may fail of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,7 +50,7 @@ impl Odds {
     /// That all limits are kept; 0 where a figure is none.
     pub fn whole(&self) -> f64 {
         let p: f64 = self.each().iter().map(|(_, p)| *p).product();
-        if p.is_finite() { p.min(MOST) } else { 0.0 }
+        if p.is_finite() { p.min(MAX_ODDS) } else { 0.0 }
     }
     /// Why it is not likely enough: the number and the limit that costs most of it.
     pub fn below(&self, needed: f64) -> Option<Reason> {

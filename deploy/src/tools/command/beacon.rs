@@ -1,0 +1,129 @@
+//! `alight command deck-at`: an operator's word where the vessel is, to the predictor of this computer. It leads to a search for
+//! the deck's tags, where `mission.least_vessel` permits that, and to no landing without them.
+
+use alight_shared::msg::{
+    BeaconSource, DeckBeacon, DeckForecast, Header, MAX_BEACON_LASTS_S, MIN_BEACON_SD_M, Message, VesselLevel,
+};
+use alight_shared::time::{DroneClock, Time};
+use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::memory::{Publisher, Subscriber};
+use serde_json::json;
+
+use super::{CommandArgs, POLL_PERIOD, join};
+use crate::exit::{CliError, Exit};
+use crate::process::life::draw_boot;
+use crate::status::subject::commanded_drone;
+use crate::terminal;
+
+/// The predictor shows that it has taken it within so many looks, 2 s, and it is sent again after so many.
+const MAX_POLLS: u32 = 40;
+const REPEAT_POLLS: u32 = 10;
+/// A vessel of which no speed is stated drifts at this, m/s; one that is stated is off by this and a tenth.
+const DRIFT_MPS: f64 = 0.3;
+const STATED_SD_MPS: f64 = 0.1;
+/// It counts for so long where `--for` does not say, s.
+const LASTS_S: u32 = 300;
+
+/// Latitude and longitude, deg, of what stands behind `deck-at`.
+fn place(words: &[String]) -> Result<[f64; 2], CliError> {
+    let wrong = || {
+        CliError(format!(
+            "deck-at {}: two numbers in degrees are needed, latitude (-90 to 90) and longitude (-180 to 180), as in \
+             alight command deck-at 59.3456 18.1234",
+            words.join(" ")
+        ))
+    };
+    let [latitude, longitude] = words else {
+        return Err(wrong());
+    };
+    let degrees = |word: &str, limit: f64| word.parse().ok().filter(|v: &f64| v.abs() <= limit);
+    match (degrees(latitude, 90.0), degrees(longitude, 180.0)) {
+        (Some(latitude), Some(longitude)) => Ok([latitude, longitude]),
+        (_, _) => Err(wrong()),
+    }
+}
+
+/// The beacon of these arguments at `at`.
+fn beacon(args: &CommandArgs, header: Header<DroneClock>) -> Result<DeckBeacon, CliError> {
+    let [latitude_deg, longitude_deg] = place(&args.words)?;
+    let (sin, cos) = args.course.unwrap_or_default().to_radians().sin_cos();
+    let speed_mps = args.speed.unwrap_or_default();
+    let beacon = DeckBeacon {
+        header,
+        source: BeaconSource::Operator,
+        latitude_deg,
+        longitude_deg,
+        velocity: [speed_mps * cos, speed_mps * sin],
+        place_sd_m: args.error.max(MIN_BEACON_SD_M),
+        velocity_sd_mps: args.speed.map_or(DRIFT_MPS, |v| STATED_SD_MPS + 0.1 * v.abs()),
+        lasts_s: f64::from(args.for_s.unwrap_or(LASTS_S)).clamp(1.0, MAX_BEACON_LASTS_S),
+    };
+    beacon.check().map_err(|field| {
+        CliError(format!(
+            "deck-at with {field} out of range: a vessel moves at 20 m/s at most, and its place is known to 1 to 1000 m"
+        ))
+    })?;
+    Ok(beacon)
+}
+
+/// Gives it to the predictor, and waits until its forecast shows it.
+pub(super) fn run(args: &CommandArgs) -> Result<Exit, CliError> {
+    place(&args.words)?;
+    let computer = commanded_drone(args.config.as_deref(), args.instance.as_deref(), false)?;
+    if computer.drone.mission.least_vessel > VesselLevel::Beacon {
+        return Err(CliError(
+            "deck-at: this drone flies to no beacon: set drone.mission.least_vessel = \"beacon\" (or \"tag\") first".into(),
+        ));
+    }
+    let name = args.instance.as_ref().unwrap_or(&computer.instance);
+    let memory = join(name, "alight-drone", "name a landing's with --instance")?;
+    let mut forecasts: Subscriber<DeckForecast> = memory.subscriber()?;
+    let mut beacons: Publisher<DeckBeacon> = memory.publisher()?;
+    let given: Time<DroneClock> = computer.clock.read(steady_ns());
+    let (vessel, drone) = (computer.bridge.vessel_id, computer.bridge.drone_id);
+    let mut message = beacon(args, Header::new(vessel, drone, draw_boot(), 0, given))?;
+    let mut taken = None;
+    for poll in 0..MAX_POLLS {
+        let now: Time<DroneClock> = computer.clock.now();
+        let newest = forecasts.newest(now.nanos()).filter(|f| f.header.at > given);
+        taken = newest.and_then(|f| f.beacon).or(taken);
+        if taken.is_some() {
+            break;
+        }
+        if poll.is_multiple_of(REPEAT_POLLS) {
+            message.header.sequence += 1;
+            beacons.send_any(Some(&message));
+        }
+        if !memory.wait(POLL_PERIOD) {
+            return Ok(Exit::Failed);
+        }
+    }
+    if args.json {
+        terminal::line(json!({ "taken": taken.is_some(), "number": drone, "beacon": message }));
+    } else {
+        terminal::line(match taken {
+            Some([sd_m, age_s]) => {
+                format!("drone {drone}: vessel known by beacon, {sd_m:.0} m, {age_s:.1} s old")
+            }
+            None => format!(
+                "drone {drone}: the predictor has not taken it: alight status shows what runs; a more exact beacon counts \
+                 more, and the autopilot has to report its origin first"
+            ),
+        });
+    }
+    Ok(Exit::of(taken.is_some()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_that_are_none() {
+        let words = |text: &str| -> Vec<String> { text.split(' ').map(String::from).collect() };
+        assert_eq!(place(&words("59.3456 -18.1234")).ok(), Some([59.3456, -18.1234]));
+        for wrong in ["", "59.3", "59.3 18.1 4", "91 0", "59 181", "north 18", "NaN 0"] {
+            assert!(place(&words(wrong)).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,167 @@
+//! The odds of a contact: each figure normal about what is predicted for it, with the variance of everything that nobody can
+//! take back any more.
+//!
+//! | figure | mean | standard deviations |
+//! |---|---|---|
+//! | onto the deck, m/s | `v` | the pilot's, `1.3 u_z` |
+//! | along it, m/s | `v_t + v_l` | the pilot's, `u_xy`, gusts, `t_a m`, half of the turn's `v_t` |
+//! | angle, rad | against a strong wind the drone banks | the pilot's, `sd(tilt)`, gusts |
+//! | place, m | the present offset that is left | the pilot's, the forecast's, drift without sight, gusts |
+//!
+//! with the speeds `u` that the deck gains unforeseen within the drone's reaction, and the deck's acceleration `m` that an
+//! aligned drone does not have.
+
+use nalgebra::Vector2;
+
+use super::normal::{below, inside, norm};
+use super::odds::Odds;
+use super::wind::{WindPush, wind_during_alignment};
+use super::{MAX_MPS, MAX_TILT_RAD};
+use crate::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
+
+/// What the deck does unforeseen for so long the drone does not follow, s: a tenth from measurement to thrust, and two
+/// tenths until its sink has changed.
+pub const REACTION_S: f64 = 0.3;
+/// Usual speed onto the deck, m/s ...
+pub const CONTACT_MPS: f64 = 0.33;
+/// ... and how it is spread by drone and pilot alone.
+const CONTACT_SD_MPS: f64 = 0.12;
+/// What pilot and drone leave along the deck, m/s, of the angle, rad, and of the place, m: landings in still air on a deck
+/// that does not move.
+const ALONG_SD_MPS: f64 = 0.07;
+const TILT_SD_RAD: f64 = 0.6 * core::f64::consts::PI / 180.0;
+const PLACE_SD_M: f64 = 0.03;
+/// An alignment lasts so long, s: meanwhile what the deck does not share with an aligned drone parts the two.
+const ALIGNMENT_S: f64 = 0.1;
+/// Between the decision and the contact the deck's uncertainty changes, with the groups of the waves, to this much.
+const CHANGES: f64 = 1.3;
+/// What a gust of 1 m/s² leaves, by landings begun at random moments in 8 to 14 m/s of wind: of speed along the deck,
+/// m/s; of tilt, in parts of the thrust that holds it; of place, m.
+const ALONG_PER_GUST_S: f64 = 0.15;
+const TILT_PER_GUST: f64 = 0.25;
+const PLACE_PER_GUST_S2: f64 = 0.15;
+/// Odometry drifts by this without sight of the deck, m/s ...
+const DRIFT_MPS: f64 = 0.05;
+/// ... and sight ends so long before the contact, s.
+pub const BLIND_S: f64 = 0.5;
+/// Speed by which an aligned drone and a deck part, m/s, whose horizontal accelerations differ by `apart`, m/s².
+pub fn alignment_mps(apart: f64) -> f64 {
+    ALIGNMENT_S * apart
+}
+
+/// Where the feet may stand: how far the drone's centre may be from the deck's, m, along both axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Margins(pub [f64; 2]);
+
+impl Margins {
+    /// Of this drone on this deck.
+    pub fn on(deck: &DeckGeometry, drone: &DroneGeometry) -> Margins {
+        Margins([
+            0.5 * (deck.length_m - drone.feet_span_m[0]),
+            0.5 * (deck.width_m - drone.feet_span_m[1]),
+        ])
+    }
+}
+
+/// A contact as it is predicted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contact {
+    /// Mean speed onto the deck, m/s.
+    pub speed_mps: f64,
+    /// Mean speed along it by the vessel's turn, and what is left of the present one, m/s.
+    pub turn_mps: f64,
+    /// What is left of the present speed along it, m/s.
+    pub left_mps: f64,
+    /// Speed that the deck gains unforeseen within the reaction: one horizontal axis and the vertical, standard deviation,
+    /// m/s.
+    pub unforeseen_mps: [f64; 2],
+    /// Speed by which deck and aligned drone part, m/s.
+    pub parted_mps: f64,
+    /// Unforeseen tilt of one axis, standard deviation, rad.
+    pub tilt_sd_rad: f64,
+    /// Offset from the deck's centre that is left, forward and right, m.
+    pub offset_m: Vector2<f64>,
+    /// Standard deviation of the forecast's place, one axis, m.
+    pub place_sd_m: f64,
+    /// Time without sight of the deck before the contact, s.
+    pub blind_s: f64,
+    /// The wind over the deck.
+    pub wind: WindPush,
+    /// Probability of staying.
+    pub stays: f64,
+}
+
+impl Contact {
+    /// The odds of this contact on a deck with these margins.
+    pub fn odds(&self, margins: &Margins) -> Odds {
+        let (wind, gust) = (self.wind.mean, self.wind.gust_sd);
+        let slips = ALONG_PER_GUST_S * gust;
+        let [horizontal, vertical] = self.unforeseen_mps;
+        // How far the forecast lags behind a turn is known to a half only.
+        let turns = 0.5 * self.turn_mps;
+        let along_sd = norm(&[ALONG_SD_MPS, horizontal, slips, self.parted_mps, turns]);
+        let tilt_sd = norm(&[TILT_SD_RAD, self.tilt_sd_rad, TILT_PER_GUST * gust / GRAVITY]);
+        // Against the part of a strong wind that would blow an aligned drone along too fast it banks.
+        let lean = (wind - wind_during_alignment(&wind)).norm() / GRAVITY;
+        Odds {
+            hard: below((MAX_MPS - self.speed_mps) / norm(&[CONTACT_SD_MPS, CHANGES * vertical])),
+            fast: inside(self.turn_mps + self.left_mps, along_sd, MAX_MPS),
+            tilted: inside(lean, tilt_sd, MAX_TILT_RAD),
+            beside: self.inside_edges(margins, PLACE_PER_GUST_S2 * gust),
+            slides: self.stays,
+            turns: self.turn_mps > horizontal.max(slips).max(self.parted_mps),
+        }
+    }
+    fn inside_edges(&self, margins: &Margins, blown_m: f64) -> f64 {
+        let sd = norm(&[PLACE_SD_M, self.place_sd_m, DRIFT_MPS * self.blind_s, blown_m]);
+        let axis = |margin: f64, off: f64| below((margin - off) / sd) - below((-margin - off) / sd);
+        let Margins([length, width]) = *margins;
+        axis(length, self.offset_m.x) * axis(width, self.offset_m.y)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn calm() -> Contact {
+        Contact {
+            speed_mps: CONTACT_MPS,
+            turn_mps: 0.0,
+            left_mps: 0.0,
+            unforeseen_mps: [0.03, 0.05],
+            parted_mps: 0.0,
+            tilt_sd_rad: 0.01,
+            offset_m: Vector2::zeros(),
+            place_sd_m: 0.05,
+            blind_s: BLIND_S,
+            wind: WindPush::default(),
+            stays: 1.0,
+        }
+    }
+
+    #[test]
+    fn odds_of_a_contact_fall_with_each_error() {
+        let margins = Margins::on(&DeckGeometry::default(), &DroneGeometry::default());
+        let whole = |change: &dyn Fn(&mut Contact)| {
+            let mut c = calm();
+            change(&mut c);
+            c.odds(&margins).whole()
+        };
+        assert!(whole(&|_| {}) > 0.98);
+        let worse: [&dyn Fn(&mut Contact); 8] = [
+            &|c| c.speed_mps = 0.9,
+            &|c| c.turn_mps = 0.8,
+            &|c| c.unforeseen_mps = [0.5, 0.05],
+            &|c| c.unforeseen_mps = [0.03, 0.4],
+            &|c| c.tilt_sd_rad = 0.1,
+            &|c| c.offset_m.x = 1.0,
+            &|c| c.wind.gust_sd = 2.5,
+            &|c| c.stays = 0.5,
+        ];
+        for (k, change) in worse.iter().enumerate() {
+            assert!(whole(change) < 0.95, "{k}");
+        }
+        assert!(whole(&|c| c.place_sd_m = f64::NAN) < 1e-12);
+    }
+}

@@ -1,0 +1,51 @@
+//! Why the autopilot does not arm, in its firmware's own words.
+//!
+//! PX4 (`imuConsistencyCheck`) compares its inertial sensors by COM_ARM_IMU_ACC and COM_ARM_IMU_GYR; two that are turned
+//! against each other by 2 deg differ by 0.3 m/s² at rest, and by more where the deck accelerates and turns them.
+//! ArduCopter (`AP_Arming::ins_checks`) does not arm without the gyro calibration of its start, which fails on a deck that
+//! turns it (INS_GYR_CAL), nor when it leans by more than ANGLE_MAX.
+
+use alight_uav::autopilot::modes::Firmware;
+
+use super::SimulatedAutopilot;
+
+/// Angle between its two inertial sensors, rad.
+const MISALIGNED_RAD: f64 = 0.035;
+/// A gyro calibration fails where the drone turns faster, rad/s: half a degree per second.
+const CALIBRATES_RPS: f64 = 0.009;
+/// ArduCopter's ANGLE_MAX, rad: 30 deg.
+const ANGLE_MAX_RAD: f64 = 0.524;
+
+impl SimulatedAutopilot {
+    /// The text with which it denies a command to arm; None: it arms.
+    pub(super) fn arming_denial(&self) -> Option<String> {
+        if let Some(text) = self.arming_fault {
+            return Some(text.into());
+        }
+        let e = self.estimator.now();
+        match self.firmware() {
+            Firmware::Px4 => {
+                let [accelerometer, gyro] =
+                    [e.specific_force.norm(), e.rates.norm()].map(|v| MISALIGNED_RAD * v);
+                let beyond = |name: &str, by: f64| by > self.parameter(name);
+                let which = if beyond("COM_ARM_IMU_ACC", accelerometer) {
+                    "Accel"
+                } else if beyond("COM_ARM_IMU_GYR", gyro) {
+                    "Gyro"
+                } else {
+                    return None;
+                };
+                Some(format!("Preflight Fail: {which} 1 inconsistent - check cal"))
+            }
+            Firmware::ArduCopter => {
+                let (roll, pitch, _) = e.attitude.euler_angles();
+                let calibrates = self.parameter("INS_GYR_CAL") > 0.0;
+                if calibrates && self.started_rps > CALIBRATES_RPS {
+                    return Some("Arm: Gyros not calibrated".into());
+                }
+                let leans = (roll.cos() * pitch.cos()).clamp(-1.0, 1.0).acos() > ANGLE_MAX_RAD;
+                leans.then(|| "Arm: Leaning".into())
+            }
+        }
+    }
+}

@@ -1,0 +1,67 @@
+//! A second boat with the same tags, rafted up beside the vessel: it goes where the vessel goes, and rocks in the waves of its
+//! own place.
+
+use alight_shared::frames::{Deck, Point, TrueNed, Vector};
+use alight_shared::time::{Span, Time, TrueTime};
+use nalgebra::Vector2;
+
+use crate::harness::scenario::{Scenario, SetupError};
+use crate::physics::body::RigidState;
+use crate::physics::deck_motion::DeckCarrier;
+use crate::physics::sea::Sea;
+use crate::physics::streams::Streams;
+use crate::physics::vessel::response::{HullFiles, ResponseVessel};
+use crate::sensors::noise::Noise;
+
+/// The second boat.
+pub(super) struct Neighbour {
+    carrier: DeckCarrier,
+    sea: Sea,
+    /// Its deck's centre from the vessel's, north and east, m.
+    apart: Vector2<f64>,
+}
+
+impl Neighbour {
+    /// The one of this seed, at the scenario's distance, in a direction of the stream `neighbour`.
+    pub(super) fn new(
+        scenario: &Scenario,
+        sea: &Sea,
+        streams: &Streams,
+    ) -> Result<Option<Neighbour>, SetupError> {
+        let Some(distance_m) = scenario.neighbour_m else {
+            return Ok(None);
+        };
+        let bearing = core::f64::consts::TAU * Noise::new(streams, "neighbour").uniform();
+        let apart = Vector2::new(bearing.cos(), bearing.sin()) * distance_m;
+        let sea = sea.about(&apart);
+        let carrier = match &scenario.hull {
+            Some(hull) => {
+                let files = HullFiles::load(&hull.table)?;
+                let vessel = ResponseVessel::new(&files, hull, &scenario.vessel, &sea, streams);
+                DeckCarrier::Responding(Box::new(vessel))
+            }
+            None => {
+                let motion = scenario.deck_motion.as_ref();
+                DeckCarrier::new(&scenario.vessel, motion, &scenario.deck, &sea, streams)?
+            }
+        };
+        Ok(Some(Neighbour { carrier, sea, apart }))
+    }
+    pub(super) fn step(&mut self, t: Time<TrueTime>, dt: Span) {
+        self.carrier.step(t, dt.secs(), &self.sea);
+    }
+    /// Its deck, beside the vessel's.
+    pub(super) fn deck(&self, vessels: &RigidState<Deck>, scenario: &Scenario) -> RigidState<Deck> {
+        let own: RigidState<Deck> = self.carrier.state().at(scenario.deck.centre());
+        let (place, velocity) = (vessels.position.0, vessels.velocity.0);
+        RigidState {
+            position: Point::<TrueNed>::from(nalgebra::Vector3::new(
+                place.x + self.apart.x,
+                place.y + self.apart.y,
+                own.position.0.z,
+            )),
+            velocity: Vector::from(nalgebra::Vector3::new(velocity.x, velocity.y, own.velocity.0.z)),
+            ..own
+        }
+    }
+}

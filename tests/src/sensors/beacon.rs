@@ -1,0 +1,93 @@
+//! A beacon of the vessel: a receiver of its own, whose place and velocity reach the drone late, by a link that is not the
+//! vessel computer's.
+
+use alight_shared::config;
+use alight_shared::frames::{Deck, TrueNed, Vector};
+use alight_shared::geodesy::Datum;
+use alight_shared::msg::{BeaconSource, DeckBeacon};
+use alight_shared::time::{DroneClock, Time, TrueTime};
+
+use super::noise::{GaussMarkov, Noise, Windows};
+use super::outlet::{Identity, Outlet};
+use crate::physics::body::RigidState;
+use crate::physics::streams::Streams;
+
+config! {
+    /// A beacon of the vessel.
+    ///
+    /// Defaults: a phone or an AIS transponder on deck; figures ours.
+    pub struct BeaconConfig {
+        /// Messages per second.
+        pub rate_hz: f64 = 1.0, in 0.1..=10.0;
+        /// From the fix to the drone's computer, s.
+        pub latency_s: f64 = 0.5, in 0.0..=10.0;
+        /// Standard deviation of its slow error, each axis, m.
+        pub bias_sd_m: f64 = 5.0, in 0.0..=100.0;
+        /// Correlation time of that, s.
+        pub bias_correlation_s: f64 = 300.0, in 1.0..=1e6;
+        /// Standard deviation of its white error, each axis, m.
+        pub white_sd_m: f64 = 1.0, in 0.0..=100.0;
+        /// The same of its velocity, m/s.
+        pub velocity_sd_mps: f64 = 0.2, in 0.01..=10.0;
+        /// What it states of its error of place over the true one.
+        pub stated_factor: f64 = 1.0, in 0.1..=10.0;
+        /// Windows `[start, end)` without messages, s of true time.
+        pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
+    }
+}
+
+/// The beacon at work.
+#[derive(Clone, Debug)]
+pub(super) struct Beacon {
+    config: BeaconConfig,
+    /// Where the true NED begins; None: that of vessel and drones is the true one.
+    place: Option<Datum>,
+    bias: GaussMarkov,
+    white: Noise,
+    velocity: Noise,
+    outlet: Outlet<DeckBeacon, DroneClock>,
+}
+
+impl Beacon {
+    pub(super) fn new(
+        config: &BeaconConfig,
+        place: Option<Datum>,
+        identity: Identity,
+        streams: &Streams,
+    ) -> Self {
+        let noise = |what: &str| Noise::new(streams, &format!("vessel.beacon.{what}"));
+        let (rate_hz, latency_s) = (config.rate_hz, config.latency_s);
+        Beacon {
+            place,
+            bias: GaussMarkov::new(noise("bias"), config.bias_sd_m, config.bias_correlation_s),
+            white: noise("white"),
+            velocity: noise("velocity"),
+            outlet: Outlet::new(rate_hz, latency_s, &config.outages_s, identity),
+            config: config.clone(),
+        }
+    }
+    /// What has arrived by `t`.
+    pub(super) fn step(&mut self, t: Time<TrueTime>, deck: &RigidState<Deck>) -> Vec<DeckBeacon> {
+        if let Some(dt) = self.outlet.due(t) {
+            let c = &self.config;
+            let error = self.bias.step(dt) + self.white.normal3() * c.white_sd_m;
+            let velocity = deck.velocity.0 + self.velocity.normal3() * c.velocity_sd_mps;
+            let origin = self.place.unwrap_or_default();
+            let place = origin.at(&Vector::<TrueNed>::from(deck.position.0 + error));
+            let place_sd_m = (c.stated_factor * c.bias_sd_m.hypot(c.white_sd_m)).max(1.0);
+            let message = DeckBeacon {
+                source: BeaconSource::GlobalPosition,
+                latitude_deg: place.latitude_deg,
+                longitude_deg: place.longitude_deg,
+                velocity: [velocity.x, velocity.y],
+                place_sd_m,
+                velocity_sd_mps: c.velocity_sd_mps,
+                lasts_s: 10.0,
+                ..DeckBeacon::default()
+            };
+            self.outlet
+                .send(t, false, |header| Some(DeckBeacon { header, ..message }));
+        }
+        self.outlet.arrived(t)
+    }
+}

@@ -1,0 +1,109 @@
+//! The mode and the arming of a take-off, its denial, and the disarm of one that was stopped.
+
+use alight_shared::msg::{AutopilotMode, DroneState, SetPoint, SetPointKind, State};
+use alight_uav::autopilot::message::command;
+use alight_uav::autopilot::modes::Firmware;
+
+use crate::rig::{LinkRig, hover};
+use crate::{BOTH, config};
+
+/// A pilot that stands on the deck.
+fn stand(_: &DroneState) -> SetPoint {
+    SetPoint {
+        kind: SetPointKind::Attitude,
+        thrust: 0.3 * hover(),
+        ..SetPoint::default()
+    }
+}
+/// A disarmed drone on the deck, with a link that knows it.
+fn standing(firmware: Firmware) -> LinkRig {
+    let mut p = LinkRig::new(firmware, 0.3, &config());
+    p.linked.autopilot.arm(false);
+    p.pilot = Some(stand);
+    p.mission = State::Countdown;
+    p.run(6.0);
+    p
+}
+
+#[test]
+fn mode_and_arming_of_a_take_off() {
+    for firmware in BOTH {
+        let mut p = standing(firmware);
+        // Before the countdown is over nothing is commanded.
+        let commands = [command::SET_MODE, command::ARM_DISARM];
+        assert!(
+            commands.iter().all(|c| p.commands_of(*c).is_empty()),
+            "{firmware:?}"
+        );
+        p.mission = State::SpinUp;
+        p.run(8.0);
+        assert!(
+            p.linked.autopilot.armed() && p.mode() == AutopilotMode::Offboard,
+            "{firmware:?}"
+        );
+        p.assert_commanding();
+        assert_eq!(p.commands_of(command::ARM_DISARM).len(), 1, "{firmware:?}");
+        assert!(
+            p.commands_of(command::ARM_DISARM)[0].parameters[1] == 0.0,
+            "not by force"
+        );
+        // Stopped: it is disarmed, and not armed again.
+        p.mission = State::StandDown;
+        p.run(2.0);
+        assert!(!p.linked.autopilot.armed(), "{firmware:?}");
+        p.mission = State::Idle;
+        p.run(5.0);
+        assert!(!p.linked.autopilot.armed(), "{firmware:?}");
+    }
+}
+
+#[test]
+fn autopilot_that_does_not_arm() {
+    let text = "Preflight Fail: Gyro 0 inconsistent - check cal";
+    for firmware in BOTH {
+        let mut p = standing(firmware);
+        p.linked.autopilot.arming_fault = Some(text);
+        p.mission = State::SpinUp;
+        p.run(10.0);
+        assert!(!p.linked.autopilot.armed());
+        assert_eq!(p.commands_of(command::ARM_DISARM).len(), 3, "{firmware:?}");
+        let expected = format!("{} does not arm: {text}", firmware.name());
+        assert!(p.texts.contains(&expected), "{firmware:?}: {:?}", p.texts);
+        let sent = p
+            .notes
+            .iter()
+            .any(|(_, note)| note.contains("does not arm: Preflight"));
+        assert!(sent, "{firmware:?}: {:?}", p.notes);
+    }
+}
+
+/// A person who chooses a mode meanwhile has the drone: it is neither taken back nor disarmed.
+#[test]
+fn person_who_takes_the_drone_over_while_it_spins_up() {
+    for firmware in BOTH {
+        let mut p = standing(firmware);
+        p.mission = State::SpinUp;
+        p.run(6.0);
+        assert!(p.linked.autopilot.armed(), "{firmware:?}");
+        assert!(p.choose(AutopilotMode::Other));
+        let before = p.commands.len();
+        p.run(3.0);
+        p.mission = State::StandDown;
+        p.run(3.0);
+        let since = p.commands.iter().skip(before);
+        let mut commanded =
+            since.filter(|(_, c)| matches!(c.command, command::SET_MODE | command::ARM_DISARM));
+        assert!(commanded.next().is_none(), "{firmware:?}");
+    }
+}
+
+/// Nobody is disarmed in the air, whatever the mission reports.
+#[test]
+fn stand_down_in_the_air() {
+    for firmware in BOTH {
+        let mut p = LinkRig::commanding(firmware, 5.0, &config());
+        p.mission = State::StandDown;
+        p.run(3.0);
+        assert!(p.linked.autopilot.armed(), "{firmware:?}");
+    }
+}

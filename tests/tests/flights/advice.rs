@@ -1,0 +1,190 @@
+//! Advice for the helm, against what the decks do and what drones land on.
+
+use alight_shared::apparent_slope::{ApparentSlope, RATE_HZ};
+use alight_shared::msg::SLOPE_STEP;
+use alight_shared::node::Node;
+use alight_sim::harness::physics::{Physics, TICK};
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::trial;
+use alight_sim::physics::vessel::Course;
+use alight_sim::physics::vessel::response::HULLS;
+use alight_usv::{Advice, CourseOutlook, VesselNode};
+use nalgebra::Vector3;
+
+/// Headings that are flown, deg: waves run to 0.
+const FLOWN_DEG: [f64; 6] = [0.0, 60.0, 120.0, 180.0, 240.0, 300.0];
+
+/// A hull that goes straight at this speed in this sea, whose waves run to north.
+fn under_way(hull: &str, sea: &str, speed_mps: f64) -> (Scenario, NodeConfigs) {
+    let (mut scenario, mut nodes) = (Scenario::default(), NodeConfigs::default());
+    scenario.sea = sea.parse().unwrap();
+    scenario.sea.mean_direction_deg = Some(0.0);
+    scenario.install_hull(&mut nodes, hull).unwrap();
+    scenario.vessel.course = Course::Straight;
+    scenario.vessel.speed_mps = speed_mps;
+    (scenario, nodes)
+}
+
+fn on_heading(scenario: &Scenario, heading_deg: f64) -> Scenario {
+    let mut scenario = scenario.clone();
+    scenario.vessel.heading_deg = Some(heading_deg);
+    scenario
+}
+
+/// The vessel's node after so many seconds on this heading.
+fn node_after(
+    scenario: &Scenario,
+    nodes: &NodeConfigs,
+    heading_deg: f64,
+    seed: u64,
+    seconds: f64,
+) -> VesselNode {
+    let mut physics = Physics::new(&on_heading(scenario, heading_deg), seed).unwrap();
+    let mut node = VesselNode::new(&nodes.vessel, 1, 1);
+    for _ in 0..(seconds / TICK.secs()) as usize {
+        let now = physics.vessel_now();
+        node.step(now, &physics.vessel_readings().input());
+        physics.advance();
+    }
+    node
+}
+
+/// What the deck does on this heading in three minutes: standard deviations of tilt (rad) and vertical speed (m/s), and the
+/// root mean square of the steepest apparent slopes of two seconds each.
+fn deck_on(scenario: &Scenario, heading_deg: f64, seed: u64) -> [f64; 3] {
+    let mut physics = Physics::new(&on_heading(scenario, heading_deg), seed).unwrap();
+    let mut slope = ApparentSlope::default();
+    let every = (1.0 / RATE_HZ / TICK.secs()) as usize;
+    let mut figures: Vec<Vector3<f64>> = Vec::new();
+    for k in 0..(180.0 / TICK.secs()) as usize {
+        physics.advance();
+        let deck = physics.deck();
+        if k % every == 0 {
+            slope.push(physics.now(), &deck.attitude.0, deck.velocity.0);
+            let (roll, pitch, _) = deck.attitude.euler();
+            figures.push(Vector3::new(roll, pitch, deck.velocity.0.z));
+        }
+    }
+    let n = figures.len() as f64;
+    let mean = figures.iter().sum::<Vector3<f64>>() / n;
+    let [roll, pitch, sink]: [f64; 3] = (figures
+        .iter()
+        .map(|f| (f - mean).component_mul(&(f - mean)))
+        .sum::<Vector3<f64>>()
+        / n)
+        .into();
+    let steepest = slope.slopes(physics.now());
+    let squares: f64 = steepest
+        .iter()
+        .map(|s| (f64::from(*s) * SLOPE_STEP).powi(2))
+        .sum();
+    [
+        (roll + pitch).sqrt(),
+        sink.sqrt(),
+        (squares / steepest.len() as f64).sqrt(),
+    ]
+}
+
+/// The outlook at the present speed that is nearest to this heading.
+fn outlook_on(node: &VesselNode, heading_deg: f64) -> CourseOutlook {
+    let all = node.advisor().outlooks();
+    let off = |c: &CourseOutlook| 1.0 - (c.heading_rad - heading_deg.to_radians()).cos();
+    let present = all.iter().filter(|c| c.speed_mps == all[0].speed_mps);
+    *present.min_by(|a, b| off(a).total_cmp(&off(b))).unwrap()
+}
+
+#[test]
+fn deck_motion_on_other_headings() {
+    for hull in HULLS {
+        let (scenario, nodes) = under_way(hull, "jonswap:1,5", 3.0);
+        let node = node_after(&scenario, &nodes, 60.0, 1, 150.0);
+        let waves_to = node.advisor().waves_to_rad().unwrap().to_degrees();
+        assert!(
+            waves_to.abs() < 20.0,
+            "{hull}: waves run to 0 deg, found {waves_to:.0}"
+        );
+        for heading in FLOWN_DEG {
+            let [tilt, sink, steep] = deck_on(&scenario, heading, 1);
+            let predicted = outlook_on(&node, heading);
+            println!(
+                "{hull} {heading:3.0} deg: tilt {:.2} predicted {:.2} deg, sink {sink:.2} predicted {:.2} m/s, steepest slopes \
+                 {steep:.3}, predicted deviation {:.3}, likelihood {:.3}",
+                tilt.to_degrees(),
+                predicted.tilt_rad().to_degrees(),
+                predicted.heave_rate_sd_mps,
+                predicted.slope_sd,
+                predicted.likelihood
+            );
+            assert!(
+                (predicted.heave_rate_sd_mps / sink).ln().abs() < 0.4,
+                "{hull}, {heading} deg: {sink:.2} m/s, predicted {predicted:?}"
+            );
+            assert!(
+                (predicted.tilt_rad() / tilt).ln().abs() < 0.5,
+                "{hull}, {heading} deg: {tilt:.3} rad, predicted {predicted:?}"
+            );
+        }
+    }
+}
+
+/// Landings of these seeds, and the mean likelihood that each descent began with.
+fn landed(scenario: &Scenario, nodes: &NodeConfigs, heading_deg: f64, seeds: core::ops::Range<u64>) -> u32 {
+    let scenario = on_heading(scenario, heading_deg);
+    let flown = seeds.map(|seed| trial::outcome(&scenario, nodes, seed, "advice").unwrap());
+    flown.filter(|o| o.success).count() as u32
+}
+
+/// Landings of the same seeds on the course that the vessel advises each of them from this heading.
+fn landed_as_advised(
+    scenario: &Scenario,
+    nodes: &NodeConfigs,
+    heading_deg: f64,
+    seeds: core::ops::Range<u64>,
+) -> (u32, Vec<Advice>) {
+    let mut all = Vec::new();
+    let landed = seeds.filter(|seed| {
+        let node = node_after(scenario, nodes, heading_deg, *seed, 90.0);
+        let advice = node.advisor().advice().unwrap();
+        let mut scenario = on_heading(scenario, advice.heading_rad().to_degrees());
+        scenario.vessel.speed_mps = advice.speed_mps();
+        all.push(advice);
+        trial::outcome(&scenario, nodes, *seed, "advice").unwrap().success
+    });
+    (landed.count() as u32, all)
+}
+
+/// Within 5 % of the best of six headings, each flown on ten common seeds: minutes.
+#[test]
+#[ignore = "flies 210 landings: minutes"]
+fn advice_against_flying_six_headings() {
+    for (hull, sea, speed) in [
+        ("mono-5m", "jonswap:1,5", 3.0),
+        ("mono-5m", "jonswap:1,5", 5.0),
+        ("work-12m", "jonswap:1.5,5", 3.0),
+    ] {
+        let (scenario, nodes) = under_way(hull, sea, speed);
+        let flown = FLOWN_DEG.map(|h| landed(&scenario, &nodes, h, 300..310));
+        let (advised, all) = landed_as_advised(&scenario, &nodes, 90.0, 300..310);
+        let courses: Vec<String> = all
+            .iter()
+            .map(|a| {
+                let p = [a.here.likelihood, a.best.likelihood];
+                format!(
+                    "{:.0} deg {:.0} m/s {:.2}->{:.2}",
+                    a.heading_rad().to_degrees(),
+                    a.speed_mps(),
+                    p[0],
+                    p[1]
+                )
+            })
+            .collect();
+        println!(
+            "{hull} {sea} {speed} m/s: {flown:?} of 10 on {FLOWN_DEG:?} deg; as advised {advised}: {courses:?}"
+        );
+        let best = flown.iter().max().copied().unwrap();
+        assert!(
+            f64::from(advised) >= 0.95 * f64::from(best) - 1e-9,
+            "{hull}, {sea}, {speed} m/s: {advised} as advised, best {best} of 10"
+        );
+    }
+}

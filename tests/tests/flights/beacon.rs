@@ -1,0 +1,119 @@
+//! A vessel that is known by a beacon alone: the drone flies to its place, looks for the tags there and lands by them.
+
+use alight_shared::msg::{ReasonCode, State, VesselLevel};
+use alight_sim::harness::outcome::{Judge, Outcome};
+use alight_sim::harness::rig::Rig;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::physics::sea::SeaConfig;
+use alight_sim::sensors::beacon::BeaconConfig;
+
+/// A silent vessel 300 m away with a beacon of 5 m, once a second.
+fn scenario() -> Scenario {
+    let mut scenario = Scenario {
+        sea: SeaConfig::paper(0.5, 5.0),
+        ..Scenario::default()
+    };
+    scenario.radio.loss = 1.0;
+    scenario.start.distance_m = [300.0, 300.0];
+    scenario.start.height_m = [20.0, 30.0];
+    scenario.sensors.beacon = Some(BeaconConfig::default());
+    scenario
+}
+fn nodes(least_vessel: VesselLevel) -> NodeConfigs {
+    let mut nodes = NodeConfigs::default();
+    nodes.drone.mission.least_vessel = least_vessel;
+    nodes
+}
+
+/// How a flight went: when the tags were found, s, and how it ended.
+struct Flown {
+    found_s: Option<f64>,
+    outcome: Outcome,
+    states: Vec<State>,
+    reasons: Vec<ReasonCode>,
+}
+
+fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, limit_s: f64) -> Flown {
+    let mut rig = Rig::landing(scenario, nodes, seed).unwrap();
+    let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
+    let (mut judge, mut states, mut reasons) = (Judge::default(), Vec::new(), Vec::new());
+    let mut found_s = None;
+    rig.each(limit_s, |rig| {
+        let m = *rig.mission(0);
+        if states.last() != Some(&m.state) {
+            states.push(m.state);
+        }
+        for code in [m.entered.code, m.waiting.code] {
+            if !reasons.contains(&code) {
+                reasons.push(code);
+            }
+        }
+        if m.state == State::Tracking && found_s.is_none() {
+            found_s = Some(rig.t_s());
+        }
+        judge.observe(&rig.world.observation(), half_deck)
+    });
+    Flown {
+        found_s,
+        outcome: judge.outcome(seed, "", "", 0.0),
+        states,
+        reasons,
+    }
+}
+
+fn found(seeds: core::ops::Range<u64>, lands: bool) {
+    let (n, mut missed, mut landed) = (seeds.end - seeds.start, Vec::new(), 0);
+    for seed in seeds {
+        let limit_s = if lands { 300.0 } else { 120.0 };
+        let f = flown(&scenario(), &nodes(VesselLevel::Beacon), seed, limit_s);
+        println!(
+            "beacon {seed}: found {:?} s, {:?} {}, {:?}",
+            f.found_s, f.outcome.outcome, f.outcome.reason, f.states
+        );
+        assert_eq!(f.outcome.unsafe_contacts, 0, "{seed}: {:?}", f.outcome);
+        landed += u32::from(f.outcome.success);
+        if f.found_s.is_none() {
+            missed.push(seed);
+        }
+    }
+    println!("{} of {n} found, {landed} landed", n - missed.len() as u64);
+    assert!(missed.is_empty(), "{missed:?}");
+}
+
+#[test]
+fn deck_found_by_its_beacon() {
+    found(700..703, false);
+}
+
+#[test]
+#[ignore = "20 flights: minutes"]
+fn twenty_decks_found_by_their_beacons() {
+    found(720..740, true);
+}
+
+#[test]
+fn beacon_that_the_mission_does_not_permit() {
+    let f = flown(&scenario(), &nodes(VesselLevel::Computer), 700, 20.0);
+    assert_eq!(f.states, [State::Idle], "{:?}", f.reasons);
+    assert!(f.reasons.contains(&ReasonCode::ForecastStale), "{:?}", f.reasons);
+}
+
+/// Thirty metres beside its beacon no deck is found, and the search ends.
+#[test]
+fn deck_that_is_not_at_its_beacon() {
+    let mut scenario = scenario();
+    scenario.start.distance_m = [60.0, 60.0];
+    scenario.sensors.beacon = Some(BeaconConfig {
+        bias_sd_m: 60.0,
+        stated_factor: 0.05,
+        ..BeaconConfig::default()
+    });
+    let f = flown(&scenario, &nodes(VesselLevel::Beacon), 701, 150.0);
+    assert!(f.found_s.is_none() && f.outcome.attempts == 0, "{:?}", f.states);
+    assert!(
+        f.states.ends_with(&[State::Search, State::GaveUp]),
+        "{:?}",
+        f.states
+    );
+    assert!(f.reasons.contains(&ReasonCode::NotFound), "{:?}", f.reasons);
+}

@@ -1,0 +1,218 @@
+//! A boat that helps, in the whole world: from the question to the skipper to the course given back.
+
+use alight_shared::frames::wrap_angle;
+use alight_shared::msg::{DeckOrder, HelmEnd, HelmState, ReasonCode, State};
+use alight_sim::autopilots::boat::{AUTO, GUIDED, MANUAL};
+use alight_sim::harness::outcome::{Judge, Outcome};
+use alight_sim::harness::physics::TICK;
+use alight_sim::harness::rig::Rig;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::physics::vessel::Course;
+use alight_usv::helm::HelmOutput;
+
+/// A vessel under way at 5 m/s in a sea of 1 m and 5 s, with a plain deck, by the response table of a hull or by the default
+/// vessel; it can be steered by its autopilot, where `helped`.
+fn scene(hull: Option<&str>, helped: bool) -> (Scenario, NodeConfigs) {
+    let (mut scenario, mut nodes) = (Scenario::default(), NodeConfigs::default());
+    scenario.sea = "jonswap:1,5".parse().unwrap();
+    scenario.vessel.course = Course::Straight;
+    scenario.vessel.speed_mps = 5.0;
+    scenario.vessel.power_for(5.0);
+    if let Some(hull) = hull {
+        scenario.install_hull(&mut nodes, hull).unwrap();
+    }
+    nodes.drone.mission.reservation_required = true;
+    if helped {
+        nodes.vessel.helm.output = HelmOutput::Mavlink;
+        nodes.vessel.helm.connect = "udpin://127.0.0.1:14560".into();
+    }
+    (scenario, nodes)
+}
+
+/// The default vessel in a slight sea across whose waves it goes, so that the helm has a better course.
+fn helped(seed: u64) -> Rig {
+    let (mut scenario, nodes) = scene(None, true);
+    scenario.sea = "jonswap:0.5,4".parse().unwrap();
+    scenario.sea.mean_direction_deg = Some(90.0);
+    scenario.vessel.heading_deg = Some(0.0);
+    scenario.vessel.speed_mps = 3.0;
+    Rig::landing(&scenario, &nodes, seed).unwrap()
+}
+fn helm(rig: &Rig) -> HelmState {
+    rig.world.helm().state
+}
+fn until(rig: &mut Rig, limit_s: f64, state: HelmState) -> bool {
+    rig.until(limit_s, |rig| helm(rig) == state)
+}
+/// Heading of the vessel, deg, and its speed over ground, m/s.
+fn course(rig: &Rig) -> [f64; 2] {
+    let vessel = rig.world.physics().vessel();
+    let (_, _, yaw) = vessel.attitude.euler();
+    [yaw.to_degrees(), vessel.velocity.0.xy().norm()]
+}
+fn off_deg(a: f64, b: f64) -> f64 {
+    wrap_angle((a - b).to_radians()).to_degrees().abs()
+}
+/// Asked, and agreed by the skipper two seconds later.
+fn agreed(rig: &mut Rig) {
+    assert!(until(rig, 30.0, HelmState::Asked));
+    rig.run(2.0);
+    rig.world.deck_order(DeckOrder::Helm(true));
+    assert!(until(rig, 1.0, HelmState::Agreed));
+}
+
+#[test]
+fn boat_that_turns_for_a_landing_and_back() {
+    let mut rig = helped(31);
+    agreed(&mut rig);
+    assert!(
+        rig.until(10.0, |rig| rig.mission(0).waiting.code == ReasonCode::HelmTurns
+            || helm(rig) == HelmState::Steady)
+    );
+    assert!(until(&mut rig, 60.0, HelmState::Steady), "{:?}", rig.world.helm());
+    assert_eq!(rig.world.boat().mode, GUIDED);
+    let steered = rig.world.helm();
+    let [heading, _] = course(&rig);
+    assert!(
+        off_deg(heading, steered.heading_deg()) < 15.0 && off_deg(heading, 0.0) > 20.0,
+        "{heading} {steered}"
+    );
+    assert!(
+        rig.until(120.0, |rig| rig.state(0) == State::Landed),
+        "{}",
+        rig.mission(0).waiting
+    );
+    rig.run(30.0);
+    assert_eq!(helm(&rig), HelmState::Steady, "the drone is secured first");
+    assert!(until(&mut rig, 60.0, HelmState::Done));
+    assert!(until(&mut rig, 90.0, HelmState::Idle));
+    rig.run(5.0);
+    let [heading, speed] = course(&rig);
+    assert!(
+        off_deg(heading, 0.0) < 12.0 && (speed - 3.0).abs() < 0.8,
+        "{heading} {speed}"
+    );
+    assert_eq!(rig.world.boat().mode, AUTO);
+}
+
+#[test]
+fn refused_helm() {
+    let mut rig = helped(32);
+    assert!(until(&mut rig, 30.0, HelmState::Asked));
+    rig.world.deck_order(DeckOrder::Helm(false));
+    assert!(until(&mut rig, 1.0, HelmState::Withdrawn));
+    assert_eq!(rig.world.helm().why, HelmEnd::Refused);
+    // As on a boat that is not steered.
+    assert!(
+        rig.until(120.0, |rig| rig.state(0) == State::Landed),
+        "{}",
+        rig.mission(0).waiting
+    );
+    assert_eq!(rig.world.boat().mode, AUTO);
+    assert!(off_deg(course(&rig)[0], 0.0) < 12.0);
+}
+
+#[test]
+fn unanswered_helm() {
+    let mut rig = helped(33);
+    assert!(until(&mut rig, 30.0, HelmState::Asked));
+    assert!(
+        rig.until(120.0, |rig| rig.state(0) == State::Landed),
+        "{}",
+        rig.mission(0).waiting
+    );
+    assert_eq!(rig.world.boat().mode, AUTO);
+}
+
+#[test]
+fn hand_on_the_helm() {
+    // With and without the mode switch.
+    for (with_switch, why, mode) in [
+        (true, HelmEnd::ModeChanged, MANUAL),
+        (false, HelmEnd::HandOnHelm, AUTO),
+    ] {
+        let mut rig = helped(34);
+        agreed(&mut rig);
+        assert!(until(&mut rig, 60.0, HelmState::Steady));
+        let [heading, _] = course(&rig);
+        rig.world.boat().take(heading.to_radians(), 3.0, with_switch);
+        assert!(
+            until(&mut rig, 15.0, HelmState::Withdrawn),
+            "{:?}",
+            rig.world.helm()
+        );
+        assert_eq!(rig.world.helm().why, why);
+        rig.run(3.0);
+        assert_eq!(rig.world.boat().mode, mode);
+    }
+}
+
+#[test]
+fn lost_link_to_the_boats_autopilot() {
+    let mut rig = helped(35);
+    agreed(&mut rig);
+    assert!(rig.until(10.0, |rig| rig.t_s() > 0.0 && helm(rig) == HelmState::Agreed));
+    rig.run(3.0);
+    rig.world.boat().cut = true;
+    assert!(until(&mut rig, 4.0, HelmState::Withdrawn));
+    assert_eq!(rig.world.helm().why, HelmEnd::LinkLost);
+    rig.run(3.0);
+    rig.world.boat().cut = false;
+    rig.run(3.0);
+    assert_eq!(rig.world.boat().mode, AUTO, "given back once it is there again");
+}
+
+#[test]
+fn autopilot_that_denies_the_helm() {
+    let mut rig = helped(36);
+    rig.world.boat().denies = true;
+    agreed(&mut rig);
+    assert!(until(&mut rig, 6.0, HelmState::Withdrawn));
+    assert_eq!(rig.world.helm().why, HelmEnd::Denied);
+}
+
+/// A landing whose skipper agrees three seconds after he is asked.
+fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Outcome {
+    let mut rig = Rig::landing(scenario, nodes, seed).unwrap();
+    let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
+    let mut judge = Judge::default();
+    let (mut asked, mut over) = (0.0, false);
+    rig.each(650.0, |rig| {
+        if helm(rig) == HelmState::Asked {
+            asked += TICK.secs();
+            if asked > 3.0 {
+                rig.world.deck_order(DeckOrder::Helm(true));
+            }
+        }
+        over = judge.observe(&rig.world.observation(), half_deck);
+        over
+    });
+    judge.outcome(seed, "jonswap:1,5", nodes.planner_name(), rig.t_s())
+}
+
+#[test]
+fn plain_deck_at_5_mps_with_a_boat_that_helps() {
+    let (scenario, nodes) = scene(Some("mono-5m"), true);
+    for seed in [7101, 7102] {
+        let o = flown(&scenario, &nodes, seed);
+        assert!(o.success, "{seed}: {}", o.reason);
+    }
+}
+
+#[test]
+#[ignore = "minutes: ten landings with and ten without the boat's help"]
+fn rate_at_5_mps_with_and_without_help() {
+    for helped in [false, true] {
+        let (scenario, nodes) = scene(Some("mono-5m"), helped);
+        let all: Vec<Outcome> = (7101..7111).map(|seed| flown(&scenario, &nodes, seed)).collect();
+        let landed = all.iter().filter(|o| o.success).count();
+        for o in &all {
+            println!(
+                "helped {helped}, seed {}: {} ({:.0} s)",
+                o.seed, o.reason, o.sim_time_s
+            );
+        }
+        println!("helped {helped}: {landed} of {}", all.len());
+        assert!(!helped || landed >= 8);
+    }
+}

@@ -1,0 +1,105 @@
+//! Another boat with the same tags beside the vessel: the drone lands on its own deck, or waits and says why.
+
+use alight_shared::msg::{ReasonCode, VesselLevel};
+use alight_sim::harness::outcome::{Judge, Outcome};
+use alight_sim::harness::rig::Rig;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::physics::sea::SeaConfig;
+use alight_sim::sensors::noise::Windows;
+
+fn beside(neighbour_m: f64) -> Scenario {
+    let mut scenario = Scenario {
+        sea: SeaConfig::paper(0.5, 5.0),
+        neighbour_m: Some(neighbour_m),
+        ..Scenario::default()
+    };
+    // Markers of one boat alone would tell them apart.
+    scenario.sensors.uvdar.outages_s = Windows(vec![[0.0, 1e9]]);
+    scenario
+}
+
+/// How a flight ends, how near the drone came to the other deck, along its normal, while it was over it, and what was given as
+/// reasons.
+struct Flown {
+    outcome: Outcome,
+    over_other_m: f64,
+    reasons: Vec<ReasonCode>,
+}
+
+fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, limit_s: f64) -> Flown {
+    let mut rig = Rig::landing(scenario, nodes, seed).unwrap();
+    let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
+    let (mut judge, mut over_other_m, mut reasons) = (Judge::default(), f64::INFINITY, Vec::new());
+    rig.each(limit_s, |rig| {
+        let m = *rig.mission(0);
+        for code in [m.entered.code, m.waiting.code] {
+            if !reasons.contains(&code) {
+                reasons.push(code);
+            }
+        }
+        let physics = rig.world.physics();
+        if let (Some(other), Some(drone)) = (physics.neighbour_deck(), physics.drone(0)) {
+            let from = drone.position.0 - other.position.0;
+            if from.xy().norm() < half_deck[1] {
+                over_other_m = over_other_m.min(-from.z);
+            }
+        }
+        judge.observe(&rig.world.observation(), half_deck)
+    });
+    Flown {
+        outcome: judge.outcome(seed, "", "", 0.0),
+        over_other_m,
+        reasons,
+    }
+}
+
+/// Flights beside a boat at this distance: so many land on their own, and none goes down to the other.
+fn landed(neighbour_m: f64, seeds: core::ops::Range<u64>) -> u32 {
+    let mut landed = 0;
+    for seed in seeds {
+        let f = flown(&beside(neighbour_m), &NodeConfigs::default(), seed, 240.0);
+        let o = &f.outcome;
+        println!(
+            "{neighbour_m} m, {seed}: {:?} {}, {:.1} m over the other, ambiguous {}, elsewhere {}",
+            o.outcome,
+            o.reason,
+            f.over_other_m,
+            f.reasons.contains(&ReasonCode::SeveralDecks),
+            f.reasons.contains(&ReasonCode::DeckElsewhere),
+        );
+        assert!(
+            f.over_other_m > 2.5 && o.unsafe_contacts == 0 && o.water_contacts == 0,
+            "{seed}: {o:?}"
+        );
+        landed += u32::from(o.success);
+    }
+    landed
+}
+
+#[test]
+fn own_deck_beside_another_with_its_tags() {
+    assert_eq!(landed(3.0, 800..802), 2);
+    assert_eq!(landed(10.0, 802..803), 1);
+}
+
+#[test]
+#[ignore = "60 flights: minutes"]
+fn sixty_landings_beside_another_boat() {
+    let all: u32 = [3.0, 10.0, 30.0].map(|m| landed(m, 820..840)).iter().sum();
+    println!("{all} of 60");
+    assert!(all >= 54, "{all} of 60");
+}
+
+/// Without radio and beacon nothing tells two decks apart that are in sight from the beginning.
+#[test]
+fn two_decks_without_any_other_knowledge() {
+    let mut scenario = beside(4.0);
+    scenario.radio.loss = 1.0;
+    scenario.start.distance_m = [0.0, 1.0];
+    scenario.start.height_m = [9.0, 10.0];
+    let mut nodes = NodeConfigs::default();
+    nodes.drone.mission.least_vessel = VesselLevel::Tag;
+    let f = flown(&scenario, &nodes, 810, 60.0);
+    assert_eq!(f.outcome.attempts, 0);
+    assert!(f.reasons.contains(&ReasonCode::SeveralDecks), "{:?}", f.reasons);
+}

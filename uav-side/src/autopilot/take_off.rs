@@ -1,0 +1,223 @@
+//! The mode and the arming of a take-off, and the disarm of one that was stopped on the deck.
+//!
+//! While the mission is in [`State::SpinUp`] the link chooses OFFBOARD (GUIDED) and arms: an operator has ordered the take-off,
+//! the crew has cleared the deck, and the countdown is over. A mode that somebody else chooses after that is not chosen again.
+//! What the autopilot answers to a command to arm is passed on with the text that it gave for it.
+//!
+//! A sortie that has to end while the autopilot flies its own mission is taken over by the same command; a drone that a person
+//! flies is not.
+//!
+//! A take-off that was stopped leaves a drone that this link has armed and that has had little thrust since. It is disarmed by
+//! force, because no land detector finds the ground on a deck that moves: once its rotors give little, and something else
+//! carries it.
+
+use alight_shared::geometry::GRAVITY;
+use alight_shared::msg::{AutopilotMode, ReasonCode, State};
+use alight_shared::time::Span;
+use nalgebra::Vector3;
+
+use super::message::{CUSTOM_MODE, CommandLong, CommandResult, Message, command, severity};
+use super::modes::Firmware;
+use super::{AutopilotLink, AutopilotOut, ControlAuthority, DroneTime};
+
+/// PX4 denies OFFBOARD without a stream of set-points for so long.
+const STREAMS: Span = Span::from_millis(1200);
+/// Between two commands.
+const PAUSE: Span = Span::from_millis(1000);
+/// Commands to choose the mode, to arm and to disarm, at most.
+const MODE_TRIES: u32 = 3;
+const ARM_TRIES: u32 = 3;
+const DISARM_TRIES: u32 = 50;
+/// Between two commands to disarm.
+const DISARM_PAUSE: Span = Span::from_millis(200);
+/// The evidence for that lasts so long: several time constants of the specific force.
+const CARRIED: Span = Span::from_millis(300);
+/// A text explains a denial that comes no later.
+const EXPLAINS: Span = Span::from_millis(3000);
+
+/// How far a take-off has come at the autopilot.
+#[derive(Clone, Debug, Default)]
+pub(super) struct TakeOffSequence {
+    /// Since when set-points are streamed for it.
+    since: Option<DroneTime>,
+    modes: u32,
+    arms: u32,
+    /// The autopilot was in our mode since.
+    was_ours: bool,
+    /// It was commanded to arm, and has not been seen disarmed in another state of the mission since.
+    armed: bool,
+    disarms: u32,
+    /// The deck carries a drone with little thrust since.
+    carried: Option<DroneTime>,
+    next: Option<DroneTime>,
+    /// The autopilot's newest text of a denial.
+    text: Option<(DroneTime, String)>,
+}
+
+impl TakeOffSequence {
+    fn is_due(&mut self, now: DroneTime, pause: Span) -> bool {
+        let due = self.next.is_none_or(|next| now >= next);
+        if due {
+            self.next = Some(now + pause);
+        }
+        due
+    }
+    /// Commands to disarm so far.
+    pub(super) fn disarms(&self) -> u32 {
+        self.disarms
+    }
+    /// A text of the autopilot, which may say why it does not arm.
+    pub(super) fn explained(&mut self, now: DroneTime, text: &str) {
+        if self.since.is_some() {
+            self.text = Some((now, text.into()));
+        }
+    }
+    /// What a denied command to arm is reported with; None where this is none of a take-off.
+    pub(super) fn denied(&mut self, now: DroneTime, result: CommandResult) -> Option<String> {
+        if self.since.is_none() || self.arms == 0 || self.disarms > 0 {
+            return None;
+        }
+        let text = self.text.take().filter(|(at, _)| now - *at <= EXPLAINS);
+        let why = text.map_or_else(|| format!("{result:?}, without a text"), |(_, text)| text);
+        Some(format!("does not arm: {why}"))
+    }
+}
+
+impl AutopilotLink {
+    /// The mission's take-off wants set-points to be followed before a heartbeat shows that they are.
+    pub(super) fn streams_for_take_off(&self, now: DroneTime) -> bool {
+        let state = self.fresh_mission(now).map(|m| m.state);
+        let starts = matches!(state, Some(State::SpinUp | State::TakeOff | State::StandDown));
+        let authority = self.control_authority();
+        starts && (authority.may_offer() || authority == ControlAuthority::Disarmed)
+    }
+
+    /// Chooses the mode and arms, or disarms, as the mission's state wants it.
+    pub(super) fn take_off(&mut self, now: DroneTime, out: &mut AutopilotOut) {
+        let state = self.fresh_mission(now).map(|m| m.state);
+        match state {
+            Some(State::SpinUp) => self.prepare_take_off(now, out),
+            Some(State::StandDown | State::Idle | State::Preparing | State::Countdown) => {
+                self.disarm_stopped(now, out);
+            }
+            Some(
+                State::GetAltitude
+                | State::Approach
+                | State::Search
+                | State::Tracking
+                | State::TrackingStable
+                | State::Descent
+                | State::Flare
+                | State::Landed
+                | State::Hold
+                | State::GaveUp
+                | State::TakeOff
+                | State::ClimbOut,
+            ) => self.departure = TakeOffSequence::default(),
+            // It may be back.
+            None => {}
+        }
+    }
+
+    fn prepare_take_off(&mut self, now: DroneTime, out: &mut AutopilotOut) {
+        let authority = self.control_authority();
+        let Some(peer) = &self.peer else { return };
+        let d = &mut self.departure;
+        let since = *d.since.get_or_insert(now);
+        let ours = peer.mode == AutopilotMode::Offboard;
+        d.was_ours |= ours;
+        if peer.armed {
+            return;
+        }
+        if !ours {
+            let streamed = peer.firmware != Firmware::Px4 || now - since >= STREAMS;
+            let may = authority.may_offer() && !d.was_ours && streamed && d.modes < MODE_TRIES;
+            if may && d.is_due(now, PAUSE) {
+                d.modes += 1;
+                let [main, sub] = peer.firmware.offboard();
+                let mode = [f64::from(CUSTOM_MODE), main, sub];
+                let command = CommandLong::new(peer.address, command::SET_MODE, mode);
+                out.messages.push(Message::Command(command));
+            }
+            return;
+        }
+        // In that mode PX4 wants the stream, too.
+        let streamed = now - since >= STREAMS;
+        let may = authority == ControlAuthority::Disarmed && streamed && d.arms < ARM_TRIES;
+        if may && d.is_due(now, PAUSE) {
+            (d.arms, d.armed) = (d.arms + 1, true);
+            let arm = CommandLong::new(peer.address, command::ARM_DISARM, [1.0]);
+            out.messages.push(Message::Command(arm));
+        }
+    }
+
+    /// The drone has to turn back: the autopilot's own mission ends.
+    pub(super) fn end_mission(&mut self, now: DroneTime, out: &mut AutopilotOut) {
+        let turns = self
+            .fresh_mission(now)
+            .is_some_and(|m| m.state == State::Idle && m.waiting.code == ReasonCode::TurnsBack);
+        let may = turns && self.control_authority().may_offer();
+        let Some(peer) = self.peer.as_ref().filter(|p| p.armed && p.flies_mission) else {
+            self.mission_ends = 0;
+            return;
+        };
+        if !may || self.mission_ends >= MODE_TRIES || !self.timers.command.is_ready(now) {
+            return;
+        }
+        let [main, sub] = peer.firmware.offboard();
+        let mode = [f64::from(CUSTOM_MODE), main, sub];
+        let command = CommandLong::new(peer.address, command::SET_MODE, mode);
+        out.messages.push(Message::Command(command));
+        out.alarm(
+            severity::WARNING,
+            "ends the autopilot's mission: turns back to the vessel".into(),
+        );
+        self.mission_ends += 1;
+        self.timers.command.restart(now, PAUSE);
+    }
+
+    /// A drone that this link has armed for a take-off that was stopped is disarmed.
+    fn disarm_stopped(&mut self, now: DroneTime, out: &mut AutopilotOut) {
+        let Some(peer) = &self.peer else { return };
+        let (armed, ours) = (peer.armed, peer.mode == AutopilotMode::Offboard);
+        let stands_down = self
+            .fresh_mission(now)
+            .is_some_and(|m| m.state == State::StandDown);
+        if !armed && !stands_down {
+            // A command to arm may be under way for as long as its answer takes.
+            let over = self.departure.next.is_none_or(|next| now >= next + PAUSE);
+            if over {
+                self.departure = TakeOffSequence::default();
+            }
+            return;
+        }
+        // A drone that somebody else flies is theirs.
+        let may = armed && ours && (self.departure.armed || stands_down);
+        let low = self.sent_thrust.is_low(now);
+        // In whatever attitude it came to rest.
+        let force = self.state.map(|s| Vector3::from(s.specific_force).norm());
+        let carried = force.is_some_and(|f| f >= self.config.disarm.min_load_factor * GRAVITY);
+        let d = &mut self.departure;
+        d.carried = d
+            .carried
+            .filter(|_| carried && low)
+            .or((carried && low).then_some(now));
+        let lasts = d.carried.is_some_and(|since| now - since >= CARRIED);
+        if !(may && lasts) || d.disarms >= DISARM_TRIES || !d.is_due(now, DISARM_PAUSE) {
+            return;
+        }
+        d.disarms += 1;
+        let (sent, to) = (
+            d.disarms,
+            self.peer.as_ref().map(|p| p.address).unwrap_or_default(),
+        );
+        out.messages.push(Message::Command(CommandLong {
+            confirmation: u8::try_from(sent.saturating_sub(1)).unwrap_or(u8::MAX),
+            ..CommandLong::new(to, command::ARM_DISARM, [0.0, command::FORCE])
+        }));
+        if sent == DISARM_TRIES {
+            let text = "the take-off was stopped and the drone is still ARMED: disarm by remote control";
+            out.alarm(severity::CRITICAL, text.into());
+        }
+    }
+}

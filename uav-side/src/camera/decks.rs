@@ -1,0 +1,117 @@
+//! The tags in an image by the decks that they are on: boats that lie side by side may have the same numbers.
+
+use alight_shared::tags::DeckTag;
+use nalgebra::{Vector2, Vector3};
+
+use super::square_pose::{SeenTag, solve};
+
+/// Decks in an image, at most.
+pub(super) const MAX_DECKS: usize = 4;
+/// A tag belongs to a deck where it is no further from where that has it than this, m: half of the narrowest deck.
+const WITHIN_M: f64 = 0.8;
+
+/// Each deck's tags, that with the largest tag first. Without a number that occurs twice they are of one deck.
+pub(super) fn apart(seen: Vec<SeenTag>) -> Vec<Vec<SeenTag>> {
+    let (mut rest, mut decks) = (seen, Vec::new());
+    while decks.len() < MAX_DECKS && !rest.is_empty() {
+        let Some(around) = repeats(&rest).then(|| around_largest(&rest)).flatten() else {
+            decks.push(rest);
+            break;
+        };
+        let (own, others) = (0..rest.len()).partition::<Vec<usize>, _>(|k| around.contains(k));
+        let of = |which: &[usize]| which.iter().filter_map(|k| rest.get(*k)).copied().collect();
+        decks.push(of(&own));
+        rest = of(&others);
+    }
+    decks
+}
+
+/// A number occurs twice.
+fn repeats(seen: &[SeenTag]) -> bool {
+    (seen.iter().enumerate()).any(|(k, a)| seen.iter().skip(k + 1).any(|b| a.tag.id == b.tag.id))
+}
+
+fn middle(s: &SeenTag) -> Vector2<f64> {
+    s.image.iter().sum::<Vector2<f64>>() / 4.0
+}
+
+/// The largest tag and those that lie where its deck has them, one of each number; None where the largest has no pose.
+fn around_largest(seen: &[SeenTag]) -> Option<Vec<usize>> {
+    let size = |s: &SeenTag| (s.image[2] - s.image[0]).norm_squared();
+    let largest = seen.iter().max_by(|a, b| size(a).total_cmp(&size(b)))?;
+    let pose = solve(&[*largest])?;
+    let off_m = |s: &SeenTag| {
+        let DeckTag { centre_m, .. } = s.tag;
+        let at = pose.attitude * Vector3::from(centre_m) + pose.position;
+        if at.z > 0.0 {
+            (at.xy() / at.z - middle(s)).norm() * at.z
+        } else {
+            f64::INFINITY
+        }
+    };
+    let best_of = |id: u16| {
+        let same = seen.iter().enumerate().filter(|(_, s)| s.tag.id == id);
+        same.map(|(k, s)| (k, off_m(s)))
+            .filter(|(_, off)| *off < WITHIN_M)
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+    };
+    let mut own: Vec<usize> = seen
+        .iter()
+        .filter_map(|s| best_of(s.tag.id))
+        .map(|(k, _)| k)
+        .collect();
+    own.sort_unstable();
+    own.dedup();
+    // The largest lies where it lies.
+    (!own.is_empty()).then_some(own)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::square_pose::corners_of;
+    use super::*;
+    use alight_shared::geometry::DeckGeometry;
+    use nalgebra::UnitQuaternion;
+
+    /// Two decks 3 m from each other from 9 m above, each tilted by itself, their tags in any order.
+    #[test]
+    fn tags_of_two_boats_in_one_image() {
+        let tags = DeckGeometry::default().tags();
+        let deck = |x: f64, roll: f64| -> Vec<SeenTag> {
+            let attitude = UnitQuaternion::from_euler_angles(roll, -0.05, 0.3);
+            let image = |corner: Vector3<f64>| {
+                let at = attitude * corner + Vector3::new(x, 0.4, 9.0);
+                at.xy() / at.z
+            };
+            (tags.iter())
+                .map(|tag| SeenTag {
+                    tag: *tag,
+                    image: corners_of(tag).map(image),
+                    sd: 1e-3,
+                })
+                .collect()
+        };
+        let (a, b) = (deck(-1.0, 0.08), deck(2.0, -0.06));
+        let mixed: Vec<_> = a.iter().zip(&b).flat_map(|(a, b)| [*b, *a]).collect();
+        let mut places: Vec<f64> = apart(mixed)
+            .iter()
+            .map(|seen| {
+                assert_eq!(seen.len(), tags.len());
+                let pose = solve(seen).unwrap();
+                assert!(pose.misfit < 1.0, "{}", pose.misfit);
+                pose.position.x
+            })
+            .collect();
+        places.sort_by(f64::total_cmp);
+        assert!(
+            (places[0] + 1.0).abs() < 0.01 && (places[1] - 2.0).abs() < 0.01,
+            "{places:?}"
+        );
+        // One boat alone, and one with half of another in sight.
+        assert_eq!(apart(a.clone()).len(), 1);
+        let half: Vec<_> = a.iter().chain(b.iter().take(3)).copied().collect();
+        let sizes: Vec<_> = apart(half).iter().map(Vec::len).collect();
+        assert_eq!(sizes.iter().sum::<usize>(), tags.len() + 3);
+        assert_eq!(sizes.len(), 2);
+    }
+}

@@ -1,0 +1,258 @@
+//! The probability that a take-off which begins at some moment leaves the deck well, by the forecast that landings use.
+//!
+//! Two limits, both those of a contact ([`MAX_MPS`]), because a foot may touch the deck again:
+//!
+//! | figure | mean | standard deviations |
+//! |---|---|---|
+//! | along the deck, m/s | `t_l (T n + w - a)` | `t_l T sd(tilt)`, `t_l sd(a)`, gusts |
+//! | gap over the deck, m | the climb's law over the forecast deck | `s sd(w)`, `s² sd(a) / 2` |
+//!
+//! with the specific thrust `T` of the jump along the deck's normal, of which `n` is the horizontal part, the wind's
+//! acceleration `w` and the deck's `a`, all horizontal, for the time `t_l` until the drone has levelled. The gap must stay
+//! open at every time `s` of the forecast. A deck that is level and has just risen passes both best: it falls away under the drone.
+
+use alight_shared::geometry::{DroneGeometry, GRAVITY};
+use alight_shared::landing::MAX_MPS;
+use alight_shared::landing::normal::{below, inside, norm};
+use alight_shared::msg::{DeckForecast, DeckStage, Reason, ReasonCode};
+use alight_shared::time::{DroneClock, Span, Time};
+use nalgebra::Vector3;
+
+use super::wind::WindMonitor;
+use crate::contingency::Climb;
+use crate::mission_config::MissionConfig;
+
+/// From the decision until the rotors carry the drone, s: two periods, the wire, the rotors' lag and the first part of the
+/// pilot's ramp.
+const LAG_S: f64 = 0.25;
+/// From then on until it has levelled, s: 0.2 s until the feet are clear, and half of the attitude's 0.2 s.
+const LEVELS_S: f64 = 0.3;
+/// The gap is looked at from this time after lift-off, s, this far apart and so long.
+const GAP_FROM_S: f64 = 0.3;
+const STEP_S: f64 = 1.0 / 16.0;
+const GAP_UNTIL_S: f64 = 1.5;
+/// What pilot and feet leave of the gap, m, and of the speed along the deck, m/s.
+const GAP_SD_M: f64 = 0.03;
+const ALONG_SD_MPS: f64 = 0.1;
+/// Moments that are looked at: this far apart, and so far ahead, s.
+const GRID_S: f64 = 0.25;
+const AHEAD_S: f64 = 2.0;
+/// No take-off is more likely than this, as no landing is: what is in no model.
+const MAX: f64 = 0.99;
+
+/// The probability that each limit is kept.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LiftOff {
+    /// Of the speed along the deck.
+    pub along: f64,
+    /// Of the gap.
+    pub clear: f64,
+}
+
+/// A take-off now, and the best one that is predicted after it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moments {
+    /// Now.
+    pub now: LiftOff,
+    /// The best of the others, with the time until then, s.
+    pub later: Option<(f64, LiftOff)>,
+}
+
+impl LiftOff {
+    /// That both limits are kept.
+    pub fn whole(&self) -> f64 {
+        let p = self.along * self.clear;
+        if p.is_finite() { p.min(MAX) } else { 0.0 }
+    }
+    /// Why it is not as likely as is `needed`.
+    fn below(&self, needed: f64) -> Option<Reason> {
+        let code = if self.clear < self.along {
+            ReasonCode::TakeOffHit
+        } else {
+            ReasonCode::TakeOffTilted
+        };
+        let p = self.whole();
+        (p < needed).then_some(Reason::new(code, p, needed))
+    }
+}
+
+impl Moments {
+    /// Why the take-off does not begin now: it is not likely enough, or a better moment comes by more than the wait costs.
+    pub fn not_now(&self, c: &MissionConfig) -> Option<Reason> {
+        let p = self.now.whole();
+        self.now.below(c.min_probability).or_else(|| {
+            let worth =
+                |(wait_s, later): &(f64, LiftOff)| later.whole() - c.waiting_cost_per_s() * wait_s > p;
+            let (_, later) = self.later.filter(worth)?;
+            Some(Reason::new(ReasonCode::BetterMoment, p, later.whole()))
+        })
+    }
+    /// Why no moment that is predicted is likely enough.
+    pub fn none_soon(&self, c: &MissionConfig) -> Option<Reason> {
+        let later = self.later.map(|(_, later)| later);
+        let best = later.filter(|l| l.whole() > self.now.whole()).unwrap_or(self.now);
+        best.below(c.min_probability)
+    }
+}
+
+/// What the probability rests on.
+pub(super) struct Jump<'a> {
+    /// The deck's forecast.
+    pub(super) forecast: &'a DeckForecast,
+    /// The wind, where a flight before this one has found it.
+    pub(super) wind: &'a WindMonitor,
+    /// The drone.
+    pub(super) drone: &'a DroneGeometry,
+}
+
+impl Jump<'_> {
+    /// Now and later; None where the forecast does not reach.
+    pub(super) fn moments(&self, now: Time<DroneClock>) -> Option<Moments> {
+        let start = now.max(self.forecast.header.at);
+        let grid = 1..=(AHEAD_S / GRID_S) as usize;
+        let later = grid.filter_map(|k| {
+            let wait_s = GRID_S * k as f64;
+            Some((wait_s, self.at(start + Span::from_secs(wait_s))?))
+        });
+        Some(Moments {
+            now: self.at(start)?,
+            later: later.reduce(|best, next| {
+                if next.1.whole() > best.1.whole() {
+                    next
+                } else {
+                    best
+                }
+            }),
+        })
+    }
+    /// A take-off that is decided at `t`.
+    fn at(&self, t: Time<DroneClock>) -> Option<LiftOff> {
+        let leaves = t + Span::from_secs(LAG_S);
+        let deck = self.forecast.at(leaves)?;
+        Some(LiftOff {
+            along: self.along(&deck),
+            clear: self.clear(leaves, &deck)?,
+        })
+    }
+    /// That the drone has no harmful speed along the deck once it has levelled.
+    fn along(&self, deck: &DeckStage) -> f64 {
+        let surplus = self.drone.max_thrust_n / self.drone.mass_kg - GRAVITY;
+        let thrust = GRAVITY + 0.5 * surplus.max(0.0);
+        let parts = deck.normal().xy() * thrust - Vector3::from(deck.acceleration).xy() + self.wind.mean();
+        let [ax, ay, _] = deck.acceleration_sd;
+        let tilt_sd = (0.5 * (deck.euler_sd[0].powi(2) + deck.euler_sd[1].powi(2))).sqrt();
+        let unknown = norm(&[
+            thrust * tilt_sd,
+            (0.5 * (ax * ax + ay * ay)).sqrt(),
+            self.wind.gust_sd(),
+        ]);
+        let sd = norm(&[ALONG_SD_MPS, LEVELS_S * unknown]);
+        inside(LEVELS_S * parts.norm(), sd, MAX_MPS)
+    }
+    /// That the deck does not rise into the drone.
+    fn clear(&self, leaves: Time<DroneClock>, deck: &DeckStage) -> Option<f64> {
+        let half_span_m = 0.5 * self.drone.feet_span_m[0].hypot(self.drone.feet_span_m[1]);
+        let z = deck.position[2];
+        let mut climb = Climb::new(z, deck.velocity[2], self.drone);
+        let mut worst = f64::INFINITY;
+        for k in 1..=(GAP_UNTIL_S / STEP_S) as usize {
+            let s = STEP_S * k as f64;
+            let stage = self.forecast.at(leaves + Span::from_secs(s))?;
+            climb.advance(STEP_S, stage.velocity[2]);
+            if s < GAP_FROM_S {
+                continue;
+            }
+            let edge_m = half_span_m * stage.normal().xy().norm();
+            let gap_m = stage.position[2] - climb.z - edge_m;
+            let sd = norm(&[
+                GAP_SD_M,
+                s * stage.velocity_sd[2].min(stage.acceleration_sd[2] * s),
+                0.5 * s * s * stage.acceleration_sd[2],
+            ]);
+            worst = worst.min(gap_m / sd);
+        }
+        Some(below(worst))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixtures::{forecast, header};
+
+    fn known() -> DeckStage {
+        DeckStage {
+            position: [0.0, 0.0, -1.3],
+            velocity_sd: [0.05; 3],
+            acceleration_sd: [0.2; 3],
+            euler_sd: [0.01; 3],
+            ..DeckStage::default()
+        }
+    }
+    fn moments(deck: impl Fn(f64) -> DeckStage) -> Moments {
+        let f = forecast(header(0, Time::EPOCH), deck);
+        let (wind, drone) = (WindMonitor::default(), DroneGeometry::default());
+        let jump = Jump {
+            forecast: &f,
+            wind: &wind,
+            drone: &drone,
+        };
+        jump.moments(Time::EPOCH).unwrap()
+    }
+
+    #[test]
+    fn take_off_from_decks_at_rest() {
+        let c = MissionConfig::default();
+        assert_eq!(moments(|_| known()).not_now(&c), None);
+        let tilted = moments(|_| DeckStage {
+            euler: [0.25, 0.0, 0.0],
+            ..known()
+        });
+        assert_eq!(
+            tilted.not_now(&c).map(|r| r.code),
+            Some(ReasonCode::TakeOffTilted)
+        );
+        assert_eq!(
+            tilted.none_soon(&c).map(|r| r.code),
+            Some(ReasonCode::TakeOffTilted)
+        );
+        let unknown = moments(|_| DeckStage {
+            euler_sd: [f64::NAN; 3],
+            ..known()
+        });
+        assert!(unknown.now.whole() < 1e-9);
+    }
+
+    #[test]
+    fn take_off_from_a_deck_that_rises_into_it() {
+        let c = MissionConfig::default();
+        // Up by 12 m/s² from the moment on at which the feet leave.
+        let hit = moments(|t| {
+            let s = (t - LAG_S).max(0.0);
+            DeckStage {
+                position: [0.0, 0.0, -1.3 - 6.0 * s * s],
+                velocity: [0.0, 0.0, -12.0 * s],
+                ..known()
+            }
+        });
+        assert_eq!(hit.not_now(&c).map(|r| r.code), Some(ReasonCode::TakeOffHit));
+    }
+
+    /// A deck that rolls to and fro: the moment at which it is level.
+    #[test]
+    fn moment_of_a_level_deck() {
+        let c = MissionConfig::default();
+        let rolls = |t: f64| DeckStage {
+            euler: [0.11 * (1.5 * (t - 1.25)).sin(), 0.0, 0.0],
+            ..known()
+        };
+        let m = moments(rolls);
+        assert!(m.not_now(&c).is_some());
+        let (wait_s, best) = m.later.unwrap();
+        assert!(
+            (wait_s - 1.0).abs() < 0.3 && best.whole() > 0.95,
+            "{wait_s} s: {best:?}"
+        );
+        assert_eq!(m.none_soon(&c), None);
+    }
+}

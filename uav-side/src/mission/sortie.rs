@@ -1,0 +1,179 @@
+//! Sortie: how long the drone may stay away before it has to turn back to where the vessel will be.
+//!
+//! A drone `r` away from a vessel that moves at `u`, in the wind `w`, meets it after the least `T >= 0` with
+//! `|r + (u - w) T| = v T` at its air speed `v`: a pursuit of the vessel's place then, not of its place now. It turns where its
+//! charge `b` is down to the reserve, the way and one missed attempt: after the time `t` with `b - P t = b_r + P (T(t) + t_a)`
+//! for the power `P`, where the vessel goes on while the drone stays. The landing itself is what the reserve is for.
+
+use alight_shared::msg::{Reason, ReasonCode};
+use nalgebra::Vector2;
+
+use super::situation::Situation;
+use super::{Mission, WIND_SD_MPS};
+
+/// Longer ways are as good as none, s.
+const MAX_WAY_S: f64 = 3600.0;
+/// Steps of the bisection: from an hour to a tenth of a second.
+const STEPS: u32 = 16;
+
+/// The way back to the vessel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Way {
+    /// From the drone to the deck, m.
+    pub(super) offset: Vector2<f64>,
+    /// The vessel's velocity, m/s.
+    pub(super) vessel: Vector2<f64>,
+    /// The wind's, towards, m/s.
+    pub(super) wind: Vector2<f64>,
+    /// The drone's air speed, m/s.
+    pub(super) air_mps: f64,
+}
+
+impl Way {
+    /// Time until the drone meets the vessel if it turns after `stays_s`, s; [`MAX_WAY_S`] where it does not catch up.
+    fn time_s(&self, stays_s: f64) -> f64 {
+        let r = self.offset + self.vessel * stays_s;
+        let drift = self.vessel - self.wind;
+        // (v² - |d|²) T² - 2 r.d T - |r|² = 0.
+        let (a, b, c) = (
+            self.air_mps.powi(2) - drift.norm_squared(),
+            r.dot(&drift),
+            r.norm_squared(),
+        );
+        let root = (b * b + a * c).max(0.0).sqrt();
+        let time = if a > 1e-6 {
+            (b + root) / a
+        } else if b < -1e-6 {
+            // It comes to the drone.
+            c / (root - b)
+        } else if c < 1e-6 {
+            0.0
+        } else {
+            MAX_WAY_S
+        };
+        time.clamp(0.0, MAX_WAY_S)
+    }
+}
+
+/// What the drone has and what it needs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Energy {
+    /// Charge, 0 to 1.
+    pub(super) charge: f64,
+    /// Power, 1/s.
+    pub(super) power: f64,
+    /// Charge that is left for the landing, 0 to 1.
+    pub(super) reserve: f64,
+    /// Time of one missed attempt, s.
+    pub(super) attempt_s: f64,
+}
+
+impl Energy {
+    /// The charge at which a drone that stays for `stays_s` more has to turn, 0 to 1.
+    fn needed(&self, way: &Way, stays_s: f64) -> f64 {
+        self.reserve + self.power * (way.time_s(stays_s) + self.attempt_s)
+    }
+    /// Time until it turns, s; 0 where it has to turn now.
+    pub(super) fn turns_in_s(&self, way: &Way) -> f64 {
+        let left = |t: f64| self.charge - self.power * t - self.needed(way, t);
+        if !(left(0.0) > 0.0) {
+            return 0.0;
+        }
+        let (mut low, mut high) = (0.0, (self.charge / self.power).min(MAX_WAY_S));
+        for _ in 0..STEPS {
+            let middle = 0.5 * (low + high);
+            if left(middle) > 0.0 {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        low
+    }
+    /// Why it turns now.
+    pub(super) fn turns_back(&self, way: &Way) -> Option<Reason> {
+        let needed = self.needed(way, 0.0);
+        (!(self.charge > needed)).then(|| Reason::new(ReasonCode::TurnsBack, self.charge, needed.min(1.0)))
+    }
+}
+
+impl Mission {
+    /// How long a drone on a sortie may stay away.
+    pub(super) fn judge_sortie(&self, s: &mut Situation) {
+        let c = &self.config;
+        let known = self.progress.sortie.then(|| self.battery.energy(c)).flatten();
+        let (Some(energy), Some(own), Some(forecast)) = (known, s.own, self.forecast.get()) else {
+            return;
+        };
+        let Some(deck) = forecast.stages.first().filter(|_| s.fresh_deck().is_some()) else {
+            return;
+        };
+        let mean = |k: usize| forecast.stages.iter().map(|d| d.velocity[k]).sum::<f64>();
+        let stages = forecast.stages.len().max(1) as f64;
+        let wind = self.wind.true_wind().filter(|(_, sd)| *sd < WIND_SD_MPS);
+        let way = Way {
+            offset: Vector2::new(deck.position[0], deck.position[1]) - own.position.xy(),
+            vessel: Vector2::new(mean(0), mean(1)) / stages,
+            wind: wind.map_or(Vector2::zeros(), |(wind, _)| wind),
+            air_mps: c.battery_air_speed_mps,
+        };
+        s.turns_back = energy.turns_back(&way);
+        s.turns_in_s = Some(energy.turns_in_s(&way));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn way(offset: [f64; 2], vessel: [f64; 2], wind: [f64; 2]) -> Way {
+        Way {
+            offset: offset.into(),
+            vessel: vessel.into(),
+            wind: wind.into(),
+            air_mps: 8.0,
+        }
+    }
+
+    #[test]
+    fn way_to_a_vessel_that_leaves_or_comes() {
+        for (w, expected) in [
+            (way([800.0, 0.0], [0.0, 0.0], [0.0, 0.0]), 100.0),
+            (way([800.0, 0.0], [3.0, 0.0], [0.0, 0.0]), 160.0),
+            (way([800.0, 0.0], [-2.0, 0.0], [0.0, 0.0]), 80.0),
+            (way([800.0, 0.0], [0.0, 0.0], [-4.0, 0.0]), 200.0),
+            (way([0.0, 0.0], [5.0, 0.0], [0.0, 0.0]), 0.0),
+            // Faster than the drone: away from it, or towards it.
+            (way([100.0, 0.0], [9.0, 0.0], [0.0, 0.0]), MAX_WAY_S),
+            (way([170.0, 0.0], [-9.0, 0.0], [0.0, 0.0]), 10.0),
+        ] {
+            let found = w.time_s(0.0);
+            assert!((found - expected).abs() < 1e-6, "{w:?}: {found}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn drone_meets_the_vessel_then(
+            r in prop::array::uniform2(-3e3..3e3_f64), u in prop::array::uniform2(-3.0..3.0_f64),
+            w in prop::array::uniform2(-3.0..3.0_f64),
+        ) {
+            let way = way(r, u, w);
+            let t = way.time_s(0.0);
+            let gap = (way.offset + (way.vessel - way.wind) * t).norm() - way.air_mps * t;
+            prop_assert!(gap.abs() < 1e-6 * (1.0 + t), "{gap} m after {t} s");
+        }
+        #[test]
+        fn charge_suffices_until_it_turns(
+            charge in 0.3..1.0_f64, d in 0.0..3e3_f64, speed in 0.0..4.0_f64, endurance_s in 300.0..3000.0_f64,
+        ) {
+            let energy = Energy { charge, power: 1.0 / endurance_s, reserve: 0.2, attempt_s: 60.0 };
+            let way = way([d, 0.0], [speed, 0.0], [0.0, 0.0]);
+            let t = energy.turns_in_s(&way);
+            let left = charge - t / endurance_s - energy.needed(&way, t);
+            prop_assert!(t == 0.0 || left >= -1e-9, "{left} after {t} s");
+            prop_assert_eq!(t == 0.0, energy.turns_back(&way).is_some());
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! Staying by a forecast and the wind that the mission measures.
+
+use alight_shared::landing::{Slopes, Stand, Staying};
+use alight_shared::msg::{DeckForecast, DeckStage};
+
+use super::MissionConfig;
+use super::wind::WindMonitor;
+
+/// The least probability of the shipped configuration.
+fn likely(p: f64) -> bool {
+    p >= MissionConfig::default().min_probability
+}
+fn of(predicted: &[i8], measured: &[u8], wind_mps2: f64) -> f64 {
+    let mut f = DeckForecast::default();
+    for s in predicted {
+        // Against the wind's push, which adds to it.
+        f.predicted_slopes.push([-*s, 0]).unwrap();
+    }
+    measured.iter().for_each(|s| f.slopes.push(*s).unwrap());
+    let stage = DeckStage {
+        euler_sd: [0.02; 3],
+        ..DeckStage::default()
+    };
+    f.stages.push(stage).unwrap();
+    let stand = Stand {
+        friction: 0.4,
+        edge_m: 0.65,
+    };
+    Staying::of(
+        &Slopes::of(Some(&f), &WindMonitor::steady(wind_mps2).push()),
+        &stand,
+    )
+    .probability
+}
+
+/// Slopes to and fro, four seconds each.
+fn waves(s: i8) -> [i8; 48] {
+    core::array::from_fn(|k| if (k / 16).is_multiple_of(2) { s } else { -s })
+}
+
+#[test]
+fn probability_of_staying_by_slope_and_wind() {
+    assert!(of(&[], &[], 0.0) > 0.999);
+    assert!(likely(of(&waves(10), &[10; 60], 0.5)));
+    assert!(!likely(of(&waves(26), &[10; 60], 0.0)));
+    // A steep wave after the drone has come to rest is another landing's.
+    let mut late = waves(10);
+    late[45] = 60;
+    assert!(likely(of(&late, &[10; 60], 0.0)));
+    // Slope and wind, each of which it would bear alone.
+    assert!(!likely(of(&waves(16), &[10; 60], 2.0)));
+    assert!(likely(of(&waves(16), &[10; 60], 0.0)) && likely(of(&waves(2), &[2; 60], 2.0)));
+    assert!(!likely(of(&[], &[], 7.0)));
+}
+
+#[test]
+fn slope_measured_a_moment_ago() {
+    let mut measured = [10; 60];
+    measured[1] = 45;
+    assert!(!likely(of(&waves(10), &measured, 0.0)));
+    measured.swap(1, 10);
+    assert!(likely(of(&waves(10), &measured, 0.0)));
+}
+
+#[test]
+fn drift_by_waves_and_wind_together() {
+    // Waves that slip it to either side alike, and the own wind of a vessel at 8 m/s.
+    let mut steep = [22; 60];
+    (steep[0], steep[1]) = (5, 5);
+    assert!(likely(of(&[0; 48], &steep, 0.0)));
+    assert!(!likely(of(&[0; 48], &steep, 2.0)) && likely(of(&[0; 48], &[10; 60], 2.0)));
+    // Trim and heel push as a wind does.
+    assert!(!likely(of(&[8; 48], &steep, 0.0)));
+}
+
+#[test]
+fn probability_that_is_no_number() {
+    let stand = Stand {
+        friction: f64::NAN,
+        edge_m: 0.65,
+    };
+    let p = Staying::of(&Slopes::of(None, &WindMonitor::default().push()), &stand).probability;
+    assert!(!likely(p));
+}

@@ -1,0 +1,321 @@
+//! Take-off from the deck: checks, a countdown, arming, the moment, and up.
+//!
+//! Nothing is commanded before the countdown is over. From then on the link chooses the mode and arms while the mission
+//! is in [`MissionPhase::SpinUp`]; the pilot stands on the deck in that state and jumps in [`MissionPhase::TakeOff`]. Whatever
+//! stops it before the feet have left the deck cuts the thrust, and the link disarms ([`MissionPhase::StandDown`]). Once they
+//! have left, up is the only safe way: an order to stop is then met by the hold in which every take-off ends.
+
+use alight_shared::landing::MAX_TILT_RAD;
+use alight_shared::msg::ReasonCode::{
+    Arming, ArmingRejected, BetterMoment, ClearOfDeck, CountedDown, Counting, DeckGrantStale, DeckReserved,
+    Disarmed, DoesNotRise, GoodMoment, Leaving, NoMoment, NoVessel, NotCleared, NotFlying, NotOnDeck,
+    OffHeight, OrderExpired, SpinningUp, StillArmed, TakeOffBattery, TakeOffCommanded, TakeOffOff, TakenOff,
+    TipsOver, TooLong, VesselTurns,
+};
+use alight_shared::msg::{Course, DeckGrant, LandingMode, Reason};
+use alight_shared::time::DroneClock;
+use alight_shared::topics;
+use nalgebra::Vector3;
+
+use super::Mission;
+use super::lift_off::Jump;
+use super::limits::{HEIGHT_TOLERANCE_M, ORDER_WAITS_S, exceeds};
+use super::phase::{
+    DroneTime, HoldCause, MissionPhase, Progress, Transition, climbing_out, holding, moving_place, old_data,
+};
+use super::situation::{ControlState, Situation};
+use crate::lift_off::{LEFT_M, Rise};
+use crate::mission_config::MissionConfig;
+
+/// People aboard see the countdown for so long before the motors start, s.
+const COUNTDOWN_S: f64 = 5.0;
+/// The autopilot arms within this time, s: PX4 wants a second of set-points before OFFBOARD, then three tries a second apart,
+/// and two heartbeats a second apart report it.
+const ARMING_S: f64 = 10.0;
+/// The motors are at their idle speed after this, s: PX4's COM_SPOOLUP_TIME is 1 s, ArduPilot's MOT_SPOOL_TIME 0.5 s.
+const SPIN_UP_S: f64 = 1.5;
+/// No longer does a drone stand armed on the deck, s: PX4 (COM_DISARM_PRFLT) and ArduCopter (DISARM_DELAY) disarm by
+/// themselves after 10 s, and the heartbeat that reports the arming may be a second late.
+const MOMENT_S: f64 = 8.5;
+/// The feet leave the deck within this time, s: three times what a drone of half the surplus thrust takes.
+const LEAVES_WITHIN_S: f64 = 1.0;
+/// A drone that tips on a foot has risen by less than this, m: half of its feet's span times the sine of the angle. Higher up it
+/// lies on the deck no more, and turns because it levels.
+const TIPS_BELOW_M: f64 = 0.1;
+/// Clear of the deck from here on, where the camera sees it and where it does not, m.
+const CLEAR_M: f64 = 3.0;
+const CLEAR_BLIND_M: f64 = 6.0;
+/// Whatever the deck does, a drone that has left it climbs out after this, s.
+const TAKE_OFF_S: f64 = 6.0;
+/// By the forecast a drone that stands on the deck is no further from its centre, m: two receivers and half a deck.
+const ON_DECK_M: f64 = 5.0;
+
+/// Why the deck may not be left by what its vessel reports: no fresh grant, another's deck, or no clearance from aboard.
+pub(super) fn not_cleared(grant: Option<&DeckGrant<DroneClock>>, own: u32, now: DroneTime) -> Option<Reason> {
+    let age_s = grant.map_or(f64::INFINITY, |g| (now - g.header.at).secs());
+    let stale = exceeds(DeckGrantStale, age_s, topics::DECK.stale_after.secs());
+    stale.or_else(|| {
+        let g = grant?;
+        if g.owner != own {
+            return Some(Reason::new(DeckReserved, f64::from(g.owner), 0.0));
+        }
+        (!g.take_off).then(|| NotCleared.into())
+    })
+}
+
+/// What an order to take off brings about.
+pub(super) fn commanded(
+    phase: MissionPhase,
+    progress: &mut Progress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Option<Transition> {
+    let rests = matches!(
+        phase,
+        MissionPhase::Idle | MissionPhase::Landed { disarmed: true, .. }
+    );
+    if !rests {
+        return None;
+    }
+    if !c.takeoff || c.mode == LandingMode::Shadow {
+        return Some(phase.enter(TakeOffOff));
+    }
+    if s.flight != ControlState::Disarmed {
+        return Some(phase.enter(NotOnDeck));
+    }
+    *progress = Progress {
+        started: s.now,
+        ..Progress::default()
+    };
+    Some(MissionPhase::Preparing.enter(TakeOffCommanded))
+}
+
+/// An order to stop; None where the take-off goes on to its hold, or is stopped already.
+pub(super) fn stopped(phase: MissionPhase, s: &Situation, why: impl Into<Reason>) -> Option<Transition> {
+    match phase {
+        MissionPhase::Preparing | MissionPhase::Countdown { .. } | MissionPhase::SpinUp { .. } => {
+            Some(stop(s, why))
+        }
+        MissionPhase::StandDown { .. }
+        | MissionPhase::TakeOff { .. }
+        | MissionPhase::ClimbOut { .. }
+        | MissionPhase::Idle
+        | MissionPhase::GetAltitude { .. }
+        | MissionPhase::Approach { .. }
+        | MissionPhase::Search(_)
+        | MissionPhase::Tracking { .. }
+        | MissionPhase::TrackingStable
+        | MissionPhase::Descent { .. }
+        | MissionPhase::Flare { .. }
+        | MissionPhase::Landed { .. }
+        | MissionPhase::Hold { .. }
+        | MissionPhase::GaveUp { .. } => None,
+    }
+}
+
+/// The take-off ends on the deck.
+fn stop(s: &Situation, why: impl Into<Reason>) -> Transition {
+    if s.flight == ControlState::Disarmed {
+        MissionPhase::Idle.enter(why)
+    } else {
+        MissionPhase::StandDown { since: s.now }.enter(why)
+    }
+}
+
+/// What speaks against a take-off as long as the drone stands on the deck.
+fn unfit(s: &Situation, c: &MissionConfig) -> Option<Reason> {
+    let turns = (s.course == Course::Turning).then(|| VesselTurns.into());
+    let first = s.not_cleared.or_else(|| old_data(s)).or(s.rejection).or(turns);
+    first.or_else(|| {
+        let Some(deck) = s.fresh_deck() else {
+            return Some(s.no_deck());
+        };
+        let silent = (deck.radio_age_s > c.radio_fresh_s).then(|| NoVessel.into());
+        silent.or_else(|| deck.infeasible(c, 1.0))
+    })
+}
+
+/// The same before the motors start.
+fn unprepared(s: &Situation, c: &MissionConfig) -> Option<Reason> {
+    let grounded = (!s.on_ground).then(|| NotOnDeck.into());
+    let away = || exceeds(NotOnDeck, s.deck?.distance_m, ON_DECK_M);
+    let low = || {
+        let b = s.battery.filter(|b| *b < s.battery_for_take_off)?;
+        Some(Reason::new(TakeOffBattery, b, s.battery_for_take_off))
+    };
+    grounded.or_else(|| unfit(s, c)).or_else(away).or_else(low)
+}
+
+/// Somebody else has armed it meanwhile.
+fn taken_over(s: &Situation) -> Option<Transition> {
+    match s.flight {
+        ControlState::OnGround
+        | ControlState::Ours
+        | ControlState::OtherControl(_)
+        | ControlState::Lapsed => Some(MissionPhase::Idle.enter(NotOnDeck)),
+        ControlState::Disarmed | ControlState::Unknown => None,
+    }
+}
+
+/// Preparing: until every check passes and the forecast shows a moment.
+pub(super) fn preparing(progress: &Progress, s: &Situation, c: &MissionConfig) -> Transition {
+    if let Some(ended) = taken_over(s) {
+        return ended;
+    }
+    if let Some(why) = exceeds(OrderExpired, (s.now - progress.started).secs(), ORDER_WAITS_S) {
+        return MissionPhase::Idle.enter(why);
+    }
+    let unlikely = || match &s.lift_off {
+        Some(moments) => moments.none_soon(c),
+        None => Some(s.no_deck()),
+    };
+    match unprepared(s, c).or_else(unlikely) {
+        Some(why) => MissionPhase::Preparing.stay(why),
+        None => MissionPhase::Countdown { since: s.now }.enter(Reason::new(Counting, COUNTDOWN_S, 0.0)),
+    }
+}
+
+/// Countdown: whatever speaks against the take-off ends it, and it begins again at its start.
+pub(super) fn countdown(since: DroneTime, s: &Situation, c: &MissionConfig) -> Transition {
+    if let Some(ended) = taken_over(s) {
+        return ended;
+    }
+    if let Some(why) = unprepared(s, c) {
+        return MissionPhase::Preparing.enter(why);
+    }
+    let left_s = COUNTDOWN_S - (s.now - since).secs();
+    if left_s > 0.0 {
+        return MissionPhase::Countdown { since }.stay(Reason::new(Counting, left_s, 0.0));
+    }
+    MissionPhase::SpinUp {
+        since: s.now,
+        armed: None,
+    }
+    .enter(CountedDown)
+}
+
+/// Spin up: until the autopilot has armed, its motors idle and the moment has come.
+pub(super) fn spin_up(
+    since: DroneTime,
+    armed: Option<DroneTime>,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Transition {
+    let stays = |armed, why| MissionPhase::SpinUp { since, armed }.stay(why);
+    let armed = match (s.flight, armed) {
+        // By a person, or by itself.
+        (ControlState::Disarmed, Some(_)) => return MissionPhase::Idle.enter(Disarmed),
+        (ControlState::OtherControl(_) | ControlState::Lapsed, _) => {
+            return MissionPhase::Idle.enter(NotFlying);
+        }
+        (ControlState::Disarmed | ControlState::Unknown, armed) => armed,
+        (ControlState::OnGround | ControlState::Ours, armed) => armed.or(Some(s.now)),
+    };
+    if let Some(why) = unfit(s, c) {
+        return stop(s, why);
+    }
+    let Some(at) = armed else {
+        let waited_s = (s.now - since).secs();
+        return match exceeds(ArmingRejected, waited_s, ARMING_S) {
+            Some(why) => stop(s, why),
+            None => stays(None, Reason::new(Arming, waited_s, ARMING_S)),
+        };
+    };
+    let spun_s = (s.now - at).secs();
+    if spun_s < SPIN_UP_S || s.motors_stopped {
+        return stays(armed, Reason::new(SpinningUp, spun_s, SPIN_UP_S));
+    }
+    let Some(moments) = &s.lift_off else {
+        return stop(s, s.no_deck());
+    };
+    match moments.not_now(c) {
+        None => {
+            MissionPhase::TakeOff { since: s.now }.enter(Reason::new(GoodMoment, moments.now.whole(), 0.0))
+        }
+        // The better one comes too late.
+        Some(why) if spun_s > MOMENT_S && why.code == BetterMoment => {
+            MissionPhase::TakeOff { since: s.now }.enter(Reason::new(GoodMoment, moments.now.whole(), 0.0))
+        }
+        Some(_) if spun_s > MOMENT_S => stop(s, Reason::new(NoMoment, spun_s, MOMENT_S)),
+        Some(why) => stays(armed, why),
+    }
+}
+
+/// Take-off: until the drone is clear of the deck; before the feet have left it the thrust may still be cut.
+pub(super) fn take_off(since: DroneTime, s: &Situation, c: &MissionConfig) -> Transition {
+    let stays = |why| MissionPhase::TakeOff { since }.stay(why);
+    let (rose, lasted_s) = (s.risen_m, (s.now - since).secs());
+    if rose < LEFT_M {
+        let tips = exceeds(TipsOver, s.tips_rad, MAX_TILT_RAD).filter(|_| rose < TIPS_BELOW_M);
+        let stuck = (lasted_s > LEAVES_WITHIN_S).then_some(Reason::new(DoesNotRise, rose, LEFT_M));
+        return match tips.or(stuck) {
+            Some(why) => MissionPhase::StandDown { since: s.now }.enter(why),
+            None => stays(Reason::new(Leaving, rose, 0.0)),
+        };
+    }
+    let seen = s.fresh_deck().is_some_and(|d| d.vision_age_s <= c.vision_fresh_s);
+    if seen && rose > CLEAR_M || rose > CLEAR_BLIND_M {
+        return climbing_out(s, c).enter(Reason::new(ClearOfDeck, rose, 0.0));
+    }
+    if lasted_s > TAKE_OFF_S {
+        return climbing_out(s, c).enter(Reason::new(TooLong, lasted_s, TAKE_OFF_S));
+    }
+    stays(Reason::new(Leaving, rose, 0.0))
+}
+
+/// Climb out: away from the vessel and up to the height of the approach, where the drone holds for whoever flies it next.
+pub(super) fn climb_out(
+    at: Vector3<f64>,
+    yaw: f64,
+    progress: &mut Progress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Transition {
+    let (moves, at) = moving_place(&at, s, true);
+    let error = s.own.map_or(f64::INFINITY, |own| (own.position.z - at.z).abs());
+    if moves || error > HEIGHT_TOLERANCE_M {
+        return MissionPhase::ClimbOut { at, yaw }.stay(Reason::new(OffHeight, error, HEIGHT_TOLERANCE_M));
+    }
+    progress.sortie = true;
+    holding(HoldCause::Operator, s, c).enter(TakenOff)
+}
+
+/// Stand down: until the drone is disarmed.
+pub(super) fn stand_down(since: DroneTime, s: &Situation) -> Transition {
+    match s.flight {
+        ControlState::Disarmed => MissionPhase::Idle.enter(Disarmed),
+        ControlState::OtherControl(_) | ControlState::Lapsed => MissionPhase::Idle.enter(NotFlying),
+        ControlState::Unknown | ControlState::OnGround | ControlState::Ours => {
+            let lasted_s = (s.now - since).secs();
+            MissionPhase::StandDown { since }.stay(Reason::new(StillArmed, lasted_s, 0.0))
+        }
+    }
+}
+
+impl Mission {
+    /// What a take-off is judged by: how likely it succeeds while the drone stands on the deck, how far it has risen since.
+    pub(super) fn judge_take_off(&mut self, now: DroneTime, s: &mut Situation) {
+        if let (true, Some(forecast)) = (
+            self.phase.stands() && s.fresh_deck().is_some(),
+            self.forecast.get(),
+        ) {
+            let jump = Jump {
+                forecast,
+                wind: &self.wind,
+                drone: &self.drone_geometry,
+            };
+            s.lift_off = jump.moments(now);
+        }
+        if !matches!(self.phase, MissionPhase::TakeOff { .. }) {
+            self.rise = Rise::default();
+        } else if let Some(d) = self.drone.get() {
+            let deck = self
+                .forecast
+                .get()
+                .and_then(|f| f.at(d.header.at.max(f.header.at)));
+            self.rise
+                .update(d.header.at, d.velocity[2], deck.map(|deck| deck.velocity[2]));
+        }
+        s.risen_m = self.rise.risen_m();
+    }
+}

@@ -1,0 +1,338 @@
+//! A take-off's states: what lets it go on, what stops it, and where it ends.
+
+use alight_shared::msg::ReasonCode::{
+    Arming, ArmingRejected, BatteryLow, ClearOfDeck, CountedDown, Counting, DeckGrantStale, DeckReserved,
+    Disarmed, DoesNotRise, ForecastStale, GoodMoment, NoMoment, NotCleared, NotOnDeck, Operator,
+    OrderExpired, SpinningUp, StillArmed, TakeOffBattery, TakeOffCommanded, TakeOffOff, TakeOffTilted,
+    TakenOff, TipsOver, VesselTurns,
+};
+use alight_shared::msg::{AutopilotMode, Course, DeckGrant, LandingMode};
+use nalgebra::Vector3;
+
+use super::lift_off::{LiftOff, Moments};
+use super::tests::{at, config, fair, with};
+use super::*;
+
+const SURE: LiftOff = LiftOff {
+    along: 1.0,
+    clear: 1.0,
+};
+const STEEP: LiftOff = LiftOff { along: 0.4, ..SURE };
+
+fn permits() -> MissionConfig {
+    MissionConfig {
+        takeoff: true,
+        ..config()
+    }
+}
+fn moments(now: LiftOff) -> Option<Moments> {
+    Some(Moments { now, later: None })
+}
+/// A drone that stands disarmed on a deck from which it may take off.
+fn standing(change: impl FnOnce(&mut Situation)) -> Situation {
+    let mut s = with(|s| {
+        s.flight = ControlState::Disarmed;
+        s.on_ground = true;
+        s.lift_off = moments(SURE);
+        s.deck.iter_mut().for_each(|d| {
+            (d.clearance_m, d.vision_age_s) = (1.4, f64::INFINITY);
+        });
+    });
+    change(&mut s);
+    s
+}
+/// The same with the motors started for so long, s.
+fn spun(s: f64, change: impl FnOnce(&mut Situation)) -> (MissionPhase, Situation) {
+    let phase = MissionPhase::SpinUp {
+        since: at(10.0 - s),
+        armed: Some(at(10.0 - s)),
+    };
+    let situation = standing(|s| {
+        s.flight = ControlState::OnGround;
+        change(s);
+    });
+    (phase, situation)
+}
+fn decided(phase: MissionPhase, command: Option<CommandKind>, s: &Situation) -> Decision {
+    let progress = Progress {
+        started: at(9.0),
+        ..Progress::default()
+    };
+    decide(phase, progress, command, s, &permits())
+}
+/// The state that follows, and why it was entered or what it waits for.
+fn follows(phase: MissionPhase, command: Option<CommandKind>, s: &Situation) -> (State, ReasonCode) {
+    let d = decided(phase, command, s);
+    (d.phase.state(), d.entered.unwrap_or(d.waiting).code)
+}
+
+#[test]
+fn order_to_take_off() {
+    let order = Some(CommandKind::TakeOff);
+    let landed = MissionPhase::Landed {
+        disarmed: true,
+        airborne: None,
+    };
+    for phase in [MissionPhase::Idle, landed] {
+        let s = standing(|_| {});
+        assert_eq!(follows(phase, order, &s), (State::Preparing, TakeOffCommanded));
+        // Off as shipped, and where nothing is commanded.
+        for c in [
+            config(),
+            MissionConfig {
+                mode: LandingMode::Shadow,
+                ..permits()
+            },
+        ] {
+            let d = decide(phase, Progress::default(), order, &s, &c);
+            assert_eq!((d.phase, d.entered), (phase, Some(TakeOffOff.into())));
+        }
+    }
+    assert_eq!(
+        follows(MissionPhase::Idle, order, &fair()),
+        (State::Idle, NotOnDeck)
+    );
+    let d = decided(MissionPhase::TRACKING, order, &fair());
+    assert_eq!(d.phase.state(), State::Tracking);
+}
+
+#[test]
+fn checks_before_the_countdown() {
+    let preparing = MissionPhase::Preparing;
+    let waits = |change: fn(&mut Situation)| follows(preparing, None, &standing(change));
+    assert_eq!(waits(|_| {}), (State::Countdown, Counting));
+    type Change = fn(&mut Situation);
+    let gaps: [(ReasonCode, Change); 8] = [
+        (NotCleared, |s| s.not_cleared = Some(NotCleared.into())),
+        (NotOnDeck, |s| s.on_ground = false),
+        (NotOnDeck, |s| s.deck.iter_mut().for_each(|d| d.distance_m = 5.1)),
+        (ForecastStale, |s| s.forecast_age_s = 0.4),
+        (TakeOffBattery, |s| s.battery = Some(0.29)),
+        (VesselTurns, |s| s.course = Course::Turning),
+        (TakeOffTilted, |s| s.lift_off = moments(STEEP)),
+        (ReasonCode::HeadingUnaligned, |s| {
+            s.rejection = Some(ReasonCode::HeadingUnaligned.into());
+        }),
+    ];
+    for (why, change) in gaps {
+        assert_eq!(waits(change), (State::Preparing, why));
+        let counting = MissionPhase::Countdown { since: at(8.0) };
+        let s = standing(change);
+        let stays = why == TakeOffTilted;
+        let expected = if stays {
+            (State::Countdown, Counting)
+        } else {
+            (State::Preparing, why)
+        };
+        assert_eq!(follows(counting, None, &s), expected);
+    }
+    // Nobody waits for ever, and nobody takes off with whoever armed it.
+    assert_eq!(waits(|s| s.now = at(69.1)), (State::Idle, OrderExpired));
+    assert_eq!(waits(|s| s.flight = ControlState::Ours), (State::Idle, NotOnDeck));
+}
+
+#[test]
+fn clearance_by_the_grant() {
+    let grant = |owner, take_off| DeckGrant {
+        header: Header::new(1, 0, 1, 1, at(10.0)),
+        owner,
+        take_off,
+        ..DeckGrant::default()
+    };
+    let code = |g: Option<&DeckGrant<DroneClock>>, s| take_off::not_cleared(g, 3, at(s)).map(|r| r.code);
+    assert_eq!(code(Some(&grant(3, true)), 10.5), None);
+    assert_eq!(code(Some(&grant(3, true)), 12.5), Some(DeckGrantStale));
+    assert_eq!(code(Some(&grant(3, false)), 10.5), Some(NotCleared));
+    assert_eq!(code(Some(&grant(2, true)), 10.5), Some(DeckReserved));
+    assert_eq!(code(None, 10.5), Some(DeckGrantStale));
+}
+
+#[test]
+fn countdown_and_arming() {
+    let counting = |s| MissionPhase::Countdown { since: at(10.0 - s) };
+    let s = standing(|_| {});
+    assert_eq!(follows(counting(4.9), None, &s), (State::Countdown, Counting));
+    assert_eq!(follows(counting(5.0), None, &s), (State::SpinUp, CountedDown));
+    let spins = |s: f64| MissionPhase::SpinUp {
+        since: at(10.0 - s),
+        armed: None,
+    };
+    assert_eq!(follows(spins(9.9), None, &s), (State::SpinUp, Arming));
+    assert_eq!(follows(spins(10.1), None, &s), (State::Idle, ArmingRejected));
+    // Armed by Alight and disarmed by somebody, or in another mode.
+    let (phase, s) = spun(1.0, |s| s.flight = ControlState::Disarmed);
+    assert_eq!(follows(phase, None, &s), (State::Idle, Disarmed));
+    let (phase, s) = spun(1.0, |s| {
+        s.flight = ControlState::OtherControl(AutopilotMode::Other)
+    });
+    assert_eq!(decided(phase, None, &s).phase, MissionPhase::Idle);
+}
+
+#[test]
+fn moment_of_the_take_off() {
+    let at_moment = |s: f64, change: fn(&mut Situation)| {
+        let (phase, s) = spun(s, change);
+        follows(phase, None, &s)
+    };
+    assert_eq!(at_moment(1.4, |_| {}), (State::SpinUp, SpinningUp));
+    assert_eq!(at_moment(1.6, |_| {}), (State::TakeOff, GoodMoment));
+    assert_eq!(
+        at_moment(1.6, |s| s.motors_stopped = true),
+        (State::SpinUp, SpinningUp)
+    );
+    let steep: fn(&mut Situation) = |s| s.lift_off = moments(STEEP);
+    assert_eq!(at_moment(1.6, steep), (State::SpinUp, TakeOffTilted));
+    assert_eq!(at_moment(8.6, steep), (State::StandDown, NoMoment));
+    // A better one is waited for while the autopilot lets the drone stand there.
+    let better: fn(&mut Situation) = |s| {
+        s.lift_off = Some(Moments {
+            now: LiftOff { along: 0.96, ..SURE },
+            later: Some((1.0, SURE)),
+        });
+    };
+    assert_eq!(at_moment(1.6, better), (State::SpinUp, ReasonCode::BetterMoment));
+    assert_eq!(at_moment(8.6, better), (State::TakeOff, GoodMoment));
+    // The word from aboard is taken back.
+    let closed: fn(&mut Situation) = |s| s.not_cleared = Some(DeckReserved.into());
+    assert_eq!(at_moment(3.0, closed), (State::StandDown, DeckReserved));
+}
+
+#[test]
+fn feet_that_leave_the_deck_or_do_not() {
+    let leaves = |since_s: f64, risen_m: f64, tips_rad: f64, seen: bool| {
+        let s = with(|s| {
+            (s.risen_m, s.tips_rad, s.on_ground) = (risen_m, tips_rad, false);
+            s.deck.iter_mut().for_each(|d| {
+                d.vision_age_s = if seen { 0.05 } else { f64::INFINITY };
+            });
+        });
+        follows(
+            MissionPhase::TakeOff {
+                since: at(10.0 - since_s),
+            },
+            None,
+            &s,
+        )
+    };
+    assert_eq!(leaves(0.5, 0.1, 0.05, false).0, State::TakeOff);
+    assert_eq!(leaves(0.3, 0.05, 0.18, false), (State::StandDown, TipsOver));
+    assert_eq!(leaves(0.3, 0.15, 0.18, false).0, State::TakeOff, "it levels");
+    assert_eq!(leaves(1.1, 0.1, 0.05, false), (State::StandDown, DoesNotRise));
+    // Once they have left, the thrust is cut no more.
+    assert_eq!(leaves(0.9, 0.4, 0.3, false).0, State::TakeOff);
+    assert_eq!(leaves(1.5, 3.1, 0.0, true), (State::ClimbOut, ClearOfDeck));
+    assert_eq!(leaves(1.5, 3.1, 0.0, false).0, State::TakeOff);
+    assert_eq!(leaves(2.5, 6.1, 0.0, false), (State::ClimbOut, ClearOfDeck));
+    assert_eq!(
+        leaves(6.1, 2.0, 0.0, false),
+        (State::ClimbOut, ReasonCode::TooLong)
+    );
+}
+
+#[test]
+fn take_off_stopped_by_an_operator() {
+    for command in [CommandKind::Abort, CommandKind::Hold] {
+        let on_deck = standing(|_| {});
+        for phase in [
+            MissionPhase::Preparing,
+            MissionPhase::Countdown { since: at(9.0) },
+        ] {
+            let d = decided(phase, Some(command), &on_deck);
+            assert_eq!(
+                (d.phase, d.entered.map(|r| r.code)),
+                (MissionPhase::Idle, Some(Operator))
+            );
+        }
+        let (phase, s) = spun(2.0, |_| {});
+        assert_eq!(follows(phase, Some(command), &s), (State::StandDown, Operator));
+        // The feet may have left: it goes on to its hold.
+        let s = with(|s| s.risen_m = 0.5);
+        let rises = MissionPhase::TakeOff { since: at(9.5) };
+        let d = decided(rises, Some(command), &s);
+        assert_eq!((d.phase, d.progress.stopped), (rises, true));
+    }
+}
+
+#[test]
+fn end_of_a_take_off() {
+    let stands = MissionPhase::StandDown { since: at(9.0) };
+    let armed = standing(|s| s.flight = ControlState::OnGround);
+    assert_eq!(follows(stands, None, &armed), (State::StandDown, StillArmed));
+    assert_eq!(follows(stands, None, &standing(|_| {})), (State::Idle, Disarmed));
+    // A low battery is no reason to come down from a climb that has just begun.
+    let climbs = MissionPhase::ClimbOut {
+        at: Vector3::new(0.0, 0.0, -16.3),
+        yaw: 0.0,
+    };
+    let low = with(|s| s.battery = Some(0.1));
+    let (state, why) = follows(climbs, None, &low);
+    assert!(state == State::ClimbOut && why != BatteryLow);
+    let high = with(|s| s.own.iter_mut().for_each(|own| own.position.z = -16.0));
+    assert_eq!(follows(climbs, None, &high), (State::Hold, TakenOff));
+}
+
+/// A mission that is started anew in a take-off begins nothing that was not commanded to it.
+#[test]
+fn successor_of_a_mission_that_takes_off() {
+    let restored = |state: State, sortie: bool| {
+        let header = Header::new(1, 1, 1, 1, at(9.9));
+        let m = MissionCheckpoint {
+            header,
+            state: MissionState {
+                header,
+                state,
+                ..MissionState::default()
+            },
+            sortie,
+            ..MissionCheckpoint::default()
+        };
+        let (phase, _) = checkpoint::restored(&m, true, &fair(), &permits());
+        (phase.state(), phase.waits_for_operator())
+    };
+    for (state, sortie, expected) in [
+        (State::Preparing, false, (State::Idle, false)),
+        (State::Countdown, false, (State::Idle, false)),
+        (State::SpinUp, false, (State::StandDown, false)),
+        (State::StandDown, false, (State::StandDown, false)),
+        (State::TakeOff, false, (State::ClimbOut, false)),
+        (State::ClimbOut, false, (State::ClimbOut, false)),
+        (State::Hold, true, (State::Hold, true)),
+        (State::Hold, false, (State::Hold, false)),
+    ] {
+        assert_eq!(restored(state, sortie), expected, "{state:?}");
+    }
+}
+
+/// The battery ends a sortie: from the hold at once, else as an order that waits for the drone.
+#[test]
+fn end_of_a_sortie_by_the_battery() {
+    let due = Reason::new(ReasonCode::TurnsBack, 0.3, 0.31);
+    let sortie = |stopped| Progress {
+        sortie: true,
+        stopped,
+        ..Progress::default()
+    };
+    let hold = MissionPhase::Hold {
+        cause: phase::HoldCause::Operator,
+        at: Vector3::new(0.0, 0.0, -16.3),
+        yaw: 0.0,
+        fresh: None,
+    };
+    let step = |phase, progress, s: &Situation| decide(phase, progress, None, s, &permits());
+    let s = with(|s| s.turns_back = Some(due));
+    let d = step(hold, sortie(false), &s);
+    assert!(d.progress.landing && d.phase.state() == State::Hold && !d.phase.waits_for_operator());
+    // Who has stopped it is asked first, and one that is on no sortie stays.
+    assert_eq!(step(hold, sortie(true), &s).entered, None);
+    assert_eq!(step(hold, Progress::default(), &s).entered, None);
+    let others = with(|s| {
+        s.turns_back = Some(due);
+        s.flight = ControlState::OtherControl(AutopilotMode::Other);
+    });
+    let d = step(MissionPhase::Idle, sortie(false), &others);
+    assert_eq!((d.entered, d.progress.landing), (Some(due), true));
+    let mut later = others;
+    later.now = at(300.0);
+    let d = step(MissionPhase::Idle, d.progress, &later);
+    assert_eq!((d.entered, d.waiting, d.progress.landing), (None, due, true));
+}

@@ -1,0 +1,316 @@
+//! Where the vessel is by its beacon: place and velocity of each horizontal axis by a Kalman filter, with the beacon's slow
+//! error beside it, which the camera measures once it sees the deck.
+//!
+//! ```text
+//! x = (q, v),  q' = v,  v' = w          the place as the beacon has it, and its velocity
+//! z = x + white                         white: a third of the beacon's stated error, and its stated velocity error
+//! p = q + b,  b ~ Gauss-Markov          b: the rest of the stated error, and that of the drone's own receiver
+//! ```
+
+use alight_shared::frames::{DroneNed, Vector};
+use alight_shared::geodesy::Datum;
+use alight_shared::msg::{
+    BeaconSource, DeckBeacon, DeckStage, DroneState, FORECAST_STAGES, MAX_POSITION_M, Seq,
+};
+use alight_shared::time::{DroneClock, Time};
+use nalgebra::{Matrix2, Vector2};
+
+use super::agreement::PLACE_SD;
+use super::observation::Observation;
+
+/// Correlation time of a receiver's slow error, s: as that of the vessel's own.
+const BIAS_TIME_S: f64 = 300.0;
+/// The share of a beacon's stated error that is white from one message to the next.
+const WHITE: f64 = 1.0 / 3.0;
+/// Random walk of a vessel's velocity after 1 s, m/s: one that lies still, and this much of its speed besides, as in a turn.
+const VELOCITY_WALK_MPS: f64 = 0.02;
+const SPEED_WALK: f64 = 0.1;
+/// The drone's own receiver errs by this, m, each axis.
+const OWN_SD_M: f64 = 1.0;
+/// Mean sea level errs by this as the level of the water, m: tides, geoid, the receiver's height; half of what it errs by at
+/// most as the mission's witness of a height.
+const SEA_SD_M: f64 = 4.0;
+/// A deck that is not seen tilts by this, rad, and heaves at this speed, m/s: an unknown boat in a moderate sea.
+const TILT_SD_RAD: f64 = 0.15;
+const HEAVE_SD_MPS: f64 = 0.5;
+/// Below this speed a course is no heading, m/s.
+const COURSE_MPS: f64 = 0.5;
+
+/// One horizontal axis: place and velocity by the beacon, with their covariance.
+#[derive(Clone, Copy, Debug)]
+struct Axis {
+    x: Vector2<f64>,
+    p: Matrix2<f64>,
+}
+
+impl Axis {
+    fn new(m: &DeckBeacon, place: f64, velocity: f64) -> Axis {
+        Axis {
+            x: Vector2::new(place, velocity),
+            p: Matrix2::from_diagonal(&noise(m)),
+        }
+    }
+    /// So much later, s, of a vessel at this speed, m/s.
+    fn after(&self, dt: f64, speed_mps: f64) -> Axis {
+        let f = Matrix2::new(1.0, dt, 0.0, 1.0);
+        let walk = (VELOCITY_WALK_MPS + SPEED_WALK * speed_mps).powi(2);
+        let (cross, place) = (0.5 * walk * dt * dt, walk * dt.powi(3) / 3.0);
+        let q = Matrix2::new(place, cross, cross, walk * dt);
+        Axis {
+            x: f * self.x,
+            p: f * self.p * f.transpose() + q,
+        }
+    }
+    fn update(&mut self, m: &DeckBeacon, z: Vector2<f64>) {
+        let s = self.p + Matrix2::from_diagonal(&noise(m));
+        let Some(inverse) = s.try_inverse() else { return };
+        let gain = self.p * inverse;
+        self.x += gain * (z - self.x);
+        self.p = (Matrix2::identity() - gain) * self.p;
+    }
+}
+
+/// Variances of a message's place and velocity that are white.
+fn noise(m: &DeckBeacon) -> Vector2<f64> {
+    Vector2::new((WHITE * m.place_sd_m).powi(2), m.velocity_sd_mps.powi(2))
+}
+
+/// What is known by the beacon now.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Known {
+    /// The deck's centre, north and east in the drone's NED, m.
+    pub(super) place: Vector2<f64>,
+    /// Its standard deviation, each axis, m.
+    pub(super) sd_m: f64,
+    velocity: Vector2<f64>,
+    velocity_sd_mps: f64,
+    /// Age of the newest message, s.
+    pub(super) age_s: f64,
+}
+
+/// The beacon that is followed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct BeaconTrack {
+    /// Where its local frame begins: the place of the first message, so that no jump of the drone's frame moves it.
+    origin: Datum,
+    newest: DeckBeacon,
+    axes: [Axis; 2],
+    /// The deck's place as seen less the beacon's, m, and when.
+    offset: Option<(Time<DroneClock>, Vector2<f64>)>,
+}
+
+impl BeaconTrack {
+    fn new(m: &DeckBeacon) -> BeaconTrack {
+        let v = m.velocity();
+        BeaconTrack {
+            origin: m.place(),
+            newest: *m,
+            axes: [0, 1].map(|i| Axis::new(m, 0.0, v[i])),
+            offset: None,
+        }
+    }
+    fn lasts(&self, now: Time<DroneClock>) -> bool {
+        (now - self.newest.header.at).secs() <= self.newest.lasts_s
+    }
+    fn axes_at(&self, t: Time<DroneClock>) -> [Axis; 2] {
+        let dt = (t - self.newest.header.at).secs().max(0.0);
+        let [north, east] = self.axes.map(|a| a.x[1]);
+        self.axes.map(|a| a.after(dt, north.hypot(east)))
+    }
+    /// Standard deviation of the place at `t` without what the camera has measured, m.
+    fn sd_m(&self, t: Time<DroneClock>) -> f64 {
+        let [n, e] = self.axes_at(t).map(|a| a.p[(0, 0)]);
+        n.max(e).sqrt().hypot(self.newest.place_sd_m)
+    }
+    /// Takes a message, checked, to the track: that of another source where the one that is followed has ended or is less
+    /// exact. Whether it counts.
+    pub(super) fn receive(track: &mut Option<BeaconTrack>, now: Time<DroneClock>, m: &DeckBeacon) -> bool {
+        let fresh = (now - m.header.at).secs() <= m.lasts_s;
+        let known = track.filter(|t| t.lasts(now));
+        let Some(mut known) = known.filter(|_| fresh) else {
+            *track = fresh.then(|| BeaconTrack::new(m));
+            return fresh;
+        };
+        if known.newest.source != m.source || m.source == BeaconSource::Operator {
+            let counts = m.source == known.newest.source || m.place_sd_m <= known.sd_m(now);
+            if counts {
+                *track = Some(BeaconTrack::new(m));
+            }
+            return counts;
+        }
+        if m.header.at <= known.newest.header.at {
+            return false;
+        }
+        let place: Vector<DroneNed> = known.origin.to(&m.place());
+        let (v, mut axes) = (m.velocity(), known.axes_at(m.header.at));
+        for (i, axis) in axes.iter_mut().enumerate() {
+            axis.update(m, Vector2::new(place.0[i], v[i]));
+        }
+        (known.axes, known.newest) = (axes, *m);
+        *track = Some(known);
+        true
+    }
+    /// The deck was seen at `seen` (north and east in the drone's NED, m): what the beacon is wrong by.
+    pub(super) fn learn(&mut self, now: Time<DroneClock>, drone: &DroneState, seen: Vector2<f64>) {
+        if let Some(at) = self.placed(now, drone) {
+            self.offset = Some((now, seen - at));
+        }
+    }
+    /// The place by the beacon alone, in the drone's NED, m; None where that is too far for a tangent plane.
+    fn placed(&self, now: Time<DroneClock>, drone: &DroneState) -> Option<Vector2<f64>> {
+        let origin = Datum {
+            height_m: 0.0,
+            ..drone.datum
+        };
+        let begins: Vector<DroneNed> = origin.to(&self.origin);
+        let local = self.axes_at(now).map(|a| a.x[0]);
+        let place = begins.0.xy() + Vector2::from(local) + drone.datum_offset().xy();
+        (place.norm() < MAX_POSITION_M).then_some(place)
+    }
+    /// What it says now; None once it has ended.
+    pub(super) fn known(&self, now: Time<DroneClock>, drone: &DroneState) -> Option<Known> {
+        let place = self.placed(now, drone).filter(|_| self.lasts(now))?;
+        let axes = self.axes_at(now);
+        let slow = self.newest.place_sd_m.hypot(OWN_SD_M).powi(2);
+        // What was measured of the slow error fades with it.
+        let (offset, slow) = self.offset.map_or((Vector2::zeros(), slow), |(at, offset)| {
+            let keeps = (-(now - at).secs().max(0.0) / BIAS_TIME_S).exp();
+            (offset * keeps, slow * (1.0 - keeps * keeps))
+        });
+        let most = |k: usize| axes.iter().map(|a| a.p[(k, k)]).fold(0.0, f64::max);
+        Some(Known {
+            place: place + offset,
+            sd_m: (most(0) + slow).sqrt(),
+            velocity: Vector2::new(axes[0].x[1], axes[1].x[1]),
+            velocity_sd_mps: most(1).sqrt(),
+            age_s: (now - self.newest.header.at).secs().max(0.0),
+        })
+    }
+}
+
+impl Known {
+    /// How far `o` lies from the beacon's place, and the most that it may, m.
+    pub(super) fn apart(&self, o: &Observation) -> Option<[f64; 2]> {
+        let [Some((north, _)), Some((east, _)), ..] = o.value else {
+            return None;
+        };
+        let apart = (Vector2::new(north, east) - self.place).norm();
+        let limit = PLACE_SD * self.sd_m;
+        Some([apart, limit])
+    }
+    /// Its course, rad; north of a vessel that does not make way.
+    pub(super) fn course_rad(&self) -> f64 {
+        let [north, east] = self.velocity.into();
+        if self.velocity.norm() > COURSE_MPS {
+            f64::atan2(east, north)
+        } else {
+            0.0
+        }
+    }
+    /// The deck at the level `deck_z` (NED, m), ahead every `step_s`: a straight course, level.
+    pub(super) fn stages(&self, deck_z: f64, step_s: f64) -> Seq<DeckStage, FORECAST_STAGES> {
+        let (v, v_sd) = (self.velocity, self.velocity_sd_mps);
+        Seq::filled((0..FORECAST_STAGES).map(|k| {
+            let ahead_s = step_s * k as f64;
+            let place = self.place + v * ahead_s;
+            let sd = self.sd_m.hypot(v_sd * ahead_s);
+            DeckStage {
+                position: [place.x, place.y, deck_z],
+                velocity: [v.x, v.y, 0.0],
+                euler: [0.0, 0.0, self.course_rad()],
+                position_sd: [sd, sd, SEA_SD_M],
+                velocity_sd: [v_sd, v_sd, HEAVE_SD_MPS],
+                acceleration_sd: [HEAVE_SD_MPS; 3],
+                euler_sd: [TILT_SD_RAD, TILT_SD_RAD, core::f64::consts::PI],
+                euler_rates_sd: [TILT_SD_RAD; 3],
+                ..DeckStage::default()
+            }
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::Header;
+
+    const ORIGIN: Datum = Datum::new(47.6, -122.4, 12.0);
+
+    fn message(source: BeaconSource, at_s: f64, north_m: f64, place_sd_m: f64) -> DeckBeacon {
+        let place = ORIGIN.at(&Vector::<DroneNed>::new(north_m, 300.0, 0.0));
+        DeckBeacon {
+            header: Header::new(1, 1, 1, at_s as u32, Time::from_secs(at_s)),
+            source,
+            latitude_deg: place.latitude_deg,
+            longitude_deg: place.longitude_deg,
+            velocity: [2.0, 0.0],
+            place_sd_m,
+            velocity_sd_mps: 0.3,
+            lasts_s: 10.0,
+        }
+    }
+    fn drone() -> DroneState {
+        DroneState {
+            datum: ORIGIN,
+            ..DroneState::default()
+        }
+    }
+    /// A vessel that goes north at 2 m/s, by a message each second until `until_s`.
+    fn followed(until_s: u32) -> Option<BeaconTrack> {
+        let mut track = None;
+        for k in 0..=until_s {
+            let t = f64::from(k);
+            let m = message(BeaconSource::GlobalPosition, t, 2.0 * t, 5.0);
+            assert!(BeaconTrack::receive(&mut track, Time::from_secs(t), &m));
+        }
+        track
+    }
+
+    #[test]
+    fn beacon_predicted_until_it_ends() {
+        let track = followed(20).unwrap();
+        let known = track.known(Time::from_secs(22.0), &drone()).unwrap();
+        assert!(
+            (known.place - Vector2::new(44.0, 300.0)).norm() < 0.3,
+            "{known:?}"
+        );
+        assert!(
+            (5.0..7.0).contains(&known.sd_m) && known.age_s == 2.0,
+            "{known:?}"
+        );
+        assert!(track.known(Time::from_secs(30.5), &drone()).is_none());
+        // Less is known the longer it is silent.
+        let later = track.known(Time::from_secs(29.0), &drone()).unwrap();
+        assert!(later.sd_m > known.sd_m + 0.5, "{later:?}");
+    }
+
+    #[test]
+    fn beacon_error_measured_by_the_camera() {
+        let mut track = followed(20).unwrap();
+        let now = Time::from_secs(20.0);
+        track.learn(now, &drone(), Vector2::new(46.0, 296.0));
+        let known = track.known(Time::from_secs(21.0), &drone()).unwrap();
+        assert!(
+            (known.place - Vector2::new(48.0, 296.0)).norm() < 0.3,
+            "{known:?}"
+        );
+        assert!(known.sd_m < 2.5, "{known:?}");
+    }
+
+    #[test]
+    fn less_exact_beacon_beside_another() {
+        let mut track = followed(20);
+        let now = Time::from_secs(20.5);
+        let phone = message(BeaconSource::FollowTarget, 20.4, 500.0, 50.0);
+        assert!(!BeaconTrack::receive(&mut track, now, &phone));
+        // It stands in once the other has ended.
+        let late = Time::from_secs(32.0);
+        let phone = message(BeaconSource::FollowTarget, 32.0, 500.0, 50.0);
+        assert!(BeaconTrack::receive(&mut track, late, &phone));
+        assert!((track.unwrap().known(late, &drone()).unwrap().place.x - 500.0).abs() < 0.1);
+        // An old one is none.
+        let mut none = None;
+        let old = message(BeaconSource::GlobalPosition, 0.0, 0.0, 5.0);
+        assert!(!BeaconTrack::receive(&mut none, now, &old) && none.is_none());
+    }
+}

@@ -1,0 +1,400 @@
+//! Which of several decks with the same tags is the vessel's own.
+//!
+//! Each place at which tags are seen again and again is a deck. One alone is taken. Of several the vessel's own is, in this order,
+//! the one that was followed before they were several (continuity of place: without the radio), and the one that is more
+//! likely than any other by a factor of [`MARGIN`]'s exponential, with the negative logarithm of a deck's likelihood
+//!
+//! ```text
+//! L = 1/2 (apart / sd)²  +  1/2 (mean yaw / sd)²  +  1/2 sum over time of |tilt - mean|² / R
+//! ```
+//!
+//! `apart` is its distance from where radio or beacon places the vessel; `yaw` and `tilt` are what the camera sees less what the
+//! radio reports of the same time, and `R` the variance of that. Boats that lie side by side head alike, and still rock apart:
+//! a wave reaches one before the other. What the camera's mount adds is the same for both, and in the mean. Until then none
+//! is followed, and the reason is given.
+
+use std::collections::VecDeque;
+
+use alight_shared::frames::wrap_angle;
+use alight_shared::time::{DroneClock, Span, Time};
+use nalgebra::{Vector2, Vector3};
+
+use super::agreement::PLACE_SD;
+use super::observation::Observation;
+use super::track::Jump;
+
+/// Decks that are told apart, at most.
+const MAX_DECKS: usize = 4;
+/// Reports of the radio that are kept: more than a second at 30 Hz.
+const MAX_REPORTS: usize = 48;
+/// A report holds for so long before and after its time, by its rates, s.
+const HOLDS_S: f64 = 0.2;
+/// Tags are of the same deck where they are no further from where it was than this, m: two decks do not overlap, and the
+/// narrowest that a drone lands on is wider.
+const SAME_M: f64 = 0.8;
+/// ... and this much more for each second since, m/s, besides the vessel's own way, and for each metre from which they are seen:
+/// attitude and heading of the drone.
+const SAME_MPS: f64 = 0.3;
+const SAME_PER_M: f64 = 0.05;
+/// What was never seen in one image is two decks from this distance on, m: nearer it may be one that was seen badly.
+const APART_M: f64 = 5.0;
+/// A deck is one that was seen in so many images: what was misread once is none.
+const CONFIRMED: u32 = 5;
+/// A deck that is not seen is remembered for so long, s: as the forecast by vision alone.
+const MEMORY_S: f64 = 30.0;
+/// Without the radio a deck that was alone for so long is the one that is followed, s.
+const FOLLOWED_S: f64 = 2.0;
+/// Samples of the tilt are taken so far apart, s: errors of successive images are not independent.
+const SAMPLE_S: f64 = 0.2;
+/// The vessel's own deck is so much more likely than any other, as a logarithm: 1 of 10 000 is wrong.
+const MARGIN: f64 = 9.2;
+/// Error of compass and camera in yaw together, rad; of the vessel's tilt by radio, rad, and least error of a tag's tilt.
+const YAW_SD_RAD: f64 = 0.037;
+const TILT_SD_RAD: f64 = 0.009;
+/// Ambiguity is reported for so long after the last image that showed it, s.
+const REPORTED_S: f64 = 1.0;
+
+/// What the radio reports of the deck's attitude at a time: tilt about north and east, yaw, rad, and their rates, rad/s.
+#[derive(Clone, Copy, Debug)]
+struct Report {
+    at: Time<DroneClock>,
+    attitude: Vector3<f64>,
+    rates: Vector3<f64>,
+}
+
+/// How a deck's attitude as seen differs from the radio's: mean, and sum of squares about it in units of their variances.
+#[derive(Clone, Copy, Debug, Default)]
+struct Residual {
+    n: f64,
+    mean: Vector3<f64>,
+    squares: f64,
+    sampled: Option<Time<DroneClock>>,
+}
+
+impl Residual {
+    /// Takes a sample (Welford's update of the sum of squares about the mean).
+    fn take(&mut self, at: Time<DroneClock>, r: Vector3<f64>, tilt_variance: [f64; 2]) {
+        self.sampled = Some(at);
+        self.n += 1.0;
+        let before = r - self.mean;
+        self.mean += before / self.n;
+        let after = r - self.mean;
+        self.squares += (0..2)
+            .map(|i| before[i] * after[i] / tilt_variance[i])
+            .sum::<f64>();
+    }
+    fn cost(&self) -> f64 {
+        let yaw = if self.n > 0.0 {
+            self.mean.z / YAW_SD_RAD
+        } else {
+            0.0
+        };
+        0.5 * (yaw * yaw + self.squares)
+    }
+}
+
+/// A deck in sight.
+#[derive(Clone, Copy, Debug)]
+struct Deck {
+    place: Vector2<f64>,
+    at: Time<DroneClock>,
+    since: Time<DroneClock>,
+    images: u32,
+    /// Images in which another was seen as well.
+    together: u32,
+    /// Distance from where radio or beacon has the vessel, in standard deviations; None: neither has it anywhere.
+    apart_sd: Option<f64>,
+    residual: Residual,
+}
+
+impl Deck {
+    /// It lies where the vessel may be.
+    fn is_admissible(&self) -> bool {
+        self.apart_sd.is_none_or(|sd| sd <= PLACE_SD)
+    }
+    fn counts(&self) -> bool {
+        self.images >= CONFIRMED && self.is_admissible()
+    }
+    /// The other may be the own one as well: it is there, and not the same seen badly.
+    fn rivals(&self, other: &Deck) -> bool {
+        let in_one_image = other.at == self.at && other.is_admissible();
+        let two = other.together >= CONFIRMED || (other.place - self.place).norm() > APART_M;
+        in_one_image || other.counts() && two
+    }
+    fn cost(&self) -> f64 {
+        let apart = self.apart_sd.unwrap_or(0.0);
+        0.5 * apart * apart + self.residual.cost()
+    }
+}
+
+/// What is to be done with tags at a place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Verdict {
+    /// They are the deck's own, as far as is known.
+    Own,
+    /// They are another deck's.
+    Other,
+    /// One of so many decks is the own one, and it is not known which.
+    Several(u32),
+}
+
+/// The decks in sight.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Decks {
+    decks: Vec<Deck>,
+    reports: VecDeque<Report>,
+    /// Where the own one is in `decks`, once that is decided.
+    own: Option<usize>,
+    /// When one of so many could not be decided upon.
+    several: Option<(Time<DroneClock>, u32)>,
+}
+
+impl Decks {
+    /// The radio's estimate of the vessel.
+    pub(super) fn report(&mut self, o: &Observation) {
+        let [.., Some((north, _)), Some((east, _)), Some((yaw, _))] = o.value else {
+            return;
+        };
+        if self.reports.back().is_some_and(|r| r.at >= o.at) {
+            return;
+        }
+        if self.reports.len() == MAX_REPORTS {
+            self.reports.pop_front();
+        }
+        let rate = |i: usize| o.rate[i].map_or(0.0, |(v, _)| v);
+        self.reports.push_back(Report {
+            at: o.at,
+            attitude: Vector3::new(north, east, yaw),
+            rates: Vector3::new(rate(3), rate(4), rate(5)),
+        });
+    }
+    /// What the radio has at `t`, by the report that is nearest.
+    fn reported(&self, t: Time<DroneClock>) -> Option<Vector3<f64>> {
+        let away = |r: &&Report| (t - r.at).secs().abs();
+        let nearest = (self.reports.iter()).min_by(|a, b| away(a).total_cmp(&away(b)))?;
+        let by = (t - nearest.at).secs();
+        (by.abs() <= HOLDS_S).then(|| nearest.attitude + nearest.rates * by)
+    }
+
+    /// Tags seen from `range_m`; `velocity`: of the vessel, m/s; `apart`: how far from where the radio or the beacon has the vessel, and how
+    /// far that may be, m. Returns the deck that they belong to.
+    pub(super) fn see(
+        &mut self,
+        o: &Observation,
+        range_m: f64,
+        velocity: Vector2<f64>,
+        apart: Option<[f64; 2]>,
+    ) -> Option<usize> {
+        let [Some((north, _)), Some((east, _)), ..] = o.value else {
+            return None;
+        };
+        self.forget(o.at);
+        let place = Vector2::new(north, east);
+        let apart_sd = apart.map(|[apart, limit]| PLACE_SD * apart / limit.max(1e-3));
+        let near = |d: &Deck| {
+            let dt = (o.at - d.at).secs().max(0.0);
+            let off = (place - d.place - velocity * dt).norm();
+            (off, SAME_M + SAME_MPS * dt + SAME_PER_M * range_m)
+        };
+        // Two of one image are two.
+        let nearest = (self.decks.iter().enumerate())
+            .filter(|(_, d)| d.at != o.at)
+            .map(|(k, d)| (k, near(d)))
+            .filter(|(_, (off, within))| off <= within)
+            .min_by(|a, b| a.1.0.total_cmp(&b.1.0));
+        let k = match nearest {
+            Some((k, _)) => k,
+            None if self.decks.len() < MAX_DECKS => {
+                self.decks.push(Deck {
+                    place,
+                    at: o.at,
+                    since: o.at,
+                    images: 0,
+                    together: 0,
+                    apart_sd,
+                    residual: Residual::default(),
+                });
+                self.decks.len() - 1
+            }
+            None => return None,
+        };
+        let deck = self.decks.get_mut(k)?;
+        (deck.place, deck.at, deck.images) = (place, o.at.max(deck.at), deck.images.saturating_add(1));
+        deck.apart_sd = apart_sd;
+        let in_image = self.decks.iter().filter(|d| d.at == o.at).count();
+        if in_image > 1 {
+            // The first of an image learns of it with the second.
+            let both = |(i, d): &(usize, &mut Deck)| d.at == o.at && (*i == k || in_image == 2);
+            (self.decks.iter_mut().enumerate())
+                .filter(both)
+                .for_each(|(_, d)| d.together = d.together.saturating_add(1));
+        }
+        Some(k)
+    }
+    /// The tilt of a deck that was seen against the radio's of the same time, where there are several to compare.
+    fn compare(&mut self, k: usize, o: &Observation) {
+        let [.., Some((north, vn)), Some((east, ve)), Some((yaw, _))] = o.value else {
+            return;
+        };
+        let several = self.rivals_of(k).next().is_some();
+        let Some(report) = self.reported(o.at).filter(|_| several) else {
+            return;
+        };
+        let Some(deck) = self.decks.get_mut(k) else { return };
+        let due = |at: Time<DroneClock>| o.at - at >= Span::from_secs(SAMPLE_S);
+        if deck.residual.sampled.is_none_or(due) {
+            let mut r = Vector3::new(north, east, yaw) - report;
+            r.z = wrap_angle(r.z);
+            let variance = |v: f64| v + 2.0 * TILT_SD_RAD.powi(2);
+            deck.residual.take(o.at, r, [variance(vn), variance(ve)]);
+        }
+    }
+    /// Whether tags that were seen of the deck `k` are the vessel's own; `radio`: that is received.
+    pub(super) fn verdict(&mut self, k: usize, o: &Observation, radio: bool) -> Verdict {
+        self.compare(k, o);
+        if self.own.is_none() {
+            self.own = self.decide(o.at, radio);
+        }
+        if let Some(own) = self.own {
+            return if own == k { Verdict::Own } else { Verdict::Other };
+        }
+        match u32::try_from(self.rivals_of(k).count()) {
+            Ok(0) => Verdict::Own,
+            rivals => {
+                let n = rivals.unwrap_or(u32::MAX).saturating_add(1);
+                self.several = Some((o.at, n));
+                Verdict::Several(n)
+            }
+        }
+    }
+    /// The others of which one may be the own deck in the place of this.
+    fn rivals_of(&self, k: usize) -> impl Iterator<Item = &Deck> {
+        let deck = self.decks.get(k);
+        let others = self.decks.iter().enumerate().filter(move |(i, _)| *i != k);
+        others
+            .filter(move |(_, other)| deck.is_some_and(|d| d.rivals(other)))
+            .map(|(_, other)| other)
+    }
+    /// The own deck, if that can be said.
+    fn decide(&self, now: Time<DroneClock>, radio: bool) -> Option<usize> {
+        let counts = || self.decks.iter().enumerate().filter(|(_, d)| d.counts());
+        let (best, deck) = counts().min_by(|a, b| a.1.cost().total_cmp(&b.1.cost()))?;
+        if self.rivals_of(best).next().is_none() {
+            // With the radio a second one may still come into view where the vessel is.
+            let followed = (now - deck.since).secs() >= FOLLOWED_S;
+            return (followed && !radio).then_some(best);
+        }
+        // The same number of looks at each.
+        let looks = |d: &Deck| (d.residual.n - deck.residual.n).abs() <= 1.0 + 0.1 * deck.residual.n;
+        let clear = (self.rivals_of(best)).all(|d| looks(d) && d.cost() - deck.cost() >= MARGIN);
+        clear.then_some(best)
+    }
+    /// Forgets what was not seen for long.
+    fn forget(&mut self, now: Time<DroneClock>) {
+        let lasts = |d: &Deck| (now - d.at).secs() <= MEMORY_S;
+        if self.decks.iter().all(lasts) {
+            return;
+        }
+        let own = self
+            .own
+            .and_then(|k| self.decks.get(k))
+            .filter(|d| lasts(d))
+            .copied();
+        self.decks.retain(lasts);
+        self.own = own.and_then(|own| {
+            let same = |d: &Deck| d.since == own.since && d.place == own.place;
+            self.decks.iter().position(same)
+        });
+    }
+    /// The frame has jumped.
+    pub(super) fn shift(&mut self, jump: &Jump) {
+        for d in &mut self.decks {
+            let place = Vector3::new(d.place.x, d.place.y, jump.about.z);
+            d.place = jump.of(&place).xy();
+        }
+    }
+    /// Decks of which one is the own one, while it is not known which; 0: it is, or there is none.
+    pub(super) fn undecided(&self, now: Time<DroneClock>) -> u32 {
+        let recent = self.several.filter(|(at, _)| (now - *at).secs() < REPORTED_S);
+        recent.filter(|_| self.own.is_none()).map_or(0, |(_, n)| n)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::observation::Kind;
+    use super::*;
+
+    fn observation(kind: Kind, at_s: f64, place: [f64; 2], attitude: [f64; 3]) -> Observation {
+        let tilt_variance = 0.02_f64.powi(2);
+        let [n, e] = place.map(|v| Some((v, 1e-4)));
+        let [a, b, c] = attitude.map(|v| Some((v, tilt_variance)));
+        Observation {
+            at: Time::from_secs(at_s),
+            kind,
+            value: [n, e, Some((0.0, 1e-4)), a, b, c],
+            rate: [None; 6],
+            lever: [0.0; 2],
+        }
+    }
+    /// A vessel that rolls, and one that the same wave reaches so much later, s.
+    fn roll(t: f64, later_s: f64) -> f64 {
+        0.07 * (1.2 * (t - later_s)).sin() + 0.03 * (1.9 * (t - later_s)).sin()
+    }
+    /// The verdict on each of two decks after `seconds`, 3 m from each other; with or without the radio.
+    fn side_by_side(seconds: f64, radio: bool, later_s: f64) -> ([Verdict; 2], Decks) {
+        let mut decks = Decks::default();
+        let mut verdicts = [Verdict::Own; 2];
+        for k in 0..(seconds * 30.0) as u32 {
+            let t = f64::from(k) / 30.0;
+            if radio {
+                decks.report(&observation(
+                    Kind::Estimate,
+                    t,
+                    [0.0; 2],
+                    [roll(t, 0.0), 0.0, 0.1],
+                ));
+            }
+            // Errors of the tags' tilt, and of the camera's mount.
+            let noise = 0.02 * (37.0 * t).sin() + 0.02;
+            let seen = [0.0, later_s].map(|later| [roll(t, later) + noise, 0.02 - noise, 0.12]);
+            let places = [[1.0, 0.0], [-2.0, 0.0]];
+            let both: Vec<_> = (seen.iter().zip(places))
+                .map(|(attitude, place)| observation(Kind::Tag, t, place, *attitude))
+                .collect();
+            let of: Vec<_> = (both.iter().zip([1.0, 2.0]))
+                .map(|(o, m)| decks.see(o, 7.0, Vector2::zeros(), radio.then_some([m, 5.7])))
+                .collect();
+            for (i, (o, k)) in both.iter().zip(of).enumerate() {
+                verdicts[i] = decks.verdict(k.unwrap(), o, radio);
+            }
+        }
+        (verdicts, decks)
+    }
+
+    #[test]
+    fn own_deck_by_its_rocking() {
+        assert_eq!(side_by_side(30.0, true, 0.4).0, [Verdict::Own, Verdict::Other]);
+        // In a calm, or where both rock as one, nothing tells them apart.
+        let (verdicts, decks) = side_by_side(30.0, true, 0.0);
+        assert_eq!(verdicts, [Verdict::Several(2); 2]);
+        assert_eq!(decks.undecided(Time::from_secs(30.0)), 2);
+    }
+
+    #[test]
+    fn decks_without_a_radio() {
+        // Two at the beginning: none is followed.
+        assert_eq!(side_by_side(30.0, false, 0.4).0, [Verdict::Several(2); 2]);
+        // One alone is, and stays the one when another comes into view, and while it is out of view itself.
+        let mut decks = Decks::default();
+        let mut verdict = |t: f64, north: f64| {
+            let o = observation(Kind::Tag, t, [north, 0.0], [0.0; 3]);
+            let k = decks.see(&o, 5.0, Vector2::zeros(), None).unwrap();
+            decks.verdict(k, &o, false)
+        };
+        (0..90).for_each(|k| assert_eq!(verdict(f64::from(k) / 30.0, 0.0), Verdict::Own));
+        assert_eq!(verdict(3.1, 5.0), Verdict::Other);
+        (0..300).for_each(|k| assert_eq!(verdict(4.0 + f64::from(k) / 30.0, 5.0), Verdict::Other));
+        assert_eq!(verdict(15.0, 0.5), Verdict::Own);
+    }
+}

@@ -1,0 +1,83 @@
+//! The forecast of a vessel that is known by its beacon alone.
+
+use super::*;
+
+/// The deck's level as the camera saw it last counts for so long, s: a barometer drifts by a metre meanwhile.
+const SEEN_LEVEL_S: f64 = 300.0;
+
+impl Predictor {
+    /// The forecast by the beacon alone: a level deck on a straight course, at the height over mean sea level that it is
+    /// configured with. None without a beacon, and before the autopilot has reported where the sea is.
+    pub(super) fn forecast_by_beacon(
+        &mut self,
+        now: Time<DroneClock>,
+        ages: [f64; 2],
+    ) -> Option<DeckForecast> {
+        let known = self.known_by_beacon(now)?;
+        let [radio_age_s, vision_age_s] = ages;
+        let seen_z = (self.filter.as_ref().and_then(Filter::last))
+            .filter(|_| vision_age_s < SEEN_LEVEL_S)
+            .map(|axes| axes[2].project(MeasurementRow::Vision).0);
+        let deck_z = match (seen_z, self.origin_sea_m) {
+            (Some(z), _) => z,
+            (None, sea_m) => sea_m? + self.track.newest()?.datum_offset[2] + self.config.deck.centre_m[2],
+        };
+        let age = |t: Option<Time<DroneClock>>| t.map_or(f64::INFINITY, |t| (now - t).secs().max(0.0));
+        let elsewhere = (self.elsewhere).filter(|(at, _)| (now - *at).secs() < self.config.fresh_s);
+        let header = Header::new(0, 0, self.boot, self.sequence, now);
+        self.sequence = self.sequence.wrapping_add(1);
+        let f = DeckForecast {
+            header,
+            step: Span::from_secs(self.config.stage_s),
+            source: Source::None,
+            radio_age_s,
+            vision_age_s,
+            tag_age_s: age(self.tag_at),
+            beacon: Some([known.sd_m, known.age_s]),
+            decks_in_sight: self.decks.undecided(now),
+            place_apart_m: elsewhere.map(|(_, apart)| apart),
+            mean_heading: known.course_rad(),
+            stages: known.stages(deck_z, self.config.stage_s),
+            surroundings: self.surroundings,
+            ..DeckForecast::default()
+        };
+        f.check().is_ok().then_some(f)
+    }
+    /// A forecast without a deck, where several are in sight of which none is followed: so that it can be said why.
+    pub(super) fn no_forecast(&mut self, now: Time<DroneClock>, ages: [f64; 2]) -> Option<DeckForecast> {
+        let decks_in_sight = self.decks.undecided(now);
+        if decks_in_sight == 0 {
+            return None;
+        }
+        let [radio_age_s, vision_age_s] = ages;
+        let header = Header::new(0, 0, self.boot, self.sequence, now);
+        self.sequence = self.sequence.wrapping_add(1);
+        Some(DeckForecast {
+            header,
+            step: Span::from_secs(self.config.stage_s),
+            radio_age_s,
+            vision_age_s,
+            tag_age_s: f64::INFINITY,
+            decks_in_sight,
+            ..DeckForecast::default()
+        })
+    }
+    /// What the beacon says now.
+    pub(super) fn known_by_beacon(&self, now: Time<DroneClock>) -> Option<Known> {
+        self.beacon.as_ref()?.known(now, self.track.newest()?)
+    }
+    /// Where the sea is, and the vessel's beacons where the mission permits them.
+    pub(super) fn receive_beacons(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
+        if let Some(a) = &input.autopilot {
+            self.origin_sea_m = a.origin_sea_m;
+        }
+        let permitted = self.config.beacons;
+        for m in input.beacons.iter().filter(|_| permitted) {
+            let admitted = Self::admit(now, m).and_then(|()| {
+                let counts = BeaconTrack::receive(&mut self.beacon, now, m);
+                counts.then_some(()).ok_or(RejectionReason::Stale)
+            });
+            self.count(admitted);
+        }
+    }
+}

@@ -1,0 +1,203 @@
+//! What camera and rangefinder see of the deck: which deck it is, where that may be, and the filter that takes it.
+
+use super::*;
+
+impl Predictor {
+    /// What camera and rangefinder see of the deck.
+    pub(super) fn measure(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
+        for m in &input.uvdar {
+            let seen = self.observed(now, m, |p, mount, c| observation::uvdar(m, p, mount, c));
+            let admitted = seen.and_then(|o| {
+                let axes = self.filter.as_ref().map(|f| f.at(&self.waves, o.at));
+                self.not_elsewhere(now, axes.as_ref(), &o)?;
+                self.vision(now, &o, false)
+            });
+            self.count(admitted);
+        }
+        // All of an image first: what else is in sight decides on each.
+        let sighted: Vec<_> = input.tags.iter().map(|m| self.sighted(now, m)).collect();
+        for seen in sighted {
+            let admitted = seen.and_then(|seen| self.identified(now, seen));
+            self.count(admitted);
+        }
+        for m in &input.ranges {
+            let admitted = self.range(now, m);
+            self.count(admitted);
+        }
+    }
+
+    /// Vision's rotation, as far as it is known.
+    pub(super) fn mount(&self) -> MountRotation {
+        let last = self.filter.as_ref().and_then(Filter::last);
+        let slow = |i: usize| match last {
+            Some(s) => (s[i].x[VISION], s[i].p[VISION][VISION].max(0.0).sqrt()),
+            None => (0.0, self.config.vision_bias_sd_m_rad[i]),
+        };
+        let (n, e) = (slow(3), slow(4));
+        MountRotation {
+            // Heading: in the drone's frame, so it is not turned back.
+            turn: Vector3::new(n.0, e.0, 0.0),
+            sd: Vector3::new(n.1, e.1, 0.0),
+        }
+    }
+
+    /// A detection of the deck in the drone's frame.
+    pub(super) fn observed(
+        &self,
+        now: Time<DroneClock>,
+        m: &impl Message<Clock = DroneClock>,
+        observe: impl FnOnce(&super::super::track::Pose, &MountRotation, &PredictorConfig) -> Observation,
+    ) -> Result<Observation, RejectionReason> {
+        Self::admit(now, m)?;
+        let pose = self
+            .track
+            .at(m.header().at)
+            .ok_or(RejectionReason::NoDroneState)?;
+        Ok(observe(&pose, &self.mount(), &self.config))
+    }
+    /// The deck that tags belong to, where they are not elsewhere than the vessel is.
+    pub(super) fn sighted(
+        &mut self,
+        now: Time<DroneClock>,
+        m: &TagPose,
+    ) -> Result<(Observation, Option<usize>), RejectionReason> {
+        let o = self.observed(now, m, |p, mount, c| observation::tag(m, p, mount, c))?;
+        let axes = self.filter.as_ref().map(|f| f.at(&self.waves, o.at));
+        self.not_elsewhere(now, axes.as_ref(), &o)?;
+        let velocity = axes.map_or(Vector2::zeros(), |a| Vector2::new(a[0].x[RATE], a[1].x[RATE]));
+        let apart = match (&self.filter, &axes) {
+            (Some(filter), Some(axes)) if self.is_received(now) => {
+                filter.apart(axes, &o.about(&self.waves.motion(o.at)))
+            }
+            (_, _) => self.known_by_beacon(now).and_then(|b| b.apart(&o)),
+        };
+        let range_m = (self.track.newest()).map_or(0.0, |d| {
+            let place = Vector3::from_fn(|i, _| o.value[i].map_or(0.0, |(v, _)| v));
+            (place - d.position()).norm()
+        });
+        let deck = self.decks.see(&o, range_m, velocity, apart);
+        Ok((o, deck))
+    }
+    /// Takes tags of the deck `k` where they are the vessel's own.
+    pub(super) fn identified(
+        &mut self,
+        now: Time<DroneClock>,
+        (o, k): (Observation, Option<usize>),
+    ) -> Result<(), RejectionReason> {
+        let radio = self.is_received(now);
+        match k.map(|k| self.decks.verdict(k, &o, radio)) {
+            Some(Verdict::Own) => self.vision(now, &o, true),
+            Some(Verdict::Other | Verdict::Several(_)) | None => Err(RejectionReason::Outlier),
+        }
+    }
+
+    pub(super) fn vision(
+        &mut self,
+        now: Time<DroneClock>,
+        observation: &Observation,
+        is_tag: bool,
+    ) -> Result<(), RejectionReason> {
+        let at = observation.at;
+        let axes = self.filter.as_ref().map(|f| f.at(&self.waves, at));
+        let (lever_arm_heave_m, compass) = match &axes {
+            Some(axes) => (self.plane(axes, at).1, compass(&axes[5].x)),
+            None => (0.0, 0.0),
+        };
+        self.fuse(&observation.by_compass(compass).levelled(lever_arm_heave_m))?;
+        let newer = |t: &mut Option<Time<DroneClock>>| {
+            *t = Some(t.map_or(at, |old| old.max(at)));
+        };
+        newer(&mut self.vision_at);
+        if is_tag {
+            newer(&mut self.tag_at);
+        }
+        if let ([Some((north, _)), Some((east, _)), ..], Some(drone), Some(beacon)) =
+            (observation.value, self.track.newest(), &mut self.beacon)
+        {
+            beacon.learn(now, drone, Vector2::new(north, east));
+        }
+        Ok(())
+    }
+    /// The radio still places the vessel: until it is known by its tags alone.
+    pub(super) fn is_received(&self, now: Time<DroneClock>) -> bool {
+        self.radio_at.is_some_and(|t| (now - t).secs() <= SILENT_S)
+    }
+    /// What is seen is where the vessel is, as far as radio and beacon place it.
+    pub(super) fn not_elsewhere(
+        &mut self,
+        now: Time<DroneClock>,
+        axes: Option<&[Axis; AXES]>,
+        o: &Observation,
+    ) -> Result<(), RejectionReason> {
+        match self.apart_from_radio(now, axes, o) {
+            Some(apart) => {
+                self.elsewhere = Some((o.at, apart));
+                Err(RejectionReason::Outlier)
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// How far tags that are seen now lie from where the radio places the deck, and the most that they may, m, where they are
+    /// another vessel's. A silent radio places none; the beacon does then, of a deck that is not followed.
+    pub(super) fn apart_from_radio(
+        &self,
+        now: Time<DroneClock>,
+        axes: Option<&[Axis; AXES]>,
+        o: &Observation,
+    ) -> Option<[f64; 2]> {
+        let fresh = |at: Option<Time<DroneClock>>| at.is_some_and(|t| (now - t).secs() < self.config.fresh_s);
+        if !self.is_received(now) {
+            let beacon = self.known_by_beacon(now).filter(|_| !fresh(self.vision_at))?;
+            return beacon.apart(o).filter(|[apart, limit]| apart > limit);
+        }
+        let filter = self.filter.as_ref()?;
+        let seen = o.about(&self.waves.motion(o.at));
+        filter.elsewhere(axes?, &seen, fresh(self.vision_at))
+    }
+
+    /// The place as seen less the place by radio, and the most that it may be, m: of the deck, or of tags that are not its own.
+    pub(super) fn place_apart_m(
+        &self,
+        now: Time<DroneClock>,
+        filter: &Filter,
+        [radio_age_s, vision_age_s]: [f64; 2],
+    ) -> Option<[f64; 2]> {
+        let fresh_s = self.config.fresh_s;
+        let elsewhere = self.elsewhere.filter(|(at, _)| (now - *at).secs() < fresh_s);
+        match elsewhere {
+            Some((_, apart)) if vision_age_s >= fresh_s => Some(apart),
+            // What was received long ago is no witness of where a vessel has gone since.
+            Some(_) | None => (filter.place_apart_m()).filter(|_| radio_age_s < self.config.silence_s),
+        }
+    }
+
+    /// The deck by a state of the filters at a time, and its height due to the tilt, m.
+    pub(super) fn plane(&self, axes: &[Axis; AXES], at: Time<DroneClock>) -> (Plane, f64) {
+        let modes = self.waves.motion(at);
+        let deck = |i: usize, row: MeasurementRow| {
+            let (value, variance) = axes[i].project(row);
+            (value + modes.value[i], variance)
+        };
+        let (n, e, d) = (
+            deck(0, MeasurementRow::Vision),
+            deck(1, MeasurementRow::Vision),
+            deck(2, MeasurementRow::Vision),
+        );
+        let (tn, te, yaw) = (
+            deck(3, MeasurementRow::Level),
+            deck(4, MeasurementRow::Level),
+            deck(5, MeasurementRow::Vision),
+        );
+        let (roll, pitch) = turn_tilt(tn.0, te.0, yaw.0 + compass(&axes[5].x));
+        let [lever_arm_heave_m, ..] =
+            lever_arm_heave(self.waves.lever_arm(), [roll, pitch], [0.0; 2], [0.0; 2]);
+        let plane = Plane {
+            centre: Vector3::new(n.0, e.0, d.0 + lever_arm_heave_m),
+            rotation: UnitQuaternion::from_euler_angles(roll, pitch, yaw.0),
+            position_sd: n.1.max(e.1).sqrt(),
+            tilt_sd: tn.1.max(te.1).sqrt(),
+        };
+        (plane, lever_arm_heave_m)
+    }
+}

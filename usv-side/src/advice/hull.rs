@@ -1,0 +1,222 @@
+//! Response of the hull to one wave, by the vessel model: a wall-sided hull of the model's stiffness, whose heave, roll and
+//! pitch answer as damped oscillators to a wave averaged over its length and beam, and which the water carries along.
+//!
+//! In the wave `Re(e^{i psi})`, up, with `psi = omega_e t - k x` (deep water, `k = omega²/g`), relative direction `mu`
+//! (0: it runs where the bow points) and frequency of encounter `omega_e = omega - k U cos mu`:
+//!
+//! ```text
+//! heave (down)   -N_0(k L cos mu / 2) N_0(k B sin mu / 2) H_3(omega_e)
+//! pitch (bow up) -i k cos mu  N_1(k L cos mu / 2) H_5(omega_e)
+//! roll           +i k sin mu  N_1(k B sin mu / 2) H_4(omega_e)
+//! acceleration    i omega² N_0 N_0 [cos mu, sin mu]
+//! H_d(w) = w_d² / (w_d² - w² + 2 i zeta_d w_d w),  N_0(x) = sin x / x,  N_1(x) = 3 (sin x - x cos x) / x³
+//! ```
+//!
+//! `w_d² = G/M`, `zeta_d = D / (2 sqrt(G M))` and, of wall-sided hulls, `L² = 12 G_5/G_3`, `B² = 12 G_4/G_3` by the vessel
+//! model (Fossen 2011, sections 8.1 and 8.2; Faltinsen 1990, chapter 3). Horizontally the wave's pressure accelerates the hull
+//! like the water that it displaces, at any speed.
+
+use alight_shared::geometry::GRAVITY;
+use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, VesselModelConfig};
+use nalgebra::{Complex, Vector3};
+
+/// A second over which a slope is averaged, as the apparent slope is, s.
+const MEAN_S: f64 = 1.0;
+
+/// Figures of the deck's motion whose powers are compared.
+pub(super) const FIGURES: usize = 7;
+/// Apparent slope along and across the hull, averaged over a second.
+pub(super) const SLOPE: [usize; 2] = [0, 1];
+/// Vertical speed, m/s.
+pub(super) const SINK: usize = 2;
+/// Tilt, rad.
+pub(super) const TILT: [usize; 2] = [3, 4];
+/// Horizontal and vertical acceleration, m/s².
+pub(super) const PUSH: usize = 5;
+pub(super) const LIFT: usize = 6;
+
+/// Powers of the figures.
+pub(super) type Powers = [f64; FIGURES];
+
+/// A motion of the hull's reference point at one frequency, as complex amplitudes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Motion {
+    /// Acceleration forward and to starboard, m/s².
+    pub push: [Complex<f64>; 2],
+    /// Down, m.
+    pub heave: Complex<f64>,
+    /// Roll and pitch, rad.
+    pub tilt: [Complex<f64>; 2],
+}
+
+impl Motion {
+    /// Squares of the amplitudes of the figures at the deck's centre (body frame, m), at the frequency `w`, rad/s.
+    pub(super) fn powers(&self, w: f64, deck: &Vector3<f64>) -> Powers {
+        let i = Complex::i();
+        let [roll, pitch] = self.tilt;
+        let ahead = self.push[0] - pitch * (w * w * deck.z);
+        let right = self.push[1] + roll * (w * w * deck.z);
+        let sink = i * w * (self.heave + roll * deck.y - pitch * deck.x);
+        let mean = mean_over(0.5 * w * MEAN_S) / GRAVITY;
+        let slopes = [(ahead + pitch * GRAVITY) * mean, (right - roll * GRAVITY) * mean];
+        let mut out = Powers::default();
+        out[SLOPE[0]] = slopes[0].norm_sqr();
+        out[SLOPE[1]] = slopes[1].norm_sqr();
+        out[SINK] = sink.norm_sqr();
+        out[TILT[0]] = roll.norm_sqr();
+        out[TILT[1]] = pitch.norm_sqr();
+        out[PUSH] = ahead.norm_sqr() + right.norm_sqr();
+        out[LIFT] = (sink * w).norm_sqr();
+        out
+    }
+}
+
+/// A wave as a hull meets it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Encounter {
+    /// Its own angular frequency, rad/s.
+    pub omega: f64,
+    /// Where it runs to, from the bow, rad.
+    pub relative: f64,
+    /// Frequency of encounter, rad/s; negative where the vessel overtakes it.
+    pub met: f64,
+}
+
+impl Encounter {
+    /// A wave of `omega` that runs towards `towards` and a vessel on this heading (rad) at this speed, m/s.
+    pub(super) fn of(omega: f64, towards: f64, heading: f64, speed_mps: f64) -> Encounter {
+        let relative = towards - heading;
+        Encounter {
+            omega,
+            relative,
+            met: omega - omega * omega / GRAVITY * speed_mps * relative.cos(),
+        }
+    }
+}
+
+/// A damped oscillator: natural frequency, rad/s, and relative damping.
+#[derive(Clone, Copy, Debug)]
+struct Oscillator {
+    natural: f64,
+    damping: f64,
+}
+
+impl Oscillator {
+    fn response(&self, w: f64) -> Complex<f64> {
+        let n = self.natural;
+        Complex::from(n * n) / Complex::new(n * n - w * w, 2.0 * self.damping * n * w)
+    }
+}
+
+/// A hull.
+#[derive(Clone, Debug)]
+pub(super) struct Hull {
+    heave: Oscillator,
+    roll: Oscillator,
+    pitch: Oscillator,
+    length_m: f64,
+    beam_m: f64,
+}
+
+impl Hull {
+    /// By the vessel model; a degree of freedom without stiffness follows the water.
+    pub(super) fn of(model: &VesselModelConfig) -> Hull {
+        let (m, d, g) = (
+            model.inertia_kg_kgm2,
+            model.damping_npmps_nmpradps,
+            model.stiffness_npm_nmprad,
+        );
+        let oscillator = |dof: usize| Oscillator {
+            natural: if g[dof] > 0.0 {
+                (g[dof] / m[dof]).sqrt()
+            } else {
+                1e3
+            },
+            damping: if g[dof] > 0.0 {
+                d[dof] / (2.0 * (g[dof] * m[dof]).sqrt())
+            } else {
+                1.0
+            },
+        };
+        let size = |dof: usize| {
+            if g[HEAVE] > 0.0 {
+                (12.0 * g[dof] / g[HEAVE]).sqrt()
+            } else {
+                0.0
+            }
+        };
+        Hull {
+            heave: oscillator(HEAVE),
+            roll: oscillator(ROLL),
+            pitch: oscillator(PITCH),
+            length_m: size(PITCH),
+            beam_m: size(ROLL),
+        }
+    }
+    /// Its motion per metre of wave.
+    pub(super) fn motion(&self, e: &Encounter) -> Motion {
+        let k = e.omega * e.omega / GRAVITY;
+        let (sin, cos) = e.relative.sin_cos();
+        let (along, across) = (0.5 * k * self.length_m * cos, 0.5 * k * self.beam_m * sin);
+        let whole = mean_over(along) * mean_over(across);
+        let push = Complex::new(0.0, e.omega * e.omega * whole);
+        let slope = Complex::new(0.0, -k);
+        Motion {
+            push: [push * cos, push * sin],
+            heave: self.heave.response(e.met) * -whole,
+            tilt: [
+                self.roll.response(e.met) * slope * (-sin * moment_over(across)),
+                self.pitch.response(e.met) * slope * (cos * moment_over(along)),
+            ],
+        }
+    }
+}
+
+/// `sin x / x`.
+fn mean_over(x: f64) -> f64 {
+    if x.abs() < 1e-4 { 1.0 } else { x.sin() / x }
+}
+/// `3 (sin x - x cos x) / x³`.
+fn moment_over(x: f64) -> f64 {
+    if x.abs() < 1e-2 {
+        1.0 - 0.1 * x * x
+    } else {
+        3.0 * (x.sin() - x * x.cos()) / x.powi(3)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use core::f64::consts::{FRAC_PI_2, PI};
+
+    use super::*;
+
+    fn powers(relative: f64, omega: f64, speed_mps: f64, deck: Vector3<f64>) -> (Powers, f64) {
+        let e = Encounter::of(omega, relative, 0.0, speed_mps);
+        let hull = Hull::of(&VesselModelConfig::default());
+        (hull.motion(&e).powers(e.met, &deck), e.met)
+    }
+
+    #[test]
+    fn long_wave_that_carries_the_hull() {
+        let (omega, k) = (0.5, 0.25 / GRAVITY);
+        for relative in [0.0, 0.7, FRAC_PI_2, PI] {
+            let (p, _) = powers(relative, omega, 0.0, Vector3::zeros());
+            // It heaves and tilts with the water, and what stands on it feels no slope.
+            assert!((p[SINK].sqrt() - omega).abs() < 0.02 * omega, "{relative}");
+            let tilt = (p[TILT[0]] + p[TILT[1]]).sqrt();
+            assert!((tilt - k).abs() < 0.05 * k, "{relative}: {tilt}");
+            let slope = (p[SLOPE[0]] + p[SLOPE[1]]).sqrt();
+            assert!(slope < 0.15 * k, "{relative}: {slope}");
+        }
+    }
+
+    #[test]
+    fn frequency_of_encounter() {
+        let (head, met) = powers(PI, 1.26, 4.0, Vector3::new(-1.0, 0.0, -1.2));
+        let (following, overtaken) = powers(0.0, 1.26, 4.0, Vector3::new(-1.0, 0.0, -1.2));
+        assert!(met > 1.8 && overtaken < 0.7, "{met} {overtaken}");
+        assert!(head[SINK] > 4.0 * following[SINK] && head[LIFT] > 20.0 * following[LIFT]);
+        assert!(head[TILT[0]] < 1e-12 && following[TILT[0]] < 1e-12);
+    }
+}

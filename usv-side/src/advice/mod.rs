@@ -1,0 +1,380 @@
+//! Advice for the helm: on which heading and at which speed a landing is most likely to succeed.
+//!
+//! The vessel's own motion gives the directional spectrum of the waves ([`waves`]); the vessel model, corrected at each
+//! frequency by what was measured on the present course, gives the deck's motion on any other ([`hull`]); that motion and the
+//! wind over the deck give the probability of a landing, with the drone's own meaning ([`alight_shared::landing`]): speed and
+//! angle of the contact, four feet on the deck, and staying there.
+//!
+//! A course costs the time until it is steady. Waiting costs what the drone's mission takes it to cost
+//! ([`WAITING_COST_PER_MIN`]), so a course is worth it where its probability less that cost is above the present one's.
+//!
+//! One course is evaluated in each step, so that a step stays short; every [`PERIOD_S`] a round begins.
+
+mod hull;
+mod waves;
+
+use core::f64::consts::TAU;
+
+use alight_shared::frames::wrap_angle;
+use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
+use alight_shared::landing::{
+    BLIND_S, CONTACT_MPS, Contact, FRICTION, Margins, REACTION_S, Slopes, Stand, Staying,
+    WAITING_COST_PER_MIN, WindPush, alignment_mps,
+};
+use alight_shared::motion_model::{MotionModel, MotionSample};
+use alight_shared::msg::CourseAdvice;
+use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, VesselModelConfig};
+use nalgebra::{Rotation2, Vector2};
+
+use hull::{Hull, LIFT, PUSH, Powers, SINK, SLOPE, TILT};
+use waves::{Sea, Spectrum};
+
+/// A round of all courses begins so often, s.
+pub const PERIOD_S: f64 = 5.0;
+/// Headings that are compared, 15 deg apart.
+const HEADINGS: u32 = 24;
+/// Speeds that are compared, m/s apart, from the slowest at which a boat steers.
+const SPEED_STEP_MPS: f64 = 2.0;
+/// Speeds at most: the present one and the slower ones.
+const MAX_SPEEDS: usize = 6;
+/// A boat turns so fast without heeling, rad/s, and changes its speed so fast, m/s²: chosen, a small boat at ease.
+const TURN_RADPS: f64 = 0.1;
+const SPEED_CHANGE_MPS2: f64 = 0.3;
+/// Courses that take longer to reach are not advised, s.
+const MAX_TURN_S: f64 = 30.0;
+/// A vessel that turns faster is on no course that a sea is judged on, rad/s.
+const TURNING_RADPS: f64 = 0.1;
+/// A sea that was known so long ago is another, s.
+const MAX_SEA_AGE_S: f64 = 600.0;
+/// Usual standard deviation of the forecast's place, one axis, m.
+const PLACE_SD_M: f64 = 0.05;
+/// A wind of which nothing is known does not blow.
+const NO_WIND: Vector2<f64> = Vector2::new(0.0, 0.0);
+
+/// The deck's motion on a course, and how likely a landing on it succeeds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CourseOutlook {
+    /// Heading, rad.
+    pub heading_rad: f64,
+    /// Speed, m/s.
+    pub speed_mps: f64,
+    /// Standard deviations of roll and pitch, rad.
+    pub tilt_sd_rad: [f64; 2],
+    /// Standard deviation of the deck's vertical speed, m/s.
+    pub heave_rate_sd_mps: f64,
+    /// Standard deviation of the apparent slope, averaged over a second.
+    pub slope_sd: f64,
+    /// Probability that a landing begun at some moment succeeds.
+    pub likelihood: f64,
+}
+
+impl CourseOutlook {
+    /// Standard deviation of the tilt, rad.
+    pub fn tilt_rad(&self) -> f64 {
+        self.tilt_sd_rad[0].hypot(self.tilt_sd_rad[1])
+    }
+    /// Time from `other` to this course, s.
+    pub fn time_from_s(&self, other: &CourseOutlook) -> f64 {
+        let turn = wrap_angle(self.heading_rad - other.heading_rad).abs() / TURN_RADPS;
+        turn.max((self.speed_mps - other.speed_mps).abs() / SPEED_CHANGE_MPS2)
+    }
+    /// Way that is lost in a minute along `other`'s heading, m.
+    pub fn way_lost_m(&self, other: &CourseOutlook) -> f64 {
+        let made = self.speed_mps * (self.heading_rad - other.heading_rad).cos();
+        60.0 * (other.speed_mps - made)
+    }
+    /// What it is worth to a vessel on `other`: its likelihood less the cost of the time until it is reached.
+    fn worth(&self, other: &CourseOutlook) -> f64 {
+        self.likelihood - WAITING_COST_PER_MIN / 60.0 * self.time_from_s(other)
+    }
+}
+
+/// What the helm may do for a landing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Advice {
+    /// The present course.
+    pub here: CourseOutlook,
+    /// The course that is worth most; the present one where none is worth more.
+    pub best: CourseOutlook,
+    /// Where the waves run to, rad.
+    pub waves_to_rad: f64,
+}
+
+impl Advice {
+    /// Heading of the best course, rad.
+    pub fn heading_rad(&self) -> f64 {
+        self.best.heading_rad
+    }
+    /// Its speed, m/s.
+    pub fn speed_mps(&self) -> f64 {
+        self.best.speed_mps
+    }
+    /// Another course is worth its cost.
+    pub fn is_change(&self) -> bool {
+        self.best != self.here
+    }
+    /// Time until the best course is reached, s.
+    pub fn turn_s(&self) -> f64 {
+        self.best.time_from_s(&self.here)
+    }
+    /// Way that the best course loses in a minute, m.
+    pub fn way_lost_m(&self) -> f64 {
+        self.best.way_lost_m(&self.here)
+    }
+}
+
+impl From<&Advice> for CourseAdvice {
+    fn from(a: &Advice) -> CourseAdvice {
+        let pair = |f: fn(&CourseOutlook) -> f64| [&a.here, &a.best].map(|c| f(c) as f32);
+        CourseAdvice {
+            heading: pair(|c| c.heading_rad),
+            speed: pair(|c| c.speed_mps),
+            likelihood: pair(|c| c.likelihood),
+            tilt: pair(CourseOutlook::tilt_rad),
+            turn_s: a.turn_s() as f32,
+            way_lost_m: a.way_lost_m() as f32,
+            waves_to: a.waves_to_rad as f32,
+        }
+    }
+}
+
+/// What the advice depends on beside the waves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Conditions {
+    /// Heading, rad, and speed along it, m/s.
+    heading_rad: f64,
+    speed_mps: f64,
+    /// Heel and trim, rad.
+    heel: [f64; 2],
+    /// Part of the deck's motion that is not predicted a reaction ahead: of heave, and of the tilt.
+    unforeseen: [f64; 2],
+    /// The true wind, towards NED, m/s.
+    wind: Vector2<f64>,
+}
+
+/// A round of courses under way.
+#[derive(Clone, Debug)]
+struct Round {
+    now: Conditions,
+    courses: Vec<[f64; 2]>,
+    outlooks: Vec<CourseOutlook>,
+}
+
+/// The vessel's motion at one time, as the estimator has it.
+#[derive(Clone, Copy, Debug)]
+pub struct Underway<'a> {
+    /// Identified motion.
+    pub motion: &'a MotionModel<VesselClock>,
+    /// Mean velocity, NED, m/s.
+    pub velocity: Vector2<f64>,
+    /// Mean heading, rad, and its rate, rad/s.
+    pub heading: f64,
+    /// rad/s.
+    pub heading_rate: f64,
+    /// The true wind that a drone reports, towards NED, m/s.
+    pub wind: Option<Vector2<f64>>,
+}
+
+/// Finds the course on which a landing is most likely to succeed.
+#[derive(Clone, Debug)]
+pub struct Advisor {
+    hull: Hull,
+    deck: DeckGeometry,
+    drone: DroneGeometry,
+    spectrum: Spectrum,
+    newest: Option<Time<VesselClock>>,
+    sea: Option<(Time<VesselClock>, Sea)>,
+    round: Option<Round>,
+    begun: Option<Time<VesselClock>>,
+    outlooks: Vec<CourseOutlook>,
+}
+
+impl Advisor {
+    /// Of a hull as the vessel model has it, for a drone of usual size on its deck.
+    pub fn new(model: &VesselModelConfig, deck: &DeckGeometry) -> Advisor {
+        Advisor {
+            hull: Hull::of(model),
+            deck: *deck,
+            drone: DroneGeometry::default(),
+            spectrum: Spectrum::new(deck.centre()),
+            newest: None,
+            sea: None,
+            round: None,
+            begun: None,
+            outlooks: Vec::new(),
+        }
+    }
+
+    /// All courses of the last round, the present one first; empty while no sea is known.
+    pub fn outlooks(&self) -> &[CourseOutlook] {
+        &self.outlooks
+    }
+    /// Where the waves run to, rad; None while it is not known.
+    pub fn waves_to_rad(&self) -> Option<f64> {
+        self.sea.as_ref().map(|(_, sea)| sea.towards)
+    }
+    /// The best course within half a minute; None while no sea is known.
+    pub fn advice(&self) -> Option<Advice> {
+        self.advice_within(|_| true)
+    }
+    /// The best course within half a minute of those that are `permitted`, e.g. by the skipper's limits.
+    pub fn advice_within(&self, permitted: impl Fn(&CourseOutlook) -> bool) -> Option<Advice> {
+        let here = *self.outlooks.first()?;
+        let in_time = |c: &&CourseOutlook| c.time_from_s(&here) <= MAX_TURN_S && permitted(c);
+        let worth_more = |best: CourseOutlook, c: &CourseOutlook| {
+            if c.worth(&here) > best.worth(&here) {
+                *c
+            } else {
+                best
+            }
+        };
+        Some(Advice {
+            here,
+            best: self.outlooks.iter().filter(in_time).fold(here, worth_more),
+            waves_to_rad: self.waves_to_rad()?,
+        })
+    }
+
+    /// Takes the newest sample of the motion and evaluates one course of a round that is due.
+    pub fn step(&mut self, now: Time<VesselClock>, underway: &Underway<'_>) {
+        if let Some(sample) = underway.motion.newest() {
+            self.observe(sample, underway.velocity);
+        }
+        let due = self.begun.is_none_or(|t| now - t >= Span::from_secs(PERIOD_S));
+        match &mut self.round {
+            Some(_) => self.evaluate(),
+            None if due => self.begin(now, underway),
+            None => {}
+        }
+    }
+
+    fn observe(&mut self, sample: &MotionSample<VesselClock>, velocity: Vector2<f64>) {
+        if self.newest.is_some_and(|at| at >= sample.at) {
+            return;
+        }
+        self.newest = Some(sample.at);
+        if self.spectrum.push(*sample, velocity)
+            && let Some(sea) = self.spectrum.sea(&self.hull)
+        {
+            self.sea = Some((sample.at, sea));
+        }
+    }
+
+    fn begin(&mut self, now: Time<VesselClock>, underway: &Underway<'_>) {
+        self.begun = Some(now);
+        let old = |at: Time<VesselClock>| now - at > Span::from_secs(MAX_SEA_AGE_S);
+        self.sea = self.sea.take().filter(|(at, _)| !old(*at));
+        if self.sea.is_none() || underway.heading_rate.abs() > TURNING_RADPS {
+            self.outlooks.clear();
+            return;
+        }
+        let now = Conditions::of(underway);
+        self.round = Some(Round {
+            courses: courses(now.heading_rad, now.speed_mps),
+            outlooks: Vec::new(),
+            now,
+        });
+    }
+
+    /// The next course of the round; after the last one the round's outlooks stand.
+    fn evaluate(&mut self) {
+        let (Some(mut round), Some((_, sea))) = (self.round.take(), &self.sea) else {
+            return;
+        };
+        if let Some([heading, speed]) = round.courses.get(round.outlooks.len()).copied() {
+            let powers = sea.powers(&self.hull, &self.deck.centre(), heading, speed);
+            let outlook = self.outlook(&round.now, [heading, speed], &powers);
+            round.outlooks.push(outlook);
+            self.round = Some(round);
+        } else {
+            self.outlooks = round.outlooks;
+        }
+    }
+
+    /// A course on which the deck's figures have these powers.
+    fn outlook(
+        &self,
+        now: &Conditions,
+        [heading_rad, speed_mps]: [f64; 2],
+        powers: &Powers,
+    ) -> CourseOutlook {
+        let sd = |f: usize| powers[f].max(0.0).sqrt();
+        let both = |[a, b]: [usize; 2]| sd(a).hypot(sd(b));
+        let mut course = CourseOutlook {
+            heading_rad,
+            speed_mps,
+            tilt_sd_rad: TILT.map(sd),
+            heave_rate_sd_mps: sd(SINK),
+            slope_sd: both(SLOPE),
+            likelihood: 0.0,
+        };
+        let turn = Rotation2::new(heading_rad);
+        let wind = WindPush::over(now.wind, turn * Vector2::new(speed_mps, 0.0));
+        let [roll, pitch] = now.heel;
+        // On a deck that lists to starboard the specific force points to port.
+        let list = turn * Vector2::new(pitch, -roll);
+        let stand = Stand::on(&self.deck, &self.drone, FRICTION);
+        let [of_heave, of_tilt] = now.unforeseen;
+        let one_axis = core::f64::consts::FRAC_1_SQRT_2;
+        let contact = Contact {
+            speed_mps: CONTACT_MPS,
+            turn_mps: 0.0,
+            left_mps: 0.0,
+            unforeseen_mps: [
+                REACTION_S * of_tilt * one_axis * sd(PUSH),
+                REACTION_S * of_heave * sd(LIFT),
+            ],
+            parted_mps: alignment_mps((GRAVITY * course.slope_sd).hypot(wind.mean.norm())),
+            tilt_sd_rad: of_tilt * one_axis * course.tilt_rad(),
+            offset_m: Vector2::zeros(),
+            place_sd_m: PLACE_SD_M,
+            blind_s: BLIND_S,
+            wind,
+            stays: Staying::of(&Slopes::in_sea(course.slope_sd, list, &wind), &stand).probability,
+        };
+        course.likelihood = contact.odds(&Margins::on(&self.deck, &self.drone)).whole();
+        course
+    }
+}
+
+impl Conditions {
+    fn of(underway: &Underway<'_>) -> Conditions {
+        let motion = underway.motion;
+        let (spread, whole) = (motion.spread(REACTION_S), motion.deviation());
+        let part = |a: f64, b: f64| {
+            let part = a / b;
+            // Of a motion that is none nothing is predicted.
+            if part.is_finite() { part.min(1.0) } else { 1.0 }
+        };
+        let tilt = |d: &[f64; 6]| d[ROLL].hypot(d[PITCH]);
+        let [about_north, about_east] = motion.heel(underway.heading);
+        let body = Rotation2::new(-underway.heading) * Vector2::new(about_north, about_east);
+        Conditions {
+            heading_rad: underway.heading,
+            speed_mps: waves::ahead(&underway.velocity, underway.heading).max(0.0),
+            heel: body.into(),
+            unforeseen: [
+                part(spread[HEAVE], whole[HEAVE]),
+                part(tilt(&spread), tilt(&whole)),
+            ],
+            wind: underway.wind.unwrap_or(NO_WIND),
+        }
+    }
+}
+
+/// Headings and speeds that are compared, the present ones first: all round at the present speed and at each slower one that
+/// the boat steers at.
+fn courses(heading: f64, speed_mps: f64) -> Vec<[f64; 2]> {
+    let slower = (1..MAX_SPEEDS)
+        .map(|k| SPEED_STEP_MPS * k as f64)
+        .filter(|s| *s < speed_mps);
+    let speeds = core::iter::once(speed_mps).chain(slower);
+    let round = (0..HEADINGS).map(|k| wrap_angle(heading + TAU * f64::from(k) / f64::from(HEADINGS)));
+    speeds
+        .flat_map(|speed| round.clone().map(move |heading| [heading, speed]))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,356 @@
+//! Directional spectrum of the waves and powers of the deck's motion, by the vessel's own motion at the frequencies of
+//! encounter.
+//!
+//! Averaged periodograms (Welch 1967) of segments of 26 s, which begin every 6 s, Hann's window. Water and hull move up by
+//! `z` and horizontally by `u`, in phase where the wave runs to, so that with the cross-spectra `C` per frequency
+//! `[a, b] = [C_zn, C_ze] / sqrt(C_zz (C_nn + C_ee))` points there, and its length `r` is the spread `s = r / (1 - r)` of
+//! `cos^2s((theta - theta_1) / 2)` (Longuet-Higgins, Cartwright and Smith 1963). Each direction's own frequency follows from
+//! that of encounter, `omega_e = omega - omega² U cos mu / g`: of up to three the longest wave, which has the energy.
+
+use std::collections::VecDeque;
+
+use alight_shared::frames::wrap_angle;
+use alight_shared::geometry::GRAVITY;
+use alight_shared::motion_model::{MotionSample, SAMPLE_S};
+use alight_shared::time::VesselClock;
+use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, SURGE, SWAY};
+use core::f64::consts::TAU;
+use nalgebra::{Complex, Vector2, Vector3};
+
+use super::hull::{Encounter, Hull, Motion, Powers};
+
+/// Samples of a segment, and between the beginnings of two.
+const SEGMENT: usize = 256;
+const HOP: usize = 64;
+/// Frequencies, in steps of a segment's: periods of 13 to 1.8 s; what is slower is a course.
+const FIRST: usize = 2;
+const BINS: usize = 13;
+/// Memory, segments: 100 s, some twenty waves, as the identification has.
+const MEMORY: f64 = 16.0;
+/// Segments before a sea is known: 45 s.
+const MIN_SEGMENTS: f64 = 4.0;
+/// A segment in which the heading changes by more, or whose mean is so far from the former one's, is a turn, rad.
+const TURN_RAD: f64 = 15.0 * TAU / 360.0;
+/// Directions of a spectrum.
+const DIRECTIONS: usize = 24;
+/// Longest length of the mean direction: seas have some spread.
+const MAX_DIRECTED: f64 = 0.95;
+/// Least length of the mean direction of all waves whose direction is known.
+const MIN_DIRECTED: f64 = 0.3;
+/// A wave to which the hull heaves with less power is not known by it.
+const MIN_RESPONSE: f64 = 0.1;
+/// Power of a modelled figure in its own direction that counts as prior knowledge in the correction: a tenth.
+const PRIOR: f64 = 0.1;
+/// Waves with a smaller part of the variance are left out.
+const NEGLIGIBLE: f64 = 1e-4;
+/// Lines that stand for the width of a frequency.
+const LINES: [f64; 3] = [-1.0 / 3.0, 0.0, 1.0 / 3.0];
+
+/// Frequency of encounter of a bin, rad/s.
+fn frequency(bin: usize) -> f64 {
+    TAU * (FIRST + bin) as f64 / (SEGMENT as f64 * SAMPLE_S)
+}
+/// The bin of a frequency of encounter, the nearest one.
+fn bin_of(met: f64) -> usize {
+    let step = TAU / (SEGMENT as f64 * SAMPLE_S);
+    ((met.abs() / step).round() as usize).clamp(FIRST, FIRST + BINS - 1) - FIRST
+}
+
+/// Powers of one frequency of encounter.
+#[derive(Clone, Copy, Debug, Default)]
+struct Bin {
+    /// Of heave, m², and of the horizontal velocity, m²/s².
+    heave: f64,
+    speed: f64,
+    /// Of the heave (up) with the velocity north and east, m²/s.
+    towards: Vector2<f64>,
+    /// Of the figures of the deck.
+    deck: Powers,
+}
+
+/// Averaged powers of a vessel on one course.
+#[derive(Clone, Debug)]
+pub(super) struct Spectrum {
+    deck: Vector3<f64>,
+    record: VecDeque<(MotionSample<VesselClock>, Vector2<f64>)>,
+    since: usize,
+    segments: f64,
+    bins: [Bin; BINS],
+    /// Mean heading, rad, and velocity, NED, m/s.
+    heading: f64,
+    velocity: Vector2<f64>,
+}
+
+/// A wave of a sea.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Wave {
+    /// Angular frequency, rad/s.
+    pub omega: f64,
+    /// Where it runs to, rad.
+    pub towards: f64,
+    /// Variance of the elevation, m².
+    pub variance: f64,
+}
+
+/// A sea, and how the deck's motion differs from the model's.
+#[derive(Clone, Debug)]
+pub(super) struct Sea {
+    /// Its waves.
+    pub waves: Vec<Wave>,
+    /// Mean direction that the waves run to, rad.
+    pub towards: f64,
+    /// Measured over modelled power of each figure by frequency of encounter.
+    correction: [Powers; BINS],
+}
+
+impl Sea {
+    /// Powers of the deck's figures on this heading (rad) at this speed, m/s.
+    pub(super) fn powers(&self, hull: &Hull, deck: &Vector3<f64>, heading: f64, speed_mps: f64) -> Powers {
+        let mut sum = Powers::default();
+        for w in &self.waves {
+            let e = Encounter::of(w.omega, w.towards, heading, speed_mps);
+            let one = hull.motion(&e).powers(e.met, deck);
+            for ((sum, p), c) in sum.iter_mut().zip(one).zip(self.correction[bin_of(e.met)]) {
+                *sum += w.variance * p * c;
+            }
+        }
+        sum
+    }
+}
+
+impl Spectrum {
+    /// Of a vessel whose deck's centre is there, body frame, m.
+    pub(super) fn new(deck: Vector3<f64>) -> Spectrum {
+        Spectrum {
+            deck,
+            record: VecDeque::with_capacity(SEGMENT),
+            since: 0,
+            segments: 0.0,
+            bins: Default::default(),
+            heading: 0.0,
+            velocity: Vector2::zeros(),
+        }
+    }
+    /// Takes a sample of the motion and the mean velocity then, NED, m/s; true when a segment was added.
+    pub(super) fn push(&mut self, sample: MotionSample<VesselClock>, velocity: Vector2<f64>) -> bool {
+        let gap = |(last, _): &(MotionSample<VesselClock>, _)| {
+            let dt = (sample.at - last.at).secs();
+            !(dt > 0.5 * SAMPLE_S && dt < 1.5 * SAMPLE_S)
+        };
+        if self.record.back().is_some_and(gap) {
+            self.record.clear();
+            self.since = 0;
+        }
+        self.record.push_back((sample, velocity));
+        if self.record.len() > SEGMENT {
+            self.record.pop_front();
+        }
+        self.since += 1;
+        if self.record.len() < SEGMENT || self.since < HOP {
+            return false;
+        }
+        self.since = 0;
+        self.add_segment()
+    }
+
+    /// Adds the recorded segment, unless the vessel turns in it.
+    fn add_segment(&mut self) -> bool {
+        let n = self.record.len() as f64;
+        let first = self.record.front().map_or(0.0, |r| r.0.mean_heading);
+        let off = |s: &MotionSample<VesselClock>| wrap_angle(s.mean_heading - first);
+        let (mut low, mut high, mut sum) = (0.0_f64, 0.0_f64, 0.0);
+        let mut velocity = Vector2::zeros();
+        for (s, v) in &self.record {
+            (low, high, sum) = (low.min(off(s)), high.max(off(s)), sum + off(s));
+            velocity += v / n;
+        }
+        let heading = wrap_angle(first + sum / n);
+        if high - low > TURN_RAD || !velocity.norm().is_finite() {
+            return false;
+        }
+        if wrap_angle(heading - self.heading).abs() > TURN_RAD {
+            self.segments = 0.0;
+        }
+        self.segments = (self.segments + 1.0).min(MEMORY);
+        let fraction = 1.0 / self.segments;
+        self.heading = wrap_angle(self.heading + fraction * wrap_angle(heading - self.heading));
+        self.velocity += (velocity - self.velocity) * fraction;
+        for bin in 0..BINS {
+            let new = self.bin(bin, heading);
+            let old = &mut self.bins[bin];
+            old.heave += (new.heave - old.heave) * fraction;
+            old.speed += (new.speed - old.speed) * fraction;
+            old.towards += (new.towards - old.towards) * fraction;
+            for (old, new) in old.deck.iter_mut().zip(new.deck) {
+                *old += (new - *old) * fraction;
+            }
+        }
+        true
+    }
+
+    /// Powers of the recorded segment at one frequency, of a vessel on this mean heading, rad.
+    fn bin(&self, bin: usize, heading: f64) -> Bin {
+        let n = self.record.len() as f64;
+        let mut means = [0.0; 6];
+        for (s, _) in &self.record {
+            means.iter_mut().zip(s.value).for_each(|(m, v)| *m += v / n);
+        }
+        let w = frequency(bin);
+        let mut x = [Complex::new(0.0, 0.0); 6];
+        let mut squares = 0.0;
+        for (k, (s, _)) in self.record.iter().enumerate() {
+            let window = 0.5 - 0.5 * (TAU * (k as f64 + 0.5) / n).cos();
+            squares += window * window;
+            let turn = Complex::from_polar(window, -w * SAMPLE_S * k as f64);
+            for ((x, v), m) in x.iter_mut().zip(s.value).zip(means) {
+                *x += turn * (v - m);
+            }
+        }
+        let scale = (2.0 / (n * squares)).sqrt();
+        let [north, east, heave, about_north, about_east] =
+            [SURGE, SWAY, HEAVE, ROLL, PITCH].map(|d| x[d] * scale);
+        let (s, c) = heading.sin_cos();
+        let body = |a: Complex<f64>, b: Complex<f64>| [a * c + b * s, b * c - a * s];
+        let rate = Complex::new(0.0, w);
+        let motion = Motion {
+            push: body(north, east).map(|v| v * rate),
+            heave,
+            tilt: body(about_north, about_east),
+        };
+        let with_rise = |v: Complex<f64>| -(heave.conj() * v).re;
+        Bin {
+            heave: heave.norm_sqr(),
+            speed: north.norm_sqr() + east.norm_sqr(),
+            towards: Vector2::new(with_rise(north), with_rise(east)),
+            deck: motion.powers(w, &self.deck),
+        }
+    }
+
+    /// The sea by a hull; None before enough segments and where the waves have no direction that is known.
+    pub(super) fn sea(&self, hull: &Hull) -> Option<Sea> {
+        if self.segments < MIN_SEGMENTS {
+            return None;
+        }
+        let [rise, speed] = self
+            .bins
+            .iter()
+            .fold([0.0, 0.0], |[h, s], b| [h + b.heave, s + b.speed]);
+        let towards: Vector2<f64> = self.bins.iter().map(|b| b.towards).sum();
+        let directed = towards.norm() / (rise * speed).sqrt();
+        // Of no number nothing is known either.
+        if !(directed > MIN_DIRECTED) {
+            return None;
+        }
+        let mut sea = Sea {
+            waves: Vec::new(),
+            towards: towards.y.atan2(towards.x),
+            correction: [[1.0; super::hull::FIGURES]; BINS],
+        };
+        for (k, bin) in self.bins.iter().enumerate() {
+            let (waves, correction) = self.waves(hull, k, bin);
+            sea.correction[k] = correction;
+            sea.waves.extend(waves);
+        }
+        let all: f64 = sea.waves.iter().map(|w| w.variance).sum();
+        sea.waves.retain(|w| w.variance > NEGLIGIBLE * all);
+        (all > 0.0).then_some(sea)
+    }
+
+    /// The waves of one frequency of encounter, and the correction there.
+    fn waves(&self, hull: &Hull, k: usize, bin: &Bin) -> (Vec<Wave>, Powers) {
+        let directed = bin.towards.norm() / (bin.heave * bin.speed).sqrt().max(f64::MIN_POSITIVE);
+        let r = directed.min(MAX_DIRECTED);
+        let spread = 2.0 * r / (1.0 - r);
+        let mean = bin.towards.y.atan2(bin.towards.x);
+        let step = TAU / (SEGMENT as f64 * SAMPLE_S);
+        let (heading, speed_mps) = (self.heading, ahead(&self.velocity, self.heading));
+        let mut waves: Vec<Wave> = Vec::with_capacity(DIRECTIONS * LINES.len());
+        for j in 0..DIRECTIONS {
+            let towards = TAU * j as f64 / DIRECTIONS as f64;
+            let share = (0.5 * (towards - mean)).cos().abs().powf(spread);
+            let along = speed_mps * (towards - heading).cos();
+            waves.extend(LINES.iter().map(|line| Wave {
+                omega: own_frequency(frequency(k) + line * step, along),
+                towards,
+                variance: share,
+            }));
+        }
+        let shares: f64 = waves.iter().map(|w| w.variance).sum();
+        let (mut modelled, mut heaves) = (Powers::default(), 0.0);
+        for w in &mut waves {
+            w.variance /= shares;
+            let e = Encounter::of(w.omega, w.towards, heading, speed_mps);
+            let motion = hull.motion(&e);
+            heaves += w.variance * motion.heave.norm_sqr();
+            let powers = motion.powers(e.met, &self.deck);
+            modelled
+                .iter_mut()
+                .zip(powers)
+                .for_each(|(m, p)| *m += w.variance * p);
+        }
+        let variance = bin.heave / heaves.max(MIN_RESPONSE);
+        waves.iter_mut().for_each(|w| w.variance *= variance);
+        (waves, correction(&bin.deck, &modelled.map(|m| m * variance)))
+    }
+}
+
+/// Measured over modelled power of each figure: `(M + e) / (P + e)`, with the prior `e` of a tenth of what the pair of axes
+/// has together, so that a figure which the present course hardly excites stays the model's.
+fn correction(measured: &Powers, modelled: &Powers) -> Powers {
+    use super::hull::{SLOPE, TILT};
+    core::array::from_fn(|f| {
+        let pair = [SLOPE, TILT].into_iter().find(|p| p.contains(&f));
+        let whole = pair.map_or(modelled[f], |[a, b]| modelled[a] + modelled[b]);
+        let prior = PRIOR * whole;
+        let ratio = (measured[f] + prior) / (modelled[f] + prior);
+        if ratio.is_finite() { ratio } else { 1.0 }
+    })
+}
+
+/// Speed along a heading (rad) of a velocity, NED, m/s.
+pub(super) fn ahead(velocity: &Vector2<f64>, heading: f64) -> f64 {
+    velocity.x * heading.cos() + velocity.y * heading.sin()
+}
+
+/// The longest wave that is met at `met` rad/s by a vessel which makes `along` m/s where it runs to, rad/s:
+/// `omega - omega² along / g = met`.
+fn own_frequency(met: f64, along: f64) -> f64 {
+    let a = along / GRAVITY;
+    let root = 1.0 - 4.0 * a * met;
+    if a.abs() < 1e-6 {
+        met
+    } else if root <= 0.0 {
+        // No wave is met so often: the one that is met most often.
+        0.5 / a
+    } else {
+        2.0 * met / (1.0 + root.sqrt())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn own_frequency_of_a_wave_that_is_met() {
+        for (omega, along) in [(1.2_f64, -4.0), (1.2, 0.0), (0.9, 3.0), (0.6, 5.0)] {
+            let met = omega - omega * omega * along / GRAVITY;
+            assert!(
+                (own_frequency(met, along) - omega).abs() < 1e-9,
+                "{omega} {along}"
+            );
+        }
+        assert!((own_frequency(3.0, 4.0) - 0.5 * GRAVITY / 4.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn correction_of_a_figure_that_is_hardly_excited() {
+        let mut modelled = [1.0; super::super::hull::FIGURES];
+        modelled[0] = 1e-6;
+        let mut measured = modelled.map(|m| 4.0 * m);
+        measured[0] = 1e-3;
+        let c = correction(&measured, &modelled);
+        assert!(c[0] < 1.1 && c[1] > 3.5 && c[2] > 3.5, "{c:?}");
+        assert_eq!(correction(&measured, &[0.0; 7])[2], 1.0);
+    }
+}

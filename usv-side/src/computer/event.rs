@@ -1,0 +1,157 @@
+//! Events that people on board are to know.
+
+use core::fmt;
+
+use alight_shared::msg::{
+    Charge, CommandKind, DeckOrder, DroneStatus, FollowsAnother, HelmState, HelmStatus, Reason, Starved,
+    State, still_armed,
+};
+use serde::{Deserialize, Serialize};
+
+use crate::sensors::MAX_REPEATED;
+
+/// What people on board are to know.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum VesselEvent {
+    /// A drone reports another state of its mission, or reports for the first time.
+    DroneState {
+        /// The drone.
+        drone: u32,
+        /// Its state.
+        state: State,
+        /// Why it was entered.
+        entered: Reason,
+        /// Its battery, 0 to 1; None: not reported.
+        battery: Option<f64>,
+    },
+    /// An operator's command was accepted.
+    Command {
+        /// The drone.
+        drone: u32,
+        /// What it is to do.
+        kind: CommandKind,
+    },
+    /// The crew's order was taken.
+    DeckOrder(DeckOrder),
+    /// The deck has another owner.
+    DeckOwner(Option<u32>),
+    /// A drone is landed and armed for longer than its disarm takes.
+    StillArmed {
+        /// The drone.
+        drone: u32,
+        /// Since its landing, s.
+        for_s: f32,
+    },
+    /// An inertial sensor repeats one sample, or measures again.
+    StuckImu {
+        /// Its number.
+        source: usize,
+        /// It repeats one.
+        stuck: bool,
+    },
+    /// A drone with a low battery waits for the deck, whose owner is silent.
+    DeckStarved(Starved),
+    /// A drone listens to another computer with this vessel's identity.
+    SecondComputer(FollowsAnother),
+    /// The handshake about the helm has another state.
+    Helm(HelmStatus),
+    /// Two drones have one number.
+    DoubleNumber {
+        /// The number.
+        drone: u32,
+        /// The boot ids of both.
+        boots: [u32; 2],
+    },
+}
+
+impl VesselEvent {
+    /// A drone's new state.
+    pub(super) fn of(status: &DroneStatus) -> VesselEvent {
+        VesselEvent::DroneState {
+            drone: status.header.drone,
+            state: status.state,
+            entered: status.entered,
+            battery: status.battery,
+        }
+    }
+    /// Somebody has to do something about it.
+    pub fn is_warning(&self) -> bool {
+        match self {
+            VesselEvent::DoubleNumber { .. }
+            | VesselEvent::SecondComputer(_)
+            | VesselEvent::StillArmed { .. }
+            | VesselEvent::DeckStarved(_) => true,
+            VesselEvent::StuckImu { stuck, .. } => *stuck,
+            VesselEvent::Helm(helm) => helm.state == HelmState::Withdrawn,
+            VesselEvent::DroneState { .. }
+            | VesselEvent::Command { .. }
+            | VesselEvent::DeckOrder(_)
+            | VesselEvent::DeckOwner(_) => false,
+        }
+    }
+}
+
+impl fmt::Display for VesselEvent {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            VesselEvent::DroneState {
+                drone,
+                state,
+                entered,
+                battery,
+            } => write!(
+                f,
+                "drone {drone}: {}: {entered} (battery {})",
+                state.name(),
+                Charge(*battery)
+            ),
+            VesselEvent::Command { drone, kind } => write!(f, "an operator commands drone {drone}: {kind:?}"),
+            VesselEvent::DeckOrder(DeckOrder::TakeOff(drone)) => {
+                write!(f, "crew order: deck cleared for the take-off of drone {drone}")
+            }
+            VesselEvent::DeckOrder(DeckOrder::Closed) => write!(f, "crew order: deck closed"),
+            VesselEvent::DeckOrder(DeckOrder::Open) => write!(f, "crew order: deck open"),
+            VesselEvent::DeckOrder(DeckOrder::Clear(drone)) => {
+                write!(
+                    f,
+                    "crew order: deck open, drone {drone} is neither on it nor above it"
+                )
+            }
+            VesselEvent::DeckOrder(DeckOrder::Steady(0)) => write!(f, "crew order: no course is stated"),
+            VesselEvent::DeckOrder(DeckOrder::Steady(for_s)) => {
+                write!(f, "crew order: course and speed are kept for {for_s} s")
+            }
+            VesselEvent::DeckOrder(DeckOrder::Turning) => write!(f, "crew order: the vessel turns"),
+            VesselEvent::DeckOrder(DeckOrder::Helm(true)) => write!(f, "crew order: the computer may steer"),
+            VesselEvent::DeckOrder(DeckOrder::Helm(false)) => {
+                write!(f, "crew order: the computer may not steer")
+            }
+            VesselEvent::Helm(helm) => write!(f, "helm: {helm}"),
+            VesselEvent::DeckOwner(Some(drone)) => write!(f, "the deck is reserved for drone {drone}"),
+            VesselEvent::DeckOwner(None) => write!(f, "the deck is free"),
+            VesselEvent::StillArmed { drone, for_s } => write!(f, "drone {drone}: {}", still_armed(*for_s)),
+            VesselEvent::StuckImu { source, stuck: true } => write!(
+                f,
+                "inertial sensor {source} is STUCK: {MAX_REPEATED} samples in a row have the same numbers, and no \
+                 more are used: power it off and on, see to its cable and driver"
+            ),
+            VesselEvent::StuckImu { source, stuck: false } => {
+                write!(f, "inertial sensor {source} measures again")
+            }
+            VesselEvent::DeckStarved(s) => write!(f, "{s}"),
+            VesselEvent::SecondComputer(FollowsAnother { drone, boot }) => write!(
+                f,
+                "drone {drone} listens to a SECOND COMPUTER with this vessel's certificate (boot id {boot:08x}): switch \
+                 one of the two off"
+            ),
+            VesselEvent::DoubleNumber {
+                drone,
+                boots: [one, other],
+            } => write!(
+                f,
+                "two drones have the number {drone} (boot ids {one:08x} and {other:08x}): neither is given the deck; \
+                 change bridge.drone_id of one of them"
+            ),
+        }
+    }
+}

@@ -1,0 +1,73 @@
+//! Whether and how the vessel's computer steers, and the limits that the skipper sets.
+
+use alight_shared::config;
+use serde::{Deserialize, Serialize};
+
+/// The boat's autopilot.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum HelmOutput {
+    /// The vessel is not steered.
+    #[default]
+    None,
+    /// ArduPilot Rover (GUIDED) or PX4 (OFFBOARD): heading and speed.
+    Mavlink,
+    /// A marine autopilot that takes NMEA 0183 (APB, HSC): heading.
+    Nmea0183,
+}
+
+config! {
+    /// Steering for a landing or a take-off. The skipper stays responsible for traffic, and is asked before each.
+    pub struct HelmConfig {
+        /// The boat's autopilot: "mavlink" (ArduPilot Rover, PX4), "nmea0183" (APB and HSC), "none": it is not steered.
+        pub output: HelmOutput = HelmOutput::None;
+        /// Where it is, written as a sensor's address: serial:///dev/ttyUSB1:57600, udpin://127.0.0.1:14560.
+        pub connect: String = String::new();
+        /// File with the passphrase of its MAVLink signing; empty: frames are not signed.
+        pub signing_key: String = String::new();
+        /// Largest change of the heading from that before the landing, deg.
+        /// Chosen: most of what a heading brings, and no way back.
+        pub heading_change_deg: f64 = 60.0, in 0.0..=180.0;
+        /// Lowest and highest speed over ground that is commanded, m/s.
+        /// Chosen: slower a boat does not answer its rudder.
+        pub speed_mps: [f64; 2] = [2.0, 5.0], in 0.3..=15.0;
+        /// Sectors of headings that are not steered and not turned through, each clockwise from the first to the second,
+        /// deg from north.
+        pub keep_out_deg: Vec<[f64; 2]> = Vec::new(), in 0.0..=360.0;
+        /// Digital input by which the skipper agrees: 0 to 1 while he is asked is yes, back to 0 takes the helm back; a
+        /// line or a file; empty: none. Unreadable counts as 0.
+        pub consent_switch: String = String::new();
+        /// The course is kept for so long after a landing, s: the drone is secured before the deck moves otherwise.
+        /// Chosen: the minute for which a landed drone is judged to stay.
+        pub secure_s: f64 = 60.0, in 0.0..=3600.0;
+    }
+    check |this, at| {
+        let [low, high] = this.speed_mps;
+        at.require(low <= high, "speed_mps", format!("[{low}, {high}]"), "the lowest speed first")?;
+        let count = this.keep_out_deg.len();
+        at.require(count <= MAX_SECTORS, "keep_out_deg", format!("{count} sectors"), "at most 8 sectors")?;
+        at.require(
+            this.output == HelmOutput::None || !this.connect.is_empty(),
+            "connect",
+            "empty",
+            "the address of the boat's autopilot, or output = \"none\"",
+        )?;
+    }
+}
+
+/// Sectors, at most.
+const MAX_SECTORS: usize = 8;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn helm_configurations_that_are_rejected() {
+        let rejects = |text: &str| config::parse::<HelmConfig>(text, "test").unwrap_err().to_string();
+        assert!(rejects("output = \"mavlink\"").contains("`connect`"));
+        assert!(rejects("speed_mps = [5.0, 2.0]").contains("lowest speed first"));
+        assert!(rejects("keep_out_deg = [[350.0, 400.0]]").contains("keep_out_deg"));
+        assert!(config::parse::<HelmConfig>("keep_out_deg = [[350.0, 10.0]]", "test").is_ok());
+    }
+}

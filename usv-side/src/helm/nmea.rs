@@ -1,0 +1,135 @@
+//! A marine autopilot over NMEA 0183: it steers to the heading of APB (heading to steer to a waypoint, cross-track error 0)
+//! and of HSC (heading steering command), as makers document both. The speed stays the skipper's.
+//!
+//! There is no mode to set: he puts it into track or navigation control when he agrees, and it warns and holds its heading
+//! once the sentences end. Where it sends HTD its override and steering mode are read back.
+
+use alight_shared::time::{Span, Time, VesselClock};
+
+use super::{Command, ReadBack};
+
+/// Time between two pairs of sentences: navigators send them once a second.
+const PERIOD: Span = Span::from_millis(1000);
+/// Longest sentence, bytes; what is longer is no sentence.
+const MAX_SENTENCE: usize = 120;
+/// What HTD says counts for so long.
+const FRESH: Span = Span::from_millis(5000);
+
+/// The link to it.
+#[derive(Clone, Debug, Default)]
+pub(super) struct NmeaHelm {
+    line: Vec<u8>,
+    due: Option<Time<VesselClock>>,
+    /// Its newest HTD, and whether a hand steers by it.
+    htd: Option<(Time<VesselClock>, bool)>,
+}
+
+impl NmeaHelm {
+    /// Takes what came at `now`.
+    pub(super) fn receive(&mut self, now: Time<VesselClock>, bytes: &[u8]) {
+        for byte in bytes {
+            match byte {
+                b'\n' | b'\r' => {
+                    let line = core::mem::take(&mut self.line);
+                    let by_hand = core::str::from_utf8(&line).ok().and_then(by_hand);
+                    self.htd = by_hand.map(|by_hand| (now, by_hand)).or(self.htd);
+                }
+                _ if self.line.len() < MAX_SENTENCE => self.line.push(*byte),
+                _ => self.line.clear(),
+            }
+        }
+    }
+    /// What it reports: nothing is known to be missing of one that reports nothing.
+    pub(super) fn read_back(&self, now: Time<VesselClock>) -> ReadBack {
+        let newest = self.htd.filter(|(at, _)| now - *at <= FRESH);
+        ReadBack {
+            present: true,
+            mode: None,
+            is_ours: true,
+            denied: false,
+            by_hand: newest.is_some_and(|(_, by_hand)| by_hand),
+        }
+    }
+    /// The sentences that are due at `now` for a command.
+    pub(super) fn send(&mut self, now: Time<VesselClock>, command: &Command) -> Vec<u8> {
+        let Command::Steer { heading_rad, .. } = *command else {
+            self.due = None;
+            return Vec::new();
+        };
+        if self.due.is_some_and(|due| now < due) {
+            return Vec::new();
+        }
+        self.due = Some(now + PERIOD);
+        let deg = heading_rad.to_degrees().rem_euclid(360.0);
+        // 359.96 is written as 0.0.
+        let deg = if deg >= 359.95 { 0.0 } else { deg };
+        let apb = format!("EIAPB,A,A,0.00,R,N,V,V,{deg:.1},T,ALIGHT,{deg:.1},T,{deg:.1},T,A");
+        let hsc = format!("EIHSC,{deg:.1},T,,M");
+        [apb, hsc].iter().flat_map(|s| sentence(s)).collect()
+    }
+}
+
+/// A sentence with its checksum: exclusive or of all between `$` and `*`.
+fn sentence(content: &str) -> Vec<u8> {
+    format!("${content}*{:02X}\r\n", checksum(content)).into_bytes()
+}
+fn checksum(content: &str) -> u8 {
+    content.bytes().fold(0, |sum, b| sum ^ b)
+}
+
+/// Whether a hand steers, by an HTD whose checksum is right: its override is in use, or its steering mode is manual.
+fn by_hand(line: &str) -> Option<bool> {
+    let (content, sum) = line.trim().strip_prefix('$')?.split_once('*')?;
+    (u8::from_str_radix(sum, 16).ok()? == checksum(content)).then_some(())?;
+    let mut fields = content.split(',');
+    fields.next()?.get(2..).filter(|kind| *kind == "HTD")?;
+    let (overridden, mode) = (fields.next()?, fields.nth(2)?);
+    Some(overridden == "A" || mode == "M")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sentences_of_a_heading() {
+        let mut helm = NmeaHelm::default();
+        let steer = |deg: f64| Command::Steer {
+            heading_rad: deg.to_radians(),
+            speed_mps: 2.0,
+        };
+        let text = String::from_utf8(helm.send(Time::EPOCH, &steer(-20.0))).unwrap();
+        let lines: Vec<&str> = text.split("\r\n").collect();
+        // Checksums computed outside.
+        assert_eq!(
+            lines[0],
+            "$EIAPB,A,A,0.00,R,N,V,V,340.0,T,ALIGHT,340.0,T,340.0,T,A*52"
+        );
+        assert_eq!(lines[1], "$EIHSC,340.0,T,,M*64");
+        assert!(
+            helm.send(Time::from_secs(0.5), &steer(0.0)).is_empty(),
+            "once a second"
+        );
+        let next = String::from_utf8(helm.send(Time::from_secs(1.0), &steer(-0.01))).unwrap();
+        assert!(next.contains("$EIHSC,0.0,T"), "{next}");
+        assert!(helm.send(Time::from_secs(3.0), &Command::Nothing).is_empty());
+    }
+
+    #[test]
+    fn hand_by_the_autopilots_own_report() {
+        let mut helm = NmeaHelm::default();
+        let mut hand = |content: &str, wrong: u8| {
+            let line = format!("${content}*{:02X}\r\n", checksum(content) ^ wrong);
+            helm.receive(Time::EPOCH, line.as_bytes());
+            helm.read_back(Time::EPOCH).by_hand
+        };
+        let htd =
+            |overridden: &str, mode: &str| format!("AGHTD,{overridden},,,{mode},N,,,,,340.0,,,T,A,A,A,339.0");
+        assert!(!hand(&htd("V", "H"), 0));
+        assert!(!hand(&htd("V", "M"), 1), "damaged");
+        assert!(hand(&htd("V", "M"), 0));
+        assert!(!hand(&htd("V", "T"), 0));
+        assert!(hand(&htd("A", "T"), 0));
+        assert!(!helm.read_back(Time::from_secs(9.0)).by_hand, "old");
+    }
+}

@@ -1,0 +1,381 @@
+use alight_shared::frames::wrap_angle;
+use alight_shared::mavlink::{self, FrameReader, Outgoing, Sender};
+
+use super::*;
+
+const AUTO: u32 = 10;
+const GUIDED: u32 = 15;
+const MANUAL: u32 = 0;
+
+/// A boat with its autopilot (ArduPilot Rover), its skipper and a drone, at 10 Hz.
+struct Bench {
+    node: HelmNode,
+    t_s: f64,
+    mode: u32,
+    /// Heading, rad, and speed, m/s.
+    motion: [f64; 2],
+    /// What it steers to in its own mode, and by set-points.
+    own: [f64; 2],
+    set_point: Option<[f64; 2]>,
+    demand: Demand,
+    advice: Goal,
+    silent: bool,
+    denies: bool,
+    /// A hand turns the wheel whatever the autopilot does.
+    hand: bool,
+    consent: bool,
+    turning: bool,
+    frames: FrameReader,
+    modes_set: Vec<u32>,
+    visited: Vec<HelmState>,
+}
+
+impl Bench {
+    fn new() -> Bench {
+        Bench::with(&HelmConfig {
+            output: HelmOutput::Mavlink,
+            connect: "udpin://127.0.0.1:14560".into(),
+            consent_switch: "/dev/null".into(),
+            ..HelmConfig::default()
+        })
+    }
+    fn with(config: &HelmConfig) -> Bench {
+        let own = [0.0, 5.0];
+        Bench {
+            node: HelmNode::new(config),
+            t_s: 0.0,
+            mode: AUTO,
+            motion: own,
+            own,
+            set_point: None,
+            demand: Demand::Comes,
+            advice: Goal {
+                heading_rad: 0.7,
+                speed_mps: 2.0,
+                likelihood: Some(0.98),
+            },
+            silent: false,
+            denies: false,
+            hand: false,
+            consent: false,
+            turning: false,
+            frames: FrameReader::default(),
+            modes_set: Vec::new(),
+            visited: vec![HelmState::Idle],
+        }
+    }
+    fn now(&self) -> Time<VesselClock> {
+        Time::from_secs(self.t_s)
+    }
+    /// The boat's answer to what came.
+    fn boat(&mut self, bytes: &[u8]) -> Vec<u8> {
+        self.frames.push(bytes);
+        let mut out = Vec::new();
+        let from = Sender {
+            system: 1,
+            component: 1,
+            sequence: 0,
+        };
+        while let Some(raw) = self.frames.next_frame() {
+            let p = raw.fields();
+            match raw.id {
+                76 if p.u16(28) == 176 => {
+                    let result = if self.denies { 2 } else { 0 };
+                    if !self.denies {
+                        self.mode = p.float(4) as u32;
+                        self.modes_set.push(self.mode);
+                    }
+                    out.extend(mavlink::encode(
+                        from,
+                        Outgoing::new(77, 143, vec![176, 0, result]),
+                        None,
+                    ));
+                }
+                84 => {
+                    let (north, east) = (p.float(16), p.float(20));
+                    self.set_point = Some([east.atan2(north), north.hypot(east)]);
+                }
+                _ => {}
+            }
+        }
+        let heartbeat = Outgoing::new(0, 50, [&self.mode.to_le_bytes()[..], &[11, 3, 81, 4, 3]].concat());
+        out.extend(mavlink::encode(from, heartbeat, None));
+        if self.silent { Vec::new() } else { out }
+    }
+    fn sail(&mut self) {
+        let goal = self.set_point.filter(|_| self.mode == GUIDED).unwrap_or(self.own);
+        let [heading, speed] = &mut self.motion;
+        let turn = if self.hand {
+            -0.15
+        } else {
+            wrap_angle(goal[0] - *heading).clamp(-0.12, 0.12)
+        };
+        *heading = wrap_angle(*heading + 0.1 * turn);
+        *speed += 0.1 * (goal[1] - *speed).clamp(-0.4, 0.4);
+    }
+    fn step_with(&mut self, answers: Vec<bool>) -> HelmStatus {
+        self.t_s += 0.1;
+        let [heading_rad, speed_mps] = self.motion;
+        let bytes = self.boat(&[]);
+        let input = HelmIn {
+            demand: self.demand,
+            motion: Some((
+                self.now(),
+                BoatMotion {
+                    heading_rad,
+                    rate_radps: 0.0,
+                    speed_mps,
+                },
+            )),
+            advice: Some(self.advice),
+            answers,
+            consent: Some(self.consent),
+            turning: self.turning,
+            bytes,
+            checkpoint: None,
+        };
+        let out = self.node.step(self.now(), &input);
+        let _answers = self.boat(&out.bytes);
+        self.sail();
+        if self.visited.last() != Some(&out.status.state) {
+            self.visited.push(out.status.state);
+        }
+        out.status
+    }
+    fn run(&mut self, seconds: f64) -> HelmStatus {
+        for _ in 0..(10.0 * seconds) as u32 {
+            self.step_with(Vec::new());
+        }
+        self.node.status()
+    }
+    /// Asked, agreed, and steered for so long, s.
+    fn agreed(&mut self, seconds: f64) -> HelmStatus {
+        assert_eq!(self.run(1.0).state, HelmState::Asked);
+        self.step_with(vec![true]);
+        self.run(seconds)
+    }
+    fn heading_deg(&self) -> f64 {
+        self.motion[0].to_degrees()
+    }
+}
+
+#[test]
+fn helm_that_is_asked_steers_and_gives_back() {
+    let mut b = Bench::new();
+    let asked = b.run(1.0);
+    assert_eq!(
+        (asked.state, asked.heading_deg(), asked.speed_mps),
+        (HelmState::Asked, 40.0, 2.0)
+    );
+    assert_eq!(
+        (b.mode, b.set_point),
+        (AUTO, None),
+        "nothing is commanded without his yes"
+    );
+    let agreed = b.step_with(vec![true]);
+    assert_eq!(agreed.state, HelmState::Agreed);
+    assert!((agreed.likelihood - 0.98).abs() < 1e-6 && (5.0..30.0).contains(&agreed.steady_in_s));
+    b.run(1.0);
+    assert_eq!(
+        b.mode, AUTO,
+        "a drone that has just begun its descent is waited for"
+    );
+    let steady = b.run(24.0);
+    assert_eq!(steady.state, HelmState::Steady);
+    assert!(
+        (b.heading_deg() - 40.1).abs() < 2.0 && (b.motion[1] - 2.0).abs() < 0.2,
+        "{:?}",
+        b.motion
+    );
+    b.demand = Demand::Descends;
+    assert_eq!(b.run(10.0).state, HelmState::Steady);
+    b.demand = Demand::Stands;
+    assert_eq!(b.run(59.0).state, HelmState::Steady, "the drone is secured first");
+    assert_eq!(b.run(3.0).state, HelmState::Done);
+    b.run(40.0);
+    assert!(
+        b.heading_deg().abs() < 3.0 && b.mode == AUTO,
+        "{} {}",
+        b.heading_deg(),
+        b.mode
+    );
+    assert_eq!(b.modes_set, [GUIDED, AUTO]);
+    use HelmState::{Agreed, Asked, Done, Idle, Steady};
+    assert_eq!(b.visited, [Idle, Asked, Agreed, Steady, Done, Idle]);
+}
+
+#[test]
+fn helm_without_a_yes() {
+    let mut b = Bench::new();
+    assert_eq!(b.run(1.0).state, HelmState::Asked);
+    assert_eq!(b.step_with(vec![false]).why, HelmEnd::Refused);
+    assert_eq!(b.run(100.0).why, HelmEnd::Refused, "once for a landing");
+    b.demand = Demand::Nothing;
+    assert_eq!(b.run(11.0).state, HelmState::Idle);
+    b.demand = Demand::Comes;
+    assert_eq!(
+        b.run(1.0).state,
+        HelmState::Asked,
+        "the next landing is another question"
+    );
+    assert_eq!(b.run(61.0).why, HelmEnd::Unanswered);
+    assert_eq!((b.mode, b.set_point), (AUTO, None));
+    // Landed meanwhile.
+    let mut b = Bench::new();
+    b.run(1.0);
+    b.demand = Demand::Descends;
+    assert_eq!(b.run(1.0).state, HelmState::Idle);
+}
+
+#[test]
+fn helm_for_a_take_off_alone() {
+    let mut b = Bench::new();
+    b.demand = Demand::Descends;
+    b.run(5.0);
+    b.demand = Demand::Armed;
+    assert_eq!(b.run(20.0).state, HelmState::Idle, "it has just landed");
+    b.demand = Demand::Stands;
+    assert_eq!(b.run(20.0).state, HelmState::Idle);
+    b.demand = Demand::Armed;
+    assert_eq!(b.run(1.0).state, HelmState::Asked, "it takes off");
+    b.step_with(vec![true]);
+    assert_eq!(b.run(25.0).state, HelmState::Steady);
+    b.demand = Demand::Nothing;
+    assert_eq!(b.run(11.0).state, HelmState::Done);
+}
+
+#[test]
+fn yes_by_the_switch_and_its_opening() {
+    let mut b = Bench::new();
+    b.consent = true;
+    assert_eq!(
+        b.run(2.0).state,
+        HelmState::Asked,
+        "closed before he was asked is no answer"
+    );
+    b.consent = false;
+    assert_eq!(b.run(0.1).why, HelmEnd::Refused);
+    let mut b = Bench::new();
+    b.run(1.0);
+    b.consent = true;
+    assert_eq!(b.run(25.0).state, HelmState::Steady);
+    b.consent = false;
+    assert_eq!(b.run(3.0).why, HelmEnd::Refused);
+    assert_eq!(b.mode, AUTO, "given back at once");
+}
+
+#[test]
+fn hands_on_the_helm() {
+    // By the measured course: what was before is given back.
+    let mut b = Bench::new();
+    assert_eq!(b.agreed(25.0).state, HelmState::Steady);
+    b.hand = true;
+    assert_eq!(b.run(7.0).why, HelmEnd::HandOnHelm);
+    assert_eq!(b.run(2.0).why, HelmEnd::HandOnHelm);
+    assert_eq!(b.mode, AUTO);
+    // By the mode: it stays as the hand has set it.
+    let mut b = Bench::new();
+    b.agreed(8.0);
+    b.mode = MANUAL;
+    assert_eq!(b.run(0.2).why, HelmEnd::ModeChanged);
+    b.run(20.0);
+    assert_eq!((b.mode, b.modes_set.as_slice()), (MANUAL, &[GUIDED][..]));
+    // While she goes back, too.
+    let mut b = Bench::new();
+    b.agreed(25.0);
+    b.demand = Demand::Nothing;
+    assert_eq!(b.run(12.0).state, HelmState::Done);
+    b.mode = MANUAL;
+    assert_eq!(b.run(0.2).why, HelmEnd::ModeChanged);
+    // The helm states a turn.
+    let mut b = Bench::new();
+    b.agreed(8.0);
+    b.turning = true;
+    assert_eq!(b.run(0.2).why, HelmEnd::Turning);
+}
+
+#[test]
+fn autopilots_that_deny_or_fall_silent() {
+    let mut b = Bench::new();
+    b.denies = true;
+    assert_eq!(b.agreed(5.0).why, HelmEnd::Denied);
+    let mut b = Bench::new();
+    b.silent = true;
+    assert_eq!(
+        b.run(5.0).state,
+        HelmState::Idle,
+        "nobody is asked for a boat that cannot be steered"
+    );
+    let mut b = Bench::new();
+    b.agreed(10.0);
+    b.silent = true;
+    assert_eq!(b.run(3.5).why, HelmEnd::LinkLost);
+    b.silent = false;
+    b.run(3.0);
+    assert_eq!(b.mode, AUTO, "given back once it is there again");
+}
+
+#[test]
+fn descent_before_the_vessel_is_steady() {
+    let mut b = Bench::new();
+    b.agreed(4.0);
+    let turned = b.heading_deg();
+    b.demand = Demand::Descends;
+    let kept = b.run(0.1);
+    assert_eq!(kept.state, HelmState::Steady);
+    b.run(10.0);
+    assert!(
+        (b.heading_deg() - turned).abs() < 3.0,
+        "{turned} {}",
+        b.heading_deg()
+    );
+}
+
+#[test]
+fn helm_of_a_process_that_was_restarted() {
+    let mut b = Bench::new();
+    b.agreed(10.0);
+    let former = b.node.checkpoint();
+    assert_eq!(former.and_then(|f| f.mode), Some(AUTO));
+    let config = b.node.config.clone();
+    b.node = HelmNode::new(&config);
+    let bytes = b.boat(&[]);
+    let input = HelmIn {
+        bytes,
+        checkpoint: former,
+        ..HelmIn::default()
+    };
+    b.t_s += 0.1;
+    let out = b.node.step(b.now(), &input);
+    assert_eq!(out.status.why, HelmEnd::Restarted);
+    b.run(3.0);
+    assert_eq!(b.mode, AUTO);
+    assert_eq!(b.node.checkpoint(), None);
+}
+
+#[test]
+fn marine_autopilot_by_nmea() {
+    let mut b = Bench::with(&HelmConfig {
+        output: HelmOutput::Nmea0183,
+        connect: "serial:///dev/ttyUSB1:4800".into(),
+        ..HelmConfig::default()
+    });
+    assert_eq!(b.run(1.0).speed_mps, 5.0, "its speed stays the skipper's");
+    b.step_with(vec![true]);
+    b.t_s += 2.0;
+    let input = HelmIn {
+        demand: Demand::Comes,
+        motion: Some((
+            b.now(),
+            BoatMotion {
+                heading_rad: 0.0,
+                rate_radps: 0.0,
+                speed_mps: 5.0,
+            },
+        )),
+        ..HelmIn::default()
+    };
+    let out = b.node.step(b.now(), &input);
+    let text = String::from_utf8(out.bytes).unwrap();
+    assert!(text.starts_with("$EIAPB,A,A,0.00,R,N,V,V,40.1,T,"), "{text}");
+}
