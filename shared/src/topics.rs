@@ -183,6 +183,8 @@ topics! {
     CREW: "vessel/crew", msg::CrewOrder, Memory, 0.1 Hz, size_of::<msg::CrewOrder>(), 10000 ms, 16 deep;
     /// What a ground station sets of the mission.
     SETTINGS: "operator/settings", msg::SettingsOrder, Memory, 0.1 Hz, size_of::<msg::SettingsOrder>(), 1000 ms, 2 deep;
+    /// The light in the belly camera's images.
+    CAMERA_LIGHT: "camera/light", msg::CameraLight, Memory, 2.0 Hz, size_of::<msg::CameraLight>(), 2000 ms, 2 deep;
 }
 
 #[cfg(test)]

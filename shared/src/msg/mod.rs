@@ -51,8 +51,8 @@ pub use aboard::{
     SourceStatus, SourceUse, Starved, Unheard, VesselStatus,
 };
 pub use deck::{
-    DeckForecast, DeckStage, FORECAST_STAGES, LinkState, PREDICTED_SLOPE_STEP_S, PREDICTED_SLOPES,
-    RangeSample, SILENT_S, Source, TagPose, UvdarFix,
+    CameraLight, DeckForecast, DeckStage, FORECAST_STAGES, LinkState, PREDICTED_SLOPE_STEP_S,
+    PREDICTED_SLOPES, RangeSample, SILENT_S, Source, TagPose, UvdarFix,
 };
 pub use drone::{
     AttitudeResponse, AutopilotMode, AutopilotState, DroneState, LandedState, LinkCheckpoint, Motors,
@@ -83,7 +83,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 21;
+pub const MESSAGE_VERSION: u16 = 22;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]

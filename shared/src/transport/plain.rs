@@ -78,6 +78,7 @@ plain! {
     msg::SetPoint => SET_POINT;
     msg::Command => COMMAND;
     msg::SettingsOrder => SETTINGS;
+    msg::CameraLight => CAMERA_LIGHT;
     msg::MissionCheckpoint => MISSION_CHECKPOINT;
     msg::PredictorCheckpoint => PREDICTOR_CHECKPOINT;
     msg::LinkCheckpoint => LINK_CHECKPOINT;

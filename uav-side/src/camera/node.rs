@@ -1,16 +1,17 @@
 //! The camera node: image -> corners of the deck's tags -> pose of the deck with its covariance.
 
 use alight_shared::geometry::DeckGeometry;
-use alight_shared::msg::{Header, TagPose};
+use alight_shared::msg::{CameraLight, Header, TagPose};
 use alight_shared::node::Node;
 use alight_shared::tags::Tags;
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
 
 use super::detector::{TagCounts, TagDetection, TagDetector, TagSettings};
 use super::image::{Frame, GreyImage};
-use super::light::TagLight;
+use super::light::{ImageLight, TagLight, mean_level};
 use super::marked::MarkedImage;
+use super::metering::{Exposed, Light};
 use super::motion_blur::width_px;
 use super::square_pose::{SeenTag, solve};
 use super::{CameraSettings, Lens};
@@ -64,6 +65,8 @@ impl Exposures {
 pub struct CameraIn {
     /// Images.
     pub frames: Vec<Frame>,
+    /// What exposed the newest of them; None where the drone does not set it.
+    pub exposed: Option<Exposed>,
 }
 
 /// What was detected in them.
@@ -71,7 +74,12 @@ pub struct CameraIn {
 pub struct CameraOut {
     /// Poses of the deck by its tags.
     pub tags: Vec<TagPose>,
+    /// The light in the newest image, twice a second.
+    pub light: Option<CameraLight>,
 }
+
+/// Time between two reports of the light.
+const LIGHT_PERIOD: Span = Span::from_millis(500);
 
 /// The camera node.
 pub struct CameraNode {
@@ -84,6 +92,8 @@ pub struct CameraNode {
     detector: TagDetector,
     exposures: Exposures,
     newest: Newest,
+    /// Of the reports of the light.
+    reports: Exposures,
 }
 
 /// What the newest image shows.
@@ -91,6 +101,8 @@ pub struct CameraNode {
 struct Newest {
     tags: Vec<TagDetection>,
     pose: Option<TagPose>,
+    /// Of the whole image.
+    image: ImageLight,
 }
 
 impl CameraNode {
@@ -108,10 +120,16 @@ impl CameraNode {
             detector: TagDetector::new(&settings.tag, tags),
             exposures: Exposures::of(identity),
             newest: Newest::default(),
+            reports: Exposures::of(identity),
         }
     }
+    /// What the newest image shows of the light: that on the largest tag, or the whole image's where none was detected.
+    pub fn light(&self) -> Light {
+        self.tag_light()
+            .map_or(Light::Image(self.newest.image), Light::Tag)
+    }
     /// The light on the largest tag in the newest image; None where none was detected.
-    pub fn light(&self) -> Option<TagLight> {
+    pub fn tag_light(&self) -> Option<TagLight> {
         let width = |d: &TagDetection| width_px(&d.corners);
         let largest = self
             .newest
@@ -146,15 +164,38 @@ impl CameraNode {
     }
     /// The deck in one image.
     pub fn detect(&mut self, image: &GreyImage) -> Option<TagPose> {
-        self.newest = Newest::default();
+        self.newest = Newest {
+            image: ImageLight::of(image),
+            ..Newest::default()
+        };
         if !image.has_size(self.lens.width_px, self.lens.height_px) {
             self.detector.counts.wrong_size += 1;
             return None;
         }
         let tags = self.detector.find(image);
         let pose = self.estimate_pose(&tags);
-        self.newest = Newest { tags, pose };
+        (self.newest.tags, self.newest.pose) = (tags, pose);
         pose
+    }
+    /// The light in the newest image, where a report of it is due.
+    fn report(&mut self, frame: &Frame, exposed: Option<Exposed>) -> Option<CameraLight> {
+        let due = self
+            .reports
+            .last
+            .is_none_or(|last| frame.at - last >= LIGHT_PERIOD);
+        if self.exposures.last != Some(frame.at) || !due {
+            return None;
+        }
+        self.reports.last = Some(frame.at);
+        // An exposure that is not the drone's is taken to be as long as it may be.
+        let at_limit = exposed.is_none_or(|e| e.at_limit);
+        let unseen = self.newest.tags.is_empty();
+        Some(CameraLight {
+            header: self.reports.header(frame.at),
+            mean: mean_level(&frame.image),
+            exposure_s: exposed.map(|e| e.setting.exposure_s),
+            dark: at_limit && unseen && self.newest.image.is_dark(self.tag.min_margin),
+        })
     }
     /// The corners of the deck's tags in one image.
     pub fn find(&mut self, image: &GreyImage) -> Vec<TagDetection> {
@@ -263,6 +304,7 @@ impl Node for CameraNode {
                 out.tags.push(TagPose { header, ..pose });
             }
         }
+        out.light = (input.frames.last()).and_then(|newest| self.report(newest, input.exposed));
         out
     }
 }

@@ -187,7 +187,7 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Tr
     }
     if blind {
         // The tags that are detected may be another vessel's.
-        return MissionPhase::APPROACH.stay(deck.contradicted.unwrap_or(NoVision.into()));
+        return MissionPhase::APPROACH.stay(deck.contradicted.unwrap_or(s.unseen(deck)));
     }
     let (detected, lasted) = lasting(true, detected, s.now);
     if lasted < CONTACT_CONFIRM_S {
