@@ -18,10 +18,11 @@
 //! the noise adds to the corners':
 //!
 //! ```text
-//! factor = 1 / (1 + exp((m0 - c/2) / m1)) · 1 / (1 + (r n / c)^q)      sd² += (k n/c)² / w
+//! factor = 1 / (1 + exp((m0 - c/2) / m1)) · 1 / (1 + (r w^-0.23 n / c)^q)      sd² += (k n / c)²
 //! ```
 //!
-//! Rendered images gave `m0` 20 grey levels (the least margin of the node's detector) with `m1` 1, `r` 2.6, `q` 6 and `k` 2. Not in it is what hides the tag for a while, of which [`super::sight_loss`] has a model of
+//! Rendered images gave `m0` 16 grey levels (what the node's detector sharpens to its least margin of 20) with `m1` 0.5, `r` 7.0,
+//! `q` 9 and `k` 1.05. Not in it is what hides the tag for a while, of which [`super::sight_loss`] has a model of
 //! its own.
 
 use alight_shared::config;
@@ -296,8 +297,9 @@ impl TagDetector {
         });
         let (factor, noise_px) = night.map_or((1.0, 0.0), |(contrast, noise)| {
             let margin = 1.0 / (1.0 + ((MIN_MARGIN - 0.5 * contrast) / MARGIN_SPREAD).exp());
-            let clear = 1.0 / (1.0 + (NOISE_LIMIT * noise).powf(NOISE_STEEPNESS));
-            (margin * clear, CORNER_NOISE * noise / width.max(1.0).sqrt())
+            let clear =
+                1.0 / (1.0 + (NOISE_LIMIT * width.max(1.0).powf(NOISE_WIDTH) * noise).powf(NOISE_STEEPNESS));
+            (margin * clear, CORNER_NOISE * noise)
         });
         // What moves that far is not drawn in the images that gave the law.
         let chance = if blur <= self.config.max_blur_px {
@@ -330,14 +332,16 @@ impl TagDetector {
     }
 }
 
-/// Least decision margin of the drone's detector, grey levels, and the logarithmic spread of the chance about it.
-const MIN_MARGIN: f64 = 20.0;
-const MARGIN_SPREAD: f64 = 1.0;
-/// Noise over contrast with which half of the tags are decoded, inverted, and how steeply that falls.
-const NOISE_LIMIT: f64 = 2.6;
-const NOISE_STEEPNESS: f64 = 6.0;
-/// What noise over contrast adds to a corner, px times the root of the tag's width in px.
-const CORNER_NOISE: f64 = 2.0;
+/// Half of the contrast with which half of the tags are decoded, grey levels, and the logistic spread of the chance about it.
+const MIN_MARGIN: f64 = 16.0;
+const MARGIN_SPREAD: f64 = 0.5;
+/// Contrast over noise with which half of the tags of 1 px are decoded, the power of the width with which that falls, and how
+/// steeply the chance rises about it.
+const NOISE_LIMIT: f64 = 7.0;
+const NOISE_WIDTH: f64 = -0.23;
+const NOISE_STEEPNESS: f64 = 9.0;
+/// What noise over contrast adds to a corner, px.
+const CORNER_NOISE: f64 = 1.05;
 /// Noise of the sensor in the dark, grey levels, as rendered images have it.
 const DARK_SD: f64 = 2.0;
 /// Scatter of a tag's own white, half of its square, per logarithm of its half width in degrees: `10 · 0.52 · 2π (π/180)²`.

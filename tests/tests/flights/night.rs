@@ -36,7 +36,10 @@ fn pooled(seeds: core::ops::Range<u64>, night: NightConfig) -> Vec<Outcome> {
     let flown = seeds.map(|seed| {
         let (scenario, nodes) = &worlds[seed as usize % worlds.len()];
         let o = trial::outcome(scenario, nodes, seed, "night").unwrap();
-        println!("seed {seed}: {:?} {} {:?} m", o.outcome, o.reason, o.position_error_m);
+        println!(
+            "seed {seed}: {:?} {} {:?} m",
+            o.outcome, o.reason, o.position_error_m
+        );
         o
     });
     flown.collect()
@@ -46,17 +49,14 @@ fn landed(all: &[Outcome]) -> usize {
 }
 
 #[test]
-fn landing_by_night_on_lit_tags() {
-    let all = pooled(0..3, lit());
-    assert_eq!((landed(&all), all.iter().filter(|o| o.is_unsafe()).count()), (3, 0));
-}
-
-#[test]
-#[ignore = "a minute"]
-fn rate_by_night_on_lit_tags() {
+fn landings_by_night_on_lit_tags() {
     let all = pooled(0..20, lit());
     let failed = all.iter().filter(|o| o.is_unsafe()).count();
-    assert!(landed(&all) >= 18 && failed == 0, "{} landed, {failed} unsafe", landed(&all));
+    assert!(
+        landed(&all) >= 18 && failed == 0,
+        "{} landed, {failed} unsafe",
+        landed(&all)
+    );
 }
 
 #[test]
@@ -67,25 +67,31 @@ fn landing_by_night_in_rendered_images() {
     let (mut scenario, nodes) = at_night(None, night);
     scenario.sensors.render.on = true;
     let o = trial::outcome(&scenario, &nodes, 3, "night").unwrap();
-    assert!(o.success && o.position_error_m.unwrap() < 0.15, "{}: {:?} m", o.reason, o.position_error_m);
-}
-
-/// A minute and a half after the order: the state, why it waits, and whether a descent was begun.
-fn waiting(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> (State, ReasonCode, String, bool) {
-    let mut rig = Rig::landing(scenario, nodes, seed).unwrap();
-    rig.run(90.0);
-    let why = rig.mission(0).waiting;
-    let descends = rig.visited(0).contains(&State::Descent);
-    (rig.state(0), why.code, why.to_string(), descends)
+    assert!(
+        o.success && o.position_error_m.unwrap() < 0.15,
+        "{}: {:?} m",
+        o.reason,
+        o.position_error_m
+    );
 }
 
 #[test]
 fn printed_tags_by_night_with_the_reason() {
-    for render in [false, true] {
+    for (render, limit_s) in [(false, 120.0), (true, 30.0)] {
         let (mut scenario, nodes) = at_night(None, NightConfig::default());
         scenario.sensors.render.on = render;
-        let (state, code, text, descends) = waiting(&scenario, &nodes, 5);
-        assert_eq!((state, code, descends), (State::Approach, ReasonCode::TooDark, false), "{text}");
+        let mut rig = Rig::landing(&scenario, &nodes, 5).unwrap();
+        let is_dark = |rig: &Rig| rig.mission(0).waiting.code == ReasonCode::TooDark;
+        assert!(rig.until(30.0, is_dark), "{}", rig.mission(0).waiting);
+        // It stays so: nothing descends in the dark.
+        rig.run(limit_s);
+        assert!(
+            rig.state(0) == State::Approach && is_dark(&rig),
+            "{}",
+            rig.mission(0).waiting
+        );
+        assert!(!rig.visited(0).contains(&State::Descent));
+        let text = rig.mission(0).waiting.to_string();
         assert!(text.contains("4.0 ms and gain at their limits"), "{text}");
     }
 }
@@ -104,17 +110,22 @@ fn printed_tags_on_a_lit_deck() {
 
 #[test]
 fn lamp_on_the_deck_that_blinds() {
-    // A searchlight beside the tags: whatever comes of it, no contact is unsafe.
-    let blinding = NightConfig {
-        lamp_cd: 3e4,
-        ..lit()
-    };
-    let all = pooled(0..3, blinding);
-    assert!(all.iter().all(|o| !o.is_unsafe() && o.unsafe_contacts == 0));
-    // Behind an infra-red filter the same lamp is nothing.
-    let filtered = NightConfig {
-        filter: 0.01,
-        ..blinding
-    };
-    assert_eq!(landed(&pooled(0..2, filtered)), 2);
+    // A searchlight a metre from the tags' middle that veils them by several times their own light near the deck: some landings
+    // are refused, and no contact is unsafe.
+    for lamp_cd in [1e5, 1e6] {
+        let blinding = NightConfig {
+            lamp_cd,
+            lamp_m: [0.0, 1.0, -0.3],
+            ..lit()
+        };
+        let all = pooled(0..6, blinding);
+        assert!(all.iter().all(|o| !o.is_unsafe() && o.unsafe_contacts == 0));
+        println!("{lamp_cd} cd: {} of {} landed", landed(&all), all.len());
+        // Behind an infra-red filter the same lamp is a thousandth.
+        let filtered = NightConfig {
+            filter: 0.001,
+            ..blinding
+        };
+        assert_eq!(landed(&pooled(0..2, filtered)), 2);
+    }
 }

@@ -5,7 +5,8 @@
 //! the longest exposure is too dark, down while the exposure is far from its longest, because gain is noise.
 //!
 //! While no tag is detected, the image's mean is metered. A dark image with something clipped in it has two explanations: lit
-//! tags by night, which are overexposed, or a lamp or glint beside a deck in the dark. Both are tried in turns.
+//! tags by night, which are overexposed, or a lamp or glint beside a deck in the dark. Both are tried in turns, each from the
+//! setting in which its last turn ended.
 
 use super::light::{ImageLight, TagLight};
 
@@ -22,8 +23,7 @@ const MEAN: f64 = 60.0;
 const MEAN_BAND: f64 = 0.5;
 /// Images without the tag before the image's mean is metered: the tag is lost for single ones.
 const UNSEEN: u32 = 5;
-/// Images of one turn where mean and brightest part of an image ask for opposite exposures: seven stops at one stop each
-/// [`SETTLING`] images and some.
+/// Images of one turn where mean and brightest part of an image ask for opposite exposures: some ten changes of the setting.
 const TURN: u32 = 60;
 /// Images that a device takes at most until a change shows.
 const SETTLING: u64 = 3;
@@ -97,22 +97,29 @@ pub struct Metering {
     unseen: u32,
     /// Something in the image was clipped when its mean was metered last.
     clipped: bool,
+    /// Its brightest part is metered in the place of its mean.
+    by_brightest: bool,
+    /// Setting of the other turn: in which the tag, or the brightest part, was metered last.
+    other: Setting,
 }
 
 impl Metering {
     /// A device with these ranges, the exposure's up to the longest that is permitted; it begins at `setting` or what
     /// is nearest to it.
     pub fn new(exposure_s: Range, gain: Range, setting: Setting) -> Metering {
+        let setting = Setting {
+            exposure_s: exposure_s.nearest(setting.exposure_s),
+            gain: gain.nearest(setting.gain),
+        };
         Metering {
             exposure_s,
             gain,
-            setting: Setting {
-                exposure_s: exposure_s.nearest(setting.exposure_s),
-                gain: gain.nearest(setting.gain),
-            },
+            setting,
             set_at: 0,
             unseen: 0,
             clipped: false,
+            by_brightest: false,
+            other: setting,
         }
     }
     /// What the device is set to.
@@ -127,15 +134,14 @@ impl Metering {
     /// Image number `image` of the device, whose newest is number `newest`, had this light: the next setting, if it
     /// is another one. Images that may be of the former setting are not metered.
     pub fn step(&mut self, image: u64, newest: u64, light: &Light) -> Option<Setting> {
-        self.unseen = match light {
-            Light::Tag(_) => 0,
-            Light::Image(_) => self.unseen.saturating_add(1),
-        };
-        if image <= self.set_at + SETTLING {
+        let next = if self.takes_turn(light) {
+            core::mem::replace(&mut self.other, self.setting)
+        } else if image <= self.set_at + SETTLING {
             return None;
-        }
-        let stops = self.missing_stops(light)?;
-        let next = self.next(stops);
+        } else {
+            let stops = self.missing_stops(light)?;
+            self.next(stops)
+        };
         if next == self.setting {
             return None;
         }
@@ -143,15 +149,29 @@ impl Metering {
         self.set_at = newest;
         Some(next)
     }
+    /// Counts images without the tag; whether the other turn begins with this one.
+    fn takes_turn(&mut self, light: &Light) -> bool {
+        match light {
+            Light::Tag(_) => {
+                (self.unseen, self.by_brightest, self.clipped) = (0, false, false);
+                self.other = self.setting;
+                false
+            }
+            Light::Image(_) => {
+                self.unseen = self.unseen.saturating_add(1);
+                let ends = self.clipped && self.unseen.is_multiple_of(TURN);
+                self.by_brightest ^= ends;
+                ends
+            }
+        }
+    }
     /// Stops of light that are missing, less than zero where it is too bright; zero within the band. None where
     /// nothing is metered.
     fn missing_stops(&mut self, light: &Light) -> Option<f64> {
         let (level, goal, band) = match light {
             Light::Tag(tag) => (f64::from(tag.white), WHITE, WHITE_BAND),
             Light::Image(_) if self.unseen <= UNSEEN => return None,
-            Light::Image(image) if self.clipped && (self.unseen / TURN) % 2 == 1 => {
-                (image.brightest, WHITE, WHITE_BAND)
-            }
+            Light::Image(image) if self.by_brightest => (image.brightest, WHITE, WHITE_BAND),
             Light::Image(image) => {
                 self.clipped = image.brightest >= CLIPPED;
                 (image.mean, MEAN, MEAN_BAND)

@@ -22,6 +22,47 @@ fn row(night: NightConfig, range_m: f64, images: usize) -> CameraRow {
 }
 
 #[test]
+fn detection_by_night_in_images_and_model() {
+    let printed = |ambient_lux: f64, max_gain: f64| NightConfig {
+        ambient_lux,
+        max_gain,
+        ..NightConfig::default()
+    };
+    let lit = |tags_cdpm2: f64, lamp_cd: f64| NightConfig {
+        ambient_lux: 0.01,
+        tags_cdpm2,
+        lamp_cd,
+        ..NightConfig::default()
+    };
+    // The floodlit deck; 24 dB at their limit; 36 dB whose noise is; lit tags too faint, plain and dazzling; a lamp.
+    let conditions = [
+        (printed(200.0, 16.0), 4.0),
+        (printed(40.0, 16.0), 12.0),
+        (printed(10.0, 16.0), 4.0),
+        (printed(10.0, 64.0), 12.0),
+        (printed(2.5, 256.0), 4.0),
+        (lit(3.0, 0.0), 4.0),
+        (lit(12.0, 0.0), 12.0),
+        (lit(100.0, 1e4), 8.0),
+        (lit(1000.0, 0.0), 20.0),
+    ];
+    for (night, range_m) in conditions {
+        let r = row(night, range_m, 30);
+        let (images, model) = (r.pixels.rate, r.model_rate);
+        assert!(
+            (images - model).abs() < 0.2,
+            "{images} of the images, {model}: {night:?}"
+        );
+        // The corners' noise, too, where it is known from more than a few.
+        let ratio = r.model_corner_px / r.corner_rms_px;
+        assert!(
+            images < 0.5 || (0.6..1.8).contains(&ratio),
+            "corners {ratio}: {night:?}"
+        );
+    }
+}
+
+#[test]
 #[ignore = "explore"]
 fn explore() {
     let show = |name: String, r: CameraRow| {
@@ -36,42 +77,26 @@ fn explore() {
         );
     };
     for range in [4.0, 12.0] {
-        for lux in [1000.0, 200.0, 100.0, 60.0, 50.0, 45.0, 40.0, 35.0, 20.0] {
+        for lux in [24.0, 20.0, 19.0, 18.0, 17.0, 16.0, 15.0, 14.0, 12.0] {
             let night = NightConfig {
                 ambient_lux: lux,
                 ..NightConfig::default()
             };
-            show(format!("lux {lux} at {range}"), row(night, range, 60));
+            show(format!("lux {lux} at {range}"), row(night, range, 40));
         }
     }
-    // More gain: noise limits.
-    for max_gain in [64.0, 256.0] {
-        for range in [4.0, 12.0] {
-            for lux in [40.0, 20.0, 10.0, 5.0, 2.5, 1.2] {
-                let night = NightConfig {
-                    ambient_lux: lux,
-                    max_gain,
-                    ..NightConfig::default()
-                };
-                show(
-                    format!("gain {max_gain} lux {lux} at {range}"),
-                    row(night, range, 60),
-                );
-            }
-        }
-    }
-    for range in [4.0, 12.0, 20.0] {
-        for tags in [3.0, 10.0, 12.0, 14.0, 20.0, 100.0, 1000.0, 10000.0] {
+    for range in [2.5, 4.0, 12.0] {
+        for lux in [20.0, 14.0, 10.0, 7.0, 5.0] {
             let night = NightConfig {
-                tags_cdpm2: tags,
-                ambient_lux: 0.01,
+                ambient_lux: lux,
+                max_gain: 128.0,
                 ..NightConfig::default()
             };
-            show(format!("lit {tags} at {range}"), row(night, range, 60));
+            show(format!("gain 128 lux {lux} at {range}"), row(night, range, 40));
         }
     }
     for (tags, lux) in [(0.0, 100.0), (100.0, 0.01)] {
-        for lamp in [100.0, 1000.0, 3000.0, 10000.0, 1e5] {
+        for lamp in [1e4, 3e4, 1e5, 3e5] {
             for range in [4.0, 8.0] {
                 let night = NightConfig {
                     tags_cdpm2: tags,
@@ -81,7 +106,7 @@ fn explore() {
                 };
                 show(
                     format!("lit {tags} lux {lux} lamp {lamp} at {range}"),
-                    row(night, range, 60),
+                    row(night, range, 40),
                 );
             }
         }
