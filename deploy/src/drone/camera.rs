@@ -61,18 +61,18 @@ struct Ports {
 }
 
 impl Ports {
-    fn join(memory: &Memory) -> Result<Ports, CliError> {
-        Ok(Ports {
+    fn join(memory: &Memory) -> Result<Box<Ports>, CliError> {
+        Ok(Box::new(Ports {
             tags: memory.publisher()?,
             light: memory.publisher()?,
-        })
+        }))
     }
 }
 
 /// What processes images, and where it publishes its detections.
 enum Detector {
     /// For the tag, which people are shown as well.
-    Tag(Box<CameraNode>, Option<Ports>, Option<Box<Shown>>),
+    Tag(Box<CameraNode>, Option<Box<Ports>>, Option<Box<Shown>>),
     /// For the blinking markers.
     Markers(Box<UvdarNode>, Option<Publisher<UvdarFix>>),
 }

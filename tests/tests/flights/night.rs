@@ -98,9 +98,9 @@ fn printed_tags_by_night_with_the_reason() {
 
 #[test]
 fn printed_tags_on_a_lit_deck() {
-    // Floodlights of a quay or a work boat, 150 lux on the deck.
+    // The work light of a small boat.
     let night = NightConfig {
-        ambient_lux: 150.0,
+        ambient_lux: 40.0,
         ..NightConfig::default()
     };
     let (scenario, nodes) = at_night(None, night);

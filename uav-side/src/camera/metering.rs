@@ -95,8 +95,8 @@ pub struct Metering {
     set_at: u64,
     /// Images in a row without the tag.
     unseen: u32,
-    /// Something in the image was clipped when its mean was metered last.
-    clipped: bool,
+    /// When the image's mean was metered last, it asked for more light, and something in the image was clipped.
+    contradicted: bool,
     /// Its brightest part is metered in the place of its mean.
     by_brightest: bool,
     /// Setting of the other turn: in which the tag, or the brightest part, was metered last.
@@ -117,7 +117,7 @@ impl Metering {
             setting,
             set_at: 0,
             unseen: 0,
-            clipped: false,
+            contradicted: false,
             by_brightest: false,
             other: setting,
         }
@@ -153,13 +153,13 @@ impl Metering {
     fn takes_turn(&mut self, light: &Light) -> bool {
         match light {
             Light::Tag(_) => {
-                (self.unseen, self.by_brightest, self.clipped) = (0, false, false);
+                (self.unseen, self.by_brightest, self.contradicted) = (0, false, false);
                 self.other = self.setting;
                 false
             }
             Light::Image(_) => {
                 self.unseen = self.unseen.saturating_add(1);
-                let ends = self.clipped && self.unseen.is_multiple_of(TURN);
+                let ends = self.contradicted && self.unseen.is_multiple_of(TURN);
                 self.by_brightest ^= ends;
                 ends
             }
@@ -173,7 +173,8 @@ impl Metering {
             Light::Image(_) if self.unseen <= UNSEEN => return None,
             Light::Image(image) if self.by_brightest => (image.brightest, WHITE, WHITE_BAND),
             Light::Image(image) => {
-                self.clipped = image.brightest >= CLIPPED;
+                self.contradicted =
+                    image.brightest >= CLIPPED && (MEAN / image.mean.max(1.0)).log2() >= MEAN_BAND;
                 (image.mean, MEAN, MEAN_BAND)
             }
         };
@@ -453,8 +454,8 @@ mod tests {
     #[test]
     fn metering_on_lit_tags_in_the_dark() {
         for scale in [Scale::Linear, Scale::TenthDecibel] {
-            // From faint ones, which the longest exposure shows, to some a hundred times brighter.
-            for light in [30.0, 300.0, 3e3, 3e4, 1e5] {
+            // From faint ones, which the longest exposure shows, to those that the shortest shows.
+            for light in [30.0, 300.0, 3e3, 1e4, 3e4] {
                 for lamp in [false, true] {
                     let (seen, _) = night(scale, light, lamp);
                     let from = 4 * TURN as usize;
