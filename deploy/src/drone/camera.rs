@@ -74,7 +74,7 @@ enum Detector {
     /// For the tag, which people are shown as well.
     Tag(Box<CameraNode>, Option<Box<Ports>>, Option<Box<Shown>>),
     /// For the blinking markers.
-    Markers(Box<UvdarNode>, Option<Publisher<UvdarFix>>),
+    Markers(Box<UvdarNode>, Option<Box<Publisher<UvdarFix>>>),
 }
 
 /// Images for people, made only while somebody looks.
@@ -140,7 +140,7 @@ impl Detector {
     ) -> Result<Detector, CliError> {
         let settings = &computer.drone.camera;
         Ok(if kind == ProcessKind::Uvdar {
-            let fixes = memory.map(Memory::publisher).transpose()?;
+            let fixes = memory.map(Memory::publisher).transpose()?.map(Box::new);
             let node = UvdarNode::new(&settings.uvdar, names);
             Detector::Markers(Box::new(node), fixes)
         } else {
@@ -171,7 +171,7 @@ impl Detector {
                 (detections, found.light)
             }
             Detector::Markers(node, port) => {
-                let detections = publish(&node.step(now, input).fixes, port.as_mut(), |m| Detection {
+                let detections = publish(&node.step(now, input).fixes, port.as_deref_mut(), |m| Detection {
                     at: m.header.at,
                     line: json!({
                         "at_s": m.header.at.secs(),
@@ -200,7 +200,7 @@ impl Detector {
     fn unsent(&self) -> u64 {
         match self {
             Detector::Tag(_, ports, _) => (ports.as_ref()).map_or(0, |p| p.tags.unsent() + p.light.unsent()),
-            Detector::Markers(_, port) => port.as_ref().map_or(0, Publisher::unsent),
+            Detector::Markers(_, port) => port.as_ref().map_or(0, |port| port.unsent()),
         }
     }
     /// What became of images.

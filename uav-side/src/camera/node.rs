@@ -351,6 +351,52 @@ mod tests {
     }
 
     #[test]
+    fn reports_of_the_light_twice_a_second() {
+        use super::super::metering::Setting;
+        let tags = DeckGeometry::default().tags();
+        let settings = CameraSettings::default();
+        let identity = CameraIdentity {
+            vessel: 1,
+            drone: 1,
+            boot: 1,
+        };
+        let mut node = CameraNode::new(&settings, &tags, identity);
+        let mut look = |ms: i64, level: u8, at_limit: Option<bool>| {
+            let setting = Setting {
+                exposure_s: 0.004,
+                gain: 16.0,
+            };
+            let at = Time::from_nanos(ms * 1_000_000);
+            let image = GreyImage::new(640, 480, vec![level; 640 * 480]).unwrap();
+            let input = CameraIn {
+                frames: vec![Frame { at, image }],
+                exposed: at_limit.map(|at_limit| Exposed { setting, at_limit }),
+            };
+            node.step(at, &input).light
+        };
+        // Dark, and nothing may be more.
+        let first = look(1000, 3, Some(true)).unwrap();
+        assert!(
+            first.dark && (first.mean, first.exposure_s) == (3.0, Some(0.004)),
+            "{first:?}"
+        );
+        assert_eq!(look(1033, 3, Some(true)), None);
+        // It may be more; it is none of the drone's; it is bright enough.
+        for (k, level, at_limit, dark) in [
+            (3, 3, Some(false), false),
+            (4, 3, None, true),
+            (5, 40, Some(true), false),
+        ] {
+            let light = look(500 * k, level, at_limit).unwrap();
+            assert_eq!(
+                (light.dark, light.header.sequence),
+                (dark, k as u32 - 2),
+                "{light:?}"
+            );
+        }
+    }
+
+    #[test]
     fn corner_sd_of_small_and_blurred_tags() {
         let tag = TagSettings::default();
         let sd = |side: f64, motion_blur_px2: f64| {

@@ -4,6 +4,7 @@ use alight_uav::camera::metering::Setting;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use super::super::camera::View;
 use super::super::night::{NightConfig, veil};
 use super::rays::Ray;
 use super::{DRAWS, DeckInCamera, RenderConfig, Renderer, Shot};
@@ -42,12 +43,43 @@ impl Sensor {
     }
 }
 
+/// The sun's mirror image on a wet deck.
+pub(super) struct Glare {
+    from: [f32; 3],
+    peak: f32,
+    width: f32,
+}
+
+impl Glare {
+    /// Light added along a direction at unit distance: a Gaussian of the angle from the mirror image.
+    pub(super) fn at(&self, [u, v]: [f32; 2]) -> f32 {
+        let length = (u * u + v * v + 1.0).sqrt();
+        let cos = (self.from[0] * u + self.from[1] * v + self.from[2]) / length;
+        self.peak * ((cos - 1.0) / self.width).exp()
+    }
+}
+
 /// Direction of a ray.
 fn direction(ray: &Ray) -> Vector3<f32> {
     Vector3::new(ray.at[0], ray.at[1], 1.0).normalize()
 }
 
 impl Renderer {
+    /// The sun in the deck as a mirror; None when it is dry.
+    pub(super) fn glare_on(&self, view: &View, deck_in_camera: &DeckInCamera) -> Option<Glare> {
+        if !(self.config.glare > 0.0) || self.night.is_some() {
+            return None;
+        }
+        let normal = deck_in_camera.axes * Vector3::z();
+        let sun = (view.camera_from_world * self.sun).0;
+        // The direction that the mirror turns into the sun's.
+        let from = sun - normal * (2.0 * sun.dot(&normal));
+        Some(Glare {
+            from: [from.x as f32, from.y as f32, from.z as f32],
+            peak: self.config.glare as f32,
+            width: self.config.glare_sd_deg.to_radians().powi(2) as f32,
+        })
+    }
     /// Grey levels of light; the noise is the draws from `start` on, `stride` by `stride`.
     pub(super) fn expose(
         &self,

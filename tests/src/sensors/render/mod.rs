@@ -26,7 +26,7 @@ use super::noise::{Noise, Schedule};
 use super::occlusion::{Occlusion, Shadow};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
-use light::Sensor;
+use light::{Glare, Sensor};
 use paint::{DeckPaint, Paint, Patch, Sea, SeaScene};
 use rays::{Pattern, Ray, Rays, Sample};
 
@@ -604,37 +604,6 @@ impl Renderer {
             within(high[0] + margin, right),
             within(high[1] + margin, bottom),
         ])
-    }
-
-    /// The sun in the deck as a mirror; None when it is dry.
-    fn glare_on(&self, view: &View, deck_in_camera: &DeckInCamera) -> Option<Glare> {
-        if !(self.config.glare > 0.0) || self.night.is_some() {
-            return None;
-        }
-        let normal = deck_in_camera.axes * Vector3::z();
-        let sun = (view.camera_from_world * self.sun).0;
-        // The direction that the mirror turns into the sun's.
-        let from = sun - normal * (2.0 * sun.dot(&normal));
-        Some(Glare {
-            from: [from.x as f32, from.y as f32, from.z as f32],
-            peak: self.config.glare as f32,
-            width: self.config.glare_sd_deg.to_radians().powi(2) as f32,
-        })
-    }
-}
-
-struct Glare {
-    from: [f32; 3],
-    peak: f32,
-    width: f32,
-}
-
-impl Glare {
-    /// Light added along a direction at unit distance: a Gaussian of the angle from the mirror image.
-    fn at(&self, [u, v]: [f32; 2]) -> f32 {
-        let length = (u * u + v * v + 1.0).sqrt();
-        let cos = (self.from[0] * u + self.from[1] * v + self.from[2]) / length;
-        self.peak * ((cos - 1.0) / self.width).exp()
     }
 }
 
