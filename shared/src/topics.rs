@@ -185,6 +185,8 @@ topics! {
     SETTINGS: "operator/settings", msg::SettingsOrder, Memory, 0.1 Hz, size_of::<msg::SettingsOrder>(), 1000 ms, 2 deep;
     /// The vessel's place by a beacon; each is good for as long as it says.
     BEACON: "deck/beacon", msg::DeckBeacon, Memory, 1.0 Hz, size_of::<msg::DeckBeacon>(), 10000 ms, 8 deep;
+    /// The light in the belly camera's images.
+    CAMERA_LIGHT: "camera/light", msg::CameraLight, Memory, 2.0 Hz, size_of::<msg::CameraLight>(), 2000 ms, 2 deep;
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use alight_shared::config::{self, Check as _, Keys};
 use alight_shared::geometry::DeckGeometry;
-use alight_shared::msg::{Seq, TagPose, UvdarFix};
+use alight_shared::msg::{CameraLight, Reason, ReasonCode, Seq, TagPose, UvdarFix};
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
@@ -20,9 +20,8 @@ use alight_shared::transport::metrics::{Metric, MetricName};
 use alight_shared::transport::plain::Plain;
 use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_shared::transport::statistics::Quantiles;
-use alight_uav::camera::light::mean_level;
 use alight_uav::camera::marked::MAX_BYTES;
-use alight_uav::camera::metering::{Light, Setting};
+use alight_uav::camera::metering::{Exposed, Light};
 use alight_uav::camera::node::CameraIdentity;
 use alight_uav::camera::uvdar::UvdarNode;
 use alight_uav::camera::{CameraIn, CameraNode, Frame, GreyImage, TagLight};
@@ -55,12 +54,27 @@ struct Shared {
     states: Publisher<ProcessState>,
 }
 
+/// Topics of the belly camera.
+struct Ports {
+    tags: Publisher<TagPose>,
+    light: Publisher<CameraLight>,
+}
+
+impl Ports {
+    fn join(memory: &Memory) -> Result<Box<Ports>, CliError> {
+        Ok(Box::new(Ports {
+            tags: memory.publisher()?,
+            light: memory.publisher()?,
+        }))
+    }
+}
+
 /// What processes images, and where it publishes its detections.
 enum Detector {
     /// For the tag, which people are shown as well.
-    Tag(Box<CameraNode>, Option<Publisher<TagPose>>, Option<Box<Shown>>),
+    Tag(Box<CameraNode>, Option<Box<Ports>>, Option<Box<Shown>>),
     /// For the blinking markers.
-    Markers(Box<UvdarNode>, Option<Publisher<UvdarFix>>),
+    Markers(Box<UvdarNode>, Option<Box<Publisher<UvdarFix>>>),
 }
 
 /// Images for people, made only while somebody looks.
@@ -108,7 +122,7 @@ struct Detection {
 /// Publishes what was found; `shown` is what people read of it.
 fn publish<M: Plain>(
     found: &[M],
-    port: &mut Option<Publisher<M>>,
+    port: Option<&mut Publisher<M>>,
     shown: impl Fn(&M) -> Detection,
 ) -> Vec<Detection> {
     if let Some(port) = port {
@@ -126,42 +140,53 @@ impl Detector {
     ) -> Result<Detector, CliError> {
         let settings = &computer.drone.camera;
         Ok(if kind == ProcessKind::Uvdar {
-            let fixes = memory.map(Memory::publisher).transpose()?;
+            let fixes = memory.map(Memory::publisher).transpose()?.map(Box::new);
             let node = UvdarNode::new(&settings.uvdar, names);
             Detector::Markers(Box::new(node), fixes)
         } else {
-            let tags = memory.map(Memory::publisher).transpose()?;
+            let tags = memory.map(Ports::join).transpose()?;
             let node = CameraNode::new(settings, &computer.drone.tags(), names);
             let deck = computer.drone.deck;
             Detector::Tag(Box::new(node), tags, memory.and_then(|m| Shown::open(m, deck)))
         })
     }
-    /// Processes images and publishes what was detected.
-    fn detect(&mut self, now: Time<DroneClock>, input: &CameraIn) -> Vec<Detection> {
+    /// Processes images and publishes what was detected, and the light where it is reported.
+    fn detect(&mut self, now: Time<DroneClock>, input: &CameraIn) -> (Vec<Detection>, Option<CameraLight>) {
         match self {
-            Detector::Tag(node, port, _) => publish(&node.step(now, input).tags, port, |m| Detection {
-                at: m.header.at,
-                line: json!({
-                    "at_s": m.header.at.secs(),
-                    "position_m": m.position,
-                    "attitude_wxyz": m.attitude,
-                    "sd": m.variance.map(f64::sqrt),
-                }),
-            }),
-            Detector::Markers(node, port) => publish(&node.step(now, input).fixes, port, |m| Detection {
-                at: m.header.at,
-                line: json!({
-                    "at_s": m.header.at.secs(),
-                    "position_m": m.position,
-                    "sd": m.variance.map(f64::sqrt),
-                }),
-            }),
+            Detector::Tag(node, ports, _) => {
+                let found = node.step(now, input);
+                if let (Some(ports), Some(light)) = (ports.as_mut(), &found.light) {
+                    ports.light.send(light);
+                }
+                let tags = ports.as_mut().map(|p| &mut p.tags);
+                let detections = publish(&found.tags, tags, |m| Detection {
+                    at: m.header.at,
+                    line: json!({
+                        "at_s": m.header.at.secs(),
+                        "position_m": m.position,
+                        "attitude_wxyz": m.attitude,
+                        "sd": m.variance.map(f64::sqrt),
+                    }),
+                });
+                (detections, found.light)
+            }
+            Detector::Markers(node, port) => {
+                let detections = publish(&node.step(now, input).fixes, port.as_deref_mut(), |m| Detection {
+                    at: m.header.at,
+                    line: json!({
+                        "at_s": m.header.at.secs(),
+                        "position_m": m.position,
+                        "sd": m.variance.map(f64::sqrt),
+                    }),
+                });
+                (detections, None)
+            }
         }
     }
-    /// The light on the tag in the newest image, where one was detected.
-    fn light(&self) -> Option<TagLight> {
+    /// What the newest image shows of the light; None where nothing is metered.
+    fn light(&self) -> Option<Light> {
         match self {
-            Detector::Tag(node, ..) => node.light(),
+            Detector::Tag(node, ..) => Some(node.light()),
             Detector::Markers(..) => None,
         }
     }
@@ -174,8 +199,8 @@ impl Detector {
     /// Messages that could not be sent.
     fn unsent(&self) -> u64 {
         match self {
-            Detector::Tag(_, port, _) => port.as_ref().map_or(0, Publisher::unsent),
-            Detector::Markers(_, port) => port.as_ref().map_or(0, Publisher::unsent),
+            Detector::Tag(_, ports, _) => (ports.as_ref()).map_or(0, |p| p.tags.unsent() + p.light.unsent()),
+            Detector::Markers(_, port) => port.as_ref().map_or(0, |port| port.unsent()),
         }
     }
     /// What became of images.
@@ -226,7 +251,7 @@ enum Source {
 /// What that thread reports.
 enum SourceEvent {
     /// An image, its number, and what exposed it where that is known.
-    Image(Frame, u64, Option<Setting>),
+    Image(Frame, u64, Option<Exposed>),
     /// Its own automatic exposes the device's images.
     Automatic(String),
     /// It broke; it is tried again.
@@ -237,28 +262,38 @@ enum SourceEvent {
 
 /// The light of images, as it is reported and metered.
 #[derive(Default)]
-struct Exposed {
-    setting: Option<Setting>,
+struct LightRecord {
+    exposed: Option<Exposed>,
     tag: Option<(Time<DroneClock>, TagLight)>,
+    /// The newest report.
+    report: Option<CameraLight>,
 }
 
-impl Exposed {
+impl LightRecord {
     /// The detector has looked at an image; `metered` takes what is metered of number `number`.
     fn looked(
         &mut self,
         frame: &Frame,
-        tag: Option<TagLight>,
+        light: Option<Light>,
         metered: Option<(u64, &SyncSender<(u64, Light)>)>,
     ) {
-        self.tag = tag.map(|light| (frame.at, light)).or(self.tag);
-        if let Some((number, lights)) = metered {
-            let light = tag.map_or_else(|| Light::Mean(mean_level(&frame.image)), Light::Tag);
+        if let Some(Light::Tag(tag)) = light {
+            self.tag = Some((frame.at, tag));
+        }
+        if let (Some((number, lights)), Some(light)) = (metered, light) {
             // The thread waits for its device; the next image is metered as well.
             let _full = lights.try_send((number, light));
         }
     }
+    /// The light was reported: why it is too dark, where it has become so.
+    fn reported(&mut self, light: CameraLight) -> Option<Reason> {
+        let was_dark = self.report.is_some_and(|r| r.dark);
+        self.report = Some(light);
+        let exposure_s = light.exposure_s.unwrap_or(0.0);
+        (light.dark && !was_dark).then(|| Reason::new(ReasonCode::TooDark, light.mean, exposure_s))
+    }
     fn metrics(&self, now: Time<DroneClock>) -> impl Iterator<Item = Metric> {
-        let setting = self.setting.map(|s| {
+        let setting = self.exposed.map(|e| e.setting).map(|s| {
             [
                 MetricName::Exposure.seconds(s.exposure_s),
                 MetricName::Gain.count(s.gain.max(0.0) as u64),
@@ -271,7 +306,13 @@ impl Exposed {
                 MetricName::TagSaturation.fraction(light.saturation),
             ]
         });
-        setting.into_iter().chain(tag).flatten()
+        let image = self.report.map(|light| {
+            [
+                MetricName::ImageMean.fraction(light.mean / 255.0),
+                MetricName::TooDark.count(u32::from(light.dark)),
+            ]
+        });
+        setting.into_iter().chain(tag).chain(image).flatten()
     }
 }
 
@@ -327,7 +368,7 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
             Source::Thread(events, lights)
         }
     };
-    let mut exposed = Exposed::default();
+    let mut exposed = LightRecord::default();
     let mut life = Life::begin(kind, names.boot, args.process.supervised);
     let mut ages = Quantiles::default();
     let (mut opened, mut last) = (0_u32, Time::<DroneClock>::from_nanos(i64::MIN));
@@ -349,7 +390,7 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
             }
             Source::Thread(events, _) => match events.recv_timeout(IDLE_WAIT) {
                 Ok(SourceEvent::Image(frame, of_source, setting)) => {
-                    (number, exposed.setting) = (of_source, setting);
+                    (number, exposed.exposed) = (of_source, setting);
                     input.frames.push(frame);
                 }
                 Ok(SourceEvent::Automatic(why)) => warn!(
@@ -370,7 +411,8 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
         if !input.frames.is_empty() {
             last = last.max(computer.clock.now());
             let before = steady_ns();
-            let detections = detector.detect(last, &input);
+            input.exposed = exposed.exposed;
+            let (detections, light) = detector.detect(last, &input);
             life.stepped(Some((steady_ns() - before) as f64 * 1e-9));
             if let Some(frame) = input.frames.last() {
                 let metered = match &source {
@@ -378,6 +420,9 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
                     Source::Simulation(_) => None,
                 };
                 exposed.looked(frame, detector.light(), metered);
+            }
+            if let Some(why) = light.and_then(|light| exposed.reported(light)) {
+                warn!("{}: {why}", kind.name());
             }
             let sent: Time<DroneClock> = computer.clock.now();
             detections.iter().for_each(|s| ages.add((sent - s.at).secs()));
@@ -488,7 +533,10 @@ impl SourceThread {
                             self.events.send(SourceEvent::Automatic(why)).ok()?;
                             None
                         }
-                        Some(exposed) => exposed.ok(),
+                        Some(exposed) => exposed.ok().map(|setting| Exposed {
+                            setting,
+                            at_limit: self.images.at_limit(),
+                        }),
                         None => None,
                     };
                     let image = SourceEvent::Image(frame, self.number, setting);

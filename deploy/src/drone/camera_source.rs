@@ -82,6 +82,16 @@ impl Images {
             Images::Files(_) | Images::Pipe(_) => None,
         }
     }
+    /// Whether neither exposure nor gain may be more; what the drone does not set is taken to be at its limit.
+    pub fn at_limit(&self) -> bool {
+        match self {
+            Images::Device(device) => match &device.exposure {
+                Some(Ok(control)) => control.at_limit(),
+                Some(Err(_)) | None => true,
+            },
+            Images::Files(_) | Images::Pipe(_) => true,
+        }
+    }
     /// Meters the light of image number `image`, the newest being number `newest`.
     pub fn meter(&mut self, image: u64, newest: u64, light: &Light) {
         if let Images::Device(device) = self

@@ -100,6 +100,10 @@ impl ExposureControl {
     pub fn setting(&self) -> Setting {
         self.metering.setting()
     }
+    /// Whether neither may be more: both are at their limits, or fixed.
+    pub fn at_limit(&self) -> bool {
+        !self.metered || self.metering.at_limit()
+    }
     /// Meters the light of image number `image` of the device, whose newest is number `newest`.
     pub fn meter(
         &mut self,
@@ -150,7 +154,7 @@ fn integer(device: &impl Controls, id: u32) -> Result<(Range, f64), Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_uav::camera::TagLight;
+    use alight_uav::camera::{ImageLight, TagLight};
     use std::cell::RefCell;
 
     /// A device that has these controls, with minimum, maximum and value, and what was set.
@@ -235,6 +239,26 @@ mod tests {
                 Some(&(rscam::CID_GAIN, if gain < 0 { 20 } else { 7 }))
             );
         }
+    }
+
+    #[test]
+    fn exposure_at_its_limit_in_the_dark() {
+        let dark = Light::Image(ImageLight::default());
+        let device = Device::with(&WEBCAM);
+        let mut control = ExposureControl::take(&device, &source(0.004, -1)).unwrap();
+        assert!(!control.at_limit());
+        (1..400).for_each(|image| control.meter(&device, image, image, &dark).unwrap());
+        let Setting { exposure_s, gain } = control.setting();
+        assert!(
+            control.at_limit() && (exposure_s, gain) == (0.004, 100.0),
+            "{exposure_s} {gain}"
+        );
+        // Fixed, they may not be more either.
+        assert!(
+            ExposureControl::take(&device, &source(0.004, 7))
+                .unwrap()
+                .at_limit()
+        );
     }
 
     #[test]

@@ -2,8 +2,8 @@
 //! goes to the supervisor, which republishes it to a mission that begins.
 
 use alight_shared::msg::{
-    AutopilotState, Command, DeckForecast, DeckGrant, DroneState, MissionCheckpoint, MissionState, Plan,
-    RangeSample, SetPoint, SettingsOrder,
+    AutopilotState, CameraLight, Command, DeckForecast, DeckGrant, DroneState, MissionCheckpoint,
+    MissionState, Plan, RangeSample, SetPoint, SettingsOrder,
 };
 use alight_shared::time::DroneClock;
 use alight_shared::transport::TransportError;
@@ -28,6 +28,7 @@ reads! {
         newest settings: SettingsOrder,
         newest deck: DeckGrant<DroneClock>,
         all ranges: RangeSample,
+        newest light: CameraLight,
         ; checkpoint
     }
 }

@@ -61,6 +61,7 @@ fn shot(k: usize, rate_hz: f64, below: Vector3<f64>) -> (Shot, Vector3<f64>) {
         t: Time::from_nanos(ns),
         at: Time::from_nanos(ns),
         exposure_s: 0.004,
+        gain: 1.0,
         view,
         deck,
     };

@@ -46,6 +46,21 @@ pub struct UvdarFix {
     pub variance: [f64; 3],
 }
 
+/// The light in the belly camera's newest image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
+#[repr(C)]
+pub struct CameraLight {
+    /// Identity; `at` is the time of exposure.
+    pub header: Header<DroneClock>,
+    /// Mean of the image, grey levels of 255.
+    pub mean: f64,
+    /// Exposure, s; None where the drone does not set it.
+    pub exposure_s: Option<f64>,
+    /// No tag can be decoded in it: nothing is bright enough, and exposure and gain, where they are the drone's, are at their
+    /// limits.
+    pub dark: bool,
+}
+
 /// A reading of the belly rangefinder.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
@@ -254,6 +269,10 @@ message!(TagPose, DroneClock, |m| {
 message!(UvdarFix, DroneClock, |m| {
     within(&m.position, 1e3) => "position",
     positive(&m.variance, 1e6) => "variance",
+});
+message!(CameraLight, DroneClock, |m| {
+    (0.0..=255.0).contains(&m.mean) => "mean",
+    m.exposure_s.is_none_or(|s| (0.0..=10.0).contains(&s)) => "exposure_s",
 });
 message!(RangeSample, DroneClock, |m| {
     (0.0..=1e3).contains(&m.range_m) => "range_m",

@@ -54,8 +54,8 @@ pub use aboard::{
 };
 pub use beacon::{BeaconSource, DeckBeacon, MAX_BEACON_LASTS_S, MAX_BEACON_MPS, MIN_BEACON_SD_M};
 pub use deck::{
-    DeckForecast, DeckStage, FORECAST_STAGES, LinkState, PREDICTED_SLOPE_STEP_S, PREDICTED_SLOPES,
-    RangeSample, SILENT_S, Source, TagPose, UvdarFix,
+    CameraLight, DeckForecast, DeckStage, FORECAST_STAGES, LinkState, PREDICTED_SLOPE_STEP_S,
+    PREDICTED_SLOPES, RangeSample, SILENT_S, Source, TagPose, UvdarFix,
 };
 pub use drone::{
     AttitudeResponse, AutopilotMode, AutopilotState, DroneState, LandedState, LinkCheckpoint, Motors,

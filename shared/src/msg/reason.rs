@@ -218,6 +218,9 @@ pub enum ReasonCode {
     TakeOffBattery,
     /// A sortie ends: what is left of the battery, fraction, and what the way back to the vessel and one missed attempt take.
     TurnsBack,
+    /// Too dark for the camera to detect a tag: mean of its image, grey levels; the limit is its longest exposure, s, 0 where the
+    /// drone does not set it.
+    TooDark,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -378,6 +381,16 @@ impl fmt::Display for Reason {
             }
             ReasonCode::ForecastStale => write!(f, "deck forecast {v:.2} s old (limit {l:.2})"),
             ReasonCode::NoVision => write!(f, "deck not seen yet"),
+            ReasonCode::TooDark if l > 0.0 => write!(
+                f,
+                "too dark to see the tags (image mean {v:.0} of 255, exposure of {:.1} ms and gain at their limits): light \
+                 the deck or its tags",
+                1e3 * l
+            ),
+            ReasonCode::TooDark => write!(
+                f,
+                "too dark to see the tags (image mean {v:.0} of 255, exposed by the camera itself): light the deck or its tags"
+            ),
             ReasonCode::VisionLost => write!(f, "deck not seen for {v:.2} s (limit {l:.2})"),
             ReasonCode::TooFar => write!(f, "{v:.2} m beside the deck (limit {l:.2} m)"),
             ReasonCode::OffHeight => write!(f, "{v:.1} m off its height (limit {l:.1} m)"),

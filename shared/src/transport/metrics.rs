@@ -109,6 +109,8 @@ names! {
     DroneSessions: "sessions of drones",
     NewestAsked: "newest messages asked for",
     VesselSession: "sessions of the vessel",
+    ImageMean: "image mean",
+    TooDark: "too dark",
 }
 
 /// The value of a metric, with its unit.

@@ -79,6 +79,7 @@ plain! {
     msg::Command => COMMAND;
     msg::SettingsOrder => SETTINGS;
     msg::DeckBeacon => BEACON;
+    msg::CameraLight => CAMERA_LIGHT;
     msg::MissionCheckpoint => MISSION_CHECKPOINT;
     msg::PredictorCheckpoint => PREDICTOR_CHECKPOINT;
     msg::LinkCheckpoint => LINK_CHECKPOINT;

@@ -362,6 +362,7 @@ impl DroneComputer {
             settings: flown.settings,
             deck: received.deck,
             ranges: readings.ranges.clone(),
+            light: readings.light,
             checkpoint: self.mission.as_ref().and_then(|m| self.keeper.answer(m.boot())),
         };
         let input = match failing.mutant {

@@ -79,6 +79,7 @@ impl Waits for MissionIn {
             commands: both(self.commands, later.commands),
             settings: later.settings.or(self.settings),
             deck: later.deck.or(self.deck),
+            light: later.light.or(self.light),
             ranges: both(self.ranges, later.ranges),
             checkpoint: later.checkpoint.or(self.checkpoint),
         }

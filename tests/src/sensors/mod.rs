@@ -4,7 +4,7 @@
 //! delivered: two planners that fly differently meet the same errors at the same time.
 //!
 //! Reading order: [`noise`], [`gnss`] and [`imu`] for the vessel; [`camera`], [`square_pose`],
-//! [`sight_loss`], [`occlusion`] and [`tag`] for the drone.
+//! [`sight_loss`], [`occlusion`], [`night`] and [`tag`] for the drone.
 
 pub mod attitude;
 pub mod beacon;
@@ -15,6 +15,7 @@ pub mod delay;
 pub mod gnss;
 pub mod heading;
 pub mod imu;
+pub mod night;
 pub mod noise;
 pub mod occlusion;
 pub mod outlet;
@@ -29,14 +30,17 @@ use alight_shared::config;
 use alight_shared::frames::{Deck, DroneBody, VesselBody};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::{DeckBeacon, RangeSample, TagPose, UvdarFix};
+use alight_shared::msg::{CameraLight, DeckBeacon, RangeSample, TagPose, UvdarFix};
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
+use alight_shared::topics::CAMERA_LIGHT;
+use alight_uav::camera::metering::Setting;
 use alight_usv::sensors::Readings;
 use nalgebra::Vector3;
 
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 use camera::CameraMount;
+use noise::Windows;
 use occlusion::Occlusion;
 use outlet::{Identity, Outlet};
 
@@ -67,6 +71,10 @@ config! {
         pub camera_mount: camera::CameraMountConfig;
         /// Images of the belly camera.
         pub render: render::RenderConfig;
+        /// The light by night; none: daylight, in which the belly camera's exposure is `tag.exposure_s` and white is
+        /// `render.white`.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub night: Option<night::NightConfig> = None;
     }
     check |this, at| {
         if let Some(attitude) = &this.vessel_attitude {
@@ -74,6 +82,9 @@ config! {
         }
         if let Some(beacon) = &this.beacon {
             beacon.check(&at.table("beacon"))?;
+        }
+        if let Some(night) = &this.night {
+            night.check(&at.table("night"))?;
         }
     }
 }
@@ -93,6 +104,8 @@ pub struct DroneReadings {
     pub uvdar: Vec<UvdarFix>,
     /// Rangefinder readings.
     pub ranges: Vec<RangeSample>,
+    /// The light in the belly camera's images, where it is reported.
+    pub light: Option<CameraLight>,
 }
 
 impl DroneReadings {
@@ -102,6 +115,7 @@ impl DroneReadings {
         self.tags.iter_mut().for_each(|m| m.header.at += by);
         self.uvdar.iter_mut().for_each(|m| m.header.at += by);
         self.ranges.iter_mut().for_each(|m| m.header.at += by);
+        self.light.iter_mut().for_each(|m| m.header.at += by);
     }
 }
 
@@ -155,6 +169,10 @@ pub struct DroneSensors {
     other_tag: tag::TagDetector,
     other: Option<RigidState<Deck>>,
     tag_outlet: Outlet<TagPose, DroneClock>,
+    /// By night, where no image is rendered.
+    light: Option<Outlet<CameraLight, DroneClock>>,
+    /// Of the ultraviolet camera, and of the belly camera by day, s.
+    exposure_s: f64,
     shutter: Option<render::Shutter>,
     uv_shutter: Option<render::Shutter>,
     uvdar: uvdar::Uvdar,
@@ -172,12 +190,12 @@ impl DroneSensors {
         streams: &Streams,
     ) -> Self {
         let mount = CameraMount::new(&config.camera_mount, drone, streams);
-        let shutter = |on: bool, rate_hz: f64| {
-            on.then(|| render::Shutter::new(rate_hz, config.tag.exposure_s, identity.clock))
-        };
+        let shutter = |on: bool, rate_hz: f64| on.then(|| render::Shutter::new(rate_hz, identity.clock));
         let tag = |name: &str| {
             let sun = render::sun(&config.render, streams);
-            tag::TagDetector::new(&config.tag, deck, name, streams).below(Occlusion::new(drone, &mount, sun))
+            tag::TagDetector::new(&config.tag, deck, name, streams)
+                .below(Occlusion::new(drone, &mount, sun))
+                .at_night(config.night.as_ref())
         };
         DroneSensors {
             beacon: (config.beacon.as_ref()).map(|c| beacon::Beacon::new(c, place, identity, streams)),
@@ -185,6 +203,16 @@ impl DroneSensors {
             tag: tag("drone.tag"),
             other_tag: tag("drone.other_tag"),
             other: None,
+            exposure_s: config.tag.exposure_s,
+            // Of images the camera node reports it.
+            light: (config.night.is_some() && !config.render.on).then(|| {
+                Outlet::new(
+                    CAMERA_LIGHT.rate_hz,
+                    config.tag.latency_s,
+                    &Windows::default(),
+                    identity,
+                )
+            }),
             tag_outlet: Outlet::new(
                 config.tag.rate_hz,
                 config.tag.latency_s,
@@ -229,11 +257,23 @@ impl DroneSensors {
                 }
                 readings.tags = self.tag_outlet.arrived(t);
             }
-            Some(shutter) => readings.shots = shutter.step(t, &view, deck),
+            Some(shutter) => readings.shots = shutter.step(t, &view, deck, || self.tag.setting(&view, deck)),
         }
         match &mut self.uv_shutter {
             None => readings.uvdar = self.uvdar.step(t, &view, deck),
-            Some(shutter) => readings.uv_shots = shutter.step(t, &view, deck),
+            Some(shutter) => {
+                let (exposure_s, gain) = (self.exposure_s, 1.0);
+                readings.uv_shots = shutter.step(t, &view, deck, || Setting { exposure_s, gain });
+            }
+        }
+        if let Some(outlet) = &mut self.light {
+            if outlet.due(t).is_some() {
+                let light = self.tag.light(&view, deck);
+                outlet.send(t, false, |header| {
+                    light.map(|light| CameraLight { header, ..light })
+                });
+            }
+            readings.light = outlet.arrived(t).pop();
         }
         readings
     }

@@ -12,18 +12,30 @@
 //! ```
 //!
 //! Maximum likelihood gave `w0` 13.3 px, `c` 0.27 /px, `s` 0.093; corner 0.072, small 0.229, `w1`
-//! 16.1 px, `k` 0.198. Not in it is what hides the tag for a while, of which [`super::sight_loss`] has a model of
+//! 16.1 px, `k` 0.198.
+//!
+//! By night ([`super::night`]) two more factors follow from the tag's contrast `c`, white less black, and a pixel's noise `n`, and
+//! the noise adds to the corners':
+//!
+//! ```text
+//! factor = 1 / (1 + exp((m0 - c/2) / m1)) · 1 / (1 + (r w^-0.23 n / c)^q)      sd² += (k n / c)²
+//! ```
+//!
+//! Rendered images gave `m0` 16 grey levels (what the node's detector sharpens to its least margin of 20) with `m1` 0.5, `r` 7.0,
+//! `q` 9 and `k` 1.05. Not in it is what hides the tag for a while, of which [`super::sight_loss`] has a model of
 //! its own.
 
 use alight_shared::config;
 use alight_shared::frames::{Deck, Tag};
 use alight_shared::geometry::DeckGeometry;
-use alight_shared::msg::TagPose;
+use alight_shared::msg::{CameraLight, TagPose};
 use alight_shared::tags::{DeckTag, Tags};
 use alight_shared::time::{Time, TrueTime};
+use alight_uav::camera::metering::Setting;
 use nalgebra::{Vector2, Vector3};
 
 use super::camera::{Lens, View};
+use super::night::{NightConfig, veil};
 use super::noise::{Noise, Windows};
 use super::occlusion::Occlusion;
 use super::sight_loss::{SightLoss, SightLossConfig};
@@ -102,6 +114,7 @@ pub(crate) struct TagDetector {
     tags: Tags,
     known: Tags,
     occlusion: Option<Occlusion>,
+    night: Option<NightConfig>,
     corner: Noise,
     loss: SightLoss,
     read: Noise,
@@ -119,6 +132,7 @@ impl TagDetector {
                 config.known
             },
             occlusion: None,
+            night: None,
             corner: Noise::new(streams, &format!("{name}.corner")),
             loss: SightLoss::new(&config.loss, streams),
             read: Noise::new(streams, &format!("{name}.read")),
@@ -132,6 +146,61 @@ impl TagDetector {
             ..self
         }
     }
+    /// The same by night, if it is night.
+    pub(crate) fn at_night(self, night: Option<&NightConfig>) -> Self {
+        TagDetector {
+            night: night.copied(),
+            ..self
+        }
+    }
+    /// Exposure and gain of an image from there: by day fixed, by night settled on the tags' light.
+    pub(crate) fn setting(&self, view: &View, deck: &RigidState<Deck>) -> Setting {
+        let sights: Vec<_> = self.sights(view, deck).into_iter().flatten().collect();
+        self.settled(&sights)
+    }
+    /// The light in such an image; None by day.
+    pub(crate) fn light(&self, view: &View, deck: &RigidState<Deck>) -> Option<CameraLight> {
+        let night = self.night.as_ref()?;
+        let sights: Vec<_> = self.sights(view, deck).into_iter().flatten().collect();
+        let setting = self.settled(&sights);
+        let grey = |lux: f64| (lux * night.grey_per_lux(&setting)).min(255.0);
+        let [white, black] = night.tag_lux();
+        // A tag with its margin is half white; a deck is half as bright as white, a sea a quarter.
+        let tag = |s: &Sight| grey(0.5 * (white + black) + s.veil_lux);
+        let brightest = sights
+            .iter()
+            .map(tag)
+            .fold(grey(0.5 * night.scene_lux()), f64::max);
+        let lamp = night.lamp_lux(1.0) > 0.0 && self.lamp(view, deck).z > 0.0;
+        Some(CameraLight {
+            mean: grey(0.25 * night.scene_lux()),
+            exposure_s: Some(setting.exposure_s),
+            dark: night.at_limit(&setting, self.config.exposure_s) && !lamp && brightest < MIN_MARGIN,
+            ..CameraLight::default()
+        })
+    }
+    /// The lamp in the camera's axes, m.
+    fn lamp(&self, view: &View, deck: &RigidState<Deck>) -> Vector3<f64> {
+        let lamp_m = self.night.map_or([0.0; 3], |night| night.lamp_m);
+        view.to_camera_frame(deck.at::<Deck>(Vector3::from(lamp_m)).position)
+    }
+    /// Each tag as it is in the image, where it is.
+    fn sights(&self, view: &View, deck: &RigidState<Deck>) -> Vec<Option<Sight>> {
+        self.tags.iter().map(|tag| self.sight(view, deck, tag)).collect()
+    }
+    fn settled(&self, sights: &[Sight]) -> Setting {
+        let longest_s = self.config.exposure_s;
+        let Some(night) = &self.night else {
+            return Setting {
+                exposure_s: longest_s,
+                gain: 1.0,
+            };
+        };
+        let largest = sights.iter().max_by(|a, b| a.width.total_cmp(&b.width));
+        // Without a tag the mean is metered, a third of the white's level for a quarter of its light.
+        let white_lux = largest.map_or(0.75 * night.scene_lux(), |s| night.tag_lux()[0] + s.veil_lux);
+        night.settled(white_lux, longest_s)
+    }
     /// The detection in the image of `t`.
     pub(crate) fn detect(
         &mut self,
@@ -140,6 +209,9 @@ impl TagDetector {
         deck: &RigidState<Deck>,
     ) -> Option<TagPose> {
         let hidden = self.loss.hides(t);
+        let sights = self.sights(view, deck);
+        let shown: Vec<_> = sights.iter().flatten().copied().collect();
+        let setting = self.settled(&shown);
         let seen: Vec<SeenTag> = (0..self.tags.len())
             .filter_map(|k| {
                 // The noise of a frame is drawn whether the tag is detected or not: two planners meet the same
@@ -147,10 +219,8 @@ impl TagDetector {
                 let noise: [Vector2<f64>; 4] =
                     core::array::from_fn(|_| Vector2::new(self.corner.normal(), self.corner.normal()));
                 let luck = self.read.uniform();
-                let tag = self.tags.get(k)?;
-                let image = self
-                    .image(view, deck, tag)
-                    .filter(|i| !hidden && luck < i.chance)?;
+                let sight = sights.get(k)?.as_ref()?;
+                let image = Some(self.image(sight, &setting)).filter(|i| !hidden && luck < i.chance)?;
                 self.measure(self.known.get(k)?, &image, &noise)
             })
             .collect();
@@ -163,8 +233,15 @@ impl TagDetector {
             ..TagPose::default()
         })
     }
-    /// A tag in an image; None when it cannot be decoded at all.
-    pub(crate) fn image(&self, view: &View, deck: &RigidState<Deck>, tag: &DeckTag) -> Option<TagImage> {
+    /// The only tag in an image; None when it cannot be decoded at all.
+    pub(crate) fn image_of(&self, view: &View, deck: &RigidState<Deck>, tag: &DeckTag) -> Option<TagImage> {
+        let sight = self.sight(view, deck, tag)?;
+        let setting = self.settled(&[sight]);
+        (sight.speed_pxps * setting.exposure_s <= self.config.max_blur_px)
+            .then(|| self.image(&sight, &setting))
+    }
+    /// A tag as the camera has it before it; None when it is not wholly in the image.
+    fn sight(&self, view: &View, deck: &RigidState<Deck>, tag: &DeckTag) -> Option<Sight> {
         let state = deck.at::<Tag>(Vector3::from(tag.centre_m));
         let centre = view.to_camera_frame(state.position);
         let rotation = view.camera_from_world * state.attitude;
@@ -187,20 +264,55 @@ impl TagDetector {
             // Shadow is far larger than a tag of a few centimetres, and far away where a larger one is seen whole.
             let points = corners.into_iter().chain([centre]);
             let shadow = drone.shadow(view);
-            let shaded = points.into_iter().any(|p| shadow.covers(p));
+            // What lights the night comes from everywhere.
+            let shaded = self.night.is_none() && points.into_iter().any(|p| shadow.covers(p));
             if shaded || drone.covers(&corners.map(|p| p.xy() / p.z)) {
                 return None;
             }
         }
         let moves = view.drift(centre, state.velocity);
-        let blur = (moves.xy() - centre.xy() * (moves.z / centre.z)).norm() * self.lens.focal_px / centre.z
-            * self.config.exposure_s;
+        let speed_pxps =
+            (moves.xy() - centre.xy() * (moves.z / centre.z)).norm() * self.lens.focal_px / centre.z;
         let width = width(&pixels);
-        (blur <= self.config.max_blur_px).then(|| TagImage {
+        Some(Sight {
             pixels,
-            chance: self.config.chance(width, blur),
-            sd_px: self.config.sd_px(width, blur),
+            width,
+            speed_pxps,
+            veil_lux: self.night.map_or(0.0, |night| {
+                let lamp = self.lamp(view, deck);
+                let own_deg = (0.5 * width / self.lens.focal_px).to_degrees();
+                let in_view = f64::from(u8::from(lamp.z > 0.0));
+                OWN_VEIL * (1.0 + own_deg).ln() * night.tag_lux()[0]
+                    + in_view * night.lamp_lux(lamp.norm()) * veil(lamp.angle(&centre))
+            }),
         })
+    }
+    /// What an image with this exposure and gain has of it.
+    fn image(&self, sight: &Sight, setting: &Setting) -> TagImage {
+        let (width, blur) = (sight.width, sight.speed_pxps * setting.exposure_s);
+        let night = self.night.map(|night| {
+            let grey = |lux: f64| ((lux + sight.veil_lux) * night.grey_per_lux(setting)).min(255.0);
+            let [white, black] = night.tag_lux().map(grey);
+            let noise = night.noise(0.5 * (white + black), setting.gain, DARK_SD);
+            (white - black, noise / (white - black).max(1e-6))
+        });
+        let (factor, noise_px) = night.map_or((1.0, 0.0), |(contrast, noise)| {
+            let margin = 1.0 / (1.0 + ((MIN_MARGIN - 0.5 * contrast) / MARGIN_SPREAD).exp());
+            let clear =
+                1.0 / (1.0 + (NOISE_LIMIT * width.max(1.0).powf(NOISE_WIDTH) * noise).powf(NOISE_STEEPNESS));
+            (margin * clear, CORNER_NOISE * noise)
+        });
+        // What moves that far is not drawn in the images that gave the law.
+        let chance = if blur <= self.config.max_blur_px {
+            self.config.chance(width, blur) * factor
+        } else {
+            0.0
+        };
+        TagImage {
+            pixels: sight.pixels,
+            chance,
+            sd_px: self.config.sd_px(width, blur).hypot(noise_px),
+        }
     }
     /// What the detector makes of it: noisy corners, and the noise that it states of them.
     fn measure(&self, known: &DeckTag, image: &TagImage, noise: &[Vector2<f64>; 4]) -> Option<SeenTag> {
@@ -219,6 +331,34 @@ impl TagDetector {
             sd,
         })
     }
+}
+
+/// Half of the contrast with which half of the tags are decoded, grey levels, and the logistic spread of the chance about it.
+const MIN_MARGIN: f64 = 16.0;
+const MARGIN_SPREAD: f64 = 0.5;
+/// Contrast over noise with which half of the tags of 1 px are decoded, the power of the width with which that falls, and how
+/// steeply the chance rises about it.
+const NOISE_LIMIT: f64 = 7.0;
+const NOISE_WIDTH: f64 = -0.23;
+const NOISE_STEEPNESS: f64 = 9.0;
+/// What noise over contrast adds to a corner, px.
+const CORNER_NOISE: f64 = 1.05;
+/// Noise of the sensor in the dark, grey levels, as rendered images have it.
+const DARK_SD: f64 = 2.0;
+/// Scatter of a tag's own white, half of its square, per logarithm of its half width in degrees: `10 · 0.52 · 2π (π/180)²`.
+const OWN_VEIL: f64 = 0.01;
+
+/// A tag before the camera.
+#[derive(Clone, Copy, Debug)]
+struct Sight {
+    /// Its corners' true pixels.
+    pixels: [Vector2<f64>; 4],
+    /// Its narrowest width, px.
+    width: f64,
+    /// Speed of its centre in the image, px/s.
+    speed_pxps: f64,
+    /// By night what lamp and tag scatter over it, lux of white.
+    veil_lux: f64,
 }
 
 /// The tag as an image holds it.

@@ -175,9 +175,9 @@ impl CameraBench {
         let deck = alone(deck);
         let tags = deck.tags();
         CameraBench {
-            renderer: Renderer::new(&sensors.render, &deck, &streams),
+            renderer: Renderer::new(&sensors.render, &deck, &streams).at_night(sensors.night.as_ref()),
             node: CameraNode::new(settings, &tags, names),
-            model: TagDetector::new(&in_sight, &deck, "drone.tag", &streams),
+            model: TagDetector::new(&in_sight, &deck, "drone.tag", &streams).at_night(sensors.night.as_ref()),
             sensors: sensors.clone(),
             tag: tags.first().copied().unwrap_or_default(),
             draw: Noise::new(&streams, "study.camera"),
@@ -234,16 +234,19 @@ impl CameraBench {
         let rate = c.blur_px / (exposure_s.max(1e-6) * self.sensors.render.lens.focal_px[0]);
         self.renderer_light(c, &deck, away);
         let t = Time::from_nanos((self.within(0.0, 600.0) * 1e9) as i64);
+        let view = View {
+            centre: Point::from(from),
+            velocity: Vector::zero(),
+            camera_from_world: Rotation::from(camera_from_world),
+            rates: Vector::new(rate * heading.cos(), rate * heading.sin(), 0.0),
+        };
+        let setting = self.model.setting(&view, &deck);
         Shot {
             t,
             at: Time::from_nanos(t.nanos()),
-            exposure_s,
-            view: View {
-                centre: Point::from(from),
-                velocity: Vector::zero(),
-                camera_from_world: Rotation::from(camera_from_world),
-                rates: Vector::new(rate * heading.cos(), rate * heading.sin(), 0.0),
-            },
+            exposure_s: setting.exposure_s,
+            gain: setting.gain,
+            view,
             deck,
         }
     }
@@ -293,7 +296,7 @@ impl CameraBench {
             }
             let pose = self.node.estimate_pose(&detection);
             pixels.add(pose.as_ref(), &truth);
-            if let Some(modelled_image) = self.model.image(&shot.view, &shot.deck, &self.tag) {
+            if let Some(modelled_image) = self.model.image_of(&shot.view, &shot.deck, &self.tag) {
                 expected += modelled_image.chance * modelled_image.sd_px.powi(2);
                 chance += modelled_image.chance;
             }

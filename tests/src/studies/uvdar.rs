@@ -120,6 +120,7 @@ pub fn row(
                 t,
                 at,
                 exposure_s: 0.004,
+                gain: 1.0,
                 view,
                 deck,
             };

@@ -18,6 +18,7 @@ mod interrupted_landing;
 mod keep_out;
 mod ladder;
 mod landing;
+mod night;
 mod orders;
 mod places;
 mod predictor;

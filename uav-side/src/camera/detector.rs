@@ -126,6 +126,10 @@ impl TagDetector {
             counts: TagCounts::default(),
         }
     }
+    /// Least decision margin of a detection, grey levels.
+    pub fn min_margin(&self) -> f64 {
+        self.settings.min_margin
+    }
     /// The deck's tags in the image, each once: of several alike, the one with the most contrast.
     pub fn find(&mut self, image: &GreyImage) -> Vec<TagDetection> {
         self.counts.images += 1;

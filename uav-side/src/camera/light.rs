@@ -49,6 +49,50 @@ impl TagLight {
     }
 }
 
+/// Side of the squares of which the brightest is looked for, px: within the smallest tag that is decoded, its margin included,
+/// wherever it lies.
+const TILE_PX: usize = 6;
+
+/// By how much the detector's sharpening raises a decision margin (its `decode_sharpening` is 0.25).
+const SHARPENING: f64 = 1.25;
+
+/// What an image without a tag shows of the light.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ImageLight {
+    /// Mean, grey levels.
+    pub mean: f64,
+    /// Mean of its brightest square of [`TILE_PX`], grey levels.
+    pub brightest: f64,
+}
+
+impl ImageLight {
+    /// The light of this image.
+    pub fn of(image: &GreyImage) -> ImageLight {
+        let columns = image.width() / TILE_PX;
+        let (mut sums, mut brightest) = (vec![0_u32; columns], 0);
+        let rows: Vec<&[u8]> = image.pixels().chunks_exact(image.width()).collect();
+        for tiles in rows.chunks_exact(TILE_PX) {
+            sums.fill(0);
+            for row in tiles {
+                for (sum, part) in sums.iter_mut().zip(row.chunks_exact(TILE_PX)) {
+                    *sum += part.iter().map(|level| u32::from(*level)).sum::<u32>();
+                }
+            }
+            brightest = sums.iter().copied().fold(brightest, u32::max);
+        }
+        ImageLight {
+            mean: mean_level(image),
+            brightest: f64::from(brightest) / (TILE_PX * TILE_PX) as f64,
+        }
+    }
+    /// Whether no tag in the image can be decoded with a decision margin of `min_margin`, grey levels. The margin is half of what
+    /// white and black differ by, sharpened by a quarter; a tag with its white margin is half white (52 of 100 cells or more), so
+    /// that some of its squares are as bright as four fifths of the margin.
+    pub fn is_dark(&self, min_margin: f64) -> bool {
+        self.brightest < min_margin / SHARPENING
+    }
+}
+
 /// Mean of an image, grey levels.
 pub fn mean_level(image: &GreyImage) -> f64 {
     let sampled = || image.pixels().iter().step_by(STRIDE);
@@ -99,6 +143,33 @@ mod tests {
         // 900 pixels of 200, 2700 of 20, 10 800 of 100.
         let mean = mean_level(&square(20, 200));
         assert!((mean - 91.25).abs() < 2.0, "{mean}");
+    }
+
+    #[test]
+    fn brightest_square_of_an_image() {
+        // A tag of 12 px, half white, anywhere in a dark image: the margin of 20 needs a white of 32.
+        let at = |white: u8, place: usize| {
+            let pixels = (0..120 * 90).map(|k| {
+                let (x, y) = (
+                    (k % 120_usize).wrapping_sub(place),
+                    (k / 120_usize).wrapping_sub(place),
+                );
+                if x < 12 && y < 12 && (x / 2 + y / 2).is_multiple_of(2) {
+                    white
+                } else {
+                    0
+                }
+            });
+            ImageLight::of(&GreyImage::new(120, 90, pixels.collect()).unwrap())
+        };
+        for place in 20..32 {
+            assert!(!at(33, place).is_dark(20.0), "{place}: {:?}", at(60, place));
+            assert!(at(31, place).is_dark(20.0), "{place}: {:?}", at(30, place));
+        }
+        assert!(at(255, 40).mean < 3.0);
+        // Noise of a sensor at full gain is no tag.
+        let noise = (0..120 * 90_u32).map(|k| ((k.wrapping_mul(2_654_435_761) >> 24) / 13) as u8);
+        assert!(ImageLight::of(&GreyImage::new(120, 90, noise.collect()).unwrap()).is_dark(20.0));
     }
 
     proptest! {

@@ -3,8 +3,12 @@
 //! Light on a sensor grows in proportion to the exposure, so that alone follows, up to the longest that motion blur
 //! permits. The gain, whose scale each device chooses itself (linear, dB), is moved by parts of its range: up while
 //! the longest exposure is too dark, down while the exposure is far from its longest, because gain is noise.
+//!
+//! While no tag is detected, the image's mean is metered. A dark image with something clipped in it has two explanations: lit
+//! tags by night, which are overexposed, or a lamp or glint beside a deck in the dark. Both are tried in turns, each from the
+//! setting in which its last turn ended.
 
-use super::light::TagLight;
+use super::light::{ImageLight, TagLight};
 
 /// Level of the tag's white that is aimed at, grey levels: black is then 10 to 20, a third of light more clips nothing.
 const WHITE: f64 = 180.0;
@@ -19,6 +23,8 @@ const MEAN: f64 = 60.0;
 const MEAN_BAND: f64 = 0.5;
 /// Images without the tag before the image's mean is metered: the tag is lost for single ones.
 const UNSEEN: u32 = 5;
+/// Images of one turn where mean and brightest part of an image ask for opposite exposures: some ten changes of the setting.
+const TURN: u32 = 60;
 /// Images that a device takes at most until a change shows.
 const SETTLING: u64 = 3;
 /// Largest step of the exposure, stops.
@@ -66,8 +72,17 @@ pub struct Setting {
 pub enum Light {
     /// That on the tag.
     Tag(TagLight),
-    /// The image's mean, grey levels: the tag was not detected.
-    Mean(f64),
+    /// That of the whole image: no tag was detected.
+    Image(ImageLight),
+}
+
+/// What exposed an image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Exposed {
+    /// Exposure and gain.
+    pub setting: Setting,
+    /// Neither may be more.
+    pub at_limit: bool,
 }
 
 /// Metering of one device.
@@ -80,38 +95,53 @@ pub struct Metering {
     set_at: u64,
     /// Images in a row without the tag.
     unseen: u32,
+    /// When the image's mean was metered last, it asked for more light, and something in the image was clipped.
+    contradicted: bool,
+    /// Its brightest part is metered in the place of its mean.
+    by_brightest: bool,
+    /// Setting of the other turn: in which the tag, or the brightest part, was metered last.
+    other: Setting,
 }
 
 impl Metering {
     /// A device with these ranges, the exposure's up to the longest that is permitted; it begins at `setting` or what
     /// is nearest to it.
     pub fn new(exposure_s: Range, gain: Range, setting: Setting) -> Metering {
+        let setting = Setting {
+            exposure_s: exposure_s.nearest(setting.exposure_s),
+            gain: gain.nearest(setting.gain),
+        };
         Metering {
             exposure_s,
             gain,
-            setting: Setting {
-                exposure_s: exposure_s.nearest(setting.exposure_s),
-                gain: gain.nearest(setting.gain),
-            },
+            setting,
             set_at: 0,
             unseen: 0,
+            contradicted: false,
+            by_brightest: false,
+            other: setting,
         }
     }
     /// What the device is set to.
     pub fn setting(&self) -> Setting {
         self.setting
     }
+    /// Whether neither exposure nor gain may be more.
+    pub fn at_limit(&self) -> bool {
+        let most = |range: &Range| range.nearest(range.most);
+        self.setting.exposure_s >= most(&self.exposure_s) && self.setting.gain >= most(&self.gain)
+    }
     /// Image number `image` of the device, whose newest is number `newest`, had this light: the next setting, if it
     /// is another one. Images that may be of the former setting are not metered.
     pub fn step(&mut self, image: u64, newest: u64, light: &Light) -> Option<Setting> {
-        self.unseen = match light {
-            Light::Tag(_) => 0,
-            Light::Mean(_) => self.unseen.saturating_add(1),
-        };
-        if image <= self.set_at + SETTLING {
+        let next = if self.takes_turn(light) {
+            core::mem::replace(&mut self.other, self.setting)
+        } else if image <= self.set_at + SETTLING {
             return None;
-        }
-        let next = self.next(self.missing_stops(light)?);
+        } else {
+            let stops = self.missing_stops(light)?;
+            self.next(stops)
+        };
         if next == self.setting {
             return None;
         }
@@ -119,13 +149,34 @@ impl Metering {
         self.set_at = newest;
         Some(next)
     }
+    /// Counts images without the tag; whether the other turn begins with this one.
+    fn takes_turn(&mut self, light: &Light) -> bool {
+        match light {
+            Light::Tag(_) => {
+                (self.unseen, self.by_brightest, self.contradicted) = (0, false, false);
+                self.other = self.setting;
+                false
+            }
+            Light::Image(_) => {
+                self.unseen = self.unseen.saturating_add(1);
+                let ends = self.contradicted && self.unseen.is_multiple_of(TURN);
+                self.by_brightest ^= ends;
+                ends
+            }
+        }
+    }
     /// Stops of light that are missing, less than zero where it is too bright; zero within the band. None where
     /// nothing is metered.
-    fn missing_stops(&self, light: &Light) -> Option<f64> {
+    fn missing_stops(&mut self, light: &Light) -> Option<f64> {
         let (level, goal, band) = match light {
             Light::Tag(tag) => (f64::from(tag.white), WHITE, WHITE_BAND),
-            Light::Mean(mean) if self.unseen > UNSEEN => (*mean, MEAN, MEAN_BAND),
-            Light::Mean(_) => return None,
+            Light::Image(_) if self.unseen <= UNSEEN => return None,
+            Light::Image(image) if self.by_brightest => (image.brightest, WHITE, WHITE_BAND),
+            Light::Image(image) => {
+                self.contradicted =
+                    image.brightest >= CLIPPED && (MEAN / image.mean.max(1.0)).log2() >= MEAN_BAND;
+                (image.mean, MEAN, MEAN_BAND)
+            }
         };
         let stops = if level >= CLIPPED {
             -(level / goal).log2().max(1.0)
@@ -260,7 +311,14 @@ mod tests {
             let water = f64::from(level(0.1));
             self.images.push_back((
                 self.image,
-                if seen { Light::Tag(tag) } else { Light::Mean(water) },
+                if seen {
+                    Light::Tag(tag)
+                } else {
+                    Light::Image(ImageLight {
+                        mean: water,
+                        brightest: f64::from(tag.white),
+                    })
+                },
             ));
             while self.images.len() as u64 > self.queue {
                 let Some((number, light)) = self.images.pop_front() else {
@@ -361,6 +419,67 @@ mod tests {
         Metering::new(range(LONGEST_S), range(8.0), start)
     }
 
+    /// Lit tags in the dark: overexposed they are not decoded, and they are a hundredth of the image. Returns whether they are
+    /// decoded in each image, and how many images are at the limits.
+    fn night(scale: Scale, light: f64, lamp: bool) -> (Vec<bool>, usize) {
+        let start = Setting {
+            exposure_s: LONGEST_S,
+            gain: 0.0,
+        };
+        let mut sensor = Sensor::new(scale, 2, 1, 1e-4, start);
+        let mut at_limit = 0;
+        let seen = (1..=8 * u64::from(TURN)).map(|number| {
+            let white = sensor.white(light, sensor.metering.setting());
+            // Of four times the white that clips, a lens scatters enough to fill the black.
+            let decoded = (40.0..1020.0).contains(&white);
+            let level = white.min(255.0);
+            let seen = if decoded {
+                Light::Tag(TagLight {
+                    white: level as u8,
+                    ..TagLight::default()
+                })
+            } else {
+                Light::Image(ImageLight {
+                    mean: 2.0 + 0.01 * level,
+                    brightest: if lamp { 255.0 } else { level },
+                })
+            };
+            sensor.metering.step(number, number, &seen);
+            at_limit += usize::from(sensor.metering.at_limit());
+            decoded
+        });
+        (seen.collect(), at_limit)
+    }
+
+    #[test]
+    fn metering_on_lit_tags_in_the_dark() {
+        for scale in [Scale::Linear, Scale::TenthDecibel] {
+            // From faint ones, which the longest exposure shows, to those that the shortest shows.
+            for light in [30.0, 300.0, 3e3, 1e4, 3e4] {
+                for lamp in [false, true] {
+                    let (seen, _) = night(scale, light, lamp);
+                    let from = 4 * TURN as usize;
+                    assert!(seen[from..].iter().all(|s| *s), "{scale:?} {light} {lamp}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn metering_at_its_limit_in_the_dark() {
+        // Nothing is bright: it stays at the limit. A lamp is: it looks for what the lamp may hide, and comes back.
+        let (seen, at_limit) = night(Scale::Linear, 0.01, false);
+        assert!(
+            !seen.contains(&true) && at_limit > seen.len() * 2 / 3,
+            "{at_limit}"
+        );
+        let (_, at_limit) = night(Scale::Linear, 0.01, true);
+        assert!(
+            (seen.len() / 8..seen.len() * 7 / 8).contains(&at_limit),
+            "{at_limit}"
+        );
+    }
+
     #[test]
     fn metering_with_images_of_the_former_setting() {
         let mut metering = from_a_millisecond();
@@ -377,7 +496,10 @@ mod tests {
     #[test]
     fn metering_without_the_tag_in_single_images() {
         let mut metering = from_a_millisecond();
-        let water = Light::Mean(15.0);
+        let water = Light::Image(ImageLight {
+            mean: 15.0,
+            brightest: 60.0,
+        });
         assert!((10..15).all(|image| metering.step(image, image, &water).is_none()));
         let next = metering.step(15, 15, &water).unwrap();
         assert!((next.exposure_s - LONGEST_S).abs() < 1e-9, "{next:?}");

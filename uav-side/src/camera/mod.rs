@@ -24,7 +24,7 @@ use alight_shared::frames::{Camera, Rotation};
 pub use detector::TagSettings;
 pub use image::{Frame, GreyImage, ImageError};
 pub use lens::Lens;
-pub use light::TagLight;
+pub use light::{ImageLight, TagLight};
 pub use node::{CameraIn, CameraNode, CameraOut};
 pub use uvdar::UvdarSettings;
 

@@ -1,17 +1,18 @@
 //! The camera node: image -> corners of the deck's tags -> pose of the deck with its covariance.
 
 use alight_shared::geometry::DeckGeometry;
-use alight_shared::msg::{Header, TagPose};
+use alight_shared::msg::{CameraLight, Header, TagPose};
 use alight_shared::node::Node;
 use alight_shared::tags::Tags;
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
 
 use super::decks;
 use super::detector::{TagCounts, TagDetection, TagDetector, TagSettings};
 use super::image::{Frame, GreyImage};
-use super::light::TagLight;
+use super::light::{ImageLight, TagLight, mean_level};
 use super::marked::MarkedImage;
+use super::metering::{Exposed, Light};
 use super::motion_blur::width_px;
 use super::square_pose::{SeenTag, solve};
 use super::{CameraSettings, Lens};
@@ -65,6 +66,8 @@ impl Exposures {
 pub struct CameraIn {
     /// Images.
     pub frames: Vec<Frame>,
+    /// What exposed the newest of them; None where the drone does not set it.
+    pub exposed: Option<Exposed>,
 }
 
 /// What was detected in them.
@@ -72,7 +75,12 @@ pub struct CameraIn {
 pub struct CameraOut {
     /// Poses of the deck by its tags.
     pub tags: Vec<TagPose>,
+    /// The light in the newest image, twice a second.
+    pub light: Option<CameraLight>,
 }
+
+/// Time between two reports of the light.
+const LIGHT_PERIOD: Span = Span::from_millis(500);
 
 /// The camera node.
 pub struct CameraNode {
@@ -85,6 +93,8 @@ pub struct CameraNode {
     detector: TagDetector,
     exposures: Exposures,
     newest: Newest,
+    /// Of the reports of the light.
+    reports: Exposures,
 }
 
 /// What the newest image shows.
@@ -92,6 +102,8 @@ pub struct CameraNode {
 struct Newest {
     tags: Vec<TagDetection>,
     pose: Option<TagPose>,
+    /// Of the whole image.
+    image: ImageLight,
 }
 
 impl CameraNode {
@@ -109,10 +121,16 @@ impl CameraNode {
             detector: TagDetector::new(&settings.tag, tags),
             exposures: Exposures::of(identity),
             newest: Newest::default(),
+            reports: Exposures::of(identity),
         }
     }
+    /// What the newest image shows of the light: that on the largest tag, or the whole image's where none was detected.
+    pub fn light(&self) -> Light {
+        self.tag_light()
+            .map_or(Light::Image(self.newest.image), Light::Tag)
+    }
     /// The light on the largest tag in the newest image; None where none was detected.
-    pub fn light(&self) -> Option<TagLight> {
+    pub fn tag_light(&self) -> Option<TagLight> {
         let width = |d: &TagDetection| width_px(&d.corners);
         let largest = self
             .newest
@@ -151,7 +169,10 @@ impl CameraNode {
     }
     /// Every deck with these tags in one image, that of the largest tag first.
     pub fn decks(&mut self, image: &GreyImage) -> Vec<TagPose> {
-        self.newest = Newest::default();
+        self.newest = Newest {
+            image: ImageLight::of(image),
+            ..Newest::default()
+        };
         if !image.has_size(self.lens.width_px, self.lens.height_px) {
             self.detector.counts.wrong_size += 1;
             return Vec::new();
@@ -162,9 +183,28 @@ impl CameraNode {
             .into_iter()
             .filter_map(|deck| self.common_pose(deck))
             .collect();
-        let pose = poses.first().copied();
-        self.newest = Newest { tags, pose };
+        (self.newest.tags, self.newest.pose) = (tags, poses.first().copied());
         poses
+    }
+    /// The light in the newest image, where a report of it is due.
+    fn report(&mut self, frame: &Frame, exposed: Option<Exposed>) -> Option<CameraLight> {
+        let due = self
+            .reports
+            .last
+            .is_none_or(|last| frame.at - last >= LIGHT_PERIOD);
+        if self.exposures.last != Some(frame.at) || !due {
+            return None;
+        }
+        self.reports.last = Some(frame.at);
+        // An exposure that is not the drone's is taken to be as long as it may be.
+        let at_limit = exposed.is_none_or(|e| e.at_limit);
+        let unseen = self.newest.tags.is_empty();
+        Some(CameraLight {
+            header: self.reports.header(frame.at),
+            mean: mean_level(&frame.image),
+            exposure_s: exposed.map(|e| e.setting.exposure_s),
+            dark: at_limit && unseen && self.newest.image.is_dark(self.tag.min_margin),
+        })
     }
     /// The corners of the deck's tags in one image.
     pub fn find(&mut self, image: &GreyImage) -> Vec<TagDetection> {
@@ -275,6 +315,7 @@ impl Node for CameraNode {
                 }
             }
         }
+        out.light = (input.frames.last()).and_then(|newest| self.report(newest, input.exposed));
         out
     }
 }
@@ -318,6 +359,52 @@ mod tests {
         // Known better than by the best of them alone.
         let alone = node.estimate_pose(&seen[..1]).unwrap();
         assert!(pose.variance[5] < 0.5 * alone.variance[5]);
+    }
+
+    #[test]
+    fn reports_of_the_light_twice_a_second() {
+        use super::super::metering::Setting;
+        let tags = DeckGeometry::default().tags();
+        let settings = CameraSettings::default();
+        let identity = CameraIdentity {
+            vessel: 1,
+            drone: 1,
+            boot: 1,
+        };
+        let mut node = CameraNode::new(&settings, &tags, identity);
+        let mut look = |ms: i64, level: u8, at_limit: Option<bool>| {
+            let setting = Setting {
+                exposure_s: 0.004,
+                gain: 16.0,
+            };
+            let at = Time::from_nanos(ms * 1_000_000);
+            let image = GreyImage::new(640, 480, vec![level; 640 * 480]).unwrap();
+            let input = CameraIn {
+                frames: vec![Frame { at, image }],
+                exposed: at_limit.map(|at_limit| Exposed { setting, at_limit }),
+            };
+            node.step(at, &input).light
+        };
+        // Dark, and nothing may be more.
+        let first = look(1000, 3, Some(true)).unwrap();
+        assert!(
+            first.dark && (first.mean, first.exposure_s) == (3.0, Some(0.004)),
+            "{first:?}"
+        );
+        assert_eq!(look(1033, 3, Some(true)), None);
+        // It may be more; it is none of the drone's; it is bright enough.
+        for (k, level, at_limit, dark) in [
+            (3, 3, Some(false), false),
+            (4, 3, None, true),
+            (5, 40, Some(true), false),
+        ] {
+            let light = look(500 * k, level, at_limit).unwrap();
+            assert_eq!(
+                (light.dark, light.header.sequence),
+                (dark, k as u32 - 2),
+                "{light:?}"
+            );
+        }
     }
 
     #[test]

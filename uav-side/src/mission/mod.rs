@@ -52,9 +52,9 @@ use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::landing::{Odds, Slopes, Stand, Staying};
 use alight_shared::msg::{
-    AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header, LandedState,
-    MissionCheckpoint, MissionSettings, MissionState, Motors, Phase, Plan, RangeSample, Reason, ReasonCode,
-    SetPoint, SettingsOrder, Solve, State, VesselLevel,
+    AutopilotState, CameraLight, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header,
+    LandedState, MissionCheckpoint, MissionSettings, MissionState, Motors, Phase, Plan, RangeSample, Reason,
+    ReasonCode, SetPoint, SettingsOrder, Solve, State, VesselLevel,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -104,6 +104,8 @@ pub struct MissionIn {
     pub deck: Option<DeckGrant<DroneClock>>,
     /// Readings of the rangefinder.
     pub ranges: Vec<RangeSample>,
+    /// The light in the belly camera's images.
+    pub light: Option<CameraLight>,
     /// Checkpoint of a crashed predecessor.
     pub checkpoint: Option<MissionCheckpoint>,
 }
@@ -142,6 +144,7 @@ pub struct Mission {
     plan: Latest<Plan>,
     set_point: Latest<SetPoint>,
     grant: Latest<DeckGrant<DroneClock>>,
+    light: Latest<CameraLight>,
     commands: CommandAdmission<DroneClock>,
     frame: FrameEpoch,
     /// When it moved, until a forecast has come since, and by how much.
@@ -269,6 +272,9 @@ impl Mission {
         }
         if let Some(m) = &input.deck {
             self.grant.offer(now, m);
+        }
+        if let Some(m) = &input.light {
+            self.light.offer(now, m);
         }
         self.see_surface(now, &input.ranges);
     }
@@ -420,6 +426,11 @@ impl Mission {
             reservation: Reservation::of(self.grant.get(), self.drone_id, now, c),
             course: stated_course(self.grant.get(), now),
             promise: Promise::of(self.grant.get(), now),
+            dark: self
+                .light
+                .fresh(now, topics::CAMERA_LIGHT.stale_after)
+                .filter(|light| light.dark)
+                .map(|light| Reason::new(ReasonCode::TooDark, light.mean, light.exposure_s.unwrap_or(0.0))),
             place: self
                 .grant
                 .get()

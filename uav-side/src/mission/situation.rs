@@ -429,6 +429,8 @@ pub struct Situation {
     pub course: Course,
     /// The steady course that she turns to.
     pub promise: Option<Promise>,
+    /// Too dark for the camera to detect a tag.
+    pub dark: Option<Reason>,
     /// Where it waits for the deck; None: nowhere, or it reserves none.
     pub place: Option<WaitingPlace>,
     /// The pilot has stopped the motors.
@@ -519,6 +521,12 @@ impl Situation {
     /// Height of the approach above the deck's mean level: that of its waiting place, m.
     pub fn approach_height_m(&self, c: &MissionConfig) -> f64 {
         c.approach_height_m + self.place.map_or(0.0, |p| p.above_m)
+    }
+    /// Why the deck is not seen: it is dark where the deck lies in a camera's image, within 45 deg of straight below; else what
+    /// is known is that it is not seen.
+    pub fn unseen(&self, deck: &Deck) -> Reason {
+        let below = deck.distance_m <= deck.clearance_m;
+        self.dark.filter(|_| below).unwrap_or(ReasonCode::NoVision.into())
     }
     /// Why it waits beside the deck.
     pub fn waits(&self, c: &MissionConfig) -> Option<Reason> {

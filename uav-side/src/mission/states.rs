@@ -204,7 +204,7 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Tr
         }
         // The tags that are detected may be another vessel's.
         let why = deck.contradicted.or(s.several);
-        return MissionPhase::APPROACH.stay(why.unwrap_or(NoVision.into()));
+        return MissionPhase::APPROACH.stay(why.unwrap_or(s.unseen(deck)));
     }
     let (detected, lasted) = lasting(true, detected, s.now);
     if lasted < CONTACT_CONFIRM_S {

@@ -5,8 +5,8 @@ use alight_shared::msg::ReasonCode::{
     DeckReserved, Descending, Deviated, FlareHeight, Flaring, ForecastStale, HeightReached, InSight,
     Infeasible, KnownByBeacon, LikelyBeside, LikelyFast, LikelyHard, LikelySlides, LikelyTilted, Missed,
     NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, OriginMoved,
-    Permitted, Recovered, Searching, SeveralDecks, Steady, Swings, TagsInSight, TiltExcess, TooFar, TooFast,
-    TooSteep, Touchdown, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
+    Permitted, Recovered, Searching, SeveralDecks, Steady, Swings, TagsInSight, TiltExcess, TooDark, TooFar,
+    TooFast, TooSteep, Touchdown, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
 };
 use alight_shared::msg::{AutopilotMode, BatteryPlace, Course, DECK_CLOSED};
 use nalgebra::{Vector2, Vector3};
@@ -103,6 +103,7 @@ pub(super) fn fair() -> Situation {
         lift_off: None,
         risen_m: 0.0,
         tips_rad: 0.0,
+        dark: None,
     }
 }
 const SURE: Odds = Odds {
@@ -363,6 +364,10 @@ fn approach_conditions() {
     let high = with(|s| s.own.as_mut().unwrap().position.z = -1.3 - 15.0 + 0.5);
     let unseen = with_deck(|d| d.vision_age_s = f64::INFINITY);
     let blind = with_deck(|d| (d.vision_age_s, d.radio_age_s) = (f64::INFINITY, 6.0));
+    let dark = |distance_m| Situation {
+        dark: Some(Reason::new(TooDark, 3.0, 0.004)),
+        ..with_deck(|d| (d.vision_age_s, d.distance_m) = (f64::INFINITY, distance_m))
+    };
     waits(&d, GetAltitude, OffHeight);
     goes(&step(climb, &high), Approach, HeightReached);
     let rows = [
@@ -370,6 +375,9 @@ fn approach_conditions() {
         // A single detection is not enough.
         (fair(), 0.0, Stay(Approach, NoVision)),
         (fair(), 1.0, Enter(Tracking, InSight)),
+        // Above the deck it is dark; beside it nothing is expected in the image.
+        (dark(0.1), 5.0, Stay(Approach, TooDark)),
+        (dark(20.0), 5.0, Stay(Approach, NoVision)),
         // Neither vision nor radio.
         (blind, 1.0, Enter(Hold, NoVessel)),
     ];

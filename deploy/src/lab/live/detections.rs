@@ -1,6 +1,6 @@
 //! The drone's camera and rangefinder as the other processes see them: topics of shared memory.
 
-use alight_shared::msg::{RangeSample, TagPose, UvdarFix};
+use alight_shared::msg::{CameraLight, RangeSample, TagPose, UvdarFix};
 use alight_shared::transport::TransportError;
 use alight_shared::transport::memory::{Memory, Publisher};
 use alight_sim::sensors::DroneReadings;
@@ -10,6 +10,7 @@ pub struct Detections {
     tags: Publisher<TagPose>,
     uvdar: Publisher<UvdarFix>,
     ranges: Publisher<RangeSample>,
+    light: Publisher<CameraLight>,
 }
 
 impl Detections {
@@ -19,6 +20,7 @@ impl Detections {
             tags: memory.publisher()?,
             uvdar: memory.publisher()?,
             ranges: memory.publisher()?,
+            light: memory.publisher()?,
         })
     }
     /// Publishes what camera and rangefinder measure.
@@ -26,9 +28,10 @@ impl Detections {
         readings.tags.iter().for_each(|m| self.tags.send(m));
         readings.uvdar.iter().for_each(|m| self.uvdar.send(m));
         readings.ranges.iter().for_each(|m| self.ranges.send(m));
+        readings.light.iter().for_each(|m| self.light.send(m));
     }
     /// Messages that could not be sent.
     pub fn unsent(&self) -> u64 {
-        self.tags.unsent() + self.uvdar.unsent() + self.ranges.unsent()
+        self.tags.unsent() + self.uvdar.unsent() + self.ranges.unsent() + self.light.unsent()
     }
 }

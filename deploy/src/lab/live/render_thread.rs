@@ -160,8 +160,9 @@ impl RenderThread {
             };
             let (streams, airframe) = (Streams::new(seed), &scenario.airframe);
             let mount = CameraMount::new(&scenario.sensors.camera_mount, airframe, &streams);
-            let mut renderer =
-                Renderer::new(&scenario.sensors.render, &scenario.deck, &streams).below(airframe, &mount);
+            let mut renderer = Renderer::new(&scenario.sensors.render, &scenario.deck, &streams)
+                .below(airframe, &mount)
+                .at_night(scenario.sensors.night.as_ref());
             if result.send(Ok(())).is_err() {
                 return;
             }

@@ -6,10 +6,9 @@ use std::time::Duration;
 use alight_shared::tags::Tags;
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::metrics::{Metric, MetricName, MetricValue};
-use alight_uav::camera::TagSettings;
 use alight_uav::camera::detector::TagDetector;
-use alight_uav::camera::light::mean_level;
 use alight_uav::camera::metering::{Light, Setting};
+use alight_uav::camera::{ImageLight, TagSettings};
 
 use crate::config::camera::CameraSource;
 use crate::drone::camera_source::Images;
@@ -62,8 +61,14 @@ fn show(
         view.images += 1;
         if let Some(detector) = &mut detector {
             let tag = detector.find(&frame.image).first().map(|found| found.light);
-            let light = tag.map_or_else(|| Light::Mean(mean_level(&frame.image)), Light::Tag);
-            images.meter(view.images, view.images, &light);
+            let image = ImageLight::of(&frame.image);
+            images.meter(
+                view.images,
+                view.images,
+                &tag.map_or(Light::Image(image), Light::Tag),
+            );
+            let dark = tag.is_none() && images.at_limit() && image.is_dark(detector.min_margin());
+            view.dark = dark.then_some(image.mean);
             view.tag = tag.map(|t| [t.contrast(), t.saturation]).or(view.tag);
         }
         view.exposure = images.exposure();
@@ -92,6 +97,10 @@ pub fn reported(metrics: &[Metric]) -> CameraView {
         tag: of(MetricName::TagContrast)
             .zip(of(MetricName::TagSaturation))
             .map(|(contrast, saturation)| [contrast, saturation]),
+        dark: of(MetricName::TooDark)
+            .filter(|dark| *dark > 0.0)
+            .and(of(MetricName::ImageMean))
+            .map(|mean| 255.0 * mean),
     }
 }
 
@@ -123,6 +132,7 @@ mod tests {
             t: Time::EPOCH,
             at: Time::EPOCH,
             exposure_s: 0.004,
+            gain: 1.0,
             view: mount.view(&drone),
             deck: RigidState::default(),
         };
@@ -161,5 +171,10 @@ mod tests {
             (900, Some(Ok(setting)), Some([0.5, 0.02]))
         );
         assert_eq!(reported(&metrics[..1]).exposure, None);
+        let dark = [
+            MetricName::ImageMean.fraction(0.02),
+            MetricName::TooDark.count(1_u32),
+        ];
+        assert_eq!((view.dark, reported(&dark).dark), (None, Some(5.1)));
     }
 }

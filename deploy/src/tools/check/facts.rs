@@ -143,6 +143,8 @@ pub struct CameraView {
     pub exposure: Option<Result<Setting, String>>,
     /// Contrast and saturation of the tag, 0 to 1; None when it was not detected.
     pub tag: Option<[f64; 2]>,
+    /// Too dark for a tag to be detected: the image's mean, grey levels.
+    pub dark: Option<f64>,
 }
 
 /// One of the drone's cameras.

@@ -432,6 +432,12 @@ fn camera_view(found: &CameraCheck) -> Option<Finding> {
         }
         None => String::new(),
     };
+    if let Some(mean) = view.dark {
+        return Some(topic.warning(
+            format!("too dark to see the tags: image mean {mean:.0} of 255{exposure}, which may not be more"),
+            "light the deck, or lay tags that are lit (docs/night.md); by day, take the cap off the lens",
+        ));
+    }
     let Some([contrast, saturation]) = view.tag else {
         return Some(topic.fine(format!("{} images{exposure}; no tag in view", view.images)));
     };

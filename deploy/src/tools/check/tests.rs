@@ -189,6 +189,7 @@ fn exposed(contrast: f64, saturation: f64) -> CameraView {
             gain: 4.0,
         })),
         tag: Some([contrast, saturation]),
+        dark: None,
     }
 }
 
@@ -314,6 +315,16 @@ fn check_of_each_fault() {
                 (
                     |f| f.cameras.push(looked(Ok(exposed(0.6, 0.3)))),
                     "saturation 30 %",
+                ),
+                (
+                    |f| {
+                        f.cameras.push(looked(Ok(CameraView {
+                            tag: None,
+                            dark: Some(3.2),
+                            ..exposed(0.0, 0.0)
+                        })))
+                    },
+                    "too dark to see the tags: image mean 3 of 255, exposed for 1.0 ms with gain 4",
                 ),
                 (
                     |f| {

@@ -5,6 +5,7 @@
 //! own instant of the exposure. Nothing here is shared with the node that looks at the images, but the
 //! lens's numbers.
 
+mod light;
 mod paint;
 mod rays;
 pub mod ultraviolet;
@@ -13,16 +14,19 @@ use alight_shared::config;
 use alight_shared::frames::{Deck, TrueNed, Vector};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_uav::camera::metering::Setting;
 use alight_uav::camera::{GreyImage, Lens};
 use nalgebra::{Rotation3, Vector3};
 use rayon::prelude::*;
 
 use super::camera::{CameraMount, View};
 use super::clocks::ClockModel;
+use super::night::NightConfig;
 use super::noise::{Noise, Schedule};
 use super::occlusion::{Occlusion, Shadow};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
+use light::{Glare, Sensor};
 use paint::{DeckPaint, Paint, Patch, Sea, SeaScene};
 use rays::{Pattern, Ray, Rays, Sample};
 
@@ -64,6 +68,8 @@ pub struct Shot {
     pub at: Time<DroneClock>,
     /// Length of the exposure, s.
     pub exposure_s: f64,
+    /// Gain over the sensor's least; of no effect by day.
+    pub gain: f64,
     /// The camera at that time.
     pub view: View,
     /// The deck at that time.
@@ -86,25 +92,34 @@ impl core::fmt::Debug for Shot {
 #[derive(Clone, Debug)]
 pub(super) struct Shutter {
     schedule: Schedule,
-    exposure_s: f64,
     clock: ClockModel,
 }
 
 impl Shutter {
-    pub(super) fn new(rate_hz: f64, exposure_s: f64, clock: ClockModel) -> Shutter {
+    pub(super) fn new(rate_hz: f64, clock: ClockModel) -> Shutter {
         Shutter {
             schedule: Schedule::new(rate_hz),
-            exposure_s,
             clock,
         }
     }
-    pub(super) fn step(&mut self, t: Time<TrueTime>, view: &View, deck: &RigidState<Deck>) -> Vec<Shot> {
-        let shot = |_| Shot {
-            t,
-            at: self.clock.read(t),
-            exposure_s: self.exposure_s,
-            view: *view,
-            deck: *deck,
+    /// The image that begins at `t`, if one does, with the setting that the camera has then.
+    pub(super) fn step(
+        &mut self,
+        t: Time<TrueTime>,
+        view: &View,
+        deck: &RigidState<Deck>,
+        setting: impl FnOnce() -> Setting,
+    ) -> Vec<Shot> {
+        let shot = |_| {
+            let Setting { exposure_s, gain } = setting();
+            Shot {
+                t,
+                at: self.clock.read(t),
+                exposure_s,
+                gain,
+                view: *view,
+                deck: *deck,
+            }
         };
         self.schedule.due(t).map(shot).into_iter().collect()
     }
@@ -124,6 +139,8 @@ pub struct Renderer {
     sun: Vector<TrueNed>,
     /// The drone, and the pixels that its legs cover.
     drone: Option<(Occlusion, Vec<bool>)>,
+    /// By day light is a share of white, by night lux of white.
+    night: Option<NightConfig>,
     normals: Vec<f32>,
     noise: Noise,
 }
@@ -328,6 +345,7 @@ impl Renderer {
             sea: Sea::new(&mut light),
             sun,
             drone: None,
+            night: None,
             normals,
             noise,
             config: config.clone(),
@@ -354,6 +372,14 @@ impl Renderer {
         self.drone = Some((occlusion, covered));
         self
     }
+    /// The same by night, if it is night.
+    pub fn at_night(mut self, night: Option<&NightConfig>) -> Renderer {
+        if let Some(night) = night {
+            self.paint = self.paint.at_night(night);
+            self.night = Some(*night);
+        }
+        self
+    }
     /// The sun's mirror image on the deck from now on, as a share of white.
     pub fn set_glare(&mut self, glare: f64) {
         self.config.glare = glare;
@@ -371,19 +397,25 @@ impl Renderer {
         let start = (self.noise.uniform() * DRAWS as f64) as usize;
         let stride = 2 * (self.noise.uniform() * (DRAWS / 2) as f64) as usize + 1;
         let scene = self.scene(shot);
-        let mut pixels = vec![0; width * height];
-        let bands = pixels.par_chunks_mut(width * BLOCK_PX).enumerate();
-        bands.for_each(|(k, pixels)| {
-            let (top, mut light) = (k * BLOCK_PX, vec![0.0; pixels.len()]);
-            self.draw(
-                &mut Band {
-                    light: &mut light,
-                    top,
-                    width,
-                },
-                &scene,
-            );
-            self.expose(&light, start + stride * top * width, stride, pixels);
+        let mut light = vec![0.0; width * height];
+        let bands = light.par_chunks_mut(width * BLOCK_PX).enumerate();
+        bands.for_each(|(k, light)| {
+            let top = k * BLOCK_PX;
+            self.draw(&mut Band { light, top, width }, &scene);
+        });
+        if let Some(night) = &self.night {
+            self.scatter(night, shot, &mut light);
+        }
+        let (sensor, mut pixels) = (
+            Sensor::of(&self.config, self.night.as_ref(), shot),
+            vec![0; width * height],
+        );
+        let bands = pixels
+            .par_chunks_mut(width * BLOCK_PX)
+            .zip(light.par_chunks(width * BLOCK_PX));
+        bands.enumerate().for_each(|(k, (pixels, light))| {
+            let first = start + stride * k * BLOCK_PX * width;
+            self.expose(&sensor, light, first, stride, pixels);
         });
         GreyImage::new(width, height, pixels).ok()
     }
@@ -407,6 +439,7 @@ impl Renderer {
     }
     /// Draws a band: the sea, the deck before it, the legs before both.
     fn draw(&self, band: &mut Band, scene: &Scene) {
+        let white = self.night.map_or(1.0, |night| night.scene_lux() as f32);
         let (width, rows) = (band.width, band.light.len() / band.width.max(1));
         for left in (0..width).step_by(BLOCK_PX) {
             let block = Block {
@@ -422,7 +455,11 @@ impl Renderer {
             let patch = deck.and_then(|(deck, _)| self.patch(deck, &block, width));
             if !patch.is_some_and(|p| self.paint.covers(&p)) {
                 band.pixels(&block, |k, out| {
-                    *out = self.rays.all.get(k).map_or(0.0, |ray| scene.sea.light(ray));
+                    *out = self
+                        .rays
+                        .all
+                        .get(k)
+                        .map_or(0.0, |ray| white * scene.sea.light(ray));
                 });
             }
             if let Some((deck, _)) = deck {
@@ -432,7 +469,7 @@ impl Renderer {
         if let Some((_, covered)) = &self.drone {
             let covered = covered.iter().skip(band.top * width);
             let legs = band.light.iter_mut().zip(covered).filter(|(_, c)| **c);
-            legs.for_each(|(light, _)| *light = LEG);
+            legs.for_each(|(light, _)| *light = white * LEG);
         }
     }
     /// None when the camera is not above the deck.
@@ -466,7 +503,9 @@ impl Renderer {
             rays: rays?,
             reach_px: pattern.reach_px() + BEND_PX,
             blur_px,
-            shadow: self.drone.as_ref().map(|(drone, _)| drone.shadow(view)),
+            // What lights the night comes from everywhere.
+            shadow: (self.drone.as_ref().filter(|_| self.night.is_none()))
+                .map(|(drone, _)| drone.shadow(view)),
             glare: self.glare_on(view, &deck),
             deck,
         })
@@ -565,51 +604,6 @@ impl Renderer {
             within(high[0] + margin, right),
             within(high[1] + margin, bottom),
         ])
-    }
-
-    /// The sun in the deck as a mirror; None when it is dry.
-    fn glare_on(&self, view: &View, deck_in_camera: &DeckInCamera) -> Option<Glare> {
-        if !(self.config.glare > 0.0) {
-            return None;
-        }
-        let normal = deck_in_camera.axes * Vector3::z();
-        let sun = (view.camera_from_world * self.sun).0;
-        // The direction that the mirror turns into the sun's.
-        let from = sun - normal * (2.0 * sun.dot(&normal));
-        Some(Glare {
-            from: [from.x as f32, from.y as f32, from.z as f32],
-            peak: self.config.glare as f32,
-            width: self.config.glare_sd_deg.to_radians().powi(2) as f32,
-        })
-    }
-
-    /// Grey levels from light as a share of white; the noise is the draws from `start` on, `stride` by `stride`.
-    fn expose(&self, light: &[f32], start: usize, stride: usize, pixels: &mut [u8]) {
-        let white = self.config.white as f32;
-        let dark = (self.config.dark_sd * self.config.dark_sd) as f32;
-        let shot = self.config.shot as f32;
-        let mut place = start;
-        for (pixel, light) in pixels.iter_mut().zip(light) {
-            place = (place + stride) & (DRAWS - 1);
-            let grey = (light * white).max(0.0);
-            let noise = self.normals.get(place).copied().unwrap_or(0.0);
-            *pixel = (grey + noise * (dark + shot * grey).sqrt() + 0.5).clamp(0.0, 255.0) as u8;
-        }
-    }
-}
-
-struct Glare {
-    from: [f32; 3],
-    peak: f32,
-    width: f32,
-}
-
-impl Glare {
-    /// Light added along a direction at unit distance: a Gaussian of the angle from the mirror image.
-    fn at(&self, [u, v]: [f32; 2]) -> f32 {
-        let length = (u * u + v * v + 1.0).sqrt();
-        let cos = (self.from[0] * u + self.from[1] * v + self.from[2]) / length;
-        self.peak * ((cos - 1.0) / self.width).exp()
     }
 }
 

@@ -8,23 +8,17 @@ use alight_uav::camera::layout::{CELLS, cells};
 use nalgebra::{Matrix3, Vector3};
 
 use super::super::camera::View;
+use super::super::night::{NightConfig, TAG};
 use super::rays::Ray;
 use crate::sensors::noise::Noise;
 
 /// Least size of a cell in the image with which a tag may be decoded, px.
 const DECODED_CELL_PX: f64 = 1.5;
-const BLACK: f32 = 0.06;
-const WHITE: f32 = 0.95;
 /// Width of the deck's planks, m.
 const PLANK_M: f32 = 0.14;
 
 /// Cells of the index along each axis of the deck.
 const INDEX: usize = 64;
-
-/// Light from white or black paint.
-fn light(white: bool) -> f32 {
-    if white { WHITE } else { BLACK }
-}
 
 /// A tag with its white margin.
 #[derive(Clone, Debug)]
@@ -33,15 +27,20 @@ struct Painted {
     /// Side of a cell, m.
     cell: f32,
     white: [[bool; CELLS]; CELLS],
+    /// Light from white and from black.
+    light: [f32; 2],
 }
 
 impl Painted {
+    fn light(&self, white: bool) -> f32 {
+        self.light[usize::from(!white)]
+    }
     /// Light from a point of the deck; None beside it.
     fn at(&self, x: f32, y: f32) -> Option<f32> {
         let [row, column] = [self.row(x), self.column(y)];
         let across = 0.0..CELLS as f32;
         let on = across.contains(&column) && across.contains(&row);
-        on.then(|| light(self.white[row as usize][column as usize]))
+        on.then(|| self.light(self.white[row as usize][column as usize]))
     }
     /// Cells from the upper left corner of the margin; the tag's upper edge is forward.
     fn row(&self, x: f32) -> f32 {
@@ -67,7 +66,7 @@ impl Painted {
         let [rows, columns] = [rows, columns].map(|[from, to]| from as usize..=to as usize);
         let mut cells = self.white[rows].iter().flat_map(|row| &row[columns.clone()]);
         match cells.next() {
-            Some(first) if cells.all(|c| c == first) => Paint::Even(light(*first)),
+            Some(first) if cells.all(|c| c == first) => Paint::Even(self.light(*first)),
             Some(_) | None => Paint::Edges,
         }
     }
@@ -98,6 +97,8 @@ pub(super) struct DeckPaint {
     tags: Vec<Painted>,
     /// Which tags may be in each part of the deck, a bit for each.
     index: Vec<u32>,
+    /// Light from a white surface.
+    scene: f32,
 }
 
 impl DeckPaint {
@@ -107,6 +108,7 @@ impl DeckPaint {
                 centre: [tag.centre_m[0], tag.centre_m[1]].map(|v| v as f32),
                 cell: (tag.side_m * MARGIN / CELLS as f64) as f32,
                 white: cells(tag.id)?,
+                light: TAG.map(|reflectance| reflectance as f32),
             })
         };
         let half = [deck.length_m, deck.width_m].map(|v| (0.5 * v) as f32);
@@ -127,7 +129,15 @@ impl DeckPaint {
             half,
             index: index.collect(),
             tags,
+            scene: 1.0,
         }
+    }
+    /// The same by night: light in lux of white.
+    pub(super) fn at_night(mut self, night: &NightConfig) -> DeckPaint {
+        self.scene = night.scene_lux() as f32;
+        let light = night.tag_lux().map(|lux| lux as f32);
+        self.tags.iter_mut().for_each(|tag| tag.light = light);
+        self
     }
     /// Side of the smallest of the tags' cells that may be decoded with `px` per metre; of the largest where none may.
     pub(super) fn least_cell_px(&self, px: f64) -> f64 {
@@ -157,11 +167,11 @@ impl DeckPaint {
             }
             bits &= bits - 1;
         }
-        Some(Self::plank(y))
+        Some(self.plank(y))
     }
-    fn plank(y: f32) -> f32 {
+    fn plank(&self, y: f32) -> f32 {
         let plank = (y / PLANK_M).floor() as i32;
-        if plank % 2 == 0 { 0.42 } else { 0.50 }
+        self.scene * if plank % 2 == 0 { 0.42 } else { 0.50 }
     }
     /// Whether all of a patch is on the deck.
     pub(super) fn covers(&self, patch: &Patch) -> bool {
@@ -188,7 +198,7 @@ impl DeckPaint {
         }
         let [from, to] = patch.y.map(|y| (y / PLANK_M).floor());
         if from == to {
-            Paint::Even(Self::plank(patch.y[0]))
+            Paint::Even(self.plank(patch.y[0]))
         } else {
             Paint::Edges
         }

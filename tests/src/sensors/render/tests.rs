@@ -14,6 +14,7 @@ fn shot(view: &View, deck: &RigidState<Deck>, exposure_s: f64) -> Shot {
         t: Time::EPOCH,
         at: Time::EPOCH,
         exposure_s,
+        gain: 1.0,
         view: *view,
         deck: *deck,
     }
@@ -213,8 +214,7 @@ fn rendered_glare_partial_view_and_open_sea() {
 
 #[test]
 fn rendered_tag_metering_in_any_light() {
-    use alight_uav::camera::light::mean_level;
-    use alight_uav::camera::metering::{Light, Metering, Range, Setting};
+    use alight_uav::camera::metering::{Metering, Range, Setting};
     let range = |most, step| Range {
         least: step,
         most,
@@ -236,9 +236,8 @@ fn rendered_tag_metering_in_any_light() {
                     .renderer
                     .image(&shot(&view, &deck, exposure_s))
                     .expect("an image");
-                let tag = setup.node.detect(&image).and(setup.node.light());
-                let seen = tag.map_or_else(|| Light::Mean(mean_level(&image)), Light::Tag);
-                metering.step(number, number, &seen);
+                let tag = setup.node.detect(&image).and(setup.node.tag_light());
+                metering.step(number, number, &setup.node.light());
                 tag.is_some_and(|tag| tag.contrast() > 0.5 && tag.saturation < 0.02)
             })
             .collect();

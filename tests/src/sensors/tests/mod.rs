@@ -1,6 +1,7 @@
 //! The sensors against their stated parameters.
 
 mod drone;
+mod night;
 mod vessel;
 
 use super::*;

@@ -1,0 +1,131 @@
+//! Landings by night: lit tags, printed ones, a lamp on the deck.
+
+use alight_shared::msg::{ReasonCode, State};
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::rig::Rig;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::trial;
+use alight_sim::physics::vessel::response::HULLS;
+use alight_sim::sensors::night::NightConfig;
+
+/// Under stars, tags that glow like a telephone's screen.
+fn lit() -> NightConfig {
+    NightConfig {
+        ambient_lux: 0.001,
+        tags_cdpm2: 100.0,
+        ..NightConfig::default()
+    }
+}
+
+/// A Moderate sea by night, on a hull of a table or the simulated one, without ultraviolet markers.
+fn at_night(hull: Option<&str>, night: NightConfig) -> (Scenario, NodeConfigs) {
+    let (mut scenario, mut nodes) = (Scenario::default(), NodeConfigs::default());
+    scenario.sea = "moderate".parse().unwrap();
+    if let Some(hull) = hull {
+        scenario.install_hull(&mut nodes, hull).unwrap();
+    }
+    scenario.sensors.night = Some(night);
+    scenario.sensors.uvdar.max_range_m = 0.0;
+    (scenario, nodes)
+}
+
+/// One seed after the other on the simulated hull and two others.
+fn pooled(seeds: core::ops::Range<u64>, night: NightConfig) -> Vec<Outcome> {
+    let hulls = [None, Some(HULLS[1]), Some(HULLS[2])];
+    let worlds = hulls.map(|hull| at_night(hull, night));
+    let flown = seeds.map(|seed| {
+        let (scenario, nodes) = &worlds[seed as usize % worlds.len()];
+        let o = trial::outcome(scenario, nodes, seed, "night").unwrap();
+        println!(
+            "seed {seed}: {:?} {} {:?} m",
+            o.outcome, o.reason, o.position_error_m
+        );
+        o
+    });
+    flown.collect()
+}
+fn landed(all: &[Outcome]) -> usize {
+    all.iter().filter(|o| o.success).count()
+}
+
+#[test]
+fn landings_by_night_on_lit_tags() {
+    let all = pooled(0..20, lit());
+    let failed = all.iter().filter(|o| o.is_unsafe()).count();
+    assert!(
+        landed(&all) >= 18 && failed == 0,
+        "{} landed, {failed} unsafe",
+        landed(&all)
+    );
+}
+
+#[test]
+fn landing_by_night_in_rendered_images() {
+    // The drone's own metering finds the tags, which its settings of the dark overexpose.
+    let mut night = lit();
+    night.tags_cdpm2 = 1000.0;
+    let (mut scenario, nodes) = at_night(None, night);
+    scenario.sensors.render.on = true;
+    let o = trial::outcome(&scenario, &nodes, 3, "night").unwrap();
+    assert!(
+        o.success && o.position_error_m.unwrap() < 0.15,
+        "{}: {:?} m",
+        o.reason,
+        o.position_error_m
+    );
+}
+
+#[test]
+fn printed_tags_by_night_with_the_reason() {
+    for (render, limit_s) in [(false, 120.0), (true, 30.0)] {
+        let (mut scenario, nodes) = at_night(None, NightConfig::default());
+        scenario.sensors.render.on = render;
+        let mut rig = Rig::landing(&scenario, &nodes, 5).unwrap();
+        let is_dark = |rig: &Rig| rig.mission(0).waiting.code == ReasonCode::TooDark;
+        assert!(rig.until(30.0, is_dark), "{}", rig.mission(0).waiting);
+        // It stays so: nothing descends in the dark.
+        rig.run(limit_s);
+        assert!(
+            rig.state(0) == State::Approach && is_dark(&rig),
+            "{}",
+            rig.mission(0).waiting
+        );
+        assert!(!rig.visited(0).contains(&State::Descent));
+        let text = rig.mission(0).waiting.to_string();
+        assert!(text.contains("4.0 ms and gain at their limits"), "{text}");
+    }
+}
+
+#[test]
+fn printed_tags_on_a_lit_deck() {
+    // The work light of a small boat.
+    let night = NightConfig {
+        ambient_lux: 40.0,
+        ..NightConfig::default()
+    };
+    let (scenario, nodes) = at_night(None, night);
+    let o = trial::outcome(&scenario, &nodes, 4, "night").unwrap();
+    assert!(o.success, "{}", o.reason);
+}
+
+#[test]
+fn lamp_on_the_deck_that_blinds() {
+    // A searchlight a metre from the tags' middle that veils them by several times their own light near the deck: some landings
+    // are refused, and no contact is unsafe.
+    for lamp_cd in [1e5, 1e6] {
+        let blinding = NightConfig {
+            lamp_cd,
+            lamp_m: [0.0, 1.0, -0.3],
+            ..lit()
+        };
+        let all = pooled(0..6, blinding);
+        assert!(all.iter().all(|o| !o.is_unsafe() && o.unsafe_contacts == 0));
+        println!("{lamp_cd} cd: {} of {} landed", landed(&all), all.len());
+        // Behind an infra-red filter the same lamp is a thousandth.
+        let filtered = NightConfig {
+            filter: 0.001,
+            ..blinding
+        };
+        assert_eq!(landed(&pooled(0..2, filtered)), 2);
+    }
+}
