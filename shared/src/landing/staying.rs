@@ -18,9 +18,10 @@ use nalgebra::Vector2;
 
 use super::normal::{below, norm};
 use super::wind::WindPush;
+use crate::apparent_slope::sea_slopes;
 use crate::estimation::moments;
 use crate::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
-use crate::msg::{DeckForecast, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS};
+use crate::msg::{DeckForecast, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, SLOPE_WINDOW_S};
 
 /// Of the wind's acceleration in flight, a drone that stands with its rotors stopped has this part: half, since rotors that
 /// turn have as much drag as the body, and less by the wind's profile above water and deck.
@@ -178,20 +179,12 @@ impl Slopes {
         }
     }
     /// In a sea of which no single wave is predicted: the standard deviation `slope_sd` of the slope about its mean
-    /// `mean` (NED). Its peaks are taken as Rayleigh's, `s = sd sqrt(-2 ln(1 - p))`, each window of the two minutes one
-    /// quantile, an ordinary one the newest.
+    /// `mean` (NED); its peaks are those of [`sea_slopes`].
     pub fn in_sea(slope_sd: f64, mean: Vector2<f64>, wind: &WindPush) -> Slopes {
         let push = wind.mean * (STANDING / GRAVITY);
-        let quantile = |k: usize| {
-            let p = (k as f64 + 0.5) / SLOPE_WINDOWS as f64;
-            slope_sd * (-2.0 * (1.0 - p).ln()).sqrt()
-        };
-        let middle = SLOPE_WINDOWS / 2;
         Slopes {
             predicted: Vec::new(),
-            measured: (0..SLOPE_WINDOWS)
-                .map(|k| quantile((k + middle) % SLOPE_WINDOWS))
-                .collect(),
+            measured: sea_slopes(slope_sd).to_vec(),
             bias: (mean - push).norm(),
             gust: wind.gust_sd * STANDING / GRAVITY,
             push,
