@@ -323,7 +323,7 @@ impl HelmNode {
             Phase::Withdrawn { since, why, former } => {
                 // What was before is given back once; a landing that goes on is not asked for again.
                 let former = former
-                    .filter(|_| v.now - since < GIVE_BACK && !(v.read_back.present && !v.read_back.is_ours));
+                    .filter(|_| v.now - since < GIVE_BACK && (!v.read_back.present || v.read_back.is_ours));
                 match self.is_over(v.now) && former.is_none() {
                     true => Phase::Idle,
                     false => Phase::Withdrawn { since, why, former },
