@@ -205,7 +205,14 @@ impl VesselComputer {
                 checkpoint: input.checkpoint.as_ref().and_then(|c| c.helm),
             },
         );
-        events.extend((out.status.state != before.state).then_some(VesselEvent::Helm(out.status)));
+        let changed = out.status.state != before.state;
+        let turned = self
+            .helm
+            .kept()
+            .filter(|_| changed)
+            .and_then(|kept| kept.slope_sd);
+        turned.into_iter().for_each(|sd| self.node.expect_slopes(sd));
+        events.extend(changed.then_some(VesselEvent::Helm(out.status)));
         out.bytes
     }
     /// What of a step's output the helm goes by.
@@ -225,6 +232,7 @@ impl VesselComputer {
                 heading_rad: c.heading_rad,
                 speed_mps: c.speed_mps,
                 likelihood: Some(c.likelihood),
+                slope_sd: Some(c.slope_sd),
             };
             let permitted = |c: &CourseOutlook| self.helm.permits(&goal(c), motion);
             let advice = self.node.advisor().advice_within(permitted);

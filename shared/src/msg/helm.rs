@@ -119,7 +119,8 @@ impl HelmStatus {
 
 /// An angle as a compass shows it, in whole degrees from 0 to 359.
 pub(crate) fn compass_deg(rad: f64) -> f64 {
-    rad.to_degrees().round().rem_euclid(360.0)
+    // No negative zero.
+    rad.to_degrees().round().rem_euclid(360.0) + 0.0
 }
 
 impl fmt::Display for HelmStatus {

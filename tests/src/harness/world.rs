@@ -550,6 +550,10 @@ impl World {
     pub fn boat(&mut self) -> &mut BoatAutopilot {
         &mut self.boat
     }
+    /// The vessel's computer.
+    pub fn vessel(&self) -> &VesselComputer {
+        &self.vessel
+    }
     /// Where the handshake about the helm stands.
     pub fn helm(&self) -> HelmStatus {
         self.vessel.helm().status()

@@ -24,6 +24,7 @@ impl HelmConfig {
             heading_rad: wrap_angle(now.heading_rad + turn),
             speed_mps,
             likelihood: advice.likelihood,
+            slope_sd: advice.slope_sd,
         };
         let worth = turn.abs() > WORTH_RAD || (speed_mps - now.speed_mps).abs() > WORTH_MPS;
         (worth && !self.keeps_out(goal.heading_rad)).then_some(goal)
@@ -77,6 +78,7 @@ mod tests {
             heading_rad: deg.to_radians(),
             speed_mps,
             likelihood: None,
+            slope_sd: None,
         }
     }
     fn motion(deg: f64, speed_mps: f64) -> BoatMotion {

@@ -52,6 +52,8 @@ pub struct Goal {
     pub speed_mps: f64,
     /// Probability of a landing on it, where it is computed.
     pub likelihood: Option<f64>,
+    /// Standard deviation of the deck's apparent slope on it, where it is computed.
+    pub slope_sd: Option<f64>,
 }
 
 /// The vessel's mean motion, without the waves.
@@ -264,6 +266,13 @@ impl HelmNode {
     pub fn is_silent(&self, now: Time<VesselClock>) -> bool {
         self.config.output != HelmOutput::None && !self.autopilot.read_back(now).present
     }
+    /// The course that is kept, once the vessel is steady on it.
+    pub fn kept(&self) -> Option<Goal> {
+        match &self.phase {
+            Phase::Steering(s) => s.steady.then(|| s.response.goal()),
+            Phase::Idle | Phase::Asked { .. } | Phase::Returning { .. } | Phase::Withdrawn { .. } => None,
+        }
+    }
     /// Skipper and autopilot permit this course, from the motion `now`.
     pub fn permits(&self, course: &Goal, now: &BoatMotion) -> bool {
         let keeps_speed = (course.speed_mps - now.speed_mps).abs() < 0.5;
@@ -314,7 +323,7 @@ impl HelmNode {
             Phase::Withdrawn { since, why, former } => {
                 // What was before is given back once; a landing that goes on is not asked for again.
                 let former = former
-                    .filter(|_| v.now - since < GIVE_BACK && !(v.read_back.present && !v.read_back.is_ours));
+                    .filter(|_| v.now - since < GIVE_BACK && (!v.read_back.present || v.read_back.is_ours));
                 match self.is_over(v.now) && former.is_none() {
                     true => Phase::Idle,
                     false => Phase::Withdrawn { since, why, former },
@@ -447,6 +456,7 @@ impl HelmNode {
                     .speed_mps
                     .clamp(self.config.speed_mps[0], self.config.speed_mps[1]),
                 likelihood: None,
+                slope_sd: None,
             };
             s.response = self.response(v.now, goal, &motion);
             s.steady = true;
@@ -464,6 +474,7 @@ impl HelmNode {
             heading_rad: s.former.heading_rad,
             speed_mps: s.former.speed_mps,
             likelihood: None,
+            slope_sd: None,
         };
         (s.since, s.response) = (v.now, self.response(v.now, former, &motion));
         Phase::Returning {

@@ -118,6 +118,7 @@ mod tests {
             heading_rad: 60_f64.to_radians(),
             speed_mps: 2.0,
             likelihood: None,
+            slope_sd: None,
         };
         let mut response = Response::begin(Time::EPOCH, goal, &at(0.0), false);
         (1..400).map(|k| 0.1 * f64::from(k)).find(|t| {

@@ -26,6 +26,8 @@ struct Bench {
     consent: bool,
     turning: bool,
     frames: FrameReader,
+    /// Its answers on their way.
+    answers: Vec<u8>,
     modes_set: Vec<u32>,
     visited: Vec<HelmState>,
 }
@@ -53,6 +55,7 @@ impl Bench {
                 heading_rad: 0.7,
                 speed_mps: 2.0,
                 likelihood: Some(0.98),
+                slope_sd: None,
             },
             silent: false,
             denies: false,
@@ -60,6 +63,7 @@ impl Bench {
             consent: false,
             turning: false,
             frames: FrameReader::default(),
+            answers: Vec::new(),
             modes_set: Vec::new(),
             visited: vec![HelmState::Idle],
         }
@@ -70,7 +74,7 @@ impl Bench {
     /// The boat's answer to what came.
     fn boat(&mut self, bytes: &[u8]) -> Vec<u8> {
         self.frames.push(bytes);
-        let mut out = Vec::new();
+        let mut out = core::mem::take(&mut self.answers);
         let from = Sender {
             system: 1,
             component: 1,
@@ -135,7 +139,7 @@ impl Bench {
             checkpoint: None,
         };
         let out = self.node.step(self.now(), &input);
-        let _answers = self.boat(&out.bytes);
+        self.answers = self.boat(&out.bytes);
         self.sail();
         if self.visited.last() != Some(&out.status.state) {
             self.visited.push(out.status.state);
@@ -286,7 +290,9 @@ fn hands_on_the_helm() {
     b.demand = Demand::Nothing;
     assert_eq!(b.run(12.0).state, HelmState::Done);
     b.mode = MANUAL;
-    assert_eq!(b.run(0.2).why, HelmEnd::ModeChanged);
+    b.run(20.0);
+    assert!(b.visited.contains(&HelmState::Withdrawn));
+    assert_eq!(b.mode, MANUAL);
     // The helm states a turn.
     let mut b = Bench::new();
     b.agreed(8.0);

@@ -169,6 +169,10 @@ impl MeanPath {
         };
         self.steered.iter_mut().for_each(|path| path.set(to));
     }
+    /// Heading before any turn of its course, rad.
+    pub fn heading(&self) -> f64 {
+        self.heading
+    }
     /// Computes it until `t`, s, where set-points steer it.
     pub fn extend(&mut self, t: f64) {
         self.steered.iter_mut().for_each(|path| path.extend(t));

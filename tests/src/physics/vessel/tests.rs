@@ -323,3 +323,55 @@ proptest::proptest! {
         proptest::prop_assert!(s.acceleration.norm() < 100.0 && s.rates.norm() < 10.0);
     }
 }
+
+#[test]
+fn steered_vessel_and_its_own_course() {
+    let sea = calm();
+    for course in [
+        Course::Straight,
+        Course::Square,
+        Course::Drift,
+        Course::StationKeeping,
+    ] {
+        let config = VesselConfig {
+            course,
+            ..heading_north()
+        };
+        let mut vessel = Vessel::new(&config, &sea, &Streams::new(1));
+        let to = SetPoint {
+            heading: 0.6,
+            speed: 1.2,
+        };
+        run(&mut vessel, &sea, 5.0, |_, _| {});
+        vessel.steer_to(Some(to));
+        run(&mut vessel, &sea, 40.0, |_, _| {});
+        let s = vessel.state();
+        let (_, _, yaw) = s.attitude.euler();
+        assert!((yaw - 0.6).abs() < 0.1, "{course:?}: {yaw}");
+        if course != Course::StationKeeping {
+            let speed = s.velocity.0.xy().norm();
+            assert!((speed - 1.2).abs() < 0.2, "{course:?}: {speed}");
+        }
+        vessel.steer_to(None);
+        if course == Course::Straight {
+            // On its course again, about which the line of sight leads it.
+            run(&mut vessel, &sea, 30.0, |_, _| {});
+            let mut made = 0.0;
+            run(&mut vessel, &sea, 40.0, |_, s| made += DT / 40.0 * s.velocity.0.y);
+            assert!(made.abs() < 0.2, "{made} m/s across it");
+        }
+    }
+    // An anchor holds whatever is commanded.
+    let config = VesselConfig {
+        course: Course::Anchored,
+        ..heading_north()
+    };
+    let [mut steered, mut free] = [(); 2].map(|()| Vessel::new(&config, &sea, &Streams::new(1)));
+    steered.steer_to(Some(SetPoint {
+        heading: 1.0,
+        speed: 2.0,
+    }));
+    run(&mut steered, &sea, 10.0, |_, _| {});
+    run(&mut free, &sea, 10.0, |_, _| {});
+    assert_eq!(steered.state().position.0, free.state().position.0);
+}
