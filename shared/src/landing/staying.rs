@@ -2,17 +2,23 @@
 //! wind.
 //!
 //! Feet hold while `|f_xy| <= mu |f_z|`, with the specific force `f` in the deck's axes (Coulomb): with the apparent slope
-//! `s = f_xy / |f_z|`, averaged over a second, and the wind's acceleration `w` of a drone that stands,
-//! `|s - w / g| <= mu`. Slope and gust are independent, and the friction is known to a part of it:
+//! `s = f_xy / |f_z|` and the wind's acceleration `w` of a drone that stands, `|s - w / g| <= mu`. What exceeds that moves it,
+//! and it is lost where it comes to the edge. A wave is a sine of the amplitude `A` and of the waves' mean frequency `omega`,
+//! `A = m x / sin(x)`, `x = omega T / 2`, from the mean `m` over the second `T` about its peak that is predicted and measured.
+//! With a push `b` of wind, trim and heel along it, it moves the drone by
 //!
-//! - until a drone that descends now is at rest, each wave's steepest `|s - w / g|` is normal with the variance of the
-//!   predicted tilt, of a peak over its second's mean and of the gusts, and each of [`WAVE_S`] is another draw;
-//! - later no forecast reaches. In waves like those of the last two minutes feet slip now and then, to and fro. With the
-//!   mean push `b = |mean(s) - w / g|` of trim, heel and wind a wave of the slope `s` moves the drone by
-//!   `c = g t² / 2 (s + b - mu)+` one way and by `d = g t² / 2 (s - b - mu)+` back, for the time `t` of a peak: in a minute by
-//!   `sum (c - d) / 2` in the mean, with the variance `sum ((c + d) / 4)²`.
+//! `d = 9/2 g (A + b - mu)+² / (A omega²)`
 //!
-//! Both are averaged over the friction (Gauss and Hermite, three nodes).
+//! (the peak as a parabola: the drone breaks away `a` before it and stands again `2 a` after it, `a² = 2 (A + b - mu) / A`).
+//!
+//! - until a drone that descends now is at rest, each wave of [`WAVE_S`] is the predicted one, along its direction; its
+//!   slope is normal with the variance of the predicted tilt, of a peak over its mean and of the gusts;
+//! - later no forecast reaches. Waves like those of the last two minutes move it to and fro: by `(d(b) - d(-b)) / 2` in the
+//!   mean of a window, with the variance `((d(b) + d(-b)) / 4)²`.
+//!
+//! All is averaged over the friction (Gauss and Hermite, three nodes).
+
+use core::f64::consts::TAU;
 
 use nalgebra::Vector2;
 
@@ -28,14 +34,17 @@ use crate::msg::{DeckForecast, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, SLOPE_WINDOW_
 const STANDING: f64 = 0.4;
 /// Standard deviation of the friction as a part of it: dry, wet and salt.
 const FRICTION_SD: f64 = 0.15;
-/// Its nodes, in standard deviations, and their weights.
-const FRICTION_NODES: [(f64, f64); 3] = [(-1.732, 1.0 / 6.0), (0.0, 2.0 / 3.0), (1.732, 1.0 / 6.0)];
-/// Standard deviation of a peak's slope as a part of its second's mean.
+/// Nodes of an average over a normal figure, in standard deviations, and their weights.
+const NODES: [(f64, f64); 3] = [(-1.732, 1.0 / 6.0), (0.0, 2.0 / 3.0), (1.732, 1.0 / 6.0)];
+/// Standard deviation of a peak's slope as a part of it.
 const PEAK_SD: f64 = 0.3;
-/// The peak of a quick wave for its mean over a second: a sine of 1.7 s. Of 589 landings on three foreign hulls at 0, 2 and
-/// 7 m/s 76 slid overboard within a minute; of the 376 that a drift below 0.2 m permits 3 did. With 1.6 it permits 464,
-/// and 19.
-const PEAK: f64 = 2.0;
+/// Slopes are means over this time, s.
+const MEAN_S: f64 = 1.0;
+/// Periods that waves have, s: a hull that is quicker carries no drone, and slower ones are a slope that stays.
+const PERIOD_S: [f64; 2] = [1.7, 12.0];
+/// Waves of which nothing is predicted peak as the quickest do, and move a drone for as long as those of this period, s: a
+/// small boat's roll.
+const UNKNOWN_PERIOD_S: f64 = 2.3;
 /// From the beginning of a descent to rest on the deck, s: down in 4 to 6 s, at rest 4 s later.
 const TIME_TO_REST_S: f64 = 10.0;
 /// Steepest slopes so far apart are independent, s: half of a wave's period.
@@ -47,8 +56,6 @@ const JUST_NOW_S: f64 = 4.0;
 const UNKNOWN_SD: f64 = 0.08;
 /// The spread that any slope has: the measured ones' step, and the deck's roughness.
 const LEAST_SD: f64 = 0.02;
-/// Time of a slope's peak, s: a second's mean does not resolve it.
-const PEAK_TIME_S: f64 = 0.5;
 /// Time for which a landed drone has to stay without a hand that holds it, s.
 const STAY_S: f64 = 60.0;
 
@@ -125,26 +132,80 @@ impl Staying {
     pub fn of(slopes: &Slopes, stand: &Stand) -> Staying {
         let given = |(sds, weight): (f64, f64)| {
             let friction = stand.friction * (1.0 + FRICTION_SD * sds);
-            weight * slopes.hold(friction) * slopes.keep(friction, stand.edge_m)
+            weight * slopes.stays(friction, stand.edge_m)
         };
         Staying {
-            probability: FRICTION_NODES.into_iter().map(given).sum(),
+            probability: NODES.into_iter().map(given).sum(),
         }
+    }
+}
+
+/// Waves as sines of one frequency.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Sines {
+    /// rad/s.
+    omega: f64,
+    /// Amplitude of a sine whose mean over [`MEAN_S`] about its peak is 1.
+    peak: f64,
+}
+
+impl Sines {
+    /// Of the mean frequency of these slopes about their mean, `omega² = <s'²> / <s²>`; without waves those of [`UNKNOWN_PERIOD_S`].
+    fn of(slopes: &[Vector2<f64>], mean: &Vector2<f64>) -> Sines {
+        let changes = slopes.windows(2).map(|w| match w {
+            [before, after] => (after - before).norm_squared(),
+            _ => 0.0,
+        });
+        let square: f64 = slopes.iter().map(|s| (s - mean).norm_squared()).sum();
+        // Of a sine, step by step: 4 sin²(omega dt / 2).
+        let half = 0.5 * (changes.sum::<f64>() / square).sqrt();
+        let [quick, slow] = PERIOD_S.map(|s| TAU / s);
+        let peak = |omega: f64| {
+            let x = 0.5 * omega * MEAN_S;
+            x / x.sin()
+        };
+        // Less than a step of the message is no wave.
+        let known = square > slopes.len() as f64 * SLOPE_STEP * SLOPE_STEP;
+        if !(known && half.is_finite()) {
+            return Sines {
+                omega: TAU / UNKNOWN_PERIOD_S,
+                peak: peak(quick),
+            };
+        }
+        let omega = (2.0 / PREDICTED_SLOPE_STEP_S * half.min(1.0).asin()).clamp(slow, quick);
+        Sines {
+            omega,
+            peak: peak(omega),
+        }
+    }
+    /// By how much a wave of this slope (a mean about its peak) with a push along it moves a drone, m.
+    fn moves(&self, slope: f64, push: f64, friction: f64) -> f64 {
+        let amplitude = self.peak * slope;
+        let over = amplitude + push - friction;
+        // A figure that is none is no wave that moves nothing.
+        if over <= 0.0 {
+            return 0.0;
+        }
+        4.5 * GRAVITY * over * over / (amplitude * self.omega * self.omega)
     }
 }
 
 /// What moves a drone that stands, as slopes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Slopes {
-    /// Steepest of each predicted wave with the wind, and the spread of its prediction.
-    predicted: Vec<(f64, f64)>,
+    waves: Sines,
+    /// Of each predicted wave where it is steepest: slope about the mean, the push along it, its direction, and the spread of
+    /// its prediction.
+    predicted: Vec<(f64, f64, Vector2<f64>, f64)>,
     /// The steepest measured in each span, the newest first.
     measured: Vec<f64>,
     /// Of the wind.
     push: Vector2<f64>,
     gust: f64,
+    /// Of trim and heel.
+    trim: f64,
     /// Of the wind, trim and heel.
-    bias: f64,
+    bias: Vector2<f64>,
 }
 
 impl Slopes {
@@ -158,11 +219,19 @@ impl Slopes {
         let mean = predicted.iter().sum::<Vector2<f64>>() / predicted.len().max(1) as f64;
         let until_rest = (TIME_TO_REST_S / PREDICTED_SLOPE_STEP_S) as usize;
         let per_wave = (WAVE_S / PREDICTED_SLOPE_STEP_S) as usize;
+        let bias = mean - push;
         let wave = |(k, slopes): (usize, &[Vector2<f64>])| {
-            let steepest = slopes.iter().map(|s| (s - push).norm()).fold(0.0, f64::max);
-            (steepest, tilt_sd(forecast, WAVE_S * (k as f64 + 0.5)))
+            let steepest = slopes
+                .iter()
+                .map(|s| s - push)
+                .fold(Vector2::zeros(), |a, b| if b.norm() > a.norm() { b } else { a });
+            let along = steepest.try_normalize(0.0).unwrap_or_default();
+            let sd = tilt_sd(forecast, WAVE_S * (k as f64 + 0.5));
+            let pushed = bias.dot(&along);
+            ((steepest.norm() - pushed).max(0.0), pushed, along, sd)
         };
         Slopes {
+            waves: Sines::of(&predicted, &mean),
             predicted: predicted
                 .get(..until_rest)
                 .unwrap_or(&predicted)
@@ -173,8 +242,9 @@ impl Slopes {
             measured: forecast
                 .map(|f| f.slopes.iter().map(|s| f64::from(*s) * SLOPE_STEP).collect())
                 .unwrap_or_default(),
-            bias: (mean - push).norm(),
             gust: wind.gust_sd * STANDING / GRAVITY,
+            trim: mean.norm(),
+            bias,
             push,
         }
     }
@@ -185,48 +255,81 @@ impl Slopes {
         Slopes {
             predicted: Vec::new(),
             measured: sea_slopes(slope_sd).to_vec(),
-            bias: (mean - push).norm(),
+            waves: Sines::of(&[], &mean),
+            trim: mean.norm(),
+            bias: mean - push,
             gust: wind.gust_sd * STANDING / GRAVITY,
             push,
         }
     }
-    /// That a wave of this slope, which is known to `sd`, does not overcome the friction.
-    fn holds(&self, friction: f64, slope: f64, sd: f64) -> f64 {
-        below((friction - slope) / norm(&[sd, PEAK_SD * slope, self.gust, LEAST_SD]))
+    /// That it stays within the edge: of the waves until it is at rest, and of those of the minute after.
+    fn stays(&self, friction: f64, edge_m: f64) -> f64 {
+        let (first, of_first) = self.until_rest(friction);
+        let (after, of_after) = self.after(friction);
+        let along = self.bias.try_normalize(0.0).unwrap_or_default();
+        let moved = (first + along * after).norm();
+        let sd = norm(&[of_first, of_after, LEAST_SD]);
+        let within = below((edge_m - moved) / sd) - below((-edge_m - moved) / sd);
+        let again = self.holds_as_just_now(friction);
+        // One that is no number stays none.
+        if again < within { again } else { within }
     }
-    /// That nothing moves the drone before it is at rest.
-    fn hold(&self, friction: f64) -> f64 {
-        let until_rest = if self.predicted.is_empty() {
+    /// Where the waves until it is at rest move it, north and east, and how far that is off, m.
+    fn until_rest(&self, friction: f64) -> (Vector2<f64>, f64) {
+        let (mut moved, mut variance) = (Vector2::zeros(), 0.0);
+        if self.predicted.is_empty() {
             // While no wave is known the next group of waves is taken to be like the last.
             let (mean, sd) = match self.measured.as_slice() {
                 [] => (0.0, 0.0),
                 waves => moments(waves),
             };
-            self.holds(friction, mean + self.push.norm(), sd)
-                .powf(TIME_TO_REST_S / WAVE_S)
-        } else {
-            let waves = self.predicted.iter();
-            waves
-                .map(|(slope, sd)| self.holds(friction, *slope, *sd))
-                .product()
+            let along = self.bias.try_normalize(0.0).unwrap_or_default();
+            let (by, of) = self.wave(friction, mean, self.bias.norm(), sd);
+            let waves = TIME_TO_REST_S / WAVE_S;
+            return (along * (by * waves), of * waves.sqrt());
+        }
+        for (slope, push, along, sd) in &self.predicted {
+            let (by, of) = self.wave(friction, *slope, *push, *sd);
+            moved += along * by;
+            variance += of * of;
+        }
+        (moved, variance.sqrt())
+    }
+    /// By how much a wave of this slope, which is known to `sd`, moves the drone, and how far that is off, m.
+    fn wave(&self, friction: f64, slope: f64, push: f64, sd: f64) -> (f64, f64) {
+        let sd = norm(&[sd, PEAK_SD * slope, self.gust, LEAST_SD]);
+        let moves = |k: f64| {
+            self.waves
+                .moves((slope + k * sd).clamp(0.0, f64::INFINITY), push, friction)
         };
+        let (mut mean, mut square) = (0.0, 0.0);
+        for (k, weight) in NODES {
+            let by = moves(k);
+            mean += weight * by;
+            square += weight * by * by;
+        }
+        (mean, (square - mean * mean).max(0.0).sqrt())
+    }
+    /// A slope that was measured so lately does not overcome the friction when it comes again.
+    fn holds_as_just_now(&self, friction: f64) -> f64 {
         let just_now = self.measured.iter().take((JUST_NOW_S / SLOPE_WINDOW_S) as usize);
         let again = just_now.copied().fold(0.0, f64::max) + self.push.norm();
-        until_rest.min(below((friction - again) / norm(&[self.gust, LEAST_SD])))
+        below((friction - again) / norm(&[self.gust, LEAST_SD]))
     }
-    /// That it keeps within the edge in the minute after.
-    fn keep(&self, friction: f64, edge_m: f64) -> f64 {
-        let peak = 0.5 * GRAVITY * PEAK_TIME_S * PEAK_TIME_S;
-        let slips = |s: f64| peak * (s - friction).max(0.0);
+    /// By how much the waves of the minute after move it along the push, and how far that is off, m.
+    fn after(&self, friction: f64) -> (f64, f64) {
         let windows = STAY_S / SLOPE_WINDOW_S / self.measured.len().max(1) as f64;
         let (mut mean, mut square) = (0.0, 0.0);
+        let bias = self.bias.norm();
         for s in &self.measured {
-            let (on, back) = (slips(PEAK * s + self.bias), slips(PEAK * s - self.bias));
+            let [on, back] = [bias, -bias].map(|b| {
+                self.waves
+                    .moves((s - self.trim).clamp(0.0, f64::INFINITY), b, friction)
+            });
             mean += windows * 0.5 * (on - back);
             square += windows * (0.25 * (on + back)).powi(2);
         }
-        let sd = norm(&[square.sqrt(), LEAST_SD]);
-        below((edge_m - mean) / sd) - below((-edge_m - mean) / sd)
+        (mean, square.sqrt())
     }
 }
 

@@ -33,9 +33,9 @@ fn of(predicted: &[i8], measured: &[u8], wind_mps2: f64) -> f64 {
     .probability
 }
 
-/// Slopes to and fro, four seconds each.
+/// Waves of four seconds with this slope.
 fn waves(s: i8) -> [i8; 48] {
-    core::array::from_fn(|k| if (k / 16).is_multiple_of(2) { s } else { -s })
+    core::array::from_fn(|k| (f64::from(s) * (core::f64::consts::TAU * k as f64 / 16.0).sin()).round() as i8)
 }
 
 #[test]
@@ -48,8 +48,8 @@ fn probability_of_staying_by_slope_and_wind() {
     late[45] = 60;
     assert!(likely(of(&late, &[10; 60], 0.0)));
     // Slope and wind, each of which it would bear alone.
-    assert!(!likely(of(&waves(16), &[10; 60], 2.0)));
-    assert!(likely(of(&waves(16), &[10; 60], 0.0)) && likely(of(&waves(2), &[2; 60], 2.0)));
+    assert!(!likely(of(&waves(22), &[10; 60], 2.0)));
+    assert!(likely(of(&waves(22), &[10; 60], 0.0)) && likely(of(&waves(2), &[2; 60], 2.0)));
     assert!(!likely(of(&[], &[], 7.0)));
 }
 
