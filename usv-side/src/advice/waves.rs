@@ -17,7 +17,7 @@ use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, SURGE, SWAY};
 use core::f64::consts::TAU;
 use nalgebra::{Complex, Vector2, Vector3};
 
-use super::hull::{Encounter, Hull, Motion, Powers};
+use super::hull::{Encounter, FIGURES, Hull, Motion, Powers, SLOPE, TILT};
 
 /// Samples of a segment, and between the beginnings of two.
 const SEGMENT: usize = 256;
@@ -39,7 +39,7 @@ const MAX_DIRECTED: f64 = 0.95;
 const MIN_DIRECTED: f64 = 0.3;
 /// A wave to which the hull heaves with less power is not known by it.
 const MIN_RESPONSE: f64 = 0.1;
-/// Power of a modelled figure in its own direction that counts as prior knowledge in the correction: a tenth.
+/// Part of a figure's power at the strongest frequency that counts as prior knowledge in the correction.
 const PRIOR: f64 = 0.1;
 /// Waves with a smaller part of the variance are left out.
 const NEGLIGIBLE: f64 = 1e-4;
@@ -244,19 +244,27 @@ impl Spectrum {
         let mut sea = Sea {
             waves: Vec::new(),
             towards: towards.y.atan2(towards.x),
-            correction: [[1.0; super::hull::FIGURES]; BINS],
+            correction: [[1.0; FIGURES]; BINS],
         };
+        let mut modelled = [Powers::default(); BINS];
         for (k, bin) in self.bins.iter().enumerate() {
-            let (waves, correction) = self.waves(hull, k, bin);
-            sea.correction[k] = correction;
+            let (waves, powers) = self.waves(hull, k, bin);
             sea.waves.extend(waves);
+            modelled[k] = powers;
+        }
+        let strongest = modelled
+            .iter()
+            .map(paired)
+            .fold(Powers::default(), |a, b| core::array::from_fn(|f| a[f].max(b[f])));
+        for (k, bin) in self.bins.iter().enumerate() {
+            sea.correction[k] = correction(&bin.deck, &modelled[k], &strongest);
         }
         let all: f64 = sea.waves.iter().map(|w| w.variance).sum();
         sea.waves.retain(|w| w.variance > NEGLIGIBLE * all);
         (all > 0.0).then_some(sea)
     }
 
-    /// The waves of one frequency of encounter, and the correction there.
+    /// The waves of one frequency of encounter, and the powers of the deck's figures that they make by the model.
     fn waves(&self, hull: &Hull, k: usize, bin: &Bin) -> (Vec<Wave>, Powers) {
         let directed = bin.towards.norm() / (bin.heave * bin.speed).sqrt().max(f64::MIN_POSITIVE);
         let r = directed.min(MAX_DIRECTED);
@@ -290,18 +298,24 @@ impl Spectrum {
         }
         let variance = bin.heave / heaves.max(MIN_RESPONSE);
         waves.iter_mut().for_each(|w| w.variance *= variance);
-        (waves, correction(&bin.deck, &modelled.map(|m| m * variance)))
+        (waves, modelled.map(|m| m * variance))
     }
 }
 
-/// Measured over modelled power of each figure: `(M + e) / (P + e)`, with the prior `e` of a tenth of what the pair of axes
-/// has together, so that a figure which the present course hardly excites stays the model's.
-fn correction(measured: &Powers, modelled: &Powers) -> Powers {
-    use super::hull::{SLOPE, TILT};
+/// The figures' powers, of the two axes of slope and tilt together.
+fn paired(powers: &Powers) -> Powers {
     core::array::from_fn(|f| {
         let pair = [SLOPE, TILT].into_iter().find(|p| p.contains(&f));
-        let whole = pair.map_or(modelled[f], |[a, b]| modelled[a] + modelled[b]);
-        let prior = PRIOR * whole;
+        pair.map_or(powers[f], |[a, b]| powers[a] + powers[b])
+    })
+}
+
+/// Measured over modelled power of each figure at one frequency: `(M + e) / (P + e)`, with the prior `e` of a tenth of what its
+/// pair of axes has at the strongest frequency, so that a figure which the present course hardly excites there stays the
+/// model's.
+fn correction(measured: &Powers, modelled: &Powers, strongest: &Powers) -> Powers {
+    core::array::from_fn(|f| {
+        let prior = PRIOR * strongest[f];
         let ratio = (measured[f] + prior) / (modelled[f] + prior);
         if ratio.is_finite() { ratio } else { 1.0 }
     })
@@ -345,12 +359,15 @@ mod tests {
 
     #[test]
     fn correction_of_a_figure_that_is_hardly_excited() {
-        let mut modelled = [1.0; super::super::hull::FIGURES];
+        let mut modelled = [1.0; FIGURES];
         modelled[0] = 1e-6;
         let mut measured = modelled.map(|m| 4.0 * m);
         measured[0] = 1e-3;
-        let c = correction(&measured, &modelled);
+        let c = correction(&measured, &modelled, &paired(&modelled));
         assert!(c[0] < 1.1 && c[1] > 3.5 && c[2] > 3.5, "{c:?}");
-        assert_eq!(correction(&measured, &[0.0; 7])[2], 1.0);
+        assert_eq!(correction(&measured, &[0.0; FIGURES], &[0.0; FIGURES])[2], 1.0);
+        // At a frequency without waves the rest of a manoeuvre is no response.
+        let quiet = correction(&[0.01; FIGURES], &[1e-6; FIGURES], &paired(&modelled));
+        assert!(quiet.iter().all(|c| *c < 1.2), "{quiet:?}");
     }
 }

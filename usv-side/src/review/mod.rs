@@ -14,6 +14,7 @@ use alight_shared::vessel_model::{HEAVE, PITCH, ROLL};
 use serde::Serialize;
 
 use crate::VesselNodeConfig;
+use crate::advice::CourseOutlook;
 use crate::estimator::{Channel, Consistency, Fit};
 use crate::log::Recording;
 use crate::node::{KINDS, SourceCounts, VesselIn, VesselNode};
@@ -126,6 +127,9 @@ pub struct Review {
     pub motion_sd: [Option<f64>; 3],
     /// The sea.
     pub sea: SeaReview,
+    /// Courses at the end, the last one first: the deck's motion and the likelihood of a landing; none where the waves'
+    /// directions are not known.
+    pub courses: Vec<CourseOutlook>,
     /// Innovations.
     pub innovations: Vec<FitReview>,
     /// Predictions against later estimates.
@@ -196,6 +200,7 @@ pub fn review(config: &VesselNodeConfig, recorded: &Recording) -> Review {
         estimates: evaluation.estimates,
         motion_sd: evaluation.motion_sd(),
         sea: evaluation.sea(),
+        courses: node.advisor().outlooks().to_vec(),
         innovations: evaluation.innovations(&node.estimator().consistency()),
         predictions: evaluation.predictions.reviews(evaluation.heave),
         notes,

@@ -1,9 +1,41 @@
 //! The report for a person, within 100 columns.
 
+use alight_shared::frames::wrap_angle;
+use alight_usv::CourseOutlook;
 use alight_usv::review::{HORIZONS_S, Review};
 
 use crate::cells;
 use crate::table::{Cell, Table, number};
+
+/// The courses at the speed of the last one, 45 deg apart.
+fn courses(here: &CourseOutlook, all: &[CourseOutlook]) -> Table {
+    let heads = [
+        "course",
+        "from now deg",
+        "tilt deg",
+        "heave m/s",
+        "slope",
+        "landing %",
+    ];
+    let mut table = Table::new(1.., heads);
+    let alike = all.iter().filter(|c| c.speed_mps == here.speed_mps);
+    for c in alike.step_by(3) {
+        let turn = wrap_angle(c.heading_rad - here.heading_rad).to_degrees();
+        table.row(cells![
+            format_args!(
+                "{:03.0} deg, {:.1} m/s",
+                c.heading_rad.to_degrees().rem_euclid(360.0),
+                c.speed_mps
+            ),
+            Cell::number(turn, 0),
+            Cell::number(c.tilt_rad().to_degrees(), 1),
+            Cell::number(c.heave_rate_sd_mps, 2),
+            Cell::number(c.slope_sd, 3),
+            Cell::number(100.0 * c.likelihood, 0)
+        ]);
+    }
+    table
+}
 
 /// The report.
 pub fn table(origin: &str, r: &Review) -> String {
@@ -85,6 +117,10 @@ pub fn table(origin: &str, r: &Review) -> String {
         line("none identified".into());
     }
     line(String::new());
+    if let Some(here) = r.courses.first() {
+        line(courses(here, &r.courses).text());
+        line(String::new());
+    }
     line(format!("from {:.0} s on:", r.evaluated_from_s));
     let mut innovations = Table::new(
         1..,
