@@ -4,6 +4,7 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{CourseAdvice, VesselStatus, Wind};
 use serde::Serialize;
 
+use super::Figure;
 use super::situation::Situation;
 
 /// A slower vessel has no course over ground, m/s.
@@ -142,6 +143,15 @@ pub fn advice(a: &CourseAdvice) -> String {
         "waves from {waves}; {heading}{slower}: {} of landings succeed instead of {}, the deck tilts {} instead of {} \
          ({:.0} s; {:.0} m of way a minute)",
         percent[1], percent[0], tilt[1], tilt[0], a.turn_s, a.way_lost_m
+    )
+}
+
+/// The vessel's heading, with the advice.
+pub fn figure(a: &CourseAdvice) -> Figure {
+    Figure::of(
+        "heading",
+        format!("{:03.0} deg", bearing_deg(a.heading[0])),
+        advice(a),
     )
 }
 

@@ -308,12 +308,9 @@ pub fn figures(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Vec
         ""
     };
     all.push(Figure::of("course", course(status.deck.course), keep));
+    all.extend(status.estimator.advice.as_ref().map(compass::figure));
     let helm = &status.deck.helm;
     all.extend((helm.state != HelmState::Idle).then(|| Figure::of("helm", helm.to_string(), "")));
-    all.extend(status.estimator.advice.as_ref().map(|a| {
-        let now = compass::bearing_deg(a.heading[0]);
-        Figure::of("heading", format!("{now:03.0} deg"), advised_course(a).found)
-    }));
     all.push(speed(&status.estimator, s.known.knots));
     all.extend(motion(&status.estimator));
     let sources = s.sources();
