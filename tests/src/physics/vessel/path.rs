@@ -8,6 +8,7 @@ use nalgebra::Vector2;
 use rand::RngExt;
 
 use super::config::{Course, VesselConfig};
+pub use super::steering::PathPoint;
 use super::steering::{SetPoint, SteeredPath};
 use crate::physics::spline::smooth_step;
 use crate::physics::streams::Streams;
@@ -24,17 +25,6 @@ const CHANGE_WITHIN_S: f64 = 4.0;
 const FOR_GOOD_S: f64 = 1e9;
 /// Harmonics of a limit cycle: free drift is a parabola, the thruster's pulse its kink, which its lag rounds.
 const HARMONICS: [f64; 3] = [1.0, 2.0, 3.0];
-
-/// Where the mean path is.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PathPoint {
-    /// North and east, m.
-    pub position: Vector2<f64>,
-    /// Their derivative, m/s.
-    pub velocity: Vector2<f64>,
-    /// Heading, rad.
-    pub heading: f64,
-}
 
 /// The mean path.
 #[derive(Clone, Debug)]

@@ -8,7 +8,16 @@
 use alight_shared::frames::wrap_angle;
 use nalgebra::Vector2;
 
-use super::path::PathPoint;
+/// Where the mean path is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PathPoint {
+    /// North and east, m.
+    pub position: Vector2<f64>,
+    /// Their derivative, m/s.
+    pub velocity: Vector2<f64>,
+    /// Heading, rad.
+    pub heading: f64,
+}
 
 /// Heading (rad) and speed (m/s) that a boat's autopilot steers to.
 #[derive(Clone, Copy, Debug, PartialEq)]
