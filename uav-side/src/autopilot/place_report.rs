@@ -1,0 +1,16 @@
+//! Where another system is, as MAVLink reports it.
+
+use serde::{Deserialize, Serialize};
+
+/// A report of a system's place.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PlaceReport {
+    /// Deg, north positive.
+    pub latitude_deg: f64,
+    /// Deg, east positive.
+    pub longitude_deg: f64,
+    /// Towards north and east, m/s; None: not reported.
+    pub velocity: Option<[f64; 2]>,
+    /// Horizontal error, m; None: not stated.
+    pub error_m: Option<f64>,
+}
