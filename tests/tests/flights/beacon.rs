@@ -105,7 +105,7 @@ fn deck_that_is_not_at_its_beacon() {
     scenario.start.distance_m = [60.0, 60.0];
     scenario.sensors.beacon = Some(BeaconConfig {
         bias_sd_m: 60.0,
-        stated_factor: 0.05,
+        stated_factor: 0.1,
         ..BeaconConfig::default()
     });
     let f = flown(&scenario, &nodes(VesselLevel::Beacon), 701, 150.0);

@@ -44,8 +44,14 @@ const CONFIRMED: u32 = 5;
 const MEMORY_S: f64 = 30.0;
 /// Without the radio a deck that was alone for so long is the one that is followed, s.
 const FOLLOWED_S: f64 = 2.0;
-/// Samples of the tilt are taken so far apart, s: errors of successive images are not independent.
+/// Samples of the tilt are taken so far apart, s: errors of successive images are not independent. So many of each deck are
+/// compared at least: half a wave.
 const SAMPLE_S: f64 = 0.2;
+const MIN_SAMPLES: f64 = 15.0;
+/// A tilt that differs by more is no deck's on which a drone lands, but of a tag that was solved for its other minimum, rad.
+const MAX_TILT_RAD: f64 = 0.3;
+/// What a sample counts for at most, standard deviations of each tilt.
+const MAX_SD: f64 = 3.0;
 /// The vessel's own deck is so much more likely than any other, as a logarithm: 1 of 10 000 is wrong.
 const MARGIN: f64 = 9.2;
 /// Error of compass and camera in yaw together, rad; of the vessel's tilt by radio, rad, and least error of a tag's tilt.
@@ -79,9 +85,8 @@ impl Residual {
         let before = r - self.mean;
         self.mean += before / self.n;
         let after = r - self.mean;
-        self.squares += (0..2)
-            .map(|i| before[i] * after[i] / tilt_variance[i])
-            .sum::<f64>();
+        let square = |i: usize| (before[i] * after[i] / tilt_variance[i]).min(MAX_SD * MAX_SD);
+        self.squares += (0..2).map(square).sum::<f64>();
     }
     fn cost(&self) -> f64 {
         let yaw = if self.n > 0.0 {
@@ -245,6 +250,10 @@ impl Decks {
         if deck.residual.sampled.is_none_or(due) {
             let mut r = Vector3::new(north, east, yaw) - report;
             r.z = wrap_angle(r.z);
+            // From the side a tag's tilt is a guess.
+            if o.lever == [0.0; 2] || r.xy().amax() > MAX_TILT_RAD {
+                return;
+            }
             let variance = |v: f64| v + 2.0 * TILT_SD_RAD.powi(2);
             deck.residual.take(o.at, r, [variance(vn), variance(ve)]);
         }
@@ -284,9 +293,10 @@ impl Decks {
             let followed = (now - deck.since).secs() >= FOLLOWED_S;
             return (followed && !radio).then_some(best);
         }
-        // The same number of looks at each.
-        let looks = |d: &Deck| (d.residual.n - deck.residual.n).abs() <= 1.0 + 0.1 * deck.residual.n;
-        let clear = (self.rivals_of(best)).all(|d| looks(d) && d.cost() - deck.cost() >= MARGIN);
+        // About the same number of looks at each: every one costs.
+        let (n, cost) = (deck.residual.n, deck.cost());
+        let looks = |d: &Deck| n >= MIN_SAMPLES && (d.residual.n - n).abs() <= 1.0;
+        let clear = (self.rivals_of(best)).all(|d| looks(d) && d.cost() - cost >= MARGIN);
         clear.then_some(best)
     }
     /// Forgets what was not seen for long.
@@ -334,7 +344,7 @@ mod tests {
             kind,
             value: [n, e, Some((0.0, 1e-4)), a, b, c],
             rate: [None; 6],
-            lever: [0.0; 2],
+            lever: [7.0, -7.0],
         }
     }
     /// A vessel that rolls, and one that the same wave reaches so much later, s.
