@@ -7,6 +7,7 @@ use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::trial;
 use alight_sim::physics::vessel::response::HULLS;
 use alight_sim::sensors::night::NightConfig;
+use alight_sim::sensors::uvdar::UvdarConfig;
 
 /// Under stars, tags that glow like a telephone's screen.
 fn lit() -> NightConfig {
@@ -94,6 +95,19 @@ fn printed_tags_by_night_with_the_reason() {
         let text = rig.mission(0).waiting.to_string();
         assert!(text.contains("4.0 ms and gain at their limits"), "{text}");
     }
+}
+
+#[test]
+fn printed_tags_by_night_with_uv_markers() {
+    // The markers lead to the deck; what is landed without a tag is landed as where the camera failed.
+    let (mut scenario, nodes) = at_night(None, NightConfig::default());
+    scenario.sensors.uvdar = UvdarConfig::default();
+    let all = (0..6).map(|seed| trial::outcome(&scenario, &nodes, seed, "night").unwrap());
+    let all: Vec<Outcome> = all.collect();
+    for o in &all {
+        println!("seed {}: {} {:?} m", o.seed, o.reason, o.position_error_m);
+    }
+    assert!(all.iter().all(|o| !o.is_unsafe()), "{} landed", landed(&all));
 }
 
 #[test]
