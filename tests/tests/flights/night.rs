@@ -83,7 +83,7 @@ fn printed_tags_by_night_with_the_reason() {
         scenario.sensors.render.on = render;
         let mut rig = Rig::landing(&scenario, &nodes, 5).unwrap();
         let is_dark = |rig: &Rig| rig.mission(0).waiting.code == ReasonCode::TooDark;
-        assert!(rig.until(30.0, is_dark), "{}", rig.mission(0).waiting);
+        assert!(rig.until(60.0, is_dark), "{}", rig.mission(0).waiting);
         // It stays so: nothing descends in the dark.
         rig.run(limit_s);
         assert!(
