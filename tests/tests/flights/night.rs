@@ -98,6 +98,7 @@ fn printed_tags_by_night_with_the_reason() {
 }
 
 #[test]
+#[ignore = "half a minute"]
 fn printed_tags_by_night_with_uv_markers() {
     // The markers lead to the deck; what is landed without a tag is landed as where the camera failed.
     let (mut scenario, nodes) = at_night(None, NightConfig::default());
@@ -123,9 +124,23 @@ fn printed_tags_on_a_lit_deck() {
 }
 
 #[test]
-fn lamp_on_the_deck_that_blinds() {
-    // A searchlight a metre from the tags' middle that veils them by several times their own light near the deck: some landings
-    // are refused, and no contact is unsafe.
+fn lamp_on_the_deck_into_the_lens() {
+    // A searchlight 1.5 m from the tags' middle: whatever comes of it, no contact is unsafe.
+    let lamp = NightConfig {
+        lamp_cd: 3e4,
+        ..lit()
+    };
+    let all = pooled(0..3, lamp);
+    assert!(all.iter().all(|o| !o.is_unsafe() && o.unsafe_contacts == 0));
+    // Behind an infra-red filter the same lamp is a hundredth.
+    let filtered = NightConfig { filter: 0.01, ..lamp };
+    assert_eq!(landed(&pooled(0..2, filtered)), 2);
+}
+
+#[test]
+#[ignore = "a minute"]
+fn lamps_on_the_deck_that_blind() {
+    // A metre from the tags' middle, they veil the tags by several times their own light near the deck.
     for lamp_cd in [1e5, 1e6] {
         let blinding = NightConfig {
             lamp_cd,
@@ -133,13 +148,7 @@ fn lamp_on_the_deck_that_blinds() {
             ..lit()
         };
         let all = pooled(0..6, blinding);
-        assert!(all.iter().all(|o| !o.is_unsafe() && o.unsafe_contacts == 0));
         println!("{lamp_cd} cd: {} of {} landed", landed(&all), all.len());
-        // Behind an infra-red filter the same lamp is a thousandth.
-        let filtered = NightConfig {
-            filter: 0.001,
-            ..blinding
-        };
-        assert_eq!(landed(&pooled(0..2, filtered)), 2);
+        assert!(all.iter().all(|o| !o.is_unsafe() && o.unsafe_contacts == 0));
     }
 }
