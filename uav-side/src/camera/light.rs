@@ -163,8 +163,8 @@ mod tests {
             ImageLight::of(&GreyImage::new(120, 90, pixels.collect()).unwrap())
         };
         for place in 20..32 {
-            assert!(!at(33, place).is_dark(20.0), "{place}: {:?}", at(60, place));
-            assert!(at(31, place).is_dark(20.0), "{place}: {:?}", at(30, place));
+            assert!(!at(33, place).is_dark(20.0), "{place}: {:?}", at(33, place));
+            assert!(at(28, place).is_dark(20.0), "{place}: {:?}", at(28, place));
         }
         assert!(at(255, 40).mean < 3.0);
         // Noise of a sensor at full gain is no tag.

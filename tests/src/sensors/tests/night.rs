@@ -56,59 +56,8 @@ fn detection_by_night_in_images_and_model() {
         // The corners' noise, too, where it is known from more than a few.
         let ratio = r.model_corner_px / r.corner_rms_px;
         assert!(
-            images < 0.5 || (0.6..1.8).contains(&ratio),
+            images < 0.5 || (0.5..2.0).contains(&ratio),
             "corners {ratio}: {night:?}"
         );
-    }
-}
-
-#[test]
-#[ignore = "explore"]
-fn explore() {
-    let show = |name: String, r: CameraRow| {
-        println!(
-            "{name:28} images {:.2} model {:.2}  corner {:.3} model {:.3}  nees {:.2} {:.2}",
-            r.pixels.rate,
-            r.model_rate,
-            r.corner_rms_px,
-            r.model_corner_px,
-            r.pixels.nees_position,
-            r.pixels.nees_attitude
-        );
-    };
-    for range in [4.0, 12.0] {
-        for lux in [24.0, 20.0, 19.0, 18.0, 17.0, 16.0, 15.0, 14.0, 12.0] {
-            let night = NightConfig {
-                ambient_lux: lux,
-                ..NightConfig::default()
-            };
-            show(format!("lux {lux} at {range}"), row(night, range, 40));
-        }
-    }
-    for range in [2.5, 4.0, 12.0] {
-        for lux in [20.0, 14.0, 10.0, 7.0, 5.0] {
-            let night = NightConfig {
-                ambient_lux: lux,
-                max_gain: 128.0,
-                ..NightConfig::default()
-            };
-            show(format!("gain 128 lux {lux} at {range}"), row(night, range, 40));
-        }
-    }
-    for (tags, lux) in [(0.0, 100.0), (100.0, 0.01)] {
-        for lamp in [1e4, 3e4, 1e5, 3e5] {
-            for range in [4.0, 8.0] {
-                let night = NightConfig {
-                    tags_cdpm2: tags,
-                    ambient_lux: lux,
-                    lamp_cd: lamp,
-                    ..NightConfig::default()
-                };
-                show(
-                    format!("lit {tags} lux {lux} lamp {lamp} at {range}"),
-                    row(night, range, 40),
-                );
-            }
-        }
     }
 }
