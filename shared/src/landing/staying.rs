@@ -20,7 +20,7 @@ use super::normal::{below, norm};
 use super::wind::WindPush;
 use crate::estimation::moments;
 use crate::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
-use crate::msg::{DeckForecast, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS};
+use crate::msg::{DeckForecast, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, SLOPE_WINDOW_S};
 
 /// Of the wind's acceleration in flight, a drone that stands with its rotors stopped has this part: half, since rotors that
 /// turn have as much drag as the body, and less by the wind's profile above water and deck.
@@ -180,21 +180,13 @@ impl Slopes {
             push,
         }
     }
-    /// In a sea of which no single wave is predicted: the standard deviation `slope_sd` of the slope about its mean
-    /// `mean` (NED). Its peaks are taken as Rayleigh's, `s = sd sqrt(-2 ln(1 - p))`, each window of the two minutes one
-    /// quantile, an ordinary one the newest.
-    pub fn in_sea(slope_sd: f64, mean: Vector2<f64>, wind: &WindPush) -> Slopes {
+    /// In a sea of which no single wave is predicted: the steepest slope of each window of [`SLOPE_WINDOW_S`], the newest
+    /// first, about the mean slope `mean` (NED).
+    pub fn in_sea(steepest: impl IntoIterator<Item = f64>, mean: Vector2<f64>, wind: &WindPush) -> Slopes {
         let push = wind.mean * (STANDING / GRAVITY);
-        let quantile = |k: usize| {
-            let p = (k as f64 + 0.5) / SLOPE_WINDOWS as f64;
-            slope_sd * (-2.0 * (1.0 - p).ln()).sqrt()
-        };
-        let middle = SLOPE_WINDOWS / 2;
         Slopes {
             predicted: Vec::new(),
-            measured: (0..SLOPE_WINDOWS)
-                .map(|k| quantile((k + middle) % SLOPE_WINDOWS))
-                .collect(),
+            measured: steepest.into_iter().collect(),
             bias: (mean - push).norm(),
             gust: wind.gust_sd * STANDING / GRAVITY,
             push,
@@ -261,6 +253,14 @@ fn tilt_sd(forecast: Option<&DeckForecast>, ahead_s: f64) -> f64 {
 mod tests {
     use super::*;
 
+    /// Peaks of a sea whose slope has this standard deviation (Rayleigh), an ordinary one the newest.
+    fn peaks(sd: f64) -> impl Iterator<Item = f64> {
+        (0..60).map(move |k| {
+            let p = (f64::from((k + 30) % 60) + 0.5) / 60.0;
+            sd * (-2.0 * (1.0 - p).ln()).sqrt()
+        })
+    }
+
     #[test]
     fn staying_in_a_sea() {
         let stand = Stand {
@@ -272,7 +272,7 @@ mod tests {
                 mean: Vector2::new(wind, 0.0),
                 gust_sd: 0.0,
             };
-            Staying::of(&Slopes::in_sea(slope_sd, Vector2::zeros(), &wind), &stand).probability
+            Staying::of(&Slopes::in_sea(peaks(slope_sd), Vector2::zeros(), &wind), &stand).probability
         };
         assert!(p(0.02, 0.0) > 0.99 && p(0.25, 0.0) < 0.5);
         assert!(p(f64::NAN, 0.0) < 1e-12 && p(0.02, f64::NAN) < 1e-12);
@@ -286,7 +286,7 @@ mod tests {
     fn holding_force_that_a_sea_needs() {
         let pair = (&DeckGeometry::default(), &DroneGeometry::default());
         let needed = |slope_sd: f64| {
-            let slopes = Slopes::in_sea(slope_sd, Vector2::zeros(), &WindPush::default());
+            let slopes = Slopes::in_sea(peaks(slope_sd), Vector2::zeros(), &WindPush::default());
             (slopes.clone(), needed_hold_n(&slopes, pair, 0.4, 0.95))
         };
         assert_eq!(needed(0.01).1, Some(0.0));
