@@ -361,7 +361,8 @@ impl Node for VesselNode {
         else {
             return out;
         };
-        self.advisor.step(now, &filter.underway(self.wind));
+        let slopes = self.apparent_slope.1.slopes(now);
+        self.advisor.step(now, &filter.underway(self.wind, slopes));
         let header = |sequence| Header::new(self.vessel, 0, self.boot, sequence, now);
         let broadcast = &self.config.broadcast;
         let period = |hz: f64, fraction: f64| Span::from_secs(1.0 / (hz * fraction));

@@ -24,7 +24,6 @@ use nalgebra::Vector2;
 
 use super::normal::{below, norm};
 use super::wind::WindPush;
-use crate::apparent_slope::sea_slopes;
 use crate::estimation::moments;
 use crate::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use crate::msg::{DeckForecast, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, SLOPE_WINDOW_S};
@@ -128,14 +127,15 @@ pub fn needed_hold_n(
 }
 
 impl Staying {
-    /// Probability by the slopes, predicted and measured, and the wind; no number of slopes that are none.
+    /// Probability by the slopes, predicted and measured, and the wind; 0 of figures that are no numbers.
     pub fn of(slopes: &Slopes, stand: &Stand) -> Staying {
         let given = |(sds, weight): (f64, f64)| {
             let friction = stand.friction * (1.0 + FRICTION_SD * sds);
             weight * slopes.stays(friction, stand.edge_m)
         };
+        let probability: f64 = NODES.into_iter().map(given).sum();
         Staying {
-            probability: NODES.into_iter().map(given).sum(),
+            probability: if probability.is_finite() { probability } else { 0.0 },
         }
     }
 }
@@ -248,13 +248,13 @@ impl Slopes {
             push,
         }
     }
-    /// In a sea of which no single wave is predicted: the standard deviation `slope_sd` of the slope about its mean
-    /// `mean` (NED); its peaks are those of [`sea_slopes`].
-    pub fn in_sea(slope_sd: f64, mean: Vector2<f64>, wind: &WindPush) -> Slopes {
+    /// In a sea of which no single wave is predicted: the steepest slope of each window of [`SLOPE_WINDOW_S`], the newest
+    /// first, about the mean slope `mean` (NED).
+    pub fn in_sea(steepest: impl IntoIterator<Item = f64>, mean: Vector2<f64>, wind: &WindPush) -> Slopes {
         let push = wind.mean * (STANDING / GRAVITY);
         Slopes {
             predicted: Vec::new(),
-            measured: sea_slopes(slope_sd).to_vec(),
+            measured: steepest.into_iter().collect(),
             waves: Sines::of(&[], &mean),
             trim: mean.norm(),
             bias: mean - push,
@@ -348,6 +348,14 @@ fn tilt_sd(forecast: Option<&DeckForecast>, ahead_s: f64) -> f64 {
 mod tests {
     use super::*;
 
+    /// Peaks of a sea whose slope has this standard deviation (Rayleigh), an ordinary one the newest.
+    fn peaks(sd: f64) -> impl Iterator<Item = f64> {
+        (0..60).map(move |k| {
+            let p = (f64::from((k + 30) % 60) + 0.5) / 60.0;
+            sd * (-2.0 * (1.0 - p).ln()).sqrt()
+        })
+    }
+
     #[test]
     fn staying_in_a_sea() {
         let stand = Stand {
@@ -359,7 +367,7 @@ mod tests {
                 mean: Vector2::new(wind, 0.0),
                 gust_sd: 0.0,
             };
-            Staying::of(&Slopes::in_sea(slope_sd, Vector2::zeros(), &wind), &stand).probability
+            Staying::of(&Slopes::in_sea(peaks(slope_sd), Vector2::zeros(), &wind), &stand).probability
         };
         assert!(p(0.02, 0.0) > 0.99 && p(0.25, 0.0) < 0.5);
         assert!(p(f64::NAN, 0.0) < 1e-12 && p(0.02, f64::NAN) < 1e-12);
@@ -373,7 +381,7 @@ mod tests {
     fn holding_force_that_a_sea_needs() {
         let pair = (&DeckGeometry::default(), &DroneGeometry::default());
         let needed = |slope_sd: f64| {
-            let slopes = Slopes::in_sea(slope_sd, Vector2::zeros(), &WindPush::default());
+            let slopes = Slopes::in_sea(peaks(slope_sd), Vector2::zeros(), &WindPush::default());
             (slopes.clone(), needed_hold_n(&slopes, pair, 0.4, 0.95))
         };
         assert_eq!(needed(0.01).1, Some(0.0));

@@ -5,6 +5,9 @@
 //! wind over the deck give the probability of a landing, with the drone's own meaning ([`alight_shared::landing`]): speed and
 //! angle of the contact, four feet on the deck, and staying there.
 //!
+//! Of the slopes that move a landed drone the measured ones of the last two minutes count, as the drone takes them, in the
+//! proportion of the modelled deviations on both courses: on the present course nothing modelled is in it.
+//!
 //! A course costs the time until it is steady. Waiting costs what the drone's mission takes it to cost
 //! ([`WAITING_COST_PER_MIN`]), so a course is worth it where its probability less that cost is above the present one's.
 //!
@@ -22,7 +25,7 @@ use alight_shared::landing::{
     WAITING_COST_PER_MIN, WindPush, alignment_mps,
 };
 use alight_shared::motion_model::{MotionModel, MotionSample};
-use alight_shared::msg::CourseAdvice;
+use alight_shared::msg::{CourseAdvice, SLOPE_STEP, SLOPE_WINDOWS, Seq};
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, VesselModelConfig};
 use nalgebra::{Rotation2, Vector2};
@@ -140,8 +143,8 @@ impl From<&Advice> for CourseAdvice {
     }
 }
 
-/// What the advice depends on beside the waves.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// What the advice depends on in addition to the waves.
+#[derive(Clone, Debug, PartialEq)]
 struct Conditions {
     /// Heading, rad, and speed along it, m/s.
     heading_rad: f64,
@@ -152,6 +155,8 @@ struct Conditions {
     unforeseen: [f64; 2],
     /// The true wind, towards NED, m/s.
     wind: Vector2<f64>,
+    /// The steepest apparent slope in each window of the last two minutes, the newest first, as the drone gets them.
+    steepest: Vec<f64>,
 }
 
 /// A round of courses under way.
@@ -175,6 +180,8 @@ pub struct Underway<'a> {
     pub heading_rate: f64,
     /// The true wind that a drone reports, towards NED, m/s.
     pub wind: Option<Vector2<f64>>,
+    /// The steepest apparent slopes, the newest first, in steps of [`SLOPE_STEP`].
+    pub slopes: Seq<u8, SLOPE_WINDOWS>,
 }
 
 /// Finds the course on which a landing is most likely to succeed.
@@ -285,7 +292,8 @@ impl Advisor {
         };
         if let Some([heading, speed]) = round.courses.get(round.outlooks.len()).copied() {
             let powers = sea.powers(&self.hull, &self.deck.centre(), heading, speed);
-            let outlook = self.outlook(&round.now, [heading, speed], &powers);
+            let here = round.outlooks.first().map(|c| c.slope_sd);
+            let outlook = self.outlook(&round.now, here, [heading, speed], &powers);
             round.outlooks.push(outlook);
             self.round = Some(round);
         } else {
@@ -293,10 +301,12 @@ impl Advisor {
         }
     }
 
-    /// A course on which the deck's figures have these powers.
+    /// A course on which the deck's figures have these powers, where the apparent slope of the present course has the
+    /// standard deviation `here`: the slopes measured there count in that proportion.
     fn outlook(
         &self,
         now: &Conditions,
+        here: Option<f64>,
         [heading_rad, speed_mps]: [f64; 2],
         powers: &Powers,
     ) -> CourseOutlook {
@@ -315,6 +325,8 @@ impl Advisor {
         let [roll, pitch] = now.heel;
         // On a deck that lists to starboard the specific force points to port.
         let list = turn * Vector2::new(pitch, -roll);
+        let ratio = here.filter(|s| *s > 0.0).map_or(1.0, |s| course.slope_sd / s);
+        let steepest = now.steepest.iter().map(|s| s * ratio);
         let stand = Stand::on(&self.deck, &self.drone, FRICTION);
         let [of_heave, of_tilt] = now.unforeseen;
         let one_axis = core::f64::consts::FRAC_1_SQRT_2;
@@ -332,7 +344,7 @@ impl Advisor {
             place_sd_m: PLACE_SD_M,
             blind_s: BLIND_S,
             wind,
-            stays: Staying::of(&Slopes::in_sea(course.slope_sd, list, &wind), &stand).probability,
+            stays: Staying::of(&Slopes::in_sea(steepest, list, &wind), &stand).probability,
         };
         // Of a motion that is no number nothing is likely.
         if powers.iter().all(|p| p.is_finite()) {
@@ -363,6 +375,11 @@ impl Conditions {
                 part(tilt(&spread), tilt(&whole)),
             ],
             wind: underway.wind.unwrap_or(NO_WIND),
+            steepest: underway
+                .slopes
+                .iter()
+                .map(|s| f64::from(*s) * SLOPE_STEP)
+                .collect(),
         }
     }
 }

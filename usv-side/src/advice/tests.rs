@@ -36,13 +36,15 @@ fn sampled(waves: &[[f64; 3]], heading: f64, speed_mps: f64, roll: f64, seconds:
     advisor
 }
 
-fn round(advisor: &mut Advisor, heading: f64, speed_mps: f64) -> Advice {
+/// The advice after a round, where each of the last windows had this steepest slope.
+fn round(advisor: &mut Advisor, heading: f64, speed_mps: f64, steepest: f64) -> Advice {
     let now = Conditions {
         heading_rad: heading,
         speed_mps,
         heel: [0.0; 2],
         unforeseen: [0.2; 2],
         wind: NO_WIND,
+        steepest: vec![steepest; SLOPE_WINDOWS],
     };
     advisor.round = Some(Round {
         courses: courses(heading, speed_mps),
@@ -88,7 +90,7 @@ fn advice_for_a_hull_that_rolls() {
     let waves = [[0.5, 1.4, 0.0], [0.3, 1.7, 0.3], [0.3, 1.2, -0.3]];
     let heading = core::f64::consts::FRAC_PI_2;
     let mut advisor = sampled(&waves, heading, 3.0, 3.0, 150.0);
-    let advice = round(&mut advisor, heading, 3.0);
+    let advice = round(&mut advisor, heading, 3.0, 0.25);
     assert!(advice.is_change(), "{advice:?}");
     let off = advice.heading_rad().sin().abs();
     assert!(off < 0.75, "out of the beam sea: {advice:?}");
@@ -106,7 +108,7 @@ fn advice_for_a_hull_that_rolls() {
 fn no_advice_where_every_course_is_as_good() {
     let heading = core::f64::consts::FRAC_PI_2;
     let mut advisor = sampled(&[[0.05, 1.2, 0.0], [0.02, 1.0, 0.2]], heading, 2.0, 1.0, 150.0);
-    let advice = round(&mut advisor, heading, 2.0);
+    let advice = round(&mut advisor, heading, 2.0, 0.02);
     assert!(!advice.is_change() && advice.here.likelihood > 0.95, "{advice:?}");
     assert_eq!((advice.turn_s(), advice.way_lost_m()), (0.0, 0.0));
 }

@@ -181,14 +181,19 @@ impl Filter {
         })
     }
 
-    /// The motion as the advice needs it, in this true wind, towards NED, m/s.
-    pub(crate) fn underway(&self, wind: Option<Vector2<f64>>) -> Underway<'_> {
+    /// The motion as the advice needs it, in this true wind (towards NED, m/s), with the deck's steepest apparent slopes.
+    pub(crate) fn underway(
+        &self,
+        wind: Option<Vector2<f64>>,
+        slopes: Seq<u8, SLOPE_WINDOWS>,
+    ) -> Underway<'_> {
         Underway {
             motion: &self.motion,
             velocity: self.mean_velocity,
             heading: self.mean_heading,
             heading_rate: self.mean_heading_rate,
             wind,
+            slopes,
         }
     }
 
