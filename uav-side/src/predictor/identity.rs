@@ -88,13 +88,10 @@ impl Residual {
         let square = |i: usize| (before[i] * after[i] / tilt_variance[i]).min(MAX_SD * MAX_SD);
         self.squares += (0..2).map(square).sum::<f64>();
     }
-    fn cost(&self) -> f64 {
-        let yaw = if self.n > 0.0 {
-            self.mean.z / YAW_SD_RAD
-        } else {
-            0.0
-        };
-        0.5 * (yaw * yaw + self.squares)
+    /// Of as many samples as `n`.
+    fn cost(&self, n: f64) -> f64 {
+        let yaw = self.mean.z / YAW_SD_RAD;
+        0.5 * (yaw * yaw + self.squares * n / self.n.max(1.0))
     }
 }
 
@@ -126,9 +123,10 @@ impl Deck {
         let two = other.together >= CONFIRMED || (other.place - self.place).norm() > APART_M;
         in_one_image || other.counts() && two
     }
-    fn cost(&self) -> f64 {
+    /// Negative logarithm of its likelihood by `n` samples of its tilt.
+    fn cost(&self, n: f64) -> f64 {
         let apart = self.apart_sd.unwrap_or(0.0);
-        0.5 * apart * apart + self.residual.cost()
+        0.5 * apart * apart + self.residual.cost(n)
     }
 }
 
@@ -287,16 +285,16 @@ impl Decks {
     /// The own deck, if that can be said.
     fn decide(&self, now: Time<DroneClock>, radio: bool) -> Option<usize> {
         let counts = || self.decks.iter().enumerate().filter(|(_, d)| d.counts());
-        let (best, deck) = counts().min_by(|a, b| a.1.cost().total_cmp(&b.1.cost()))?;
+        // By as many looks at each: every one costs.
+        let n = counts().map(|(_, d)| d.residual.n).fold(f64::INFINITY, f64::min);
+        let (best, deck) = counts().min_by(|a, b| a.1.cost(n).total_cmp(&b.1.cost(n)))?;
         if self.rivals_of(best).next().is_none() {
             // With the radio a second one may still come into view where the vessel is.
             let followed = (now - deck.since).secs() >= FOLLOWED_S;
             return (followed && !radio).then_some(best);
         }
-        // About the same number of looks at each: every one costs.
-        let (n, cost) = (deck.residual.n, deck.cost());
-        let looks = |d: &Deck| n >= MIN_SAMPLES && (d.residual.n - n).abs() <= 1.0;
-        let clear = (self.rivals_of(best)).all(|d| looks(d) && d.cost() - cost >= MARGIN);
+        let cost = deck.cost(n);
+        let clear = n >= MIN_SAMPLES && (self.rivals_of(best)).all(|d| d.cost(n) - cost >= MARGIN);
         clear.then_some(best)
     }
     /// Forgets what was not seen for long.
