@@ -37,8 +37,8 @@ pub struct ComputerIn {
     pub deck_orders: Vec<DeckOrder>,
     /// Digital inputs.
     pub deck_inputs: DeckInputs,
-    /// Bytes of the boat's autopilot.
-    pub helm: Vec<u8>,
+    /// Bytes of the boat's autopilot; None: its link is not open.
+    pub helm: Option<Vec<u8>>,
     /// At the first step, what the former start left.
     pub checkpoint: Option<VesselCheckpoint>,
 }
@@ -205,7 +205,7 @@ impl VesselComputer {
                 checkpoint: input.checkpoint.as_ref().and_then(|c| c.helm),
             },
         );
-        let changed = out.status.state != before.state;
+        let changed = (out.status.state, out.status.why) != (before.state, before.why);
         let turned = self
             .helm
             .kept()

@@ -8,12 +8,10 @@ pub enum Demand {
     /// Nothing.
     #[default]
     Nothing,
-    /// One stands on the deck, motors off.
+    /// One stands on the deck.
     Stands,
-    /// One stands on the deck, armed: after its landing, or before its take-off.
-    Armed,
-    /// One comes for the deck.
+    /// One comes for the deck, or waits on it for its take-off.
     Comes,
-    /// One is on its way down.
+    /// One is on its way down, or takes off.
     Descends,
 }

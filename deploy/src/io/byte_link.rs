@@ -96,6 +96,15 @@ impl ByteLink {
             last_error: None,
         }
     }
+    /// What is sent goes to somebody, as far as the system knows: a port that is open, a connection that stands.
+    pub fn is_open(&self) -> bool {
+        match &self.open {
+            Some(Open::Udp { .. } | Open::Tcp(..) | Open::Serial(_) | Open::Can(..) | Open::Lines(..)) => {
+                true
+            }
+            Some(Open::Listening(_)) | None => false,
+        }
+    }
     /// Times that the link was opened again.
     pub fn opened(&self) -> u32 {
         self.opened

@@ -18,6 +18,8 @@ pub struct Arrival {
     pub link: usize,
     /// Bytes, at most what a link reads at once.
     pub bytes: Vec<u8>,
+    /// It is open.
+    pub open: bool,
     /// Why it could not be opened, or broke.
     pub error: Option<String>,
     /// Datagrams of others than its peer so far, and who sent the newest.
@@ -65,28 +67,28 @@ async fn run(
     to: mpsc::Sender<Arrival>,
     mut messages: mpsc::Receiver<Vec<u8>>,
 ) {
-    let mut strangers = None;
+    let (mut strangers, mut open) = (None, false);
+    let mut bytes = Vec::new();
     loop {
-        let mut bytes = Vec::new();
+        let news = (link.strangers(), link.is_open()) != (strangers, open);
+        (strangers, open) = (link.strangers(), link.is_open());
+        let arrival = Arrival {
+            link: number,
+            bytes: core::mem::take(&mut bytes),
+            open,
+            error: link.last_error(),
+            strangers,
+        };
+        let something = !arrival.bytes.is_empty() || arrival.error.is_some() || news;
+        if something && to.send(arrival).await.is_err() {
+            return;
+        }
         tokio::select! {
             () = link.read(|b| bytes.extend_from_slice(b)) => {}
             message = messages.recv() => match message {
                 Some(message) => link.write(&message),
                 None => return,
             },
-        }
-        let error = link.last_error();
-        let news = link.strangers() != strangers;
-        strangers = link.strangers();
-        let arrival = Arrival {
-            link: number,
-            bytes,
-            error,
-            strangers,
-        };
-        let something = !arrival.bytes.is_empty() || arrival.error.is_some() || news;
-        if something && to.send(arrival).await.is_err() {
-            return;
         }
     }
 }

@@ -1,8 +1,8 @@
 //! The vessel's computer: findings, state and figures.
 
 use alight_shared::msg::{
-    Charge, Closure, Course, CourseAdvice, DeckStatus, DroneContact, DroneStatus, EstimatorStatus, HelmState,
-    State, VesselStatus, still_armed,
+    Charge, Closure, Course, CourseAdvice, DeckStatus, DroneContact, DroneStatus, EstimatorStatus, HelmEnd,
+    HelmState, State, VesselStatus, still_armed,
 };
 use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessKind;
@@ -194,6 +194,10 @@ fn helm_findings(deck: &DeckStatus) -> Vec<Finding> {
         HelmState::Agreed | HelmState::Steady | HelmState::Done => {
             Some(TOPIC.fine(format!("{helm}; a hand on the helm, or alight command helm no, ends it")))
         }
+        HelmState::Withdrawn if helm.why == HelmEnd::NotGivenBack => Some(TOPIC.stopping(
+            helm.to_string(),
+            "set the mode of the boat's autopilot by hand; the skipper is not asked before (docs/helm.md)",
+        )),
         HelmState::Withdrawn => Some(TOPIC.warning(helm.to_string(), "the boat steers as its skipper has it")),
     });
     all

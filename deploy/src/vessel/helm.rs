@@ -25,6 +25,7 @@ pub fn signing_key(computer: &VesselComputer) -> Result<Option<Signing>, CliErro
 pub struct HelmLink {
     links: ByteLinks,
     address: String,
+    open: bool,
     error: Option<String>,
 }
 
@@ -43,23 +44,23 @@ impl HelmLink {
         Ok(HelmLink {
             links: ByteLinks::start(link.map(|link| (0, link))),
             address: helm.connect.clone(),
+            open: false,
             error: None,
         })
     }
-    /// What has come.
-    pub fn received(&mut self) -> Vec<u8> {
+    /// What has come; None: the link is not open.
+    pub fn received(&mut self) -> Option<Vec<u8>> {
         let mut bytes = Vec::new();
         while bytes.len() < MAX_STEP_BYTES {
             let Some(arrival) = self.links.arrived() else {
                 break;
             };
-            if !arrival.bytes.is_empty() {
-                self.error = None;
-            }
             bytes.extend(arrival.bytes);
-            self.error = arrival.error.or(self.error.take());
+            self.open = arrival.open;
+            // An open link has no error but a new one.
+            self.error = arrival.error.or(self.error.take().filter(|_| !arrival.open));
         }
-        bytes
+        self.open.then_some(bytes)
     }
     /// Sends what the step has for it.
     pub fn send(&self, bytes: &[u8]) {
@@ -69,10 +70,41 @@ impl HelmLink {
     }
     /// Why it cannot be steered: its link, or that nothing of a boat's autopilot comes.
     pub fn error(&self, silent: bool) -> Option<String> {
-        let silence = || format!("{}: no heartbeat of a boat's autopilot comes", self.address);
-        self.error
-            .clone()
-            .filter(|_| silent)
-            .or_else(|| silent.then(silence))
+        let why = match self.open {
+            true => "no heartbeat of a boat's autopilot comes",
+            false => "the link to the boat's autopilot is not open",
+        };
+        let silence = || format!("{}: {why}", self.address);
+        self.error.clone().or_else(|| silent.then(silence))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    #[tokio::test]
+    async fn dead_link_of_an_autopilot_that_reports_nothing() {
+        let mut computer = VesselComputer::default();
+        computer.vessel.helm.output = HelmOutput::Nmea0183;
+        let mut open = async |connect: &str| {
+            computer.vessel.helm.connect = connect.into();
+            let mut link = HelmLink::open(&computer).await.unwrap();
+            for _ in 0..1000 {
+                if link.received().is_some() || link.error(false).is_some() {
+                    break;
+                }
+                tokio::time::sleep(Duration::from_millis(10)).await;
+            }
+            link
+        };
+        let mut dead = open("serial:///nowhere/ttyUSB1:4800").await;
+        assert_eq!(dead.received(), None);
+        let why = dead.error(false).unwrap();
+        assert!(why.contains("/nowhere/ttyUSB1"), "{why}");
+        let mut bound = open("udpin://127.0.0.1:0").await;
+        assert_eq!((bound.received(), bound.error(false)), (Some(Vec::new()), None));
     }
 }

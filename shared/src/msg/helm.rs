@@ -56,7 +56,7 @@ pub enum HelmEnd {
     HandOnHelm,
     /// The boat's autopilot was switched to another mode.
     ModeChanged,
-    /// The boat's autopilot is silent.
+    /// The boat's autopilot is silent, or its link is not open.
     LinkLost,
     /// The boat's autopilot denies the mode in which it takes a course.
     Denied,
@@ -66,6 +66,12 @@ pub enum HelmEnd {
     Turning,
     /// The vessel's process was restarted while it steered.
     Restarted,
+    /// A drone began its descent or its take-off before the boat's autopilot had taken the helm.
+    Descent,
+    /// The drone that comes has not landed for too long.
+    TooLong,
+    /// The boat's autopilot has not taken its former mode back.
+    NotGivenBack,
 }
 
 impl fmt::Display for HelmEnd {
@@ -76,11 +82,14 @@ impl fmt::Display for HelmEnd {
             HelmEnd::Unanswered => "the skipper has not answered",
             HelmEnd::HandOnHelm => "course or speed is not what was commanded: a hand on the helm",
             HelmEnd::ModeChanged => "the boat's autopilot was switched to another mode",
-            HelmEnd::LinkLost => "the boat's autopilot is silent",
+            HelmEnd::LinkLost => "the boat's autopilot is silent, or its link is not open",
             HelmEnd::Denied => "the boat's autopilot denies the mode that takes a course",
             HelmEnd::NoEstimate => "the vessel's motion is not known",
             HelmEnd::Turning => "the helm states that the vessel turns",
             HelmEnd::Restarted => "the vessel's process was restarted",
+            HelmEnd::Descent => "a drone descends or takes off on the course that is",
+            HelmEnd::TooLong => "the drone has not landed for too long",
+            HelmEnd::NotGivenBack => "the former mode was not taken back by the boat's autopilot",
         })
     }
 }

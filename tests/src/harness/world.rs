@@ -426,7 +426,7 @@ impl World {
             ..core::mem::replace(&mut self.given, given)
         };
         self.receive_at_vessel(t, &mut input);
-        input.helm = self.boat.sent(t);
+        input.helm = Some(self.boat.sent(t));
         if self.failing.frozen.vessel {
             // Orders wait, what was measured is lost.
             (self.given.commands, self.given.deck_orders) = (input.commands, input.deck_orders);

@@ -114,6 +114,12 @@ fn refused_helm() {
 #[test]
 fn unanswered_helm() {
     let (mut rig, heading_deg) = asked(33);
+    let closed = rig.until(120.0, |rig| helm(rig) != HelmState::Asked);
+    let status = rig.world.helm();
+    // The question has a time, or the drone descends while it is open.
+    let unanswered = status.state == HelmState::Withdrawn && status.why == HelmEnd::Unanswered;
+    let descends = matches!(rig.state(0), State::Descent | State::Flare | State::Landed);
+    assert!(closed && (unanswered || descends), "{status} {:?}", rig.state(0));
     is_left_alone(&mut rig, heading_deg);
 }
 

@@ -8,9 +8,9 @@
 use alight_shared::landing::MAX_TILT_RAD;
 use alight_shared::msg::ReasonCode::{
     Arming, ArmingRejected, BetterMoment, ClearOfDeck, CountedDown, Counting, DeckGrantStale, DeckReserved,
-    Disarmed, DoesNotRise, GoodMoment, Leaving, NoMoment, NoVessel, NotCleared, NotFlying, NotOnDeck,
-    OffHeight, OrderExpired, SpinningUp, StillArmed, TakeOffBattery, TakeOffCommanded, TakeOffOff, TakenOff,
-    TipsOver, TooLong, VesselTurns,
+    Disarmed, DoesNotRise, GoodMoment, HelmTurns, Leaving, NoMoment, NoVessel, NotCleared, NotFlying,
+    NotOnDeck, OffHeight, OrderExpired, SpinningUp, StillArmed, TakeOffBattery, TakeOffCommanded, TakeOffOff,
+    TakenOff, TipsOver, TooLong, VesselTurns,
 };
 use alight_shared::msg::{Course, DeckGrant, LandingMode, Reason};
 use alight_shared::time::DroneClock;
@@ -23,7 +23,7 @@ use super::limits::{HEIGHT_TOLERANCE_M, ORDER_WAITS_S, exceeds};
 use super::phase::{
     DroneTime, HoldCause, MissionPhase, Progress, Transition, climbing_out, holding, moving_place, old_data,
 };
-use super::situation::{ControlState, Situation};
+use super::situation::{ControlState, Promise, Situation};
 use crate::lift_off::{LEFT_M, Rise};
 use crate::mission_config::MissionConfig;
 
@@ -122,10 +122,20 @@ fn stop(s: &Situation, why: impl Into<Reason>) -> Transition {
     }
 }
 
+/// Why a vessel that turns is not left: the course that she turns to is waited for, where it is promised.
+fn turns(s: &Situation) -> Option<Reason> {
+    let promised = |p: &Promise| Reason::new(HelmTurns, p.heading_rad, p.steady_in_s);
+    let turns = || (s.course == Course::Turning).then(|| VesselTurns.into());
+    s.promise.as_ref().map(promised).or_else(turns)
+}
+
 /// What speaks against a take-off as long as the drone stands on the deck.
 fn unfit(s: &Situation, c: &MissionConfig) -> Option<Reason> {
-    let turns = (s.course == Course::Turning).then(|| VesselTurns.into());
-    let first = s.not_cleared.or_else(|| old_data(s)).or(s.rejection).or(turns);
+    let first = s
+        .not_cleared
+        .or_else(|| old_data(s))
+        .or(s.rejection)
+        .or_else(|| turns(s));
     first.or_else(|| {
         let Some(deck) = s.fresh_deck() else {
             return Some(s.no_deck());

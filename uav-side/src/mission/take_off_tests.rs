@@ -2,7 +2,7 @@
 
 use alight_shared::msg::ReasonCode::{
     Arming, ArmingRejected, BatteryLow, ClearOfDeck, CountedDown, Counting, DeckGrantStale, DeckReserved,
-    Disarmed, DoesNotRise, ForecastStale, GoodMoment, NoMoment, NotCleared, NotOnDeck, Operator,
+    Disarmed, DoesNotRise, ForecastStale, GoodMoment, HelmTurns, NoMoment, NotCleared, NotOnDeck, Operator,
     OrderExpired, SpinningUp, StillArmed, TakeOffBattery, TakeOffCommanded, TakeOffOff, TakeOffTilted,
     TakenOff, TipsOver, VesselTurns,
 };
@@ -102,13 +102,21 @@ fn checks_before_the_countdown() {
     let waits = |change: fn(&mut Situation)| follows(preparing, None, &standing(change));
     assert_eq!(waits(|_| {}), (State::Countdown, Counting));
     type Change = fn(&mut Situation);
-    let gaps: [(ReasonCode, Change); 8] = [
+    let gaps: [(ReasonCode, Change); 9] = [
         (NotCleared, |s| s.not_cleared = Some(NotCleared.into())),
         (NotOnDeck, |s| s.on_ground = false),
         (NotOnDeck, |s| s.deck.iter_mut().for_each(|d| d.distance_m = 5.1)),
         (ForecastStale, |s| s.forecast_age_s = 0.4),
         (TakeOffBattery, |s| s.battery = Some(0.29)),
         (VesselTurns, |s| s.course = Course::Turning),
+        (HelmTurns, |s| {
+            s.course = Course::Turning;
+            s.promise = Some(Promise {
+                heading_rad: 0.7,
+                steady_in_s: 12.0,
+                likelihood: 0.98,
+            });
+        }),
         (TakeOffTilted, |s| s.lift_off = moments(STEEP)),
         (ReasonCode::HeadingUnaligned, |s| {
             s.rejection = Some(ReasonCode::HeadingUnaligned.into());

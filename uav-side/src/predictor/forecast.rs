@@ -251,6 +251,8 @@ impl Horizon {
         let (s, c) = by_compass.sin_cos();
         let (roll, pitch) = turn_tilt(v[3], v[4], by_compass);
         let (dr, dp) = (c * r[3] + s * r[4], -s * r[3] + c * r[4]);
+        // Of a vessel that turns, whose axes turn below the tilt.
+        let (dr, dp) = (dr + r[5] * pitch, dp - r[5] * roll);
         let (ddr, ddp) = (c * a[3] + s * a[4], -s * a[3] + c * a[4]);
         let [low, sinks, dives] = lever_arm_heave(lever_arm, [roll, pitch], [dr, dp], [ddr, ddp]);
         v[2] += low;
@@ -272,7 +274,7 @@ impl Horizon {
             velocity: [r[0], r[1], r[2]],
             acceleration: [a[0], a[1], a[2]],
             euler: [roll, pitch, yaw],
-            euler_rates: [dr + r[5] * pitch, dp - r[5] * roll, r[5]],
+            euler_rates: [dr, dp, r[5]],
             position_sd: [sd(0), sd(1), sd(2)],
             velocity_sd: [rate_sd(0), rate_sd(1), rate_sd(2)],
             acceleration_sd: [0, 1, 2].map(acceleration_sd),
@@ -285,4 +287,38 @@ impl Horizon {
 /// Position and heading are forecast in the drone's frame; tilt as it is.
 fn in_vision_frame(axis: usize) -> bool {
     !matches!(axis, 3 | 4)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::config::PredictorConfig;
+    use super::*;
+
+    #[test]
+    fn deck_of_a_heeled_vessel_that_turns() {
+        let config = PredictorConfig::default();
+        let noise = AxisNoise::all(&config);
+        let mut axes: [Axis; AXES] = core::array::from_fn(|i| Axis::new(&noise[i], &[], i, 0.0, 0.1, 0.1));
+        (axes[TILT[0]].x[MEAN], axes[TILT[1]].x[MEAN]) = (0.10, -0.05);
+        (axes[5].x[MEAN], axes[5].x[RATE]) = (0.7, 0.1);
+        let mut waves = Waves::new(&config);
+        waves.set_lever_arm(Vector3::new(-4.0, 0.5, -1.3), 0.7);
+        let horizon = Horizon::new(&[], 0.1);
+        let at = (&waves, Time::from_secs(1.0));
+        let stages = horizon.stages(&axes, &noise, &[(0.0, 0.0); AXES], 0.0, at);
+        let [first, .., last] = &stages[..] else {
+            panic!("{} stages", stages.len());
+        };
+        // Heel and trim stay what they are in her own axes, and so does the height of the deck.
+        for s in [first, last] {
+            assert!(s.velocity[2].abs() < 1e-9, "{:?}", s.velocity);
+            assert!(
+                s.euler_rates[0].hypot(s.euler_rates[1]) < 1e-9,
+                "{:?}",
+                s.euler_rates
+            );
+        }
+        assert!(last.euler[2] > first.euler[2] + 0.1);
+        assert!((last.position[2] - first.position[2]).abs() < 0.005);
+    }
 }

@@ -31,6 +31,9 @@ const MEMORY: f64 = 16.0;
 const MIN_SEGMENTS: f64 = 4.0;
 /// A segment in which the heading changes by more, or whose mean is so far from the former one's, is a turn, rad.
 const TURN_RAD: f64 = 15.0 * TAU / 360.0;
+/// The shortest waves that move a boat, rad/s: a change of speed `dU` that moves them, met head on, by a bin (`omega² dU / g`)
+/// is another course ([`course_change_mps`]).
+const SHORT_RADPS: f64 = 1.3;
 /// Directions of a spectrum.
 const DIRECTIONS: usize = 24;
 /// Longest length of the mean direction: seas have some spread.
@@ -46,14 +49,21 @@ const NEGLIGIBLE: f64 = 1e-4;
 /// Lines that stand for the width of a frequency.
 const LINES: [f64; 3] = [-1.0 / 3.0, 0.0, 1.0 / 3.0];
 
+/// Width of a bin, rad/s.
+const fn bin_width() -> f64 {
+    TAU / (SEGMENT as f64 * SAMPLE_S)
+}
+/// The change of speed that moves a wave of [`SHORT_RADPS`] by a bin, m/s: 1.4.
+const fn course_change_mps() -> f64 {
+    bin_width() * GRAVITY / (SHORT_RADPS * SHORT_RADPS)
+}
 /// Frequency of encounter of a bin, rad/s.
 fn frequency(bin: usize) -> f64 {
-    TAU * (FIRST + bin) as f64 / (SEGMENT as f64 * SAMPLE_S)
+    bin_width() * (FIRST + bin) as f64
 }
 /// The bin of a frequency of encounter, the nearest one.
 fn bin_of(met: f64) -> usize {
-    let step = TAU / (SEGMENT as f64 * SAMPLE_S);
-    ((met.abs() / step).round() as usize).clamp(FIRST, FIRST + BINS - 1) - FIRST
+    ((met.abs() / bin_width()).round() as usize).clamp(FIRST, FIRST + BINS - 1) - FIRST
 }
 
 /// Powers of one frequency of encounter.
@@ -153,22 +163,35 @@ impl Spectrum {
         self.add_segment()
     }
 
-    /// Adds the recorded segment, unless the vessel turns in it.
-    fn add_segment(&mut self) -> bool {
+    /// Mean heading (rad) and velocity (NED, m/s) of the recorded segment; None where the vessel turns or changes her speed
+    /// in it.
+    fn course(&self) -> Option<(f64, Vector2<f64>)> {
         let n = self.record.len() as f64;
         let first = self.record.front().map_or(0.0, |r| r.0.mean_heading);
-        let off = |s: &MotionSample<VesselClock>| wrap_angle(s.mean_heading - first);
-        let (mut low, mut high, mut sum) = (0.0_f64, 0.0_f64, 0.0);
-        let mut velocity = Vector2::zeros();
+        let (mut turned, mut speeds) = ([0.0_f64; 2], [f64::INFINITY, f64::NEG_INFINITY]);
+        let (mut sum, mut velocity) = (0.0, Vector2::zeros());
+        let extend = |[low, high]: [f64; 2], x: f64| [low.min(x), high.max(x)];
         for (s, v) in &self.record {
-            (low, high, sum) = (low.min(off(s)), high.max(off(s)), sum + off(s));
+            let off = wrap_angle(s.mean_heading - first);
+            turned = extend(turned, off);
+            speeds = extend(speeds, ahead(v, s.mean_heading));
+            sum += off;
             velocity += v / n;
         }
-        let heading = wrap_angle(first + sum / n);
-        if high - low > TURN_RAD || !velocity.norm().is_finite() {
+        let steady = turned[1] - turned[0] <= TURN_RAD && speeds[1] - speeds[0] <= course_change_mps();
+        let known = velocity.norm().is_finite();
+        (steady && known).then(|| (wrap_angle(first + sum / n), velocity))
+    }
+
+    /// Adds the recorded segment, unless the vessel changes her course or speed in it; what was measured on another course or
+    /// at another speed counts no more.
+    fn add_segment(&mut self) -> bool {
+        let Some((heading, velocity)) = self.course() else {
             return false;
-        }
-        if wrap_angle(heading - self.heading).abs() > TURN_RAD {
+        };
+        let turned = wrap_angle(heading - self.heading).abs() > TURN_RAD;
+        let faster_mps = ahead(&velocity, heading) - ahead(&self.velocity, self.heading);
+        if turned || faster_mps.abs() > course_change_mps() {
             self.segments = 0.0;
         }
         self.segments = (self.segments + 1.0).min(MEMORY);
@@ -270,7 +293,7 @@ impl Spectrum {
         let r = directed.min(MAX_DIRECTED);
         let spread = 2.0 * r / (1.0 - r);
         let mean = bin.towards.y.atan2(bin.towards.x);
-        let step = TAU / (SEGMENT as f64 * SAMPLE_S);
+        let step = bin_width();
         let (heading, speed_mps) = (self.heading, ahead(&self.velocity, self.heading));
         let mut waves: Vec<Wave> = Vec::with_capacity(DIRECTIONS * LINES.len());
         for j in 0..DIRECTIONS {
@@ -344,6 +367,35 @@ fn own_frequency(met: f64, along: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Northwards at these speeds, m/s, each for so many samples; how many segments count then.
+    fn segments(speeds: &[(f64, usize)]) -> f64 {
+        let mut spectrum = Spectrum::new(Vector3::zeros());
+        let each = speeds.iter().flat_map(|(mps, n)| core::iter::repeat_n(*mps, *n));
+        for (k, mps) in each.enumerate() {
+            let sample = MotionSample {
+                at: alight_shared::time::Time::from_secs(SAMPLE_S * k as f64),
+                mean_heading: 0.0,
+                value: [0.0; 6],
+                rate: [0.0; 5],
+                level_variance: 0.0,
+            };
+            spectrum.push(sample, Vector2::new(mps, 0.0));
+        }
+        spectrum.segments
+    }
+
+    #[test]
+    fn segments_of_a_vessel_that_changes_its_speed() {
+        assert!((1.3..1.5).contains(&course_change_mps()));
+        let before = SEGMENT + 3 * HOP;
+        assert_eq!(segments(&[(3.0, before)]), 4.0);
+        // A part of a bin: the same waves.
+        assert_eq!(segments(&[(3.0, before), (4.0, SEGMENT)]), 8.0);
+        // None of a change, and the first one behind it alone.
+        assert_eq!(segments(&[(5.0, before), (2.0, SEGMENT - HOP)]), 4.0);
+        assert_eq!(segments(&[(5.0, before), (2.0, SEGMENT)]), 1.0);
+    }
 
     #[test]
     fn own_frequency_of_a_wave_that_is_met() {

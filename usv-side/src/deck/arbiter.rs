@@ -68,6 +68,7 @@ struct Drone {
     /// Of its newest status.
     header: Header<DroneClock>,
     received: Time<VesselClock>,
+    state: State,
     claim: Claim,
     /// Since when it has requested the deck without owning it, or has owned it without descending.
     since: Time<VesselClock>,
@@ -87,7 +88,6 @@ struct Drone {
     flies: bool,
     /// 0 to 1; None: not reported.
     battery: Option<f64>,
-    armed: bool,
     /// Is on its way down, or begins no descent because of the vessel's course.
     wants_steady: bool,
 }
@@ -347,6 +347,7 @@ impl DeckArbiter {
             header: Header::new(self.vessel, c.drone, c.boot, 0, Time::EPOCH),
             // It was not received since.
             received: now - FRESH - Span::from_millis(1),
+            state: State::default(),
             claim: c.claim,
             since: now,
             // The owner may have gone there meanwhile.
@@ -359,7 +360,6 @@ impl DeckArbiter {
             at_deck: false,
             flies: false,
             battery: None,
-            armed: false,
             wants_steady: false,
         });
         self.drones = drones.collect();
@@ -414,6 +414,7 @@ impl DeckArbiter {
         let drone = Drone {
             header: *h,
             received: now,
+            state: status.state,
             claim,
             since: same.filter(|_| !new_request && !arrived).map_or(now, |d| d.since),
             inside,
@@ -427,7 +428,6 @@ impl DeckArbiter {
             at_deck: Claim::is_at_deck(status),
             flies: claim::flies(status),
             battery: status.battery,
-            armed: status.armed,
             wants_steady: wants_steady(status),
         };
         match index.and_then(|k| self.drones.get_mut(k)) {

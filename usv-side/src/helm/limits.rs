@@ -32,11 +32,15 @@ impl HelmConfig {
     /// The skipper permits this course as it is, from the motion `now`; a speed outside its range counts as the nearest in it
     /// where that makes no difference.
     pub fn permits(&self, course: &Goal, now: &BoatMotion) -> bool {
+        self.permits_within(course, now, 0.0)
+    }
+    /// The same, where the heading now is off by up to `error_rad` from that which the change counts from.
+    pub(super) fn permits_within(&self, course: &Goal, now: &BoatMotion, error_rad: f64) -> bool {
         let turn = wrap_angle(course.heading_rad - now.heading_rad);
         let [low, high] = self.speed_mps;
         let speed_off = (course.speed_mps - course.speed_mps.clamp(low, high)).abs();
         let reached = self.unobstructed(now.heading_rad, turn);
-        turn.abs() <= self.heading_change_deg.to_radians()
+        turn.abs() <= self.heading_change_deg.to_radians() + error_rad
             && speed_off <= WORTH_MPS
             && (reached - turn).abs() < 0.5 * STEP_RAD
             && !self.keeps_out(course.heading_rad)

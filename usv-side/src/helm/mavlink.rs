@@ -1,13 +1,13 @@
 //! The boat's autopilot over MAVLink: ArduPilot Rover in GUIDED, PX4 in OFFBOARD.
 //!
-//! Both take `SET_POSITION_TARGET_LOCAL_NED` with a velocity alone (type mask 3559, "use velocity"): the boat heads where it
-//! points and goes as fast as it is long. ArduPilot stops a boat that was not given one for 3 s, PX4 leaves OFFBOARD after
+//! Both take `SET_POSITION_TARGET_LOCAL_NED` with a velocity alone (type mask 3527): the boat heads where it points and goes
+//! as fast as it is long. ArduPilot stops a boat that was not given one for 3 s, PX4 leaves OFFBOARD after
 //! `COM_OF_LOSS_T`: that is the dead man of this end. PX4 wants set-points for a second before it takes the mode.
 
 use alight_shared::mavlink::{self, FrameReader, MAX_WAITING, Outgoing, Sender, Signing, dialect as m};
 use alight_shared::time::{Span, Time, VesselClock};
 
-use super::{Command, ReadBack};
+use super::autopilot::{Command, ReadBack};
 use crate::mavlink_systems::{AUTOPILOT, Systems};
 
 /// Time between two heartbeats of ours and two requests of a mode.
@@ -126,6 +126,7 @@ impl MavlinkHelm {
         ReadBack {
             present,
             mode: self.mode,
+            reported: self.received,
             is_ours: present && self.firmware.map(Firmware::steered_mode) == self.mode,
             denied: self.denied,
             by_hand: false,
@@ -206,7 +207,8 @@ fn velocity(system: u8, heading_rad: f64, speed_mps: f64) -> m::MavMessage {
     m::MavMessage::SET_POSITION_TARGET_LOCAL_NED(d)
 }
 
-/// Position, acceleration, yaw and yaw rate are ignored.
+/// Position, acceleration, yaw and yaw rate are ignored (bits 0 to 2, 6 to 8, 10 and 11): 3527. Rover's own example, 3559,
+/// ignores the velocity down as well, which Rover does not look at; older versions of PX4 then take no velocity at all.
 const USE_VELOCITY: u16 = 0x0DC7;
 
 fn set_mode(system: u8, firmware: Firmware, custom_mode: u32) -> m::MavMessage {
@@ -220,4 +222,21 @@ fn set_mode(system: u8, firmware: Firmware, custom_mode: u32) -> m::MavMessage {
         param3,
         ..m::COMMAND_LONG_DATA::DEFAULT
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn set_point_of_a_velocity_alone() {
+        let m::MavMessage::SET_POSITION_TARGET_LOCAL_NED(d) = velocity(1, 0.5, 3.0) else {
+            panic!("another message");
+        };
+        // X, Y and Z (1, 2, 4), accelerations (64, 128, 256), yaw (1024) and yaw rate (2048) are ignored, no velocity is.
+        assert_eq!(d.type_mask.bits(), 7 + 64 + 128 + 256 + 1024 + 2048);
+        assert_eq!(d.type_mask.bits(), 3527);
+        assert!((d.vy.atan2(d.vx) - 0.5).abs() < 1e-6 && (d.vx.hypot(d.vy) - 3.0).abs() < 1e-6);
+        assert_eq!(d.vz, 0.0);
+    }
 }

@@ -5,10 +5,15 @@
 //! is worth it) -> `Agreed` (he said yes: she turns) -> `Steady` (she is on the course) -> `Done` (the landing is over: she
 //! goes back) -> `Idle`. Anything else ends in `Withdrawn` until that landing is over: a refusal, no answer, a hand on the
 //! helm ([`response`]), another mode of the boat's autopilot, a lost link. Without an answer a drone lands as it does on a
-//! boat that is not steered. A descent is never turned under: one that begins before she is steady makes the present course
-//! the one that is kept.
+//! boat that is not steered.
+//!
+//! A question is about one course: where the limits permit it no more from where she is, it ends, and another is asked. A
+//! descent is never turned under: one that begins before the boat's autopilot has taken the helm ends it, and one that begins
+//! before she is steady makes the present course the one that is kept.
 
+mod autopilot;
 mod config;
+mod consent;
 mod limits;
 mod mavlink;
 mod nmea;
@@ -22,8 +27,8 @@ use serde::{Deserialize, Serialize};
 
 pub use config::{HelmConfig, HelmOutput};
 
-use mavlink::MavlinkHelm;
-use nmea::NmeaHelm;
+use autopilot::{Autopilot, Command, ReadBack};
+use consent::ConsentSwitch;
 use response::Response;
 
 use crate::demand::Demand;
@@ -38,10 +43,16 @@ const ENGAGE: Span = Span::from_millis(6000);
 const GONE: Span = Span::from_millis(10_000);
 /// An estimate of the vessel's motion counts for so long.
 const FRESH: Span = Span::from_millis(1000);
-/// The switch counts as open when it was not read for so long: four periods.
-const UNREAD: Span = Span::from_millis(2000);
 /// The mode is given back within this, or not at all.
 const GIVE_BACK: Span = Span::from_millis(10_000);
+/// A request of a mode is taken within this, and the next report shows it: a report that is older by less may be of before.
+const LATENCY: Span = Span::from_millis(2000);
+/// A helm for a drone that comes lasts no longer. Chosen: the battery of a multirotor that waited so long is empty.
+const MAX_STEERING: Span = Span::from_millis(1_200_000);
+
+/// Errors of a measured course (half of what is worth a helm) and of a speed in waves ([`response`]): rad, m/s.
+const COURSE_ERROR_RAD: f64 = 0.0875;
+const SPEED_ERROR_MPS: f64 = 1.2;
 
 /// A course to steer.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -82,8 +93,8 @@ pub struct HelmIn {
     pub consent: Option<bool>,
     /// The helm states that the vessel turns or may turn.
     pub turning: bool,
-    /// Bytes of the boat's autopilot.
-    pub bytes: Vec<u8>,
+    /// Bytes of the boat's autopilot; None: its link is not open.
+    pub bytes: Option<Vec<u8>>,
     /// At the first step, what the former start left.
     pub checkpoint: Option<HelmCheckpoint>,
 }
@@ -106,73 +117,6 @@ pub struct HelmCheckpoint {
     pub heading_rad: f64,
     /// Speed over ground, m/s.
     pub speed_mps: f64,
-}
-
-/// What the boat's autopilot is to do.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Command {
-    Nothing,
-    Steer { heading_rad: f64, speed_mps: f64 },
-    GiveBack { mode: Option<u32> },
-}
-
-/// What the boat's autopilot reports.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct ReadBack {
-    /// It is there.
-    present: bool,
-    /// Its mode, where it reports one.
-    mode: Option<u32>,
-    /// It takes our commands in that mode.
-    is_ours: bool,
-    /// It denied the mode.
-    denied: bool,
-    /// It reports a hand on the helm.
-    by_hand: bool,
-}
-
-/// The boat's autopilot.
-#[derive(Debug)]
-enum Autopilot {
-    None,
-    Mavlink(Box<MavlinkHelm>),
-    Nmea(NmeaHelm),
-}
-
-impl Autopilot {
-    fn receive(&mut self, now: Time<VesselClock>, bytes: &[u8]) {
-        match self {
-            Autopilot::None => {}
-            Autopilot::Mavlink(link) => link.receive(now, bytes),
-            Autopilot::Nmea(link) => link.receive(now, bytes),
-        }
-    }
-    fn read_back(&self, now: Time<VesselClock>) -> ReadBack {
-        match self {
-            Autopilot::None => ReadBack {
-                present: false,
-                mode: None,
-                is_ours: false,
-                denied: false,
-                by_hand: false,
-            },
-            Autopilot::Mavlink(link) => link.read_back(now),
-            Autopilot::Nmea(link) => link.read_back(now),
-        }
-    }
-    fn send(&mut self, now: Time<VesselClock>, command: &Command) -> Vec<u8> {
-        match self {
-            Autopilot::None => Vec::new(),
-            Autopilot::Mavlink(link) => link.send(now, command),
-            Autopilot::Nmea(link) => link.send(now, command),
-        }
-    }
-    fn steers_speed(&self) -> bool {
-        match self {
-            Autopilot::None | Autopilot::Nmea(_) => false,
-            Autopilot::Mavlink(_) => true,
-        }
-    }
 }
 
 /// A helm under way.
@@ -218,18 +162,22 @@ pub struct HelmNode {
     wanted: Option<Time<VesselClock>>,
     /// Since when one stands on the deck.
     stands: Option<Time<VesselClock>>,
-    /// It stood there with its motors off: armed, it takes off.
-    parked: bool,
-    /// The switch as it was read last, and its level at the step before.
-    switch: Option<(Time<VesselClock>, bool)>,
-    consents: bool,
+    switch: ConsentSwitch,
+}
+
+/// How the giving back of a mode stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum GivingBack {
+    GoesOn,
+    /// Given back, or never taken, or a person has chosen another meanwhile.
+    Done,
+    Failed,
 }
 
 /// What a step looks at.
 struct View<'a> {
     now: Time<VesselClock>,
     input: &'a HelmIn,
-    demand: Demand,
     /// Where it is fresh.
     motion: Option<BoatMotion>,
     read_back: ReadBack,
@@ -240,29 +188,20 @@ impl HelmNode {
     /// The helm of `config`.
     pub fn new(config: &HelmConfig) -> HelmNode {
         HelmNode {
-            autopilot: match config.output {
-                HelmOutput::None => Autopilot::None,
-                HelmOutput::Mavlink => Autopilot::Mavlink(Box::default()),
-                HelmOutput::Nmea0183 => Autopilot::Nmea(NmeaHelm::default()),
-            },
+            autopilot: Autopilot::new(config),
             config: config.clone(),
             phase: Phase::Idle,
             began: false,
             wanted: None,
             stands: None,
-            parked: false,
-            switch: None,
-            consents: false,
+            switch: ConsentSwitch::default(),
         }
     }
     /// MAVLink frames are signed with this key.
     pub fn sign(&mut self, key: Signing) {
-        match &mut self.autopilot {
-            Autopilot::Mavlink(link) => link.sign(key),
-            Autopilot::None | Autopilot::Nmea(_) => {}
-        }
+        self.autopilot.sign(key);
     }
-    /// The boat's autopilot is configured, and silent.
+    /// The boat's autopilot is configured, and silent or without a link.
     pub fn is_silent(&self, now: Time<VesselClock>) -> bool {
         self.config.output != HelmOutput::None && !self.autopilot.read_back(now).present
     }
@@ -287,31 +226,19 @@ impl HelmNode {
         }
     }
 
-    /// What is wanted: one that arms after it stood is about to take off, one that has just landed stands.
-    fn demand(&mut self, now: Time<VesselClock>, demand: Demand) -> Demand {
-        let wanted = match demand {
-            Demand::Armed if self.parked => Demand::Comes,
-            Demand::Armed => Demand::Stands,
-            Demand::Nothing | Demand::Stands | Demand::Comes | Demand::Descends => demand,
-        };
-        self.parked = match demand {
-            Demand::Stands => true,
-            Demand::Comes | Demand::Descends => false,
-            Demand::Nothing | Demand::Armed => self.parked,
-        };
-        if matches!(wanted, Demand::Comes | Demand::Descends) {
+    /// When a drone came last, and since when one stands.
+    fn observe(&mut self, now: Time<VesselClock>, demand: Demand) {
+        if matches!(demand, Demand::Comes | Demand::Descends) {
             self.wanted = Some(now);
         }
-        let stands = wanted == Demand::Stands;
+        let stands = demand == Demand::Stands;
         self.stands = stands.then(|| self.stands.unwrap_or(now));
-        wanted
     }
-    /// The skipper's newest answer: an order, or an edge of his switch.
+    /// The skipper's newest answer, by order or by his switch; of two a no.
     fn answer(&mut self, now: Time<VesselClock>, input: &HelmIn) -> Option<bool> {
-        self.switch = input.consent.map(|level| (now, level)).or(self.switch);
-        let level = self.switch.is_some_and(|(at, level)| level && now - at <= UNREAD);
-        let edge = (core::mem::replace(&mut self.consents, level) != level).then_some(level);
-        input.answers.last().copied().or(edge)
+        let ordered = input.answers.last().copied();
+        let switched = self.switch.answer(now, input.consent);
+        ordered.into_iter().chain(switched).reduce(|a, b| a && b)
     }
 
     fn next(&self, v: &View<'_>) -> Phase {
@@ -320,15 +247,40 @@ impl HelmNode {
             Phase::Asked { since, goal } => self.asked(v, since, goal),
             Phase::Steering(steering) => self.steer(v, steering),
             Phase::Returning { steering, mode_since } => self.give_back(v, steering, mode_since),
-            Phase::Withdrawn { since, why, former } => {
-                // What was before is given back once; a landing that goes on is not asked for again.
-                let former = former
-                    .filter(|_| v.now - since < GIVE_BACK && (!v.read_back.present || v.read_back.is_ours));
-                match self.is_over(v.now) && former.is_none() {
-                    true => Phase::Idle,
-                    false => Phase::Withdrawn { since, why, former },
-                }
-            }
+            Phase::Withdrawn { since, why, former } => self.withdrawn(v, since, why, former),
+        }
+    }
+    /// What was before is given back once; a landing that goes on is not asked for again, nor is any while the boat stays in
+    /// the mode that she was to leave.
+    fn withdrawn(
+        &self,
+        v: &View<'_>,
+        since: Time<VesselClock>,
+        why: HelmEnd,
+        former: Option<HelmCheckpoint>,
+    ) -> Phase {
+        let (why, former) = match former.map(|f| Self::giving_back(v, since, &f)) {
+            Some(GivingBack::GoesOn) => (why, former),
+            Some(GivingBack::Failed) => (HelmEnd::NotGivenBack, None),
+            Some(GivingBack::Done) | None => (why, None),
+        };
+        let left = why == HelmEnd::NotGivenBack && v.read_back.is_steered();
+        match self.is_over(v.now) && former.is_none() && !left {
+            true => Phase::Idle,
+            false => Phase::Withdrawn { since, why, former },
+        }
+    }
+    /// How it stands with a mode that is given back from `since` on. The autopilot may yet take our last request, so that
+    /// its report shows another mode for good only once it is later by [`LATENCY`].
+    fn giving_back(v: &View<'_>, since: Time<VesselClock>, former: &HelmCheckpoint) -> GivingBack {
+        let r = &v.read_back;
+        let settled = r.reported.is_some_and(|at| at - since > LATENCY);
+        if former.mode.is_none() || settled && r.present && !r.is_ours {
+            GivingBack::Done
+        } else if v.now - since > GIVE_BACK {
+            GivingBack::Failed
+        } else {
+            GivingBack::GoesOn
         }
     }
     /// No drone has come for the deck for long.
@@ -337,11 +289,14 @@ impl HelmNode {
     }
 
     fn ask(&self, v: &View<'_>) -> Phase {
-        let asks = v.demand == Demand::Comes && v.read_back.present && !v.input.turning;
+        // In our mode without us she is steered by somebody else.
+        let can = v.read_back.present && !v.read_back.is_steered();
+        let asks = v.input.demand == Demand::Comes && can && !v.input.turning;
         let (Some(motion), Some(advice)) = (v.motion.filter(|_| asks), v.input.advice) else {
             return Phase::Idle;
         };
-        match self.permitted(&advice, &motion) {
+        let goal = self.permitted(&advice, &motion);
+        match goal.filter(|goal| self.still_permits(goal, &motion)) {
             Some(goal) => Phase::Asked { since: v.now, goal },
             None => Phase::Idle,
         }
@@ -357,6 +312,13 @@ impl HelmNode {
         };
         self.config.permitted(&advice, motion)
     }
+    /// The same of a course that the skipper is asked for, from the motion now: within the errors of a course she heads and
+    /// goes as when he was asked.
+    fn still_permits(&self, goal: &Goal, now: &BoatMotion) -> bool {
+        let keeps_speed = (goal.speed_mps - now.speed_mps).abs() < SPEED_ERROR_MPS;
+        (self.autopilot.steers_speed() || keeps_speed)
+            && self.config.permits_within(goal, now, COURSE_ERROR_RAD)
+    }
 
     fn asked(&self, v: &View<'_>, since: Time<VesselClock>, goal: Goal) -> Phase {
         let withdrawn = |why| Phase::Withdrawn {
@@ -364,8 +326,17 @@ impl HelmNode {
             why,
             former: None,
         };
-        let gone = v.demand != Demand::Comes && (v.demand == Demand::Descends || self.is_over(v.now));
-        let Some(motion) = v.motion.filter(|_| !gone) else {
+        let demand = v.input.demand;
+        let gone = demand != Demand::Comes && (demand == Demand::Descends || self.is_over(v.now));
+        if !gone && v.answer == Some(false) {
+            return withdrawn(HelmEnd::Refused);
+        }
+        let asks = !gone && !v.read_back.is_steered();
+        // One question is about one course: another course is another question.
+        let here = v
+            .motion
+            .filter(|motion| asks && self.still_permits(&goal, motion));
+        let Some(motion) = here else {
             return Phase::Idle;
         };
         if v.input.turning {
@@ -374,8 +345,6 @@ impl HelmNode {
         if !v.read_back.present {
             return withdrawn(HelmEnd::LinkLost);
         }
-        let newer = v.input.advice.and_then(|advice| self.permitted(&advice, &motion));
-        let goal = newer.unwrap_or(goal);
         match v.answer {
             Some(true) => Phase::Steering(Steering {
                 since: v.now,
@@ -388,9 +357,8 @@ impl HelmNode {
                 engaged: false,
                 steady: false,
             }),
-            Some(false) => withdrawn(HelmEnd::Refused),
-            None if v.now - since > ANSWER => withdrawn(HelmEnd::Unanswered),
-            None => Phase::Asked { since, goal },
+            Some(false) | None if v.now - since > ANSWER => withdrawn(HelmEnd::Unanswered),
+            Some(false) | None => Phase::Asked { since, goal },
         }
     }
     fn response(&self, now: Time<VesselClock>, goal: Goal, motion: &BoatMotion) -> Response {
@@ -399,8 +367,10 @@ impl HelmNode {
 
     /// Why a helm ends at once.
     fn ends(v: &View<'_>, s: &Steering) -> Option<HelmEnd> {
-        let late = v.now - s.since > ENGAGE;
-        let r = &v.read_back;
+        let steered = v.now - s.since;
+        let (r, demand) = (&v.read_back, v.input.demand);
+        let late = steered > ENGAGE;
+        let too_long = demand == Demand::Comes && steered > MAX_STEERING;
         [
             (v.answer == Some(false), HelmEnd::Refused),
             (v.input.turning, HelmEnd::Turning),
@@ -409,14 +379,18 @@ impl HelmNode {
             (s.engaged && !r.is_ours, HelmEnd::ModeChanged),
             (!s.engaged && (r.denied || late), HelmEnd::Denied),
             (v.motion.is_none(), HelmEnd::NoEstimate),
+            // A boat that has not begun to turn does not begin under a descent.
+            (!s.engaged && demand == Demand::Descends, HelmEnd::Descent),
+            (too_long, HelmEnd::TooLong),
             (s.engaged && s.response.is_violated(v.now), HelmEnd::HandOnHelm),
         ]
         .into_iter()
         .find_map(|(ends, why)| ends.then_some(why))
     }
-    /// Withdrawn; what was before is given back unless a person has chosen a mode.
+    /// Withdrawn; what was before is given back unless nothing was commanded yet, or a person has chosen a mode.
     fn withdraw(v: &View<'_>, why: HelmEnd, s: &Steering) -> Phase {
-        let former = (why != HelmEnd::ModeChanged).then_some(s.former);
+        let commanded = s.engaged || v.now - s.since > LEAD;
+        let former = (commanded && why != HelmEnd::ModeChanged).then_some(s.former);
         Phase::Withdrawn {
             since: v.now,
             why,
@@ -444,17 +418,16 @@ impl HelmNode {
         let secured = self
             .stands
             .is_some_and(|t| (v.now - t).secs() > self.config.secure_s);
-        let stands = v.demand == Demand::Stands;
+        let demand = v.input.demand;
+        let stands = demand == Demand::Stands;
         if secured || !stands && self.is_over(v.now) {
             return self.return_to_former(v, s);
         }
-        if let Some(motion) = v.motion.filter(|_| v.demand == Demand::Descends && !s.steady) {
+        if let Some(motion) = v.motion.filter(|_| demand == Demand::Descends && !s.steady) {
             // The drone has chosen to land now: what is, is kept.
             let goal = Goal {
                 heading_rad: motion.heading_rad,
-                speed_mps: motion
-                    .speed_mps
-                    .clamp(self.config.speed_mps[0], self.config.speed_mps[1]),
+                speed_mps: motion.speed_mps.max(0.0),
                 likelihood: None,
                 slope_sd: None,
             };
@@ -466,30 +439,41 @@ impl HelmNode {
         Phase::Steering(s)
     }
 
+    /// Back to the former course, as fast as before, or as now where that is beyond the limits. Slower than the lowest speed
+    /// she would not answer: then she is given back as she goes.
     fn return_to_former(&self, v: &View<'_>, mut s: Steering) -> Phase {
         let Some(motion) = v.motion else {
             return Self::withdraw(v, HelmEnd::NoEstimate, &s);
         };
+        let [low, high] = self.config.speed_mps;
+        let speed_mps = match self.autopilot.steers_speed() {
+            true => s.former.speed_mps.clamp(0.0, high.max(motion.speed_mps)),
+            false => motion.speed_mps,
+        };
         let former = Goal {
             heading_rad: s.former.heading_rad,
-            speed_mps: s.former.speed_mps,
+            speed_mps,
             likelihood: None,
             slope_sd: None,
         };
         (s.since, s.response) = (v.now, self.response(v.now, former, &motion));
         Phase::Returning {
             steering: s,
-            mode_since: None,
+            mode_since: (speed_mps < low).then_some(v.now),
         }
     }
     fn give_back(&self, v: &View<'_>, mut s: Steering, mode_since: Option<Time<VesselClock>>) -> Phase {
         if let Some(since) = mode_since {
-            let given = !v.read_back.is_ours || s.former.mode.is_none() || s.former.mode == v.read_back.mode;
-            return match given || v.now - since > GIVE_BACK {
-                true => Phase::Idle,
-                false => Phase::Returning {
+            return match Self::giving_back(v, since, &s.former) {
+                GivingBack::Done => Phase::Idle,
+                GivingBack::GoesOn => Phase::Returning {
                     steering: s,
                     mode_since,
+                },
+                GivingBack::Failed => Phase::Withdrawn {
+                    since: v.now,
+                    why: HelmEnd::NotGivenBack,
+                    former: None,
                 },
             };
         }
@@ -511,7 +495,7 @@ impl HelmNode {
         };
         match &self.phase {
             Phase::Idle | Phase::Asked { .. } => Command::Nothing,
-            Phase::Steering(s) if now - s.since <= LEAD && !s.steady => Command::Nothing,
+            Phase::Steering(s) if now - s.since <= LEAD => Command::Nothing,
             Phase::Steering(s)
             | Phase::Returning {
                 steering: s,
@@ -567,11 +551,10 @@ impl Node for HelmNode {
             };
         }
         self.began = true;
-        self.autopilot.receive(now, &input.bytes);
-        let demand = self.demand(now, input.demand);
+        self.autopilot.receive(now, input.bytes.as_deref());
+        self.observe(now, input.demand);
         let view = View {
             now,
-            demand,
             motion: input
                 .motion
                 .filter(|(at, _)| now - *at <= FRESH)

@@ -6,7 +6,7 @@
 
 use alight_shared::time::{Span, Time, VesselClock};
 
-use super::{Command, ReadBack};
+use super::autopilot::{Command, ReadBack};
 
 /// Time between two pairs of sentences: navigators send them once a second.
 const PERIOD: Span = Span::from_millis(1000);
@@ -18,6 +18,7 @@ const FRESH: Span = Span::from_millis(5000);
 /// The link to it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct NmeaHelm {
+    open: bool,
     line: Vec<u8>,
     due: Option<Time<VesselClock>>,
     /// Its newest HTD, and whether a hand steers by it.
@@ -25,9 +26,10 @@ pub(super) struct NmeaHelm {
 }
 
 impl NmeaHelm {
-    /// Takes what came at `now`.
-    pub(super) fn receive(&mut self, now: Time<VesselClock>, bytes: &[u8]) {
-        for byte in bytes {
+    /// Takes what came at `now`; None: the link is not open.
+    pub(super) fn receive(&mut self, now: Time<VesselClock>, bytes: Option<&[u8]>) {
+        self.open = bytes.is_some();
+        for byte in bytes.unwrap_or_default() {
             match byte {
                 b'\n' | b'\r' => {
                     let line = core::mem::take(&mut self.line);
@@ -39,12 +41,13 @@ impl NmeaHelm {
             }
         }
     }
-    /// What it reports: nothing is known to be missing of one that reports nothing.
+    /// What it reports: of one that reports nothing no more is known to be missing than its link.
     pub(super) fn read_back(&self, now: Time<VesselClock>) -> ReadBack {
         let newest = self.htd.filter(|(at, _)| now - *at <= FRESH);
         ReadBack {
-            present: true,
+            present: self.open,
             mode: None,
+            reported: None,
             is_ours: true,
             denied: false,
             by_hand: newest.is_some_and(|(_, by_hand)| by_hand),
@@ -120,7 +123,7 @@ mod tests {
         let mut helm = NmeaHelm::default();
         let mut hand = |content: &str, wrong: u8| {
             let line = format!("${content}*{:02X}\r\n", checksum(content) ^ wrong);
-            helm.receive(Time::EPOCH, line.as_bytes());
+            helm.receive(Time::EPOCH, Some(line.as_bytes()));
             helm.read_back(Time::EPOCH).by_hand
         };
         let htd =
@@ -131,5 +134,17 @@ mod tests {
         assert!(!hand(&htd("V", "T"), 0));
         assert!(hand(&htd("A", "T"), 0));
         assert!(!helm.read_back(Time::from_secs(9.0)).by_hand, "old");
+    }
+
+    #[test]
+    fn link_that_is_not_open() {
+        let mut helm = NmeaHelm::default();
+        let mut present = |bytes: Option<&[u8]>| {
+            helm.receive(Time::EPOCH, bytes);
+            helm.read_back(Time::EPOCH).present
+        };
+        assert!(!present(None));
+        assert!(present(Some(b"")), "it may have nothing to report");
+        assert!(!present(None));
     }
 }

@@ -2,6 +2,7 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::mavlink::{self, FrameReader, Outgoing, Sender};
 
 use super::*;
+use HelmState::{Asked, Done, Idle, Steady};
 
 const AUTO: u32 = 10;
 const GUIDED: u32 = 15;
@@ -21,6 +22,10 @@ struct Bench {
     advice: Goal,
     silent: bool,
     denies: bool,
+    /// Time between two heartbeats, s, and when the next is due; it takes a mode so long after a request.
+    beat_s: [f64; 2],
+    takes_after_s: f64,
+    requested: Option<(f64, u32)>,
     /// A hand turns the wheel whatever the autopilot does.
     hand: bool,
     consent: bool,
@@ -59,6 +64,9 @@ impl Bench {
             },
             silent: false,
             denies: false,
+            beat_s: [0.0; 2],
+            takes_after_s: 0.0,
+            requested: None,
             hand: false,
             consent: false,
             turning: false,
@@ -86,8 +94,7 @@ impl Bench {
                 76 if p.u16(28) == 176 => {
                     let result = if self.denies { 2 } else { 0 };
                     if !self.denies {
-                        self.mode = p.float(4) as u32;
-                        self.modes_set.push(self.mode);
+                        self.requested = Some((self.t_s, p.float(4) as u32));
                     }
                     out.extend(mavlink::encode(
                         from,
@@ -102,6 +109,16 @@ impl Bench {
                 _ => {}
             }
         }
+        let takes = |(at, _): &(f64, u32)| self.t_s - at >= self.takes_after_s;
+        if let Some((_, mode)) = self.requested.take_if(|r| takes(r)) {
+            self.mode = mode;
+            self.modes_set.push(mode);
+        }
+        let [period_s, due_s] = self.beat_s;
+        if self.t_s < due_s {
+            return if self.silent { Vec::new() } else { out };
+        }
+        self.beat_s = [period_s, self.t_s + period_s - 1e-3];
         let heartbeat = Outgoing::new(0, 50, [&self.mode.to_le_bytes()[..], &[11, 3, 81, 4, 3]].concat());
         out.extend(mavlink::encode(from, heartbeat, None));
         if self.silent { Vec::new() } else { out }
@@ -135,7 +152,7 @@ impl Bench {
             answers,
             consent: Some(self.consent),
             turning: self.turning,
-            bytes,
+            bytes: Some(bytes),
             checkpoint: None,
         };
         let out = self.node.step(self.now(), &input);
@@ -204,8 +221,7 @@ fn helm_that_is_asked_steers_and_gives_back() {
         b.mode
     );
     assert_eq!(b.modes_set, [GUIDED, AUTO]);
-    use HelmState::{Agreed, Asked, Done, Idle, Steady};
-    assert_eq!(b.visited, [Idle, Asked, Agreed, Steady, Done, Idle]);
+    assert_eq!(b.visited, [Idle, Asked, HelmState::Agreed, Steady, Done, Idle]);
 }
 
 #[test]
@@ -236,16 +252,159 @@ fn helm_for_a_take_off_alone() {
     let mut b = Bench::new();
     b.demand = Demand::Descends;
     b.run(5.0);
-    b.demand = Demand::Armed;
-    assert_eq!(b.run(20.0).state, HelmState::Idle, "it has just landed");
     b.demand = Demand::Stands;
-    assert_eq!(b.run(20.0).state, HelmState::Idle);
-    b.demand = Demand::Armed;
-    assert_eq!(b.run(1.0).state, HelmState::Asked, "it takes off");
+    assert_eq!(b.run(20.0).state, HelmState::Idle, "it has just landed");
+    b.demand = Demand::Comes;
+    assert_eq!(b.run(1.0).state, HelmState::Asked, "it prepares its take-off");
+    b.demand = Demand::Descends;
+    assert_eq!(b.run(1.0).state, HelmState::Idle, "from the countdown on");
+    assert_eq!(b.step_with(vec![true]).state, HelmState::Idle);
+    b.demand = Demand::Comes;
+    assert_eq!(b.run(1.0).state, HelmState::Asked, "the countdown ended early");
     b.step_with(vec![true]);
     assert_eq!(b.run(25.0).state, HelmState::Steady);
+    b.demand = Demand::Descends;
+    assert_eq!(b.run(8.0).state, HelmState::Steady);
     b.demand = Demand::Nothing;
     assert_eq!(b.run(11.0).state, HelmState::Done);
+}
+
+#[test]
+fn question_about_one_course() {
+    let mut b = Bench::new();
+    assert_eq!(b.run(1.0).heading_deg(), 40.0);
+    b.advice.heading_rad = -0.7;
+    assert_eq!(
+        b.run(1.0).heading_deg(),
+        40.0,
+        "better advice is no other question"
+    );
+    // She yaws within the errors of a course, and is then turned away by hand.
+    b.advice.heading_rad = 0.7;
+    b.own[0] = -0.3;
+    assert_eq!(b.run(5.0).heading_deg(), 40.0);
+    b.own[0] = -0.6;
+    let asks = b.run(5.0);
+    assert_eq!(
+        b.visited[..4],
+        [Idle, Asked, Idle, Asked],
+        "not permitted from there"
+    );
+    // 60 deg, the limit, from where she was when she was asked, within an error.
+    let limit = b.heading_deg() + 60.0;
+    assert!(
+        (asks.heading_deg() - limit).abs() < 6.5,
+        "{} {limit}",
+        asks.heading_deg()
+    );
+    // The yes to what is not permitted in that step is none.
+    let mut b = Bench::new();
+    b.run(1.0);
+    b.motion[0] = -0.6;
+    assert_eq!(b.step_with(vec![true]).state, Idle);
+    assert_eq!(b.run(1.0).state, Asked);
+}
+
+#[test]
+fn descent_before_the_autopilot_has_taken_the_helm() {
+    // Within the lead nothing was commanded.
+    let mut b = Bench::new();
+    b.agreed(1.0);
+    b.demand = Demand::Descends;
+    assert_eq!(b.run(0.1).why, HelmEnd::Descent);
+    b.run(20.0);
+    assert_eq!((b.mode, b.set_point, b.modes_set.len()), (AUTO, None, 0));
+    // The mode was requested, and is taken under the descent: it is given back with the heartbeat that shows it.
+    let mut b = Bench::new();
+    (b.beat_s, b.takes_after_s) = ([1.0, 0.0], 0.4);
+    b.agreed(1.7);
+    b.demand = Demand::Descends;
+    assert_eq!(b.run(0.1).why, HelmEnd::Descent);
+    b.run(3.0);
+    assert_eq!((b.mode, b.modes_set.as_slice()), (AUTO, &[GUIDED, AUTO][..]));
+}
+
+#[test]
+fn no_between_the_request_of_the_mode_and_the_next_heartbeat() {
+    // Wherever the heartbeats fall, and whether it takes the mode at once or later.
+    for (phase, takes_after_s) in (0..10).flat_map(|k| [(k, 0.0), (k, 0.3), (k, 0.9)]) {
+        let mut b = Bench::new();
+        (b.beat_s, b.takes_after_s) = ([1.0, 0.1 * f64::from(phase)], takes_after_s);
+        assert_eq!(b.run(2.0).state, Asked);
+        b.step_with(vec![true]);
+        while b.set_point.is_none() {
+            b.step_with(Vec::new());
+        }
+        b.run(0.1);
+        assert_eq!(b.step_with(vec![false]).why, HelmEnd::Refused);
+        b.run(5.0);
+        assert_eq!(
+            (b.mode, b.modes_set.first()),
+            (AUTO, Some(&GUIDED)),
+            "{phase} {takes_after_s}"
+        );
+        assert_eq!(b.node.checkpoint(), None);
+    }
+}
+
+#[test]
+fn former_mode_that_is_not_taken_back() {
+    let mut b = Bench::new();
+    assert_eq!(b.agreed(25.0).state, Steady);
+    b.denies = true;
+    b.demand = Demand::Nothing;
+    b.run(12.0);
+    assert_eq!(b.run(60.0).why, HelmEnd::NotGivenBack);
+    // Nobody is asked for a boat in that mode, who ever steers her.
+    b.demand = Demand::Comes;
+    assert_eq!(b.run(20.0).why, HelmEnd::NotGivenBack);
+    b.demand = Demand::Nothing;
+    b.run(15.0);
+    b.mode = MANUAL;
+    assert_eq!(b.run(1.0).state, Idle);
+    b.mode = GUIDED;
+    b.demand = Demand::Comes;
+    assert_eq!(b.run(5.0).state, Idle);
+    b.mode = AUTO;
+    assert_eq!(b.run(1.0).state, Asked);
+    // After a refusal, too.
+    let mut b = Bench::new();
+    b.agreed(8.0);
+    b.denies = true;
+    assert_eq!(b.step_with(vec![false]).why, HelmEnd::Refused);
+    assert_eq!(b.run(11.0).why, HelmEnd::NotGivenBack);
+}
+
+#[test]
+fn drone_that_comes_for_ever() {
+    let mut b = Bench::new();
+    b.agreed(1150.0);
+    assert_eq!(b.node.status().state, Steady);
+    assert_eq!(b.run(60.0).why, HelmEnd::TooLong);
+    assert_eq!(b.mode, AUTO);
+    assert_eq!(b.run(60.0).why, HelmEnd::TooLong, "once for a landing");
+}
+
+#[test]
+fn way_back_from_a_course() {
+    // Slower before than the boat is steered, and faster than the limits: as fast as she may, or not at all.
+    for (former_mps, back_mps) in [(1.0, None), (3.0, Some(3.0)), (6.0, Some(5.0))] {
+        let mut b = Bench::new();
+        b.own[1] = former_mps;
+        b.motion[1] = former_mps;
+        assert_eq!(b.agreed(25.0).state, Steady, "{former_mps}");
+        b.demand = Demand::Nothing;
+        b.set_point = None;
+        while b.node.status().state != Done {
+            b.set_point = None;
+            b.step_with(Vec::new());
+        }
+        b.step_with(Vec::new());
+        let speed = b.set_point.map(|[_, speed]| (10.0 * speed).round() / 10.0);
+        assert_eq!(speed, back_mps, "{former_mps}");
+        b.run(60.0);
+        assert_eq!((b.mode, b.node.status().state), (AUTO, Idle));
+    }
 }
 
 #[test]
@@ -347,7 +506,7 @@ fn helm_of_a_process_that_was_restarted() {
     b.node = HelmNode::new(&config);
     let bytes = b.boat(&[]);
     let input = HelmIn {
-        bytes,
+        bytes: Some(bytes),
         checkpoint: former,
         ..HelmIn::default()
     };
@@ -371,6 +530,7 @@ fn marine_autopilot_by_nmea() {
     b.t_s += 2.0;
     let input = HelmIn {
         demand: Demand::Comes,
+        bytes: Some(Vec::new()),
         motion: Some((
             b.now(),
             BoatMotion {

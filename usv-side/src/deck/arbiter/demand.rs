@@ -1,23 +1,55 @@
 //! What the drones want of the vessel's helm.
 
+use alight_shared::msg::State;
 use alight_shared::time::{Time, VesselClock};
 
 use super::{Claim, DeckArbiter, Drone};
 use crate::demand::Demand;
 
 impl DeckArbiter {
-    /// The most that a drone wants of the helm. One on its way down wants it for as long as a descent lasts, heard or not.
+    /// The most that a drone wants of the helm: the deck's owner, or one that comes where nobody has the deck. One on its way
+    /// down wants it for as long as a descent lasts, silent or not.
     pub fn demand(&self, now: Time<VesselClock>) -> Demand {
-        let timeout_s = self.config.status_timeout_s;
+        let lasts = |d: &Drone| (now - d.received).secs() <= self.config.status_timeout_s;
+        let owns = |d: &Drone| self.owner == Some(d.header.drone);
+        let free = self.owner.is_none() && !self.drones.iter().any(|d| d.claim == Claim::OnDeck);
         let wants = |d: &Drone| match d.claim {
-            Claim::Landing if (now - d.received).secs() <= timeout_s => Demand::Descends,
-            Claim::OnDeck if d.armed && d.is_fresh(now) => Demand::Armed,
-            Claim::OnDeck => Demand::Stands,
-            Claim::Requesting | Claim::Above if d.is_fresh(now) && d.flies => Demand::Comes,
-            Claim::Away | Claim::Requesting | Claim::Above | Claim::Landing => Demand::Nothing,
+            Claim::Landing if lasts(d) => Demand::Descends,
+            Claim::OnDeck if owns(d) => Self::on_deck(d, d.is_fresh(now), lasts(d)),
+            Claim::Requesting | Claim::Above if d.is_fresh(now) && d.flies && (owns(d) || free) => {
+                Demand::Comes
+            }
+            Claim::Away | Claim::Requesting | Claim::Above | Claim::Landing | Claim::OnDeck => {
+                Demand::Nothing
+            }
         };
         let most = self.drones.iter().map(wants).max_by_key(|d| *d as u8);
         most.unwrap_or_default()
+    }
+    /// What a drone on the deck wants: a better course while it prepares its take-off, and from the countdown on none but the
+    /// one that is.
+    fn on_deck(d: &Drone, fresh: bool, lasts: bool) -> Demand {
+        match d.state {
+            State::Preparing if fresh => Demand::Comes,
+            State::Countdown | State::SpinUp | State::TakeOff if lasts => Demand::Descends,
+            State::Idle
+            | State::GetAltitude
+            | State::Approach
+            | State::Tracking
+            | State::TrackingStable
+            | State::Descent
+            | State::Flare
+            | State::Landed
+            | State::Hold
+            | State::GaveUp
+            | State::Search
+            | State::Preparing
+            | State::Countdown
+            | State::SpinUp
+            | State::TakeOff
+            | State::ClimbOut
+            | State::StandDown => Demand::Stands,
+        }
     }
     /// The helm states by order or switch that the vessel turns or may turn.
     pub fn is_turning(&self, now: Time<VesselClock>) -> bool {

@@ -1,6 +1,7 @@
 //! Tests of the deck arbiter.
 
 use super::*;
+use crate::demand::Demand;
 
 #[derive(Clone)]
 struct Rig {
@@ -857,4 +858,58 @@ fn clearance_for_a_take_off() {
     assert_eq!(rig.run(&[(1, State::ClimbOut), (2, State::Approach)], 8.0), 1);
     rig.run(&[(1, State::Landed)], 2.0);
     assert!(!cleared(&rig), "the word was for one take-off");
+}
+
+#[test]
+fn demand_of_the_helm_by_states() {
+    let wants = |rig: &Rig| rig.arbiter.demand(Time::from_secs(rig.t_s));
+    let mut rig = Rig::new();
+    for (state, wanted) in [
+        (State::Approach, Demand::Comes),
+        (State::TrackingStable, Demand::Comes),
+        (State::Descent, Demand::Descends),
+        (State::Landed, Demand::Stands),
+        (State::Preparing, Demand::Comes),
+        (State::Countdown, Demand::Descends),
+        (State::SpinUp, Demand::Descends),
+        (State::TakeOff, Demand::Descends),
+        (State::StandDown, Demand::Stands),
+    ] {
+        rig.run(&[(1, state)], 1.0);
+        assert_eq!(wants(&rig), wanted, "{state:?}");
+    }
+    // A countdown goes on in silence, a preparation may have ended.
+    for (state, wanted) in [
+        (State::SpinUp, Demand::Descends),
+        (State::Preparing, Demand::Stands),
+    ] {
+        let mut rig = Rig::after(&[(State::Landed, 1.0), (state, 1.0)]);
+        rig.run(&[], 5.0);
+        assert_eq!(wants(&rig), wanted, "{state:?}");
+    }
+}
+
+#[test]
+fn demand_of_the_helm_by_the_decks_owner() {
+    let wants = |rig: &Rig| rig.arbiter.demand(Time::from_secs(rig.t_s));
+    // One that waits for a deck on which another stands wants nothing of the helm, so that she goes back.
+    let mut rig = Rig::with_a_landed_drone();
+    rig.run(&[(1, State::Landed), (2, State::TrackingStable)], 2.0);
+    assert_eq!(wants(&rig), Demand::Stands);
+    // Nor does it while another is before it.
+    let mut rig = Rig::after(&[(State::Approach, 5.0)]);
+    rig.run(&[(1, State::Approach), (2, State::Approach)], 2.0);
+    assert_eq!((rig.arbiter.owner(), wants(&rig)), (Some(1), Demand::Comes));
+    rig.run(&[(2, State::Approach)], 5.0);
+    assert_eq!((rig.arbiter.owner(), wants(&rig)), (Some(1), Demand::Nothing));
+    // One that comes while nobody has the deck yet.
+    let mut rig = Rig::of(
+        &DeckConfig {
+            startup_hold_s: 60.0,
+            ..DeckConfig::default()
+        },
+        DeckInputs::default(),
+    );
+    rig.run(&[(1, State::Approach)], 1.0);
+    assert_eq!((rig.arbiter.owner(), wants(&rig)), (None, Demand::Comes));
 }

@@ -30,6 +30,10 @@ fn of_draw(row: &Row, seed: u64) -> Result<Option<f64>, CliError> {
         "setting up the deck of seed {seed} at {}",
         row.scenario
     ))?;
+    // The hull is put into the sea at rest.
+    while physics.now() < physics.started() {
+        physics.advance();
+    }
     let mut slope = ApparentSlope::default();
     let (ticks, every) = (
         (SLOPE_WINDOWS as f64 * SLOPE_WINDOW_S / TICK.secs()) as u64,
