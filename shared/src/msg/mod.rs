@@ -69,8 +69,8 @@ pub use half::f16;
 pub use helm::{HelmEnd, HelmState, HelmStatus, MAX_HELM_TURN_S};
 pub use mission::{
     BatteryPlace, Charge, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, LandingMode,
-    MissionCheckpoint, MissionSettings, MissionState, OperatorCommand, Phase, SettingsOrder, State,
-    VesselLevel, Wind, still_armed,
+    LastVessel, MissionCheckpoint, MissionSettings, MissionState, OperatorCommand, Phase, SettingsOrder,
+    State, VesselLevel, Wind, still_armed,
 };
 pub use reason::{Reason, ReasonCode};
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
@@ -87,7 +87,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 22;
+pub const MESSAGE_VERSION: u16 = 23;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
