@@ -369,6 +369,18 @@ impl MissionState {
     }
 }
 
+/// The vessel when its deck was known last: what the way back is judged by out of radio range.
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
+#[repr(C)]
+pub struct LastVessel {
+    /// When.
+    pub at: Time<DroneClock>,
+    /// Where its deck was.
+    pub place: Datum,
+    /// Its mean velocity, north and east, m/s.
+    pub velocity: [f64; 2],
+}
+
 /// Checkpoint of the mission: a successor goes on from there when the process ends in flight.
 ///
 /// It is published with every [`MissionState`], and validated by the successor before it counts.
@@ -407,6 +419,8 @@ pub struct MissionCheckpoint {
     pub was_away: bool,
     /// It has taken off from the deck, and not landed since.
     pub sortie: bool,
+    /// The vessel when it was known last.
+    pub last_vessel: Option<LastVessel>,
 }
 
 /// What an operator wants.
@@ -646,4 +660,5 @@ message!(MissionCheckpoint, DroneClock, |m| {
     m.datum.is_on_earth() => "datum",
     m.mean_deck_z.is_none_or(|z| within([&z], MAX_POSITION_M)) => "mean_deck_z",
     m.ordered_below.is_none_or(|b| FRACTION.contains(&b)) => "ordered_below",
+    m.last_vessel.is_none_or(|v| v.place.is_on_earth() && within(&v.velocity, MAX_SPEED_MPS)) => "last_vessel",
 });

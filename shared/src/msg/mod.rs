@@ -69,8 +69,8 @@ pub use half::f16;
 pub use helm::{HelmEnd, HelmState, HelmStatus, MAX_HELM_TURN_S};
 pub use mission::{
     BatteryPlace, Charge, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, LandingMode,
-    MissionCheckpoint, MissionSettings, MissionState, OperatorCommand, Phase, SettingsOrder, State,
-    VesselLevel, Wind, still_armed,
+    LastVessel, MissionCheckpoint, MissionSettings, MissionState, OperatorCommand, Phase, SettingsOrder,
+    State, VesselLevel, Wind, still_armed,
 };
 pub use reason::{Reason, ReasonCode};
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};

@@ -365,7 +365,7 @@ impl fmt::Display for Reason {
             ReasonCode::SeveralDecks => {
                 write!(
                     f,
-                    "{v:.0} decks with these tags are in sight, and nothing tells its own"
+                    "{v:.0} decks with these tags are near, and none in sight is known as its own"
                 )
             }
             ReasonCode::NotIdentified => {

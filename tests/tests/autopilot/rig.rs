@@ -80,6 +80,8 @@ pub struct LinkRig {
     pub commands: Vec<(f64, CommandLong)>,
     /// The mission waits for the drone to fly.
     pub waits_for_flight: bool,
+    /// It has to turn back to the vessel.
+    pub turns_back: bool,
     /// Texts to a ground station: severity, text.
     pub notes: Vec<(u8, String)>,
     /// Named values: when, name and value.
@@ -190,6 +192,7 @@ impl LinkRig {
             sent: Vec::new(),
             commands: Vec::new(),
             waits_for_flight: false,
+            turns_back: false,
             notes: Vec::new(),
             values: Vec::new(),
             heartbeats: Vec::new(),
@@ -312,10 +315,10 @@ impl LinkRig {
                 abort: self.abort,
                 settings: self.mission_settings,
                 settable: self.settable,
-                waiting: Reason::plain(if self.waits_for_flight {
-                    ReasonCode::NotFlying
-                } else {
-                    ReasonCode::NotCommanded
+                waiting: Reason::plain(match (self.turns_back, self.waits_for_flight) {
+                    (true, _) => ReasonCode::TurnsBack,
+                    (false, true) => ReasonCode::NotFlying,
+                    (false, false) => ReasonCode::NotCommanded,
                 }),
                 ..MissionState::default()
             };

@@ -2,7 +2,7 @@
 
 use alight_shared::msg::{AutopilotMode, DroneState, SetPoint, SetPointKind, State};
 use alight_uav::autopilot::message::command;
-use alight_uav::autopilot::modes::Firmware;
+use alight_uav::autopilot::modes::{Firmware, px4_mode};
 
 use crate::rig::{LinkRig, hover};
 use crate::{BOTH, config};
@@ -105,5 +105,31 @@ fn stand_down_in_the_air() {
         p.mission = State::StandDown;
         p.run(3.0);
         assert!(p.linked.autopilot.armed(), "{firmware:?}");
+    }
+}
+
+/// A drone that has to turn back is taken from the autopilot's mission once in a flight: who chooses the mission again has it.
+#[test]
+fn mission_chosen_again_after_the_turn_back() {
+    for firmware in BOTH {
+        let own_mission = match firmware {
+            Firmware::Px4 => px4_mode(4, 4),
+            Firmware::ArduCopter => 3,
+        };
+        let mut p = LinkRig::commanding(firmware, 15.0, &config());
+        assert!(p.linked.autopilot.choose(own_mission), "{firmware:?}");
+        p.run(5.0);
+        assert!(p.commands_of(command::SET_MODE).is_empty(), "{firmware:?}");
+        p.turns_back = true;
+        p.run(5.0);
+        assert_eq!(p.mode(), AutopilotMode::Offboard, "{firmware:?}");
+        let sent = p.commands_of(command::SET_MODE).len();
+        assert!((1..=3).contains(&sent), "{firmware:?}: {sent}");
+        for _ in 0..2 {
+            assert!(p.linked.autopilot.choose(own_mission), "{firmware:?}");
+            p.run(5.0);
+            assert_eq!(p.linked.autopilot.mode(), own_mission, "{firmware:?}");
+        }
+        assert_eq!(p.commands_of(command::SET_MODE).len(), sent, "{firmware:?}");
     }
 }

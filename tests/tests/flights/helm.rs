@@ -1,7 +1,7 @@
 //! A boat that helps, in the whole world: from the question to the skipper to the course given back.
 
 use alight_shared::frames::wrap_angle;
-use alight_shared::msg::{CommandKind, DeckOrder, HelmEnd, HelmState, ReasonCode};
+use alight_shared::msg::{CommandKind, DeckOrder, HelmEnd, HelmState, ReasonCode, State};
 use alight_sim::autopilots::boat::{AUTO, GUIDED, MANUAL};
 use alight_sim::harness::outcome::{Judge, Outcome};
 use alight_sim::harness::physics::TICK;

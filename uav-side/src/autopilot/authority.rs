@@ -2,7 +2,8 @@
 //! in no other.
 //!
 //! The rules, as this state machine keeps them:
-//! - A mode is never chosen here but for a diversion (battery), which gives the drone away.
+//! - A mode is chosen in three cases: a diversion (battery), which gives the drone away; a take-off that an operator has ordered
+//!   and the crew has cleared; and, once in a flight, the end of the autopilot's own mission where a sortie has to turn back.
 //! - One heartbeat in another mode ends our set-points. It takes two in our mode to begin, so that a
 //!   heartbeat that was late on the way gives no permission.
 //! - Once somebody else commands (a person, a failsafe, a geofence), only a mode that changes back gives

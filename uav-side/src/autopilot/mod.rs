@@ -246,8 +246,8 @@ pub struct AutopilotLink {
     home: Option<(DroneTime, Datum)>,
     arm_tries: u32,
     departure: TakeOffSequence,
-    /// Commands to end the autopilot's own mission.
-    mission_ends: u32,
+    /// The end of the autopilot's own mission in this flight.
+    mission_end: take_off::MissionEnd,
     timers: Timers,
 }
 

@@ -5,7 +5,8 @@
 //! What the autopilot answers to a command to arm is passed on with the text that it gave for it.
 //!
 //! A sortie that has to end while the autopilot flies its own mission is taken over by the same command; a drone that a person
-//! flies is not.
+//! flies is not. That is done once in a flight: whoever chooses the autopilot's mission again after it has it until the drone
+//! is disarmed.
 //!
 //! A take-off that was stopped leaves a drone that this link has armed and that has had little thrust since. It is disarmed by
 //! force, because no land detector finds the ground on a deck that moves: once its rotors give little, and something else
@@ -52,6 +53,15 @@ pub(super) struct TakeOffSequence {
     next: Option<DroneTime>,
     /// The autopilot's newest text of a denial.
     text: Option<(DroneTime, String)>,
+}
+
+/// The end of the autopilot's own mission, once in a flight.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct MissionEnd {
+    /// Commands so far.
+    sent: u32,
+    /// The autopilot has been in our mode since the first of them.
+    done: bool,
 }
 
 impl TakeOffSequence {
@@ -162,12 +172,16 @@ impl AutopilotLink {
         let turns = self
             .fresh_mission(now)
             .is_some_and(|m| m.state == State::Idle && m.waiting.code == ReasonCode::TurnsBack);
-        let may = turns && self.control_authority().may_offer();
-        let Some(peer) = self.peer.as_ref().filter(|p| p.armed && p.flies_mission) else {
-            self.mission_ends = 0;
+        let Some(peer) = &self.peer else { return };
+        if !peer.armed {
+            self.mission_end = MissionEnd::default();
             return;
-        };
-        if !may || self.mission_ends >= MODE_TRIES || !self.timers.command.is_ready(now) {
+        }
+        let MissionEnd { sent, done } = &mut self.mission_end;
+        *done |= *sent > 0 && peer.mode == AutopilotMode::Offboard;
+        let over = *done || *sent >= MODE_TRIES;
+        let may = turns && peer.flies_mission && self.control_authority().may_offer();
+        if !may || over || !self.timers.command.is_ready(now) {
             return;
         }
         let [main, sub] = peer.firmware.offboard();
@@ -178,7 +192,7 @@ impl AutopilotLink {
             severity::WARNING,
             "ends the autopilot's mission: turns back to the vessel".into(),
         );
-        self.mission_ends += 1;
+        self.mission_end.sent += 1;
         self.timers.command.restart(now, PAUSE);
     }
 

@@ -53,8 +53,8 @@ use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::landing::{Odds, Slopes, Stand, Staying};
 use alight_shared::msg::{
     AutopilotState, CameraLight, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header,
-    LandedState, MissionCheckpoint, MissionSettings, MissionState, Motors, Phase, Plan, RangeSample, Reason,
-    ReasonCode, SetPoint, SettingsOrder, Solve, State, VesselLevel,
+    LandedState, LastVessel, MissionCheckpoint, MissionSettings, MissionState, Motors, Phase, Plan,
+    RangeSample, Reason, ReasonCode, SetPoint, SettingsOrder, Solve, State, VesselLevel,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -159,6 +159,8 @@ pub struct Mission {
     /// By the newest forecast: whether a landed drone stays, and how likely a landing succeeds.
     judged: Option<(Time<DroneClock>, Staying, Option<Odds>)>,
     battery: BatteryMonitor,
+    /// The vessel when its deck was known last.
+    last_vessel: Option<LastVessel>,
     /// Since its take-off began.
     rise: Rise,
     /// Flies over the deck at its speed: the wind now is the wind on the deck.
@@ -449,6 +451,7 @@ impl Mission {
             turns_in_s: None,
             lift_off: None,
             risen_m: self.rise.risen_m(),
+            rise_measured: self.rise.is_measured(),
             tips_rad: (self.forecast.get().zip(drone)).map_or(0.0, |(f, d)| tips_rad(f, d, now)),
         }
     }
@@ -531,6 +534,7 @@ impl Mission {
             self.phase = phase;
             self.progress = checkpoint::progress(m);
             self.was_away = m.was_away;
+            self.last_vessel = m.last_vessel;
             self.previous = m.state.previous;
             self.since = m.state.since;
             self.entered = m.state.entered;
@@ -645,6 +649,7 @@ impl Mission {
             mean_deck_z: self.mean_deck_z.value(),
             was_away: self.was_away,
             sortie: self.progress.sortie,
+            last_vessel: self.last_vessel,
         }
     }
 
@@ -725,7 +730,7 @@ impl Node for Mission {
         self.watch_way(now, &s);
         self.judge(now, &mut s);
         self.judge_take_off(now, &mut s);
-        self.judge_sortie(&mut s);
+        self.judge_sortie(now, &mut s);
         if let Some((after, at)) = &mut self.forced_descent
             && self.phase == MissionPhase::TrackingStable
         {

@@ -117,13 +117,19 @@ pub enum MissionPhase {
     TakeOff {
         /// Since.
         since: DroneTime,
+        /// The feet have left the deck.
+        left: bool,
     },
     /// Away from the vessel, up to the height of the approach.
     ClimbOut {
+        /// Since.
+        since: DroneTime,
         /// Where it will hold, drone's NED, m.
         at: Vector3<f64>,
         /// Heading, rad.
         yaw: f64,
+        /// An operator has stopped it: it holds as soon as it is clear of the vessel.
+        stopped: bool,
     },
     /// On the deck after a take-off that was stopped.
     StandDown {
@@ -189,6 +195,13 @@ impl MissionPhase {
     /// Whether it leaves the deck: nothing but up is safe.
     pub(super) const fn takes_off(&self) -> bool {
         matches!(self, MissionPhase::TakeOff { .. } | MissionPhase::ClimbOut { .. })
+    }
+    /// Whether it has left the deck, and is not at the end of the take-off yet.
+    pub(super) const fn has_left(&self) -> bool {
+        matches!(
+            self,
+            MissionPhase::TakeOff { left: true, .. } | MissionPhase::ClimbOut { .. }
+        )
     }
     /// Whether it holds until an operator commands a landing.
     pub(super) const fn waits_for_operator(&self) -> bool {
@@ -304,7 +317,12 @@ pub(super) fn gave_up(s: &Situation, c: &MissionConfig) -> MissionPhase {
 /// Away from the vessel after a take-off, up to the approach height over the deck.
 pub(super) fn climbing_out(s: &Situation, c: &MissionConfig) -> MissionPhase {
     let (at, yaw) = safe_place(s, c, s.approach_height_m(c));
-    MissionPhase::ClimbOut { at, yaw }
+    MissionPhase::ClimbOut {
+        since: s.now,
+        at,
+        yaw,
+        stopped: false,
+    }
 }
 
 /// Whether the drone is low over the deck on its way to `at`, and where it holds. Until it is as high as there, it stays

@@ -57,7 +57,7 @@ impl Place {
                 ..held(at, yaw, false)
             },
             MissionPhase::GaveUp { at, yaw } => held(at, yaw, true),
-            MissionPhase::ClimbOut { at, yaw } => Place {
+            MissionPhase::ClimbOut { at, yaw, .. } => Place {
                 offset: None,
                 ..held(at, yaw, true)
             },

@@ -453,6 +453,8 @@ pub struct Situation {
     pub lift_off: Option<Moments>,
     /// How far the drone has risen from the deck since its take-off began, m.
     pub risen_m: f64,
+    /// All of that was measured.
+    pub rise_measured: bool,
     /// Angle between the drone and the deck that it leaves, a reaction from now, rad.
     pub tips_rad: f64,
 }

@@ -4,10 +4,15 @@
 //! `|r + (u - w) T| = v T` at its air speed `v`: a pursuit of the vessel's place then, not of its place now. It turns where its
 //! charge `b` is down to the reserve, the way and one missed attempt: after the time `t` with `b - P t = b_r + P (T(t) + t_a)`
 //! for the power `P`, where the vessel goes on while the drone stays. The landing itself is what the reserve is for.
+//!
+//! Out of radio range the vessel is where its last velocity has brought it, to a margin that grows with the time since, and the
+//! way is that much longer.
 
-use alight_shared::msg::{Reason, ReasonCode};
+use alight_shared::frames::{DroneNed, Vector};
+use alight_shared::msg::{DeckForecast, DroneState, LastVessel, Reason, ReasonCode};
 use nalgebra::Vector2;
 
+use super::phase::DroneTime;
 use super::situation::Situation;
 use super::{Mission, WIND_SD_MPS};
 
@@ -15,6 +20,48 @@ use super::{Mission, WIND_SD_MPS};
 const MAX_WAY_S: f64 = 3600.0;
 /// Steps of the bisection: from an hour to a tenth of a second.
 const STEPS: u32 = 16;
+
+/// A vessel that is not received changes its velocity as a random walk: by this after 1 s, m/s, and this much of its speed
+/// besides, as in a turn; as a beacon's between its messages.
+const WALK_MPS: f64 = 0.02;
+const SPEED_WALK: f64 = 0.1;
+/// Standard deviations of its place that count.
+const MARGIN_SD: f64 = 2.0;
+/// No vessel is further from where it was expected than one that turns round at once, or drifts at this speed, m/s.
+const DRIFT_MPS: f64 = 0.3;
+
+/// How far the vessel may be from where its last velocity has brought it, m: `2 q sqrt(t³ / 3)` after the time `t`, `q` what the
+/// velocity walks by in 1 s, and no more than `(2 u + 0.3 m/s) t`.
+fn margin_m(speed_mps: f64, silent_s: f64) -> f64 {
+    let walk = WALK_MPS + SPEED_WALK * speed_mps;
+    let sd_m = walk * (silent_s.powi(3) / 3.0).sqrt();
+    (MARGIN_SD * sd_m).min((2.0 * speed_mps + DRIFT_MPS) * silent_s)
+}
+
+/// The vessel by a forecast: its deck's place on the Earth, since the drone's frame may jump before it is asked for, and its mean
+/// velocity.
+fn vessel(forecast: &DeckForecast, drone: &DroneState) -> Option<LastVessel> {
+    let [north, east, _] = forecast.stages.first()?.position;
+    let mean = |k: usize| forecast.stages.iter().map(|d| d.velocity[k]).sum::<f64>();
+    let stages = forecast.stages.len().max(1) as f64;
+    let local = Vector2::new(north, east) - drone.datum_offset().xy();
+    Some(LastVessel {
+        at: forecast.header.at,
+        place: drone.datum.at(&Vector::<DroneNed>::new(local.x, local.y, 0.0)),
+        velocity: [mean(0) / stages, mean(1) / stages],
+    })
+}
+
+/// From the drone to the place of `vessel` at `now`, and its velocity, with the margin of a vessel that is not received.
+fn towards(vessel: &LastVessel, drone: &DroneState, now: DroneTime) -> (Vector2<f64>, Vector2<f64>) {
+    let velocity = Vector2::from(vessel.velocity);
+    let silent_s = (now - vessel.at).secs().max(0.0);
+    let place: Vector<DroneNed> = drone.datum.to(&vessel.place);
+    let there = place.0.xy() + drone.datum_offset().xy() + velocity * silent_s;
+    let offset = there - drone.position().xy();
+    let away = offset.try_normalize(1e-3).unwrap_or(Vector2::x());
+    (offset + away * margin_m(velocity.norm(), silent_s), velocity)
+}
 
 /// The way back to the vessel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -103,21 +150,20 @@ impl Energy {
 
 impl Mission {
     /// How long a drone on a sortie may stay away.
-    pub(super) fn judge_sortie(&self, s: &mut Situation) {
-        let c = &self.config;
+    pub(super) fn judge_sortie(&mut self, now: DroneTime, s: &mut Situation) {
+        let (c, drone) = (&self.config, self.drone.get());
+        if let (Some(forecast), Some(drone), Some(_)) = (self.forecast.get(), drone, s.fresh_deck()) {
+            self.last_vessel = vessel(forecast, drone).or(self.last_vessel);
+        }
         let known = self.progress.sortie.then(|| self.battery.energy(c)).flatten();
-        let (Some(energy), Some(own), Some(forecast)) = (known, s.own, self.forecast.get()) else {
+        let (Some(energy), Some(drone), Some(last)) = (known, drone, &self.last_vessel) else {
             return;
         };
-        let Some(deck) = forecast.stages.first().filter(|_| s.fresh_deck().is_some()) else {
-            return;
-        };
-        let mean = |k: usize| forecast.stages.iter().map(|d| d.velocity[k]).sum::<f64>();
-        let stages = forecast.stages.len().max(1) as f64;
+        let (offset, velocity) = towards(last, drone, now);
         let wind = self.wind.true_wind().filter(|(_, sd)| *sd < WIND_SD_MPS);
         let way = Way {
-            offset: Vector2::new(deck.position[0], deck.position[1]) - own.position.xy(),
-            vessel: Vector2::new(mean(0), mean(1)) / stages,
+            offset,
+            vessel: velocity,
             wind: wind.map_or(Vector2::zeros(), |(wind, _)| wind),
             air_mps: c.battery_air_speed_mps,
         };
@@ -129,6 +175,9 @@ impl Mission {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::geodesy::Datum;
+    use alight_shared::msg::DeckStage;
+    use alight_shared::time::Time;
     use proptest::prelude::*;
 
     fn way(offset: [f64; 2], vessel: [f64; 2], wind: [f64; 2]) -> Way {
@@ -157,7 +206,40 @@ mod tests {
         }
     }
 
+    /// A vessel that went north at 2 m/s when it was received last, 1 km north of the drone: a minute and ten of them later.
+    #[test]
+    fn way_to_a_vessel_out_of_radio_range() {
+        let drone = DroneState {
+            datum: Datum::new(47.6, -122.4, 12.0),
+            datum_offset: [5.0, -3.0, 0.0],
+            ..DroneState::default()
+        };
+        let forecast = crate::fixtures::forecast(crate::fixtures::header(0, Time::EPOCH), |t| DeckStage {
+            position: [1000.0 + 2.0 * t, 0.0, 0.0],
+            velocity: [2.0, 0.0, 0.0],
+            ..DeckStage::default()
+        });
+        let last = vessel(&forecast, &drone).unwrap();
+        // The drone's frame has jumped meanwhile.
+        let jumped = DroneState {
+            datum_offset: [105.0, -3.0, 0.0],
+            position: [100.0, 0.0, 0.0],
+            ..drone
+        };
+        for (silent_s, margin) in [(0.0, 0.0..0.1), (60.0, 100.0..140.0), (600.0, 2500.0..2600.0)] {
+            let (offset, velocity) = towards(&last, &jumped, Time::from_secs(silent_s));
+            let more_m = offset.x - (1000.0 + 2.0 * silent_s);
+            assert!(margin.contains(&(more_m + 0.01)), "{more_m} m after {silent_s} s");
+            assert!(offset.y.abs() < 0.01 && (velocity - Vector2::new(2.0, 0.0)).norm() < 1e-9);
+        }
+    }
+
     proptest! {
+        #[test]
+        fn margin_grows_and_stays_within_reach(u in 0.0..10.0_f64, t in 0.0..3600.0_f64, dt in 0.0..60.0_f64) {
+            let m = margin_m(u, t);
+            prop_assert!(m <= (2.0 * u + DRIFT_MPS) * t && margin_m(u, t + dt) >= m);
+        }
         #[test]
         fn drone_meets_the_vessel_then(
             r in prop::array::uniform2(-3e3..3e3_f64), u in prop::array::uniform2(-2.0..2.0_f64),

@@ -63,8 +63,8 @@ pub(super) fn step(
         MissionPhase::Preparing => take_off::preparing(progress, s, c),
         MissionPhase::Countdown { since } => take_off::countdown(since, s, c),
         MissionPhase::SpinUp { since, armed } => take_off::spin_up(since, armed, s, c),
-        MissionPhase::TakeOff { since } => take_off::take_off(since, s, c),
-        MissionPhase::ClimbOut { at, yaw } => take_off::climb_out(at, yaw, progress, s, c),
+        MissionPhase::TakeOff { since, left } => take_off::take_off(since, left, s, c),
+        MissionPhase::ClimbOut { .. } => take_off::climb_out(phase, progress, s, c),
         MissionPhase::StandDown { since } => take_off::stand_down(since, s),
     }
 }
@@ -98,16 +98,20 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
     if !progress.landing {
         return idle.stay(if progress.stopped { Operator } else { NotCommanded });
     }
-    let turns_back = s.turns_back.filter(|_| progress.sortie);
-    if let Some(why) = order_expired(progress, s, c).filter(|_| turns_back.is_none()) {
+    // One that cannot fly there is not taken from whoever flies it.
+    let turns_back = (s.turns_back).filter(|_| progress.sortie && old_data(s).is_none());
+    let stays_due = progress.sortie && s.turns_back.is_some();
+    if let Some(why) = order_expired(progress, s, c).filter(|_| !stays_due) {
         progress.landing = false;
         return idle.enter(why);
     }
+    if s.flight != ControlState::Ours {
+        let missing = s.turns_back.filter(|_| progress.sortie).and_then(|_| old_data(s));
+        let why = turns_back.or(s.rejection).or(missing);
+        return idle.stay(why.unwrap_or(NotFlying.into()));
+    }
     if let Some(why) = s.rejection {
         return idle.stay(why);
-    }
-    if s.flight != ControlState::Ours {
-        return idle.stay(turns_back.unwrap_or(NotFlying.into()));
     }
     if let Some(why) = s.waits(c).filter(|_| s.place.is_none()) {
         let full = matches!(s.reservation, Reservation::Others(_));

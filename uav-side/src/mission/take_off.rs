@@ -7,15 +7,14 @@
 
 use alight_shared::landing::MAX_TILT_RAD;
 use alight_shared::msg::ReasonCode::{
-    Arming, ArmingRejected, BetterMoment, ClearOfDeck, CountedDown, Counting, DeckGrantStale, DeckReserved,
-    Disarmed, DoesNotRise, GoodMoment, HelmTurns, Leaving, NoMoment, NoVessel, NotCleared, NotFlying,
-    NotOnDeck, OffHeight, OrderExpired, SpinningUp, StillArmed, TakeOffBattery, TakeOffCommanded, TakeOffOff,
-    TakenOff, TipsOver, TooLong, VesselTurns,
+    Arming, ArmingRejected, BatteryLow, BetterMoment, ClearOfDeck, Commanded, CountedDown, Counting,
+    DeckGrantStale, DeckReserved, Disarmed, DoesNotRise, GoodMoment, HelmTurns, Leaving, NoMoment, NoVessel,
+    NotCleared, NotFlying, NotOnDeck, OdometryStale, OffHeight, Operator, OrderExpired, SpinningUp,
+    StillArmed, TakeOffBattery, TakeOffCommanded, TakeOffOff, TakenOff, TipsOver, TooLong, VesselTurns,
 };
 use alight_shared::msg::{Course, DeckGrant, LandingMode, Reason};
 use alight_shared::time::DroneClock;
 use alight_shared::topics;
-use nalgebra::Vector3;
 
 use super::Mission;
 use super::lift_off::Jump;
@@ -24,7 +23,7 @@ use super::phase::{
     DroneTime, HoldCause, MissionPhase, Progress, Transition, climbing_out, holding, moving_place, old_data,
 };
 use super::situation::{ControlState, Promise, Situation};
-use crate::lift_off::{LEFT_M, Rise};
+use crate::lift_off::{LEAVES_WITHIN_S, LEFT_M, LIES_BELOW_M, Rise};
 use crate::mission_config::MissionConfig;
 
 /// People aboard see the countdown for so long before the motors start, s.
@@ -37,8 +36,6 @@ const SPIN_UP_S: f64 = 1.5;
 /// No longer does a drone stand armed on the deck, s: PX4 (COM_DISARM_PRFLT) and ArduCopter (DISARM_DELAY) disarm by
 /// themselves after 10 s, and the heartbeat that reports the arming may be a second late.
 const MOMENT_S: f64 = 8.5;
-/// The feet leave the deck within this time, s: three times what a drone of half the surplus thrust takes.
-const LEAVES_WITHIN_S: f64 = 1.0;
 /// A drone that tips on a foot has risen by less than this, m: half of its feet's span times the sine of the angle. Higher up it
 /// lies on the deck no more, and turns because it levels.
 const TIPS_BELOW_M: f64 = 0.1;
@@ -47,6 +44,8 @@ const CLEAR_M: f64 = 3.0;
 const CLEAR_BLIND_M: f64 = 6.0;
 /// Whatever the deck does, a drone that has left it climbs out after this, s.
 const TAKE_OFF_S: f64 = 6.0;
+/// A drone that has not come to its height by then holds where it is, s: twice what 20 m take at 2 m/s and the way out.
+const CLIMB_OUT_S: f64 = 30.0;
 /// By the forecast a drone that stands on the deck is no further from its centre, m: two receivers and half a deck.
 const ON_DECK_M: f64 = 5.0;
 
@@ -96,9 +95,17 @@ pub(super) fn stopped(phase: MissionPhase, s: &Situation, why: impl Into<Reason>
         MissionPhase::Preparing | MissionPhase::Countdown { .. } | MissionPhase::SpinUp { .. } => {
             Some(stop(s, why))
         }
+        MissionPhase::TakeOff { left, .. } => (stands(left, s)).then(|| stop(s, why)),
+        MissionPhase::ClimbOut { since, at, yaw, .. } => {
+            let stopped = MissionPhase::ClimbOut {
+                since,
+                at,
+                yaw,
+                stopped: true,
+            };
+            Some(stopped.stay(why))
+        }
         MissionPhase::StandDown { .. }
-        | MissionPhase::TakeOff { .. }
-        | MissionPhase::ClimbOut { .. }
         | MissionPhase::Idle
         | MissionPhase::GetAltitude { .. }
         | MissionPhase::Approach { .. }
@@ -111,6 +118,21 @@ pub(super) fn stopped(phase: MissionPhase, s: &Situation, why: impl Into<Reason>
         | MissionPhase::Hold { .. }
         | MissionPhase::GaveUp { .. } => None,
     }
+}
+
+/// In a take-off the feet are on the deck still, by data without a gap: the thrust may be cut.
+fn stands(left: bool, s: &Situation) -> bool {
+    !left && s.risen_m < LIES_BELOW_M && is_measured(s)
+}
+/// How far it has risen is known.
+fn is_measured(s: &Situation) -> bool {
+    s.rise_measured && old_data(s).is_none()
+}
+
+/// Set-points have ceased in a take-off, and the autopilot holds the drone low over the deck: it climbs out once they are back.
+pub(super) fn lapsed(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> Option<Transition> {
+    let leaves = matches!(phase, MissionPhase::TakeOff { .. });
+    leaves.then(|| climbing_out(s, c).enter(NotFlying))
 }
 
 /// The take-off ends on the deck.
@@ -150,8 +172,9 @@ fn unprepared(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let grounded = (!s.on_ground).then(|| NotOnDeck.into());
     let away = || exceeds(NotOnDeck, s.deck?.distance_m, ON_DECK_M);
     let low = || {
-        let b = s.battery.filter(|b| *b < s.battery_for_take_off)?;
-        Some(Reason::new(TakeOffBattery, b, s.battery_for_take_off))
+        // One that is not reported is none.
+        let b = s.battery.unwrap_or(0.0);
+        (b < s.battery_for_take_off).then(|| Reason::new(TakeOffBattery, b, s.battery_for_take_off))
     };
     grounded.or_else(|| unfit(s, c)).or_else(away).or_else(low)
 }
@@ -239,28 +262,38 @@ pub(super) fn spin_up(
         return stop(s, s.no_deck());
     };
     match moments.not_now(c) {
-        None => {
-            MissionPhase::TakeOff { since: s.now }.enter(Reason::new(GoodMoment, moments.now.whole(), 0.0))
-        }
+        None => rising(s).enter(Reason::new(GoodMoment, moments.now.whole(), 0.0)),
         // The better one comes too late.
         Some(why) if spun_s > MOMENT_S && why.code == BetterMoment => {
-            MissionPhase::TakeOff { since: s.now }.enter(Reason::new(GoodMoment, moments.now.whole(), 0.0))
+            rising(s).enter(Reason::new(GoodMoment, moments.now.whole(), 0.0))
         }
         Some(_) if spun_s > MOMENT_S => stop(s, Reason::new(NoMoment, spun_s, MOMENT_S)),
         Some(why) => stays(armed, why),
     }
 }
 
-/// Take-off: until the drone is clear of the deck; before the feet have left it the thrust may still be cut.
-pub(super) fn take_off(since: DroneTime, s: &Situation, c: &MissionConfig) -> Transition {
-    let stays = |why| MissionPhase::TakeOff { since }.stay(why);
+fn rising(s: &Situation) -> MissionPhase {
+    MissionPhase::TakeOff {
+        since: s.now,
+        left: false,
+    }
+}
+
+/// Take-off: until the drone is clear of the deck; before the feet have left it the thrust may still be cut, where that is
+/// known without a gap.
+pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionConfig) -> Transition {
     let (rose, lasted_s) = (s.risen_m, (s.now - since).secs());
-    if rose < LEFT_M {
+    let left = left || rose >= LEFT_M;
+    let leaving = MissionPhase::TakeOff { since, left }.stay(Reason::new(Leaving, rose, 0.0));
+    if !left {
         let tips = exceeds(TipsOver, s.tips_rad, MAX_TILT_RAD).filter(|_| rose < TIPS_BELOW_M);
+        let lost = (s.reservation.lost()).filter(|_| stands(left, s));
         let stuck = (lasted_s > LEAVES_WITHIN_S).then_some(Reason::new(DoesNotRise, rose, LEFT_M));
-        return match tips.or(stuck) {
-            Some(why) => MissionPhase::StandDown { since: s.now }.enter(why),
-            None => stays(Reason::new(Leaving, rose, 0.0)),
+        return match tips.or(lost).or(stuck) {
+            Some(why) if is_measured(s) => stop(s, why),
+            // It may be in the air.
+            Some(_) => climbing_out(s, c).enter(old_data(s).unwrap_or(OdometryStale.into())),
+            None => leaving,
         };
     }
     let seen = s.fresh_deck().is_some_and(|d| d.vision_age_s <= c.vision_fresh_s);
@@ -270,24 +303,56 @@ pub(super) fn take_off(since: DroneTime, s: &Situation, c: &MissionConfig) -> Tr
     if lasted_s > TAKE_OFF_S {
         return climbing_out(s, c).enter(Reason::new(TooLong, lasted_s, TAKE_OFF_S));
     }
-    stays(Reason::new(Leaving, rose, 0.0))
+    leaving
 }
 
-/// Climb out: away from the vessel and up to the height of the approach, where the drone holds for whoever flies it next.
+/// Climb out: away from the vessel and up to the height of the approach, where the drone holds for whoever flies it next. Once
+/// it is clear of the vessel an order, a low battery or old data end it sooner, and the time in any case: the hold is climbed
+/// to as well, and answers each of them.
 pub(super) fn climb_out(
-    at: Vector3<f64>,
-    yaw: f64,
-    progress: &mut Progress,
+    phase: MissionPhase,
+    progress: &Progress,
     s: &Situation,
     c: &MissionConfig,
 ) -> Transition {
+    let MissionPhase::ClimbOut {
+        since,
+        at,
+        yaw,
+        stopped,
+    } = phase
+    else {
+        return phase.stay(Reason::default());
+    };
+    let lapsed = s.flight == ControlState::Lapsed;
+    let since = if lapsed { s.now } else { since };
     let (moves, at) = moving_place(&at, s, true);
     let error = s.own.map_or(f64::INFINITY, |own| (own.position.z - at.z).abs());
-    if moves || error > HEIGHT_TOLERANCE_M {
-        return MissionPhase::ClimbOut { at, yaw }.stay(Reason::new(OffHeight, error, HEIGHT_TOLERANCE_M));
+    let low = || {
+        let b = s.battery.filter(|b| *b < s.battery_reserve)?;
+        Some(Reason::new(BatteryLow, b, s.battery_reserve))
+    };
+    let ordered = || stopped.then(|| Operator.into());
+    let lands = || progress.landing.then(|| Commanded.into());
+    let sooner = || ordered().or_else(lands).or_else(low).or_else(|| old_data(s));
+    let ends = if moves {
+        None
+    } else if error <= HEIGHT_TOLERANCE_M {
+        Some(TakenOff.into())
+    } else {
+        sooner()
+    };
+    let ends = ends.or_else(|| exceeds(TooLong, (s.now - since).secs(), CLIMB_OUT_S));
+    match ends.filter(|_| !lapsed) {
+        Some(why) => holding(HoldCause::Operator, s, c).enter(why),
+        None => MissionPhase::ClimbOut {
+            since,
+            at,
+            yaw,
+            stopped,
+        }
+        .stay(Reason::new(OffHeight, error, HEIGHT_TOLERANCE_M)),
     }
-    progress.sortie = true;
-    holding(HoldCause::Operator, s, c).enter(TakenOff)
 }
 
 /// Stand down: until the drone is disarmed.
@@ -317,7 +382,7 @@ impl Mission {
             s.lift_off = jump.moments(now);
         }
         if !matches!(self.phase, MissionPhase::TakeOff { .. }) {
-            self.rise = Rise::default();
+            self.rise = Rise::begun(now);
         } else if let Some(d) = self.drone.get() {
             let deck = self
                 .forecast

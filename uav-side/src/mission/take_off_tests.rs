@@ -102,12 +102,13 @@ fn checks_before_the_countdown() {
     let waits = |change: fn(&mut Situation)| follows(preparing, None, &standing(change));
     assert_eq!(waits(|_| {}), (State::Countdown, Counting));
     type Change = fn(&mut Situation);
-    let gaps: [(ReasonCode, Change); 9] = [
+    let gaps: [(ReasonCode, Change); 10] = [
         (NotCleared, |s| s.not_cleared = Some(NotCleared.into())),
         (NotOnDeck, |s| s.on_ground = false),
         (NotOnDeck, |s| s.deck.iter_mut().for_each(|d| d.distance_m = 5.1)),
         (ForecastStale, |s| s.forecast_age_s = 0.4),
         (TakeOffBattery, |s| s.battery = Some(0.29)),
+        (TakeOffBattery, |s| s.battery = None),
         (VesselTurns, |s| s.course = Course::Turning),
         (HelmTurns, |s| {
             s.course = Course::Turning;
@@ -205,6 +206,106 @@ fn moment_of_the_take_off() {
     assert_eq!(at_moment(3.0, closed), (State::StandDown, DeckReserved));
 }
 
+/// A take-off that began so long ago, s.
+fn rising(since_s: f64, left: bool) -> MissionPhase {
+    MissionPhase::TakeOff {
+        since: at(10.0 - since_s),
+        left,
+    }
+}
+/// A climb that began so long ago, s, on its way to 15 m over the deck.
+fn climbing(since_s: f64, stopped: bool) -> MissionPhase {
+    MissionPhase::ClimbOut {
+        since: at(10.0 - since_s),
+        at: Vector3::new(0.0, 0.0, -16.3),
+        yaw: 0.0,
+        stopped,
+    }
+}
+
+/// What is not measured cuts no thrust, and neither does a drone that has left the deck and comes down to it again.
+#[test]
+fn thrust_of_a_drone_that_may_be_in_the_air() {
+    let s = with(|s| (s.risen_m, s.tips_rad) = (0.05, 0.3));
+    assert_eq!(
+        follows(rising(0.3, false), None, &s),
+        (State::StandDown, TipsOver)
+    );
+    assert_eq!(follows(rising(0.3, true), None, &s).0, State::TakeOff);
+    type Change = fn(&mut Situation);
+    let gaps: [Change; 3] = [
+        |s| s.rise_measured = false,
+        |s| s.odometry_age_s = 0.5,
+        |s| s.forecast_age_s = 0.5,
+    ];
+    for gap in gaps {
+        let mut s = s;
+        gap(&mut s);
+        assert_eq!(follows(rising(0.3, false), None, &s).0, State::ClimbOut);
+        s.tips_rad = 0.0;
+        assert_eq!(follows(rising(0.3, false), None, &s).0, State::TakeOff);
+        assert_eq!(follows(rising(1.1, false), None, &s).0, State::ClimbOut);
+    }
+    let d = decided(rising(0.5, false), None, &with(|s| s.risen_m = 0.4));
+    assert!(matches!(d.phase, MissionPhase::TakeOff { left: true, .. }) && d.progress.sortie);
+}
+
+/// Low over the deck nothing but up is safe, whoever holds the drone for lack of set-points.
+#[test]
+fn set_points_that_cease_in_a_take_off() {
+    let lapsed = with(|s| (s.flight, s.risen_m) = (ControlState::Lapsed, 0.5));
+    for phase in [rising(0.8, true), climbing(2.0, false), climbing(60.0, true)] {
+        let d = decided(phase, None, &lapsed);
+        assert_eq!(d.phase.state(), State::ClimbOut, "{phase:?}");
+        // It has its whole time once they are back.
+        let MissionPhase::ClimbOut { since, .. } = d.phase else {
+            panic!("{:?}", d.phase)
+        };
+        assert_eq!(since, lapsed.now);
+    }
+    let other = with(|s| s.flight = ControlState::OtherControl(AutopilotMode::Other));
+    let d = decided(climbing(2.0, false), None, &other);
+    assert_eq!(d.phase, MissionPhase::Idle);
+}
+
+/// A climb over the deck goes on; clear of the vessel an order, a low battery or old data end it, and the time anywhere.
+#[test]
+fn climb_that_ends_sooner() {
+    let over = with(|_| {});
+    let clear = with(|s| s.deck.iter_mut().for_each(|d| d.distance_m = 60.0));
+    let abort = Some(CommandKind::Abort);
+    let stopped = decided(climbing(2.0, false), abort, &over).phase;
+    assert_eq!(stopped, climbing(2.0, true));
+    assert_eq!(follows(stopped, None, &over).0, State::ClimbOut);
+    assert_eq!(follows(stopped, None, &clear), (State::Hold, Operator));
+    assert_eq!(follows(climbing(2.0, false), None, &clear).0, State::ClimbOut);
+    let low = |mut s: Situation| {
+        s.battery = Some(0.1);
+        follows(climbing(2.0, false), None, &s)
+    };
+    assert_eq!(
+        (low(over).0, low(clear)),
+        (State::ClimbOut, (State::Hold, BatteryLow))
+    );
+    let mut old = clear;
+    old.forecast_age_s = 0.5;
+    assert_eq!(
+        follows(climbing(2.0, false), None, &old),
+        (State::Hold, ForecastStale)
+    );
+    assert_eq!(
+        follows(climbing(30.1, false), None, &over),
+        (State::Hold, ReasonCode::TooLong)
+    );
+    // An order to land counts from there.
+    let d = decided(climbing(2.0, false), Some(CommandKind::Land), &clear);
+    assert!(
+        d.progress.landing && d.phase.state() == State::Hold,
+        "{:?}",
+        d.phase
+    );
+}
+
 #[test]
 fn feet_that_leave_the_deck_or_do_not() {
     let leaves = |since_s: f64, risen_m: f64, tips_rad: f64, seen: bool| {
@@ -214,13 +315,7 @@ fn feet_that_leave_the_deck_or_do_not() {
                 d.vision_age_s = if seen { 0.05 } else { f64::INFINITY };
             });
         });
-        follows(
-            MissionPhase::TakeOff {
-                since: at(10.0 - since_s),
-            },
-            None,
-            &s,
-        )
+        follows(rising(since_s, false), None, &s)
     };
     assert_eq!(leaves(0.5, 0.1, 0.05, false).0, State::TakeOff);
     assert_eq!(leaves(0.3, 0.05, 0.18, false), (State::StandDown, TipsOver));
@@ -253,12 +348,26 @@ fn take_off_stopped_by_an_operator() {
         }
         let (phase, s) = spun(2.0, |_| {});
         assert_eq!(follows(phase, Some(command), &s), (State::StandDown, Operator));
-        // The feet may have left: it goes on to its hold.
-        let s = with(|s| s.risen_m = 0.5);
-        let rises = MissionPhase::TakeOff { since: at(9.5) };
-        let d = decided(rises, Some(command), &s);
-        assert_eq!((d.phase, d.progress.stopped), (rises, true));
+        // On the deck still: by the command, and by a deck that is closed meanwhile.
+        let s = with(|s| s.risen_m = 0.1);
+        assert_eq!(
+            follows(rising(0.2, false), Some(command), &s),
+            (State::StandDown, Operator)
+        );
+        // The feet may have left: it goes on to its hold, and the sortie after it turns back as any.
+        let s = with(|s| s.risen_m = 0.2);
+        let d = decided(rising(0.4, false), Some(command), &s);
+        assert_eq!((d.phase, d.progress.stopped), (rising(0.4, false), false));
     }
+    let closed = |risen_m: f64| {
+        let s = with(|s| {
+            s.reservation = Reservation::Others(alight_shared::msg::DECK_CLOSED);
+            s.risen_m = risen_m;
+        });
+        follows(rising(0.2, false), None, &s)
+    };
+    assert_eq!(closed(0.1), (State::StandDown, DeckReserved));
+    assert_eq!(closed(0.2).0, State::TakeOff);
 }
 
 #[test]
@@ -268,10 +377,7 @@ fn end_of_a_take_off() {
     assert_eq!(follows(stands, None, &armed), (State::StandDown, StillArmed));
     assert_eq!(follows(stands, None, &standing(|_| {})), (State::Idle, Disarmed));
     // A low battery is no reason to come down from a climb that has just begun.
-    let climbs = MissionPhase::ClimbOut {
-        at: Vector3::new(0.0, 0.0, -16.3),
-        yaw: 0.0,
-    };
+    let climbs = climbing(2.0, false);
     let low = with(|s| s.battery = Some(0.1));
     let (state, why) = follows(climbs, None, &low);
     assert!(state == State::ClimbOut && why != BatteryLow);
@@ -282,7 +388,7 @@ fn end_of_a_take_off() {
 /// A mission that is started anew in a take-off begins nothing that was not commanded to it.
 #[test]
 fn successor_of_a_mission_that_takes_off() {
-    let restored = |state: State, sortie: bool| {
+    let restored_in = |state: State, sortie: bool, s: &Situation| {
         let header = Header::new(1, 1, 1, 1, at(9.9));
         let m = MissionCheckpoint {
             header,
@@ -294,7 +400,7 @@ fn successor_of_a_mission_that_takes_off() {
             sortie,
             ..MissionCheckpoint::default()
         };
-        let (phase, _) = checkpoint::restored(&m, true, &fair(), &permits());
+        let (phase, _) = checkpoint::restored(&m, true, s, &permits());
         (phase.state(), phase.waits_for_operator())
     };
     for (state, sortie, expected) in [
@@ -307,8 +413,22 @@ fn successor_of_a_mission_that_takes_off() {
         (State::Hold, true, (State::Hold, true)),
         (State::Hold, false, (State::Hold, false)),
     ] {
-        assert_eq!(restored(state, sortie), expected, "{state:?}");
+        assert_eq!(restored_in(state, sortie, &fair()), expected, "{state:?}");
     }
+    // On the ground by its autopilot, or by the camera; the receivers alone may be metres off, and one that rises has left.
+    let on_deck = |vision_age_s: f64, on_ground: bool, sinking_mps: f64| {
+        let s = with(|s| {
+            s.on_ground = on_ground;
+            s.deck.iter_mut().for_each(|d| {
+                (d.clearance_m, d.vision_age_s, d.sinking_mps) = (0.1, vision_age_s, sinking_mps);
+            });
+        });
+        restored_in(State::TakeOff, false, &s).0
+    };
+    assert_eq!(on_deck(0.05, false, 0.0), State::StandDown);
+    assert_eq!(on_deck(f64::INFINITY, true, 0.0), State::StandDown);
+    assert_eq!(on_deck(f64::INFINITY, false, 0.0), State::ClimbOut);
+    assert_eq!(on_deck(0.05, true, -2.0), State::ClimbOut);
 }
 
 /// The battery ends a sortie: from the hold at once, else as an order that waits for the drone.
@@ -339,6 +459,29 @@ fn end_of_a_sortie_by_the_battery() {
     });
     let d = step(MissionPhase::Idle, sortie(false), &others);
     assert_eq!((d.entered, d.progress.landing), (Some(due), true));
+    // A hold that is ordered on the way stops no landing.
+    for phase in [hold, MissionPhase::Idle] {
+        let waits = with(|_| {});
+        let d = decide(phase, sortie(false), Some(CommandKind::Hold), &waits, &permits());
+        assert!(!d.progress.stopped, "{phase:?}");
+    }
+    // Nobody has the drone taken who could not fly it back, and what speaks against a landing hides no way back.
+    let with_order = Progress {
+        landing: true,
+        started: at(9.0),
+        ..sortie(false)
+    };
+    let waits = |change: fn(&mut Situation)| {
+        let mut s = others;
+        change(&mut s);
+        step(MissionPhase::Idle, with_order, &s).waiting.code
+    };
+    assert_eq!(waits(|_| {}), ReasonCode::TurnsBack);
+    assert_eq!(
+        waits(|s| s.rejection = Some(NotCleared.into())),
+        ReasonCode::TurnsBack
+    );
+    assert_eq!(waits(|s| s.forecast_age_s = 40.0), ForecastStale);
     let mut later = others;
     later.now = at(300.0);
     let d = step(MissionPhase::Idle, d.progress, &later);

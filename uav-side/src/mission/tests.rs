@@ -102,6 +102,7 @@ pub(super) fn fair() -> Situation {
         turns_in_s: None,
         lift_off: None,
         risen_m: 0.0,
+        rise_measured: true,
         tips_rad: 0.0,
         dark: None,
     }

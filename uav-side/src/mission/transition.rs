@@ -58,6 +58,8 @@ pub fn decide(
     if !phase.flies() {
         progress.low_battery = None;
     }
+    // Whoever takes the drone from here on takes one that has left the deck.
+    progress.sortie |= phase.has_left();
     let completes = progress.stopped && phase.state().phase() == Phase::Landing;
     let waiting = if completes {
         ReasonCode::CompletesLanding.into()
@@ -277,6 +279,7 @@ fn interrupt(
     if let Some(transition) = not_ours(phase, progress, s, c) {
         return Some(transition);
     }
+    // What ends a climb over the deck waits until the drone is clear of it.
     if phase.takes_off() {
         return None;
     }
@@ -320,8 +323,11 @@ fn commanded(
         CommandKind::Abort | CommandKind::Hold => {
             let aborts = command == CommandKind::Abort;
             let completes = completes(phase, progress, s, c);
+            // On a sortie, before it lands, and in a take-off there is no landing that is stopped.
+            let away = phase.waits_for_operator() || phase == MissionPhase::Idle;
+            let lands = progress.landing || !(phase.takes_off() || progress.sortie && away);
             progress.landing = false;
-            progress.stopped = true;
+            progress.stopped |= lands;
             progress.deck_declined |= progress.is_urgent();
             progress.ordered_below = None;
             if phase.stands() || phase.takes_off() {
@@ -340,7 +346,13 @@ fn commanded(
         }
         CommandKind::Land => {
             let stopped = progress.stopped && phase.state().phase() == Phase::Landing;
-            if !(phase == MissionPhase::Idle || gives_up || phase.waits_for_operator() || stopped) {
+            let climbs_out = matches!(phase, MissionPhase::ClimbOut { .. });
+            if !(phase == MissionPhase::Idle
+                || gives_up
+                || phase.waits_for_operator()
+                || stopped
+                || climbs_out)
+            {
                 return None;
             }
             progress.landing = true;
@@ -369,6 +381,8 @@ fn not_ours(
             progress.landing = false;
             Some(MissionPhase::Idle.enter(ReasonCode::NotFlying))
         }
+        // Low over the deck: up, as soon as it follows set-points again.
+        ControlState::Lapsed if phase.takes_off() => take_off::lapsed(phase, s, c),
         ControlState::Lapsed => Some(MissionPhase::Idle.enter(ReasonCode::NotFlying)),
         ControlState::Unknown if phase.needs_data() => {
             Some(without_data(progress, s, c).enter(ReasonCode::NotFlying))

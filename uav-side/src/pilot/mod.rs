@@ -99,8 +99,8 @@ pub struct Pilot {
     tracker: Tracker,
     detector: TouchdownDetector,
     hold: Option<Hold>,
-    /// Its take-off: since when, and how far it has risen.
-    jump: Option<(Time<DroneClock>, Rise)>,
+    /// Its take-off: since when, and how far it has risen; None for a pilot that began in the air.
+    jump: Option<(Time<DroneClock>, Option<Rise>)>,
     /// Height at which it was disarmed last, NED z, m.
     disarmed_z: Option<f64>,
     /// The landing goes on without the mission or a plan.
@@ -388,7 +388,8 @@ impl Pilot {
             self.tracker.reset();
         }
         let action = known.action(|| below.is_some() && self.lands_softer(now, body));
-        if action != Action::Jump {
+        // An autopilot that is silent for a moment does not put the drone back on the deck.
+        if mission.is_none_or(|m| m.state != State::TakeOff) {
             self.jump = None;
         }
         let goes_on = matches!(action, Action::Follow | Action::Complete | Action::Press);
@@ -397,7 +398,7 @@ impl Pilot {
         match (action, &plan, &mission, below) {
             (Action::Stand, ..) => self.stand(now, body),
             (Action::Idle, ..) => self.idle(now, body, dt, below),
-            (Action::Jump, ..) => self.jump(now, &led, dt, below),
+            (Action::Jump, _, Some(m), _) => self.jump(now, &led, dt, m, below),
             (Action::Hold, ..) => self.hold(now, body, dt, None),
             (Action::Leave, ..) => {
                 let height_m = self.mission.get().map_or(0.0, |m| m.height_m);
@@ -410,7 +411,9 @@ impl Pilot {
             }
             (Action::Follow, Some(plan), Some(m), _) => self.follow(now, plan, m, &led, dt, below),
             (Action::Complete, _, _, Some(b)) => self.complete(now, &led, dt, b),
-            (Action::Nothing | Action::Follow | Action::Complete, ..) => self.no_set_point(now),
+            (Action::Nothing | Action::Jump | Action::Follow | Action::Complete, ..) => {
+                self.no_set_point(now)
+            }
         }
     }
 

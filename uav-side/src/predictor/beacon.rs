@@ -33,6 +33,11 @@ const SEA_SD_M: f64 = 4.0;
 /// A deck that is not seen tilts by this, rad, and heaves at this speed, m/s: an unknown boat in a moderate sea.
 const TILT_SD_RAD: f64 = 0.15;
 const HEAVE_SD_MPS: f64 = 0.5;
+/// A beacon that is silent for longer may be replaced by another that is no less exact, s: three messages of the slower ones.
+const REPLACED_AFTER_S: f64 = 3.0;
+/// One that goes on is replaced by one that errs by this share of its error, half of the variance: velocity and offset of the
+/// track are lost with it, and two that err alike do not take turns.
+const MORE_EXACT: f64 = 0.7;
 /// Below this speed a course is no heading, m/s.
 const COURSE_MPS: f64 = 0.5;
 
@@ -122,8 +127,8 @@ impl BeaconTrack {
         let [n, e] = self.axes_at(t).map(|a| a.p[(0, 0)]);
         n.max(e).sqrt().hypot(self.newest.place_sd_m)
     }
-    /// Takes a message, checked, to the track: that of another source where the one that is followed has ended or is less
-    /// exact. Whether it counts.
+    /// Takes a message, checked, to the track: that of another source where the one that is followed has ended, is clearly less
+    /// exact, or is silent and no more exact. Whether it counts.
     pub(super) fn receive(track: &mut Option<BeaconTrack>, now: Time<DroneClock>, m: &DeckBeacon) -> bool {
         let fresh = (now - m.header.at).secs() <= m.lasts_s;
         let known = track.filter(|t| t.lasts(now));
@@ -132,7 +137,10 @@ impl BeaconTrack {
             return fresh;
         };
         if known.newest.source != m.source || m.source == BeaconSource::Operator {
-            let counts = m.source == known.newest.source || m.place_sd_m <= known.sd_m(now);
+            let silent = (now - known.newest.header.at).secs() > REPLACED_AFTER_S;
+            let counts = m.source == known.newest.source
+                || m.place_sd_m <= MORE_EXACT * known.newest.place_sd_m
+                || silent && m.place_sd_m <= known.sd_m(now);
             if counts {
                 *track = Some(BeaconTrack::new(m));
             }
@@ -308,6 +316,16 @@ mod tests {
         let phone = message(BeaconSource::FollowTarget, 32.0, 500.0, 50.0);
         assert!(BeaconTrack::receive(&mut track, late, &phone));
         assert!((track.unwrap().known(late, &drone()).unwrap().place.x - 500.0).abs() < 0.1);
+        // One of two that err alike is followed while it goes on; a clearly more exact one replaces it at once.
+        let mut track = followed(20);
+        for (place_sd_m, at_s, counts) in [(5.0, 20.5, false), (4.9, 21.0, false), (3.0, 21.5, true)] {
+            let m = message(BeaconSource::FollowTarget, at_s, 40.0, place_sd_m);
+            let taken = BeaconTrack::receive(&mut track, Time::from_secs(at_s), &m);
+            assert_eq!(taken, counts, "{place_sd_m} m at {at_s} s");
+        }
+        let (mut track, now) = (followed(20), Time::from_secs(23.5));
+        let alike = message(BeaconSource::FollowTarget, 23.5, 40.0, 5.0);
+        assert!(BeaconTrack::receive(&mut track, now, &alike), "silent for 3.5 s");
         // An old one is none.
         let mut none = None;
         let old = message(BeaconSource::GlobalPosition, 0.0, 0.0, 5.0);

@@ -1,6 +1,7 @@
 //! Which of several decks with the same tags is the vessel's own.
 //!
-//! Each place at which tags are seen again and again is a deck. One alone is taken. Of several the vessel's own is, in this order,
+//! Each place at which tags are seen again and again is a deck. One alone is taken, unless it rocks otherwise than the radio
+//! reports: the last sum is that of [`BLOCK`] samples then, and chi-square distributed where they are of one deck. Of several the vessel's own is, in this order,
 //! the one that was followed before they were several (continuity of place: without the radio), and the one that is more
 //! likely than any other by a factor of [`MARGIN`]'s exponential, with the negative logarithm of a deck's likelihood
 //!
@@ -57,6 +58,11 @@ const MARGIN: f64 = 9.2;
 /// Error of compass and camera in yaw together, rad; of the vessel's tilt by radio, rad, and least error of a tag's tilt.
 const YAW_SD_RAD: f64 = 0.037;
 const TILT_SD_RAD: f64 = 0.009;
+/// Samples of a deck's tilt after which it is compared with the radio's as a whole: 5 s, a period of the waves.
+const BLOCK: f64 = 25.0;
+/// A sum of squares of that many samples of two angles about their mean that is no own deck's: 99.99 % of a chi-square with 48
+/// degrees of freedom, 93, of errors twice as large as they are stated.
+const MAX_SQUARES: f64 = 4.0 * 93.0;
 /// Ambiguity is reported for so long after the last image that showed it, s.
 const REPORTED_S: f64 = 1.0;
 
@@ -106,10 +112,26 @@ struct Deck {
     together: u32,
     /// Distance from where radio or beacon has the vessel, in standard deviations; None: neither has it anywhere.
     apart_sd: Option<f64>,
+    /// While others are in sight.
     residual: Residual,
+    /// Always, of the newest block of samples.
+    block: Residual,
+    /// By the last whole block it rocks otherwise than the radio reports.
+    rocks_apart: bool,
 }
 
 impl Deck {
+    /// Takes a sample to the block, and judges by a whole one.
+    fn judge(&mut self, at: Time<DroneClock>, r: Vector3<f64>, tilt_variance: [f64; 2]) {
+        self.block.take(at, r, tilt_variance);
+        if self.block.n >= BLOCK {
+            self.rocks_apart = self.block.squares > MAX_SQUARES;
+            self.block = Residual {
+                sampled: Some(at),
+                ..Residual::default()
+            };
+        }
+    }
     /// It lies where the vessel may be.
     fn is_admissible(&self) -> bool {
         self.apart_sd.is_none_or(|sd| sd <= PLACE_SD)
@@ -216,6 +238,8 @@ impl Decks {
                     together: 0,
                     apart_sd,
                     residual: Residual::default(),
+                    block: Residual::default(),
+                    rocks_apart: false,
                 });
                 self.decks.len() - 1
             }
@@ -234,31 +258,43 @@ impl Decks {
         }
         Some(k)
     }
-    /// The tilt of a deck that was seen against the radio's of the same time, where there are several to compare.
+    /// The tilt of a deck that was seen against the radio's of the same time.
     fn compare(&mut self, k: usize, o: &Observation) {
         let [.., Some((north, vn)), Some((east, ve)), Some((yaw, _))] = o.value else {
             return;
         };
         let several = self.rivals_of(k).next().is_some();
-        let Some(report) = self.reported(o.at).filter(|_| several) else {
+        let Some(report) = self.reported(o.at) else {
             return;
         };
         let Some(deck) = self.decks.get_mut(k) else { return };
-        let due = |at: Time<DroneClock>| o.at - at >= Span::from_secs(SAMPLE_S);
-        if deck.residual.sampled.is_none_or(due) {
-            let mut r = Vector3::new(north, east, yaw) - report;
-            r.z = wrap_angle(r.z);
-            // From the side a tag's tilt is a guess.
-            if o.lever == [0.0; 2] || r.xy().amax() > MAX_TILT_RAD {
-                return;
-            }
-            let variance = |v: f64| v + 2.0 * TILT_SD_RAD.powi(2);
-            deck.residual.take(o.at, r, [variance(vn), variance(ve)]);
+        let due = |r: &Residual| {
+            let pause = Span::from_secs(SAMPLE_S);
+            r.sampled.is_none_or(|at| o.at - at >= pause)
+        };
+        let mut r = Vector3::new(north, east, yaw) - report;
+        r.z = wrap_angle(r.z);
+        // From the side a tag's tilt is a guess.
+        if o.lever == [0.0; 2] || r.xy().amax() > MAX_TILT_RAD {
+            return;
+        }
+        let variances = [vn, ve].map(|v| v + 2.0 * TILT_SD_RAD.powi(2));
+        if several && due(&deck.residual) {
+            deck.residual.take(o.at, r, variances);
+        }
+        if due(&deck.block) {
+            deck.judge(o.at, r, variances);
         }
     }
     /// Whether tags that were seen of the deck `k` are the vessel's own; `radio`: that is received.
     pub(super) fn verdict(&mut self, k: usize, o: &Observation, radio: bool) -> Verdict {
         self.compare(k, o);
+        if self.decks.get(k).is_some_and(|d| d.rocks_apart) {
+            self.own = self.own.filter(|own| *own != k);
+            // The vessel's own is another.
+            self.several = Some((o.at, 2));
+            return Verdict::Other;
+        }
         if self.own.is_none() {
             self.own = self.decide(o.at, radio);
         }
@@ -387,6 +423,26 @@ mod tests {
         let (verdicts, decks) = side_by_side(30.0, true, 0.0);
         assert_eq!(verdicts, [Verdict::Several(2); 2]);
         assert_eq!(decks.undecided(Time::from_secs(30.0)), 2);
+    }
+
+    /// One deck alone that rocks by 5 deg as the radio reports, or half a period later.
+    #[test]
+    fn lone_deck_against_the_radio() {
+        for (later_s, expected) in [(0.0, Verdict::Own), (2.4, Verdict::Other)] {
+            let mut decks = Decks::default();
+            let mut verdict = Verdict::Own;
+            for n in 0..300 {
+                let t = f64::from(n) / 30.0;
+                let roll = |t: f64| 0.09 * (1.3 * t).sin();
+                decks.report(&observation(Kind::Estimate, t, [0.0; 2], [roll(t), 0.0, 0.0]));
+                let o = observation(Kind::Tag, t, [0.5, 0.0], [roll(t - later_s) + 0.03, 0.02, 0.0]);
+                let k = decks.see(&o, 7.0, Vector2::zeros(), Some([0.5, 5.7])).unwrap();
+                verdict = decks.verdict(k, &o, true);
+            }
+            assert_eq!(verdict, expected, "{later_s} s later");
+            let undecided = decks.undecided(Time::from_secs(10.0));
+            assert_eq!(undecided > 1, expected == Verdict::Other);
+        }
     }
 
     #[test]

@@ -217,11 +217,9 @@ impl Predictor {
                 self.forget_frame();
             }
         }
-        if let Some(jump) = self.track.push(s)
-            && let Some(f) = &mut self.filter
-        {
-            f.shift(&jump);
+        if let Some(jump) = self.track.push(s) {
             self.decks.shift(&jump);
+            self.filter.iter_mut().for_each(|f| f.shift(&jump));
             self.own.iter_mut().for_each(|own| own.shift(&jump));
         }
         Ok(())

@@ -66,6 +66,17 @@ fn beacon(args: &CommandArgs, header: Header<DroneClock>) -> Result<DeckBeacon, 
     Ok(beacon)
 }
 
+/// The newest message of the beacon that a forecast follows is of the time at which this was given to so much, s: rounding.
+/// Another source's is not.
+const SAME_S: f64 = 1e-5;
+
+/// Standard deviation, m, and age, s, of the beacon by a forecast that follows the one given at this time; None of another.
+fn followed(f: &DeckForecast, given: Time<DroneClock>) -> Option<[f64; 2]> {
+    let [_, age_s] = f.beacon?;
+    let apart_s = (f.header.at - given).secs() - age_s;
+    f.beacon.filter(|_| f.header.at > given && apart_s.abs() < SAME_S)
+}
+
 /// Gives it to the predictor, and waits until its forecast shows it.
 pub(super) fn run(args: &CommandArgs) -> Result<Exit, CliError> {
     place(&args.words)?;
@@ -85,8 +96,10 @@ pub(super) fn run(args: &CommandArgs) -> Result<Exit, CliError> {
     let mut taken = None;
     for poll in 0..MAX_POLLS {
         let now: Time<DroneClock> = computer.clock.now();
-        let newest = forecasts.newest(now.nanos()).filter(|f| f.header.at > given);
-        taken = newest.and_then(|f| f.beacon).or(taken);
+        taken = forecasts
+            .newest(now.nanos())
+            .and_then(|f| followed(&f, given))
+            .or(taken);
         if taken.is_some() {
             break;
         }
@@ -117,6 +130,21 @@ pub(super) fn run(args: &CommandArgs) -> Result<Exit, CliError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn forecast_by_another_beacon() {
+        let given = Time::from_secs(1000.0);
+        let forecast = |at_s: f64, age_s: f64| DeckForecast {
+            header: Header::new(1, 1, 1, 1, Time::from_secs(at_s)),
+            beacon: Some([20.0, age_s]),
+            ..DeckForecast::default()
+        };
+        assert_eq!(followed(&forecast(1000.4, 0.4), given), Some([20.0, 0.4]));
+        for (at_s, age_s) in [(1000.4, 0.1), (1000.4, 3.0), (999.9, 0.0)] {
+            assert_eq!(followed(&forecast(at_s, age_s), given), None, "{age_s} s old");
+        }
+        assert_eq!(followed(&DeckForecast::default(), given), None);
+    }
 
     #[test]
     fn places_that_are_none() {

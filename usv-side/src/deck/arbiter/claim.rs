@@ -72,12 +72,9 @@ impl Claim {
         match (status.state, status.landed) {
             (State::Landed, _) if !is_far(status) => Claim::OnDeck,
             (State::Descent | State::Flare | State::TakeOff | State::ClimbOut, _) => Claim::Landing,
-            // Of a drone that is to take off, or was to.
-            (State::Preparing | State::Countdown | State::SpinUp | State::StandDown, _)
-                if !is_far(status) =>
-            {
-                Claim::OnDeck
-            }
+            // Of a drone that is to take off, by its place; and of one that has been started there, as long as none tells otherwise.
+            (State::Preparing | State::Countdown, _) if near => Claim::OnDeck,
+            (State::SpinUp | State::StandDown, _) if !is_far(status) => Claim::OnDeck,
             (State::GetAltitude | State::Approach | State::Search | State::TrackingStable, _) => {
                 Claim::Requesting
             }
