@@ -13,7 +13,7 @@ use super::forecast::STEERAGE_MPS;
 use super::observation::{Kind, Observation};
 use super::shift;
 use super::track::Jump;
-use super::waves::{AXES, Waves};
+use super::waves::{AXES, TILT, Waves};
 
 /// Observations that can be put in order.
 const MAX_ENTRIES: usize = 96;
@@ -28,8 +28,6 @@ const MAX_SPEED_MPS: f64 = 10.0;
 /// A turn by more than this in one step is nonsense, rad.
 const MAX_BEND_RAD: f64 = 1.0;
 
-/// Tilt about north and about east.
-pub(super) const TILT: [usize; 2] = [3, 4];
 /// Degrees of freedom that are rejected together.
 const GROUPS: [&[usize]; 3] = [&[0, 1, 2], &TILT, &[5]];
 

@@ -8,9 +8,8 @@ use alight_shared::vessel_model::turn_tilt;
 use nalgebra::{Rotation2, Rotation3, Vector2, Vector3};
 
 use super::axis::{Axis, AxisNoise, DRIFT, HEAD, Head, MAX_STATES, MEAN, RATE, Step, VISION, compass};
-use super::filter::TILT;
 use super::lever_arm_heave::lever_arm_heave;
-use super::waves::{AXES, DeckMotion, Oscillator, Waves};
+use super::waves::{AXES, DeckMotion, Oscillator, TILT, Waves};
 
 /// Stages at which the variance is computed; between them it is interpolated.
 const KNOTS: [usize; 9] = [0, 2, 5, 10, 15, 20, 26, 33, 40];

@@ -13,6 +13,8 @@ use super::config::PredictorConfig;
 
 /// Degrees of freedom: north, east, down, tilt about north, about east, heading.
 pub const AXES: usize = 6;
+/// Tilt about north and about east.
+pub const TILT: [usize; 2] = [3, 4];
 /// Most oscillators of the bank.
 const MAX_BANK: usize = 6;
 /// Most oscillators: the bank and the residual one.

@@ -7,7 +7,7 @@
 use alight_shared::mavlink::{self, FrameReader, MAX_WAITING, Outgoing, Sender, Signing, dialect as m};
 use alight_shared::time::{Span, Time, VesselClock};
 
-use super::autopilot::{Command, ReadBack};
+use super::command::{Command, ReadBack};
 use crate::mavlink_systems::{AUTOPILOT, Systems};
 
 /// Time between two heartbeats of ours and two requests of a mode.

@@ -12,6 +12,7 @@
 //! before she is steady makes the present course the one that is kept.
 
 mod autopilot;
+mod command;
 mod config;
 mod consent;
 mod limits;
@@ -27,7 +28,8 @@ use serde::{Deserialize, Serialize};
 
 pub use config::{HelmConfig, HelmOutput};
 
-use autopilot::{Autopilot, Command, ReadBack};
+use autopilot::Autopilot;
+use command::{Command, ReadBack};
 use consent::ConsentSwitch;
 use response::Response;
 

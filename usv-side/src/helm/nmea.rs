@@ -6,7 +6,7 @@
 
 use alight_shared::time::{Span, Time, VesselClock};
 
-use super::autopilot::{Command, ReadBack};
+use super::command::{Command, ReadBack};
 
 /// Time between two pairs of sentences: navigators send them once a second.
 const PERIOD: Span = Span::from_millis(1000);
