@@ -57,6 +57,8 @@ const BLOCK: f64 = 25.0;
 /// A sum of squares of that many samples of two angles about their mean that is no own deck's: 99.99 % of a chi-square with 48
 /// degrees of freedom, 93, of errors twice as large as they are stated.
 const MAX_SQUARES: f64 = 4.0 * 93.0;
+/// One sample counts no more than this: tags that are misread once, or tilted the wrong way, are no contradiction.
+const MAX_SAMPLE: f64 = 30.0;
 /// Ambiguity is reported for so long after the last image that showed it, s.
 const REPORTED_S: f64 = 1.0;
 
@@ -85,9 +87,8 @@ impl Residual {
         let before = r - self.mean;
         self.mean += before / self.n;
         let after = r - self.mean;
-        self.squares += (0..2)
-            .map(|i| before[i] * after[i] / tilt_variance[i])
-            .sum::<f64>();
+        let squares = (0..2).map(|i| before[i] * after[i] / tilt_variance[i]);
+        self.squares += squares.sum::<f64>().min(MAX_SAMPLE);
     }
     fn cost(&self) -> f64 {
         let yaw = if self.n > 0.0 {
@@ -417,7 +418,7 @@ mod tests {
         assert_eq!(decks.undecided(Time::from_secs(30.0)), 2);
     }
 
-    /// One deck alone that rocks by 5 deg as the radio reports, or half a period later.
+    /// One deck alone that rocks by 7 deg as the radio reports, or half a period later.
     #[test]
     fn lone_deck_against_the_radio() {
         for (later_s, expected) in [(0.0, Verdict::Own), (2.4, Verdict::Other)] {
@@ -425,7 +426,7 @@ mod tests {
             let mut verdict = Verdict::Own;
             for n in 0..300 {
                 let t = f64::from(n) / 30.0;
-                let roll = |t: f64| 0.09 * (1.3 * t).sin();
+                let roll = |t: f64| 0.12 * (1.3 * t).sin();
                 decks.report(&observation(Kind::Estimate, t, [0.0; 2], [roll(t), 0.0, 0.0]));
                 let o = observation(Kind::Tag, t, [0.5, 0.0], [roll(t - later_s) + 0.03, 0.02, 0.0]);
                 let k = decks.see(&o, 7.0, Vector2::zeros(), Some([0.5, 5.7])).unwrap();
