@@ -51,8 +51,6 @@ const SAMPLE_S: f64 = 0.2;
 const MIN_SAMPLES: f64 = 15.0;
 /// A tilt that differs by more is no deck's on which a drone lands, but of a tag that was solved for its other minimum, rad.
 const MAX_TILT_RAD: f64 = 0.3;
-/// What a sample counts for at most, standard deviations of each tilt.
-const MAX_SD: f64 = 3.0;
 /// The vessel's own deck is so much more likely than any other, as a logarithm: 1 of 10 000 is wrong.
 const MARGIN: f64 = 9.2;
 /// Error of compass and camera in yaw together, rad; of the vessel's tilt by radio, rad, and least error of a tag's tilt.
@@ -63,6 +61,8 @@ const BLOCK: f64 = 25.0;
 /// A sum of squares of that many samples of two angles about their mean that is no own deck's: 99.99 % of a chi-square with 48
 /// degrees of freedom, 93, of errors twice as large as they are stated.
 const MAX_SQUARES: f64 = 4.0 * 93.0;
+/// One sample counts no more than this: tags that are misread once, or tilted the wrong way, are no contradiction.
+const MAX_SAMPLE: f64 = 30.0;
 /// Ambiguity is reported for so long after the last image that showed it, s.
 const REPORTED_S: f64 = 1.0;
 
@@ -91,8 +91,8 @@ impl Residual {
         let before = r - self.mean;
         self.mean += before / self.n;
         let after = r - self.mean;
-        let square = |i: usize| (before[i] * after[i] / tilt_variance[i]).min(MAX_SD * MAX_SD);
-        self.squares += (0..2).map(square).sum::<f64>();
+        let squares = (0..2).map(|i| before[i] * after[i] / tilt_variance[i]);
+        self.squares += squares.sum::<f64>().min(MAX_SAMPLE);
     }
     /// Of as many samples as `n`.
     fn cost(&self, n: f64) -> f64 {
@@ -425,7 +425,7 @@ mod tests {
         assert_eq!(decks.undecided(Time::from_secs(30.0)), 2);
     }
 
-    /// One deck alone that rocks by 5 deg as the radio reports, or half a period later.
+    /// One deck alone that rocks by 7 deg as the radio reports, or half a period later.
     #[test]
     fn lone_deck_against_the_radio() {
         for (later_s, expected) in [(0.0, Verdict::Own), (2.4, Verdict::Other)] {
@@ -433,7 +433,7 @@ mod tests {
             let mut verdict = Verdict::Own;
             for n in 0..300 {
                 let t = f64::from(n) / 30.0;
-                let roll = |t: f64| 0.09 * (1.3 * t).sin();
+                let roll = |t: f64| 0.12 * (1.3 * t).sin();
                 decks.report(&observation(Kind::Estimate, t, [0.0; 2], [roll(t), 0.0, 0.0]));
                 let o = observation(Kind::Tag, t, [0.5, 0.0], [roll(t - later_s) + 0.03, 0.02, 0.0]);
                 let k = decks.see(&o, 7.0, Vector2::zeros(), Some([0.5, 5.7])).unwrap();
