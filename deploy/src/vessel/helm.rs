@@ -104,7 +104,9 @@ mod tests {
         assert_eq!(dead.received(), None);
         let why = dead.error(false).unwrap();
         assert!(why.contains("/nowhere/ttyUSB1"), "{why}");
-        let mut bound = open("udpin://127.0.0.1:0").await;
+        // A port that is free now.
+        let free = std::net::UdpSocket::bind("127.0.0.1:0").and_then(|s| s.local_addr());
+        let mut bound = open(&format!("udpin://{}", free.unwrap())).await;
         assert_eq!((bound.received(), bound.error(false)), (Some(Vec::new()), None));
     }
 }
