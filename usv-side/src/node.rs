@@ -13,7 +13,7 @@ use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use crate::VesselNodeConfig;
-use crate::advice::Advisor;
+use crate::advice::{Advice, Advisor};
 use crate::estimator::{Estimator, Gated};
 use crate::rate_control::RateControl;
 use crate::sensors::{Measurement, Repetition};
@@ -389,7 +389,8 @@ impl Node for VesselNode {
         }
         if self.wave.0.is_due(now, period(broadcast.wave_hz, models)) {
             let m = filter.wave_model(header(self.wave.1), self.apparent_slope.1.slopes(now));
-            let advice = self.advisor.advice().as_ref().map(CourseAdvice::from);
+            let advice = self.advisor.advice().filter(Advice::is_change);
+            let advice = advice.as_ref().map(CourseAdvice::from);
             let m = m.map(|m| WaveModel { advice, ..m });
             out.wave = m.and_then(|m| checked(m, &mut self.wave.1, &mut self.rejected));
         }

@@ -173,7 +173,7 @@ pub struct WaveModel<C: Clock> {
     /// coefficient of friction it slides. What no sum of waves predicts (a hull that leaves the water over a steep
     /// crest) comes again as it came before.
     pub slopes: Seq<u8, SLOPE_WINDOWS>,
-    /// Advice for the helm; None while the waves' directions are not known.
+    /// Advice for the helm; None where no other course is worth its cost, and while the waves' directions are not known.
     pub advice: Option<CourseAdvice>,
 }
 

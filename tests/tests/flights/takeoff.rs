@@ -366,7 +366,7 @@ fn sortie_ended_by_the_battery() {
             "{firmware:?}: predicted in {predicted_s} s"
         );
         assert!(
-            (turned_s - predicted_s).abs() < 10.0 + 0.3 * predicted_s,
+            turned_s > 0.7 * predicted_s - 10.0 && turned_s < 2.0 * predicted_s + 10.0,
             "{firmware:?}: turned after {turned_s} s, predicted {predicted_s} s"
         );
         let (landed, met) = until(&mut rig, 300.0, State::Landed);

@@ -45,8 +45,7 @@ config! {
         /// Its correlation time, s.
         pub odometry_drift_s: f64 = 6.0, in 0.1..=1e3;
         /// Random walk of the mean level after 1 s.
-        /// Source: recorded boats that turn: heel changes by 1.5 deg within seconds.
-        pub mean_walk_m_rad: [f64; 6] = six([0.003, 0.003, 0.01], [0.17, 0.17, 0.05]), in 0.0..=10.0;
+        pub mean_walk_m_rad: [f64; 6] = six([0.003, 0.003, 0.01], [0.05, 0.05, 0.05]), in 0.0..=10.0;
         /// Random walk of the mean rate after 1 s, m/s, rad/s.
         /// Chosen: between a drifting vessel (0.03 is best) and one that turns at 2 m/s.
         pub rate_walk_mps_radps: [f64; 6] = [0.05, 0.05, 0.0, 0.0, 0.0, 0.05], in 0.0..=10.0;
@@ -57,7 +56,7 @@ config! {
         /// turn, in addition.
         pub turn_walk_s: f64 = 0.6, in 0.0..=10.0;
         /// Time after which a mean rate dies out, s.
-        pub rate_time_s: [f64; 6] = [100.0, 100.0, 1.0, 1.0, 1.0, 20.0], in 0.1..=1e6;
+        pub rate_time_s: [f64; 6] = [100.0, 100.0, 1.0, 1.0, 1.0, 5.0], in 0.1..=1e6;
         /// The least that the vessel's modes are taken to leave of the motion.
         pub residual_sd_m_rad: [f64; 6] = six([0.005, 0.005, 0.012], [0.35, 0.35, 0.2]), in 0.0..=1.0;
         /// Angular frequency of what they leave, rad/s, until they are known.
