@@ -48,8 +48,10 @@ fn of_draw(row: &Row, seed: u64) -> Result<Option<f64>, CliError> {
             slope.push(physics.now(), &deck.attitude.0, deck.velocity.0);
         }
     }
-    let mut watched = DeckForecast::default();
-    watched.slopes = slope.slopes(physics.now());
+    let mut watched = DeckForecast {
+        slopes: slope.slopes(physics.now()),
+        ..DeckForecast::default()
+    };
     let (wind, to) = (
         &world.drone.wind,
         world.drone.wind.to_deg.unwrap_or_default().to_radians(),
