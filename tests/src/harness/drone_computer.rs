@@ -19,8 +19,8 @@ use alight_bridge::{Bridge, BridgeConfig, BridgeIn, BridgeOut, Packet, PacketKin
 use alight_shared::checkpoint::Keeper;
 use alight_shared::frames::body_from_camera;
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, Command, DeckForecast, DroneStatus, Header, MissionState, Plan, SetPoint,
-    TimeRequest, VesselEstimate,
+    AutopilotMode, AutopilotState, Command, DeckForecast, DroneState, DroneStatus, Header, MissionState,
+    Plan, SetPoint, TimeRequest, VesselEstimate,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock};
@@ -104,6 +104,8 @@ pub struct DroneComputer {
     pub(super) status_due: Time<TrueTime>,
     /// When the pilot stands still.
     pub(super) pilot_outage_window: Option<[Time<TrueTime>; 2]>,
+    /// The newest odometry, as the bridge's process reads it.
+    pub odometry: Option<DroneState>,
     /// The mission's newest state.
     pub mission_state: MissionState,
     /// The newest forecast.
@@ -204,6 +206,7 @@ impl DroneComputer {
             sees_beside: Vector3::zeros(),
             status_due: Time::EPOCH,
             pilot_outage_window: None,
+            odometry: None,
             mission_state: MissionState::default(),
             forecast: None,
             autopilot_state: AutopilotState::default(),
@@ -299,6 +302,7 @@ impl DroneComputer {
             odometry = odometry.map(|state| mutant.odometry(state));
             autopilot = autopilot.map(|state| mutant.autopilot(state));
         }
+        self.odometry = odometry.or(self.odometry);
         self.commands.extend(flown.command);
         readings.ranges.extend(flown.ranges);
         self.autopilot_state = autopilot.unwrap_or(self.autopilot_state);
@@ -388,7 +392,8 @@ impl DroneComputer {
         let bridged = self.bridge.is_some() && !failing.frozen.bridge;
         if reports_status && bridged && t >= self.status_due {
             self.status_due = t + STATUS_PERIOD;
-            let distance = DroneStatus::deck_distance_m(now, odometry.as_ref(), self.forecast.as_ref());
+            let (own, forecast) = (self.odometry.as_ref(), self.forecast.as_ref());
+            let distance = DroneStatus::deck_distance_m(now, own, forecast);
             let status = self.status(self.header(physics), distance);
             if let Ok(bytes) = wire::encode(&status) {
                 self.radio.send_to_vessel(t, bytes.len(), Uplink::Status(status));

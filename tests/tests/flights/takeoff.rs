@@ -211,7 +211,12 @@ fn feet_that_are_held() {
             rig.state(0) == State::Idle && rig.visited(0).contains(&State::StandDown)
         });
         let visited = rig.visited(0);
-        assert_eq!(rig.state(0), State::Idle, "{firmware:?}, {feet:?}: {visited:?}");
+        let waits = rig.mission(0).waiting;
+        assert_eq!(
+            rig.state(0),
+            State::Idle,
+            "{firmware:?}, {feet:?}: {visited:?}, {waits}"
+        );
         assert!(
             visited.contains(&State::TakeOff) && !visited.contains(&State::ClimbOut),
             "{visited:?}"
