@@ -332,7 +332,7 @@ fn descent_before_the_autopilot_has_taken_the_helm() {
 }
 
 #[test]
-fn no_between_the_request_of_the_mode_and_the_next_heartbeat() {
+fn no_before_the_heartbeat_that_shows_the_mode() {
     // Wherever the heartbeats fall, and whether it takes the mode at once or later.
     for (phase, takes_after_s) in (0..10).flat_map(|k| [(k, 0.0), (k, 0.3), (k, 0.9)]) {
         let mut b = Bench::new();
