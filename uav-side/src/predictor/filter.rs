@@ -439,7 +439,10 @@ fn turning(s: &State) -> Option<Turning> {
 /// A turning vessel's mean velocity has turned with it over the last `dt` (s): `v' = omega x v`,
 /// the coordinated turn (Bar-Shalom, Li and Kirubarajan 2001, section 11.7), in the means only; and so have heel and trim.
 fn propagate_turn(s: &mut State, dt: f64) {
-    let angle = s[5].x[RATE] * dt;
+    let Some(turn) = turning(s) else {
+        return;
+    };
+    let angle = turn.rate * dt;
     if !(angle.abs() < MAX_BEND_RAD) {
         return;
     }
@@ -448,12 +451,10 @@ fn propagate_turn(s: &mut State, dt: f64) {
     };
     let heel = turned(s, MEAN, TILT);
     (s[TILT[0]].x[MEAN], s[TILT[1]].x[MEAN]) = (heel.x, heel.y);
-    if turning(s).is_some() {
-        let velocity = turned(s, RATE, [0, 1]);
-        for (i, after) in [velocity.x, velocity.y].into_iter().enumerate() {
-            s[i].x[MEAN] += 0.5 * dt * (after - s[i].x[RATE]);
-            s[i].x[RATE] = after;
-        }
+    let velocity = turned(s, RATE, [0, 1]);
+    for (i, after) in [velocity.x, velocity.y].into_iter().enumerate() {
+        s[i].x[MEAN] += 0.5 * dt * (after - s[i].x[RATE]);
+        s[i].x[RATE] = after;
     }
 }
 
