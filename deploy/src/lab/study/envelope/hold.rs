@@ -48,7 +48,7 @@ fn of_draw(row: &Row, seed: u64) -> Result<Option<f64>, CliError> {
             slope.push(physics.now(), &deck.attitude.0, deck.velocity.0);
         }
     }
-    let mut watched = DeckForecast {
+    let watched = DeckForecast {
         slopes: slope.slopes(physics.now()),
         ..DeckForecast::default()
     };
