@@ -3,6 +3,8 @@
 use super::*;
 use crate::demand::Demand;
 
+mod departure;
+
 #[derive(Clone)]
 struct Rig {
     arbiter: DeckArbiter,
@@ -829,87 +831,4 @@ fn wanted_steady_course() {
     };
     rig.step(vec![waits]);
     assert!(wants(&rig));
-}
-
-/// The word of the crew that a drone may take off: for the drone that stands there, for a while, until the deck is closed.
-#[test]
-fn clearance_for_a_take_off() {
-    let mut rig = Rig::new();
-    assert!(!rig.order(DeckOrder::TakeOff(1)).take_off, "nobody stands there");
-    assert_eq!(rig.run(&[(1, State::Landed)], 2.0), 1);
-    let cleared = |rig: &Rig| rig.arbiter.take_off;
-    assert!(cleared(&rig), "given before it was known there");
-    rig.run(&[(1, State::Preparing)], 2.0);
-    rig.run(&[(1, State::SpinUp)], 2.0);
-    assert!(cleared(&rig));
-    assert!(!rig.order(DeckOrder::Closed).take_off);
-    assert!(
-        !rig.order(DeckOrder::Open).take_off,
-        "what was cleared before it was closed"
-    );
-    assert!(!rig.order(DeckOrder::TakeOff(2)).take_off, "another's");
-    assert!(rig.order(DeckOrder::TakeOff(1)).take_off);
-    rig.run(&[(1, State::SpinUp)], TAKE_OFF_CLEARANCE_S + 1.0);
-    assert!(!cleared(&rig), "it has expired");
-    // The deck stays the drone's until it has left for sure.
-    rig.order(DeckOrder::TakeOff(1));
-    assert_eq!(rig.run(&[(1, State::TakeOff), (2, State::Approach)], 3.0), 1);
-    assert!(!cleared(&rig));
-    assert_eq!(rig.run(&[(1, State::ClimbOut), (2, State::Approach)], 8.0), 1);
-    rig.run(&[(1, State::Landed)], 2.0);
-    assert!(!cleared(&rig), "the word was for one take-off");
-}
-
-#[test]
-fn demand_of_the_helm_by_states() {
-    let wants = |rig: &Rig| rig.arbiter.demand(Time::from_secs(rig.t_s));
-    let mut rig = Rig::new();
-    for (state, wanted) in [
-        (State::Approach, Demand::Comes),
-        (State::TrackingStable, Demand::Comes),
-        (State::Descent, Demand::Descends),
-        (State::Landed, Demand::Stands),
-        (State::Preparing, Demand::Comes),
-        (State::Countdown, Demand::Descends),
-        (State::SpinUp, Demand::Descends),
-        (State::TakeOff, Demand::Descends),
-        (State::StandDown, Demand::Stands),
-    ] {
-        rig.run(&[(1, state)], 1.0);
-        assert_eq!(wants(&rig), wanted, "{state:?}");
-    }
-    // A countdown goes on in silence, a preparation may have ended.
-    for (state, wanted) in [
-        (State::SpinUp, Demand::Descends),
-        (State::Preparing, Demand::Stands),
-    ] {
-        let mut rig = Rig::after(&[(State::Landed, 1.0), (state, 1.0)]);
-        rig.run(&[], 5.0);
-        assert_eq!(wants(&rig), wanted, "{state:?}");
-    }
-}
-
-#[test]
-fn demand_of_the_helm_by_the_decks_owner() {
-    let wants = |rig: &Rig| rig.arbiter.demand(Time::from_secs(rig.t_s));
-    // One that waits for a deck on which another stands wants nothing of the helm, so that she goes back.
-    let mut rig = Rig::with_a_landed_drone();
-    rig.run(&[(1, State::Landed), (2, State::TrackingStable)], 2.0);
-    assert_eq!(wants(&rig), Demand::Stands);
-    // Nor does it while another is before it.
-    let mut rig = Rig::after(&[(State::Approach, 5.0)]);
-    rig.run(&[(1, State::Approach), (2, State::Approach)], 2.0);
-    assert_eq!((rig.arbiter.owner(), wants(&rig)), (Some(1), Demand::Comes));
-    rig.run(&[(2, State::Approach)], 5.0);
-    assert_eq!((rig.arbiter.owner(), wants(&rig)), (Some(1), Demand::Nothing));
-    // One that comes while nobody has the deck yet.
-    let mut rig = Rig::of(
-        &DeckConfig {
-            startup_hold_s: 60.0,
-            ..DeckConfig::default()
-        },
-        DeckInputs::default(),
-    );
-    rig.run(&[(1, State::Approach)], 1.0);
-    assert_eq!((rig.arbiter.owner(), wants(&rig)), (None, Demand::Comes));
 }
