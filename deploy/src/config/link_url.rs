@@ -14,9 +14,9 @@ const BAUD: u32 = 57600;
 const SIGNALK_PORT: u16 = 3000;
 /// Longest name of a network interface (IFNAMSIZ without its end).
 const MAX_INTERFACE: usize = 15;
-/// Rates that serial ports know.
-const BAUDS: [u32; 11] = [
-    9600, 19200, 38400, 57600, 115_200, 230_400, 460_800, 500_000, 921_600, 1_500_000, 3_000_000,
+/// Rates that serial ports know; NMEA 0183 is of 4800.
+const BAUDS: [u32; 12] = [
+    4800, 9600, 19200, 38400, 57600, 115_200, 230_400, 460_800, 500_000, 921_600, 1_500_000, 3_000_000,
 ];
 
 /// A link by its name.

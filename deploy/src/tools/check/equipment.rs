@@ -185,8 +185,14 @@ mod tests {
     #[test]
     fn tags_with_a_gap_or_a_fault() {
         use crate::status::finding::Level;
+        use alight_shared::tags::{Tags, of_vessel};
         let mut drone = DroneSettings::default();
+        let first = tags(&drone);
+        assert_eq!(first.level, Level::Warning);
+        assert!(first.found.contains("the family's first (0)"), "{}", first.found);
+        drone.deck.tags = of_vessel(&drone.tags(), 7);
         assert_eq!(tags(&drone).level, Level::Fine);
+        drone.deck.tags = Tags::new();
         drone.deck.tag_side_m = Some(1.0);
         let one = tags(&drone);
         assert_eq!(one.level, Level::Warning);
