@@ -207,6 +207,10 @@ impl HelmNode {
     pub fn is_silent(&self, now: Time<VesselClock>) -> bool {
         self.config.output != HelmOutput::None && !self.autopilot.read_back(now).present
     }
+    /// The boat's autopilot is in the mode in which it takes set-points, ours or somebody else's.
+    pub fn is_steered(&self, now: Time<VesselClock>) -> bool {
+        self.autopilot.read_back(now).is_steered()
+    }
     /// The course that is kept, once the vessel is steady on it.
     pub fn kept(&self) -> Option<Goal> {
         match &self.phase {

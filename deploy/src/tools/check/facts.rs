@@ -101,6 +101,28 @@ pub struct DeckInputCheck {
     pub level: Result<bool, String>,
 }
 
+/// The boat's autopilot that the vessel's computer may steer by.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct HelmCheck {
+    /// Where it is.
+    pub connect: String,
+    /// What it reports, or why it cannot be steered.
+    pub report: Result<HelmReport, String>,
+}
+
+/// What is known of a boat's autopilot without steering by it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HelmReport {
+    /// Its heartbeats come.
+    Answers,
+    /// They come, in the mode in which it takes set-points.
+    SteeredAlready,
+    /// Its link is open, and it need not report anything.
+    Open,
+    /// The process that runs has it.
+    Held,
+}
+
 /// What an autopilot reported.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AutopilotReport {
@@ -205,6 +227,8 @@ pub struct Facts {
     pub held_sources: Vec<SourceHealth>,
     /// The deck's digital inputs that are configured.
     pub deck_inputs: Vec<DeckInputCheck>,
+    /// The boat's autopilot; None where no helm is configured.
+    pub helm: Option<HelmCheck>,
     /// How the frequency of each processor is chosen; empty without frequency scaling.
     pub governors: Vec<String>,
     /// This user may ask for real-time priority.

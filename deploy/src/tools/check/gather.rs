@@ -31,7 +31,7 @@ use crate::tools::check::facts::{
     CameraCheck, ClockSync, DeckInputCheck, Facts, Identity, Port, PortState, Reach, SharedMemory,
     SigningCheck,
 };
-use crate::tools::check::{autopilot, camera, sources};
+use crate::tools::check::{autopilot, camera, helm, sources};
 use crate::vessel::deck_inputs;
 
 /// Longest look into a file of the system.
@@ -63,6 +63,7 @@ pub fn gather(path: &Path) -> Facts {
         sources: Vec::new(),
         held_sources: Vec::new(),
         deck_inputs: Vec::new(),
+        helm: None,
         governors: governors(),
         realtime: scheduling::real_time_permitted(),
         processors: std::thread::available_parallelism().map_or(1, usize::from),
@@ -88,6 +89,7 @@ pub fn gather(path: &Path) -> Facts {
             let running = instance.as_ref().ok().filter(|_| facts.running);
             let seen = running.and_then(snapshot);
             (facts.held_sources, facts.sources) = sources::of(path, v, seen.as_ref());
+            facts.helm = helm::of(v, seen.as_ref());
             facts.memory = Some(memory(instance.map_err(|e| e.to_string())));
         }
         Ok(Computer::Drone(d)) => {

@@ -7,6 +7,7 @@ mod camera;
 mod equipment;
 pub mod facts;
 pub mod gather;
+mod helm;
 pub mod rules;
 mod sources;
 #[cfg(test)]

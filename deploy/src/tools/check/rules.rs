@@ -15,7 +15,7 @@ use crate::tools::check::facts::{
     AutopilotReport, CameraCheck, DeckInputCheck, Facts, Identity, Port, PortState, Reach, SharedMemory,
     SigningCheck, SourceCheck,
 };
-use crate::tools::check::{equipment, view};
+use crate::tools::check::{equipment, helm, view};
 use crate::vessel::deck_inputs;
 
 /// Shared memory that a drone's processes take, bytes: 7 MB measured with `alight land`; with people
@@ -105,6 +105,7 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
         let listened = facts.held_sources.is_empty().then_some(&facts.sources);
         all.extend(listened.and_then(|s| equipment::vessel(s)));
         all.extend(facts.deck_inputs.iter().map(deck_input));
+        all.extend(facts.helm.as_ref().map(helm::judge));
     }
     all.extend(processors(facts, matches!(computer, Computer::Drone(_))));
     all

@@ -95,6 +95,7 @@ fn vessel() -> Facts {
         sources: Vec::new(),
         held_sources: Vec::new(),
         deck_inputs: Vec::new(),
+        helm: None,
         governors: vec!["performance".into(); 4],
         realtime: true,
         processors: 4,
