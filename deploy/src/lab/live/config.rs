@@ -121,6 +121,10 @@ config! {
         /// Where a ground station listens, UDP: the simulated autopilot's other link, between which it forwards.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub ground_station: Option<String> = None;
+        /// Where the vessel's helm listens for the boat's autopilot, UDP (`vessel.helm.connect`): the simulated boat then has
+        /// one, as ArduPilot Rover.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub helm: Option<String> = None;
         /// The plant of a firmware.
         pub firmware: FirmwareConfig;
         /// What the drone's computer is connected to; then it may be started later than the vehicles.

@@ -20,7 +20,7 @@ use alight_sim::autopilots::FirmwareConfig;
 use alight_sim::physics::streams::Streams;
 use alight_sim::sensors::clocks::{ClockModel, Clocks};
 use alight_uav::autopilot::AutopilotLinkConfig;
-use alight_usv::DeckConfig;
+use alight_usv::{DeckConfig, VesselNodeConfig};
 
 use crate::config::camera::{CameraSource, UltravioletSource};
 use crate::config::recorder::RecorderConfig;
@@ -30,6 +30,7 @@ use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Doing, Exit};
 use crate::lab::live::air::{RadioPath, RadioWatch};
 use crate::lab::live::args::LandArgs;
+use crate::lab::live::boat;
 use crate::lab::live::config::{Attachments, AutopilotKind, SimulatedWorld, attached, free_port, write};
 use crate::lab::live::fault::{Fault, Seen};
 use crate::lab::live::list::{LiveList, Order};
@@ -242,13 +243,17 @@ impl LandingSetup {
             impairment: air.impairment.clone(),
             baseline: scene.nodes.baseline,
         };
+        let (own_helm, helm) = boat::simulated(&scene.nodes.vessel.helm)?;
         let vessel = VesselComputer {
             vessel_id: scene.nodes.bridge.vessel_id,
             instance: args.instance.clone(),
             clock: clock(&clocks.vessel),
             radio: RadioConfig::listening(&air.listen, vessel_tls),
             deck: DeckConfig::default(),
-            vessel: scene.nodes.vessel.clone(),
+            vessel: VesselNodeConfig {
+                helm: own_helm,
+                ..scene.nodes.vessel.clone()
+            },
             ..VesselComputer::default()
         };
         let drone = DroneComputer {
@@ -292,6 +297,7 @@ impl LandingSetup {
             mavlink,
             signing_key: String::new(),
             ground_station: args.ground_station.map(|a| a.to_string()),
+            helm,
             devices: None,
             scenario: scene.scenario.drawn(args.seed),
         };

@@ -115,12 +115,7 @@ impl Plant {
         let doing = |port: u16| format!("listening for the firmware on port {port}");
         let (link, exchanges) = match kind {
             AutopilotKind::Internal => {
-                let dial = |to: &str| {
-                    UdpSocket::bind("0.0.0.0:0")
-                        .and_then(|s| s.connect(to).map(|()| s))
-                        .and_then(|s| s.set_nonblocking(true).map(|()| s))
-                        .doing(format_args!("sending MAVLink to {to}"))
-                };
+                let dial = |to: &str| dial(to).doing(format_args!("sending MAVLink to {to}"));
                 let link = Link::Simulated {
                     socket: dial(mavlink)?,
                     station: station.map(dial).transpose()?,
@@ -321,8 +316,16 @@ impl Plant {
     }
 }
 
+/// A socket that sends to `to`, and never waits.
+pub fn dial(to: &str) -> std::io::Result<UdpSocket> {
+    let socket = UdpSocket::bind("0.0.0.0:0")?;
+    socket.connect(to)?;
+    socket.set_nonblocking(true)?;
+    Ok(socket)
+}
+
 /// What has come, at most [`MAX_READS`].
-fn datagrams(socket: &UdpSocket) -> Vec<Vec<u8>> {
+pub fn datagrams(socket: &UdpSocket) -> Vec<Vec<u8>> {
     let (mut buffer, mut received) = ([0_u8; 2048], Vec::new());
     while received.len() < MAX_READS as usize
         && let Ok(n) = socket.recv(&mut buffer)

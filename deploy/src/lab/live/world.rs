@@ -24,6 +24,7 @@ use crate::exit::{CliError, Doing, Exit};
 use crate::io::mavlink_key;
 use crate::lab::chart;
 use crate::lab::live::args::WorldArgs;
+use crate::lab::live::boat::BoatLink;
 use crate::lab::live::config::SimulatedWorld;
 use crate::lab::live::detections::Detections;
 use crate::lab::live::plant::{self, Plant};
@@ -128,6 +129,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         None => None,
     };
     let mut sensors = VesselSide::of(&world)?;
+    let mut boat = world.helm.as_deref().map(BoatLink::open).transpose()?;
     let (mut forecast, mut ages): (Option<DeckForecast>, Option<[f64; 2]>) = (None, None);
     let mut life = Life::begin(ProcessKind::World, draw_boot(), args.supervised);
     let clock = ProcessClock {
@@ -183,6 +185,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         }
         let measured_at = physics.vessel_now();
         sensors.send(measured_at, &physics.vessel_readings());
+        boat.iter_mut().for_each(|boat| boat.step(&mut physics));
         if let Some(readings) = physics.drone_readings(0) {
             let readings = match &world.devices {
                 None => readings,

@@ -18,6 +18,7 @@ use crate::config::link_url::LinkUrl;
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Doing};
 use crate::lab::args::Autopilot;
+use crate::lab::live::boat;
 use crate::lab::live::config::{AutopilotKind, Devices, SimulatedWorld, free_port};
 use crate::lab::live::land::AT_SEA;
 use crate::lab::live::serial_lines::assigned;
@@ -120,6 +121,13 @@ impl Plan {
                 set(&mut vessel_file, &["deck"], key, "");
             }
         }
+        let (helm, boat) = boat::simulated(&vessel.vessel.helm)?;
+        let within = ["vessel", "helm"];
+        let output = Value::try_from(helm.output).doing("writing the helm")?;
+        set(&mut vessel_file, &within, "output", output);
+        set(&mut vessel_file, &within, "connect", helm.connect);
+        set(&mut vessel_file, &within, "signing_key", helm.signing_key);
+        set(&mut vessel_file, &within, "consent_switch", helm.consent_switch);
         // A person's flights stay what they are.
         for (name, file, recorder) in [
             ("vessel", &mut vessel_file, &vessel.recorder),
@@ -161,7 +169,10 @@ impl Plan {
         let contradictions = contradictions(&vessel, &drone);
         let vessel = write(&vessel_file, &directory.file("vessel.toml"))?;
         let drone = write(&drone_file, &directory.file("drone.toml"))?;
-        let world = world(args, (&vessel, &drone), &sources, camera)?;
+        let world = SimulatedWorld {
+            helm: boat,
+            ..world(args, (&vessel, &drone), &sources, camera)?
+        };
         let text = toml::to_string(&world).doing("writing the world")?;
         std::fs::write(directory.file("world.toml"), text).doing("writing world.toml")?;
         Ok(Plan {
