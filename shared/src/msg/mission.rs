@@ -298,7 +298,7 @@ pub struct MissionState {
     pub waiting_offset: Option<[f64; 2]>,
     /// What an operator may have changed.
     pub settings: MissionSettings,
-    /// They may be changed: the drone is disarmed, and no landing is ordered.
+    /// They may be changed: the drone is disarmed, and neither a landing nor a take-off is ordered.
     pub settable: bool,
     /// The least by which a vessel has to be known for a landing to begin.
     pub least_vessel: VesselLevel,

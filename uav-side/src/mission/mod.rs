@@ -299,9 +299,9 @@ impl Mission {
         self.config.tracking_height_m = tracking_m.max(lowest_m);
         self.config.approach_height_m = self.settings.approach_height_m.max(lowest_m);
     }
-    /// What an operator may change is not changed under a drone that may fly, nor under an order to land.
+    /// What an operator may change is not changed under a drone that may fly, nor under an order to land or to take off.
     fn is_settable(&self, s: &Situation) -> bool {
-        s.flight == ControlState::Disarmed && !self.progress.landing
+        s.flight == ControlState::Disarmed && !self.progress.landing && !self.phase.stands()
     }
     /// Takes what a ground station sets, where that may be changed now and is within the configuration's limits.
     fn set(&mut self, now: Time<DroneClock>, order: &SettingsOrder, s: &Situation) {

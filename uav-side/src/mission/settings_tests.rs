@@ -70,6 +70,12 @@ fn settings_of_a_ground_station() {
     ] {
         assert_eq!(after(&mut m, t, &set(t, wrong)).settings, wanted);
     }
+    // The drone is to take off.
+    let s = m.situation(at(5.0));
+    assert!(m.is_settable(&s));
+    m.phase = MissionPhase::Countdown { since: at(5.0) };
+    assert!(!m.is_settable(&s));
+    m.phase = MissionPhase::Idle;
     // Too old, and from the future.
     for given in [4.9, 6.1] {
         let input = MissionIn {
