@@ -4,7 +4,7 @@ use alight_shared::msg::{AutopilotMode, DroneState, SetPoint, SetPointKind, Stat
 use alight_uav::autopilot::message::command;
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 
-use crate::rig::{LinkRig, hover};
+use crate::rig::{LinkRig, STEP, hover, stop};
 use crate::{BOTH, config};
 
 /// A pilot that stands on the deck.
@@ -74,6 +74,45 @@ fn autopilot_that_does_not_arm() {
             .iter()
             .any(|(_, note)| note.contains("does not arm: Preflight"));
         assert!(sent, "{firmware:?}: {:?}", p.notes);
+    }
+}
+
+/// Rotors that start turn before a heartbeat shows it, and that may be what they are stopped for.
+#[test]
+fn take_off_stopped_as_the_autopilot_arms() {
+    for firmware in BOTH {
+        let mut p = standing(firmware);
+        p.mission = State::SpinUp;
+        for _ in 0..2000 {
+            if !p.commands_of(command::ARM_DISARM).is_empty() {
+                break;
+            }
+            p.run(STEP.secs());
+        }
+        p.run(0.1);
+        p.mission = State::StandDown;
+        p.run(4.0);
+        let sent = p.commands_of(command::ARM_DISARM);
+        let forced = sent.iter().skip(1).all(|c| c.parameters[1] != 0.0);
+        assert!(sent.len() > 1 && forced, "{firmware:?}: {sent:?}");
+        assert!(!p.linked.autopilot.armed(), "{firmware:?}");
+    }
+}
+
+/// A pilot that keeps the stop of a landing before lets nothing climb from the deck.
+#[test]
+fn stop_that_outlasts_its_landing() {
+    for firmware in BOTH {
+        let mut p = standing(firmware);
+        p.mission = State::SpinUp;
+        p.run(6.0);
+        p.assert_commanding();
+        p.pilot = Some(stop);
+        p.run(5.0);
+        assert!(p.truth().position.0.z > -0.5, "{firmware:?}: {:?}", p.truth());
+        p.mission = State::StandDown;
+        p.run(2.0);
+        assert!(!p.linked.autopilot.armed(), "{firmware:?}");
     }
 }
 

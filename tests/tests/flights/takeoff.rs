@@ -181,7 +181,7 @@ fn autopilots_that_do_not_arm() {
         }
         rig.world.deck_order(DeckOrder::TakeOff(1));
         rig.world.command(CommandKind::TakeOff);
-        rig.run(30.0);
+        rig.run(35.0);
         assert_eq!(rig.state(0), State::Idle, "{firmware:?}: {:?}", rig.visited(0));
         assert_eq!(
             rig.mission(0).entered.code,

@@ -149,13 +149,21 @@ impl AutopilotLink {
             self.flown = Some(*wanted);
             return Some(*wanted);
         }
-        let evidence = self.contact(now);
         let thrust_off = SetPoint {
             kind: SetPointKind::Attitude,
             thrust: 0.0,
             rates: [0.0; 3],
             ..*wanted
         };
+        // The stop is one of a landing before, and the take-off has a disarm of its own.
+        if self
+            .last_mission(now)
+            .is_some_and(|m| m.state.stands_for_take_off())
+        {
+            self.interrupted();
+            return Some(thrust_off);
+        }
+        let evidence = self.contact(now);
         // Who begins to press now sees the thrust cut at once, and what carried the drone before for a little longer.
         let c = match self.flown {
             Some(_) => self.config.disarm,

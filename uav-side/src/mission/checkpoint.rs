@@ -11,6 +11,7 @@ use alight_shared::topics;
 use super::limits::{AWAY_M, CLIMB_S, HEAVE_M, LOST_OUTSIDE_M, RESUME_DISTANCE_M, STEADY_HEIGHT_M};
 use super::phase::{DroneTime, HoldCause, MissionPhase, Progress, climbing_out, gave_up, holding};
 use super::situation::{ControlState, Deck, Situation};
+use super::take_off::standing_down;
 use crate::lift_off::LEFT_M;
 use crate::mission_config::MissionConfig;
 use alight_shared::checkpoint::{CheckpointRejection, Recovery, validate};
@@ -110,13 +111,15 @@ fn rests(s: &Situation) -> bool {
 /// A drone that rises from the deck faster than this has left it, m/s: several times what odometry and forecast err by.
 const RISES_MPS: f64 = 0.5;
 
-/// A drone that was to leave the deck stands on it: by its autopilot, or by a camera that sees the deck. By the receivers
-/// alone the deck may be metres off.
+/// A drone that was to leave the deck stands on it, and does not rise: by its autopilot, or by a camera that sees the deck. By the
+/// receivers alone the deck may be metres off, and by the autopilot alone the drone may fly: its report may be old, or wrong.
 fn stands(s: &Situation, c: &MissionConfig) -> bool {
-    let deck = s.fresh_deck();
-    let rises = deck.is_some_and(|d| d.sinking_mps < -RISES_MPS);
-    let seen = deck.filter(|d| d.vision_age_s <= c.vision_fresh_s);
-    !rises && (s.on_ground || seen.is_some_and(|d| d.clearance_m < LEFT_M))
+    let Some(deck) = s.fresh_deck() else {
+        return false;
+    };
+    let rises = deck.sinking_mps < -RISES_MPS;
+    let seen = deck.vision_age_s <= c.vision_fresh_s && deck.clearance_m < LEFT_M;
+    !rises && (s.on_ground || seen)
 }
 /// To complete the landing is softer than to climb, and the deck is beneath.
 pub(super) fn ends_softer(d: &Deck, s: &Situation) -> bool {
@@ -165,8 +168,8 @@ fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionC
         State::GaveUp => gave_up(s, c),
         // What was not commanded yet is commanded anew.
         State::Idle | State::Preparing | State::Countdown => MissionPhase::Idle,
-        State::SpinUp | State::StandDown => MissionPhase::StandDown { since: s.now },
-        State::TakeOff if stands(s, c) => MissionPhase::StandDown { since: s.now },
+        State::SpinUp | State::StandDown => standing_down(s, ReasonCode::Disarmed.into()),
+        State::TakeOff if !m.sortie && stands(s, c) => standing_down(s, ReasonCode::Disarmed.into()),
         State::TakeOff | State::ClimbOut => climbing_out(s, c),
     }
 }

@@ -135,6 +135,8 @@ pub enum MissionPhase {
     StandDown {
         /// Since.
         since: DroneTime,
+        /// Not seen armed since: why the take-off was stopped.
+        unarmed: Option<Reason>,
     },
 }
 

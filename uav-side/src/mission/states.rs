@@ -65,7 +65,7 @@ pub(super) fn step(
         MissionPhase::SpinUp { since, armed } => take_off::spin_up(since, armed, s, c),
         MissionPhase::TakeOff { since, left } => take_off::take_off(since, left, s, c),
         MissionPhase::ClimbOut { .. } => take_off::climb_out(phase, progress, s, c),
-        MissionPhase::StandDown { since } => take_off::stand_down(since, s),
+        MissionPhase::StandDown { since, unarmed } => take_off::stand_down(since, unarmed, s),
     }
 }
 

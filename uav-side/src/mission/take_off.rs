@@ -31,6 +31,8 @@ const COUNTDOWN_S: f64 = 5.0;
 /// The autopilot arms within this time, s: PX4 wants a second of set-points before OFFBOARD, then three tries a second apart,
 /// and two heartbeats a second apart report it.
 const ARMING_S: f64 = 10.0;
+/// A command to arm that is under way shows within this, s: its answer, and two heartbeats a second apart.
+const ARMING_SHOWS_S: f64 = 3.0;
 /// The motors are at their idle speed after this, s: PX4's COM_SPOOLUP_TIME is 1 s, ArduPilot's MOT_SPOOL_TIME 0.5 s.
 const SPIN_UP_S: f64 = 1.5;
 /// No longer does a drone stand armed on the deck, s: PX4 (COM_DISARM_PRFLT) and ArduCopter (DISARM_DELAY) disarm by
@@ -92,10 +94,9 @@ pub(super) fn commanded(
 /// An order to stop; None where the take-off goes on to its hold, or is stopped already.
 pub(super) fn stopped(phase: MissionPhase, s: &Situation, why: impl Into<Reason>) -> Option<Transition> {
     match phase {
-        MissionPhase::Preparing | MissionPhase::Countdown { .. } | MissionPhase::SpinUp { .. } => {
-            Some(stop(s, why))
-        }
-        MissionPhase::TakeOff { left, .. } => (stands(left, s)).then(|| stop(s, why)),
+        MissionPhase::Preparing | MissionPhase::Countdown { .. } => Some(stop(s, why)),
+        MissionPhase::SpinUp { .. } => Some(cut(s, why)),
+        MissionPhase::TakeOff { left, .. } => (stands(left, s)).then(|| cut(s, why)),
         MissionPhase::ClimbOut { since, at, yaw, .. } => {
             let stopped = MissionPhase::ClimbOut {
                 since,
@@ -135,12 +136,26 @@ pub(super) fn lapsed(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> O
     leaves.then(|| climbing_out(s, c).enter(NotFlying))
 }
 
-/// The take-off ends on the deck.
+/// The take-off ends on the deck, before anything was commanded.
 fn stop(s: &Situation, why: impl Into<Reason>) -> Transition {
     if s.flight == ControlState::Disarmed {
         MissionPhase::Idle.enter(why)
     } else {
-        MissionPhase::StandDown { since: s.now }.enter(why)
+        cut(s, why)
+    }
+}
+/// The same once the motors may have been started.
+fn cut(s: &Situation, why: impl Into<Reason>) -> Transition {
+    let why = why.into();
+    standing_down(s, why).enter(why)
+}
+/// On the deck with the thrust cut. The rotors of a drone that is not reported armed may turn: its autopilot may just have been
+/// commanded to arm.
+pub(super) fn standing_down(s: &Situation, why: Reason) -> MissionPhase {
+    let unarmed = matches!(s.flight, ControlState::Disarmed | ControlState::Unknown);
+    MissionPhase::StandDown {
+        since: s.now,
+        unarmed: unarmed.then_some(why),
     }
 }
 
@@ -238,28 +253,30 @@ pub(super) fn spin_up(
     let armed = match (s.flight, armed) {
         // By a person, or by itself.
         (ControlState::Disarmed, Some(_)) => return MissionPhase::Idle.enter(Disarmed),
-        (ControlState::OtherControl(_) | ControlState::Lapsed, _) => {
-            return MissionPhase::Idle.enter(NotFlying);
-        }
+        (ControlState::OtherControl(_), _) => return MissionPhase::Idle.enter(NotFlying),
+        (ControlState::Lapsed, _) => return cut(s, NotFlying),
         (ControlState::Disarmed | ControlState::Unknown, armed) => armed,
         (ControlState::OnGround | ControlState::Ours, armed) => armed.or(Some(s.now)),
     };
     if let Some(why) = unfit(s, c) {
-        return stop(s, why);
+        return cut(s, why);
     }
     let Some(at) = armed else {
         let waited_s = (s.now - since).secs();
         return match exceeds(ArmingRejected, waited_s, ARMING_S) {
-            Some(why) => stop(s, why),
+            Some(why) => cut(s, why),
             None => stays(None, Reason::new(Arming, waited_s, ARMING_S)),
         };
     };
     let spun_s = (s.now - at).secs();
+    if s.motors_stopped && spun_s > MOMENT_S {
+        return cut(s, Reason::new(NoMoment, spun_s, MOMENT_S));
+    }
     if spun_s < SPIN_UP_S || s.motors_stopped {
         return stays(armed, Reason::new(SpinningUp, spun_s, SPIN_UP_S));
     }
     let Some(moments) = &s.lift_off else {
-        return stop(s, s.no_deck());
+        return cut(s, s.no_deck());
     };
     match moments.not_now(c) {
         None => rising(s).enter(Reason::new(GoodMoment, moments.now.whole(), 0.0)),
@@ -267,7 +284,7 @@ pub(super) fn spin_up(
         Some(why) if spun_s > MOMENT_S && why.code == BetterMoment => {
             rising(s).enter(Reason::new(GoodMoment, moments.now.whole(), 0.0))
         }
-        Some(_) if spun_s > MOMENT_S => stop(s, Reason::new(NoMoment, spun_s, MOMENT_S)),
+        Some(_) if spun_s > MOMENT_S => cut(s, Reason::new(NoMoment, spun_s, MOMENT_S)),
         Some(why) => stays(armed, why),
     }
 }
@@ -290,7 +307,7 @@ pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionC
         let lost = (s.reservation.lost()).filter(|_| stands(left, s));
         let stuck = (lasted_s > LEAVES_WITHIN_S).then_some(Reason::new(DoesNotRise, rose, LEFT_M));
         return match tips.or(lost).or(stuck) {
-            Some(why) if is_measured(s) => stop(s, why),
+            Some(why) if is_measured(s) => cut(s, why),
             // It may be in the air.
             Some(_) => climbing_out(s, c).enter(old_data(s).unwrap_or(OdometryStale.into())),
             None => leaving,
@@ -355,14 +372,19 @@ pub(super) fn climb_out(
     }
 }
 
-/// Stand down: until the drone is disarmed.
-pub(super) fn stand_down(since: DroneTime, s: &Situation) -> Transition {
-    match s.flight {
-        ControlState::Disarmed => MissionPhase::Idle.enter(Disarmed),
-        ControlState::OtherControl(_) | ControlState::Lapsed => MissionPhase::Idle.enter(NotFlying),
-        ControlState::Unknown | ControlState::OnGround | ControlState::Ours => {
-            let lasted_s = (s.now - since).secs();
-            MissionPhase::StandDown { since }.stay(Reason::new(StillArmed, lasted_s, 0.0))
+/// Stand down: until the drone is disarmed, or was not armed at all. One whose autopilot holds for lack of set-points comes back
+/// to those of this state.
+pub(super) fn stand_down(since: DroneTime, unarmed: Option<Reason>, s: &Situation) -> Transition {
+    let lasted_s = (s.now - since).secs();
+    let stays = |unarmed, why| MissionPhase::StandDown { since, unarmed }.stay(why);
+    match (s.flight, unarmed) {
+        (ControlState::Disarmed, None) => MissionPhase::Idle.enter(Disarmed),
+        (ControlState::Disarmed, Some(why)) if lasted_s > ARMING_SHOWS_S => MissionPhase::Idle.enter(why),
+        (ControlState::OtherControl(_), _) => MissionPhase::Idle.enter(NotFlying),
+        (ControlState::Disarmed, Some(_)) => stays(unarmed, Reason::new(Arming, lasted_s, ARMING_SHOWS_S)),
+        (ControlState::Unknown, _) => stays(unarmed, Reason::new(StillArmed, lasted_s, 0.0)),
+        (ControlState::OnGround | ControlState::Ours | ControlState::Lapsed, _) => {
+            stays(None, Reason::new(StillArmed, lasted_s, 0.0))
         }
     }
 }

@@ -167,7 +167,7 @@ fn countdown_and_arming() {
         armed: None,
     };
     assert_eq!(follows(spins(9.9), None, &s), (State::SpinUp, Arming));
-    assert_eq!(follows(spins(10.1), None, &s), (State::Idle, ArmingRejected));
+    assert_eq!(follows(spins(10.1), None, &s), (State::StandDown, ArmingRejected));
     // Armed by Alight and disarmed by somebody, or in another mode.
     let (phase, s) = spun(1.0, |s| s.flight = ControlState::Disarmed);
     assert_eq!(follows(phase, None, &s), (State::Idle, Disarmed));
@@ -192,6 +192,10 @@ fn moment_of_the_take_off() {
     let steep: fn(&mut Situation) = |s| s.lift_off = moments(STEEP);
     assert_eq!(at_moment(1.6, steep), (State::SpinUp, TakeOffTilted));
     assert_eq!(at_moment(8.6, steep), (State::StandDown, NoMoment));
+    assert_eq!(
+        at_moment(8.6, |s| s.motors_stopped = true),
+        (State::StandDown, NoMoment)
+    );
     // A better one is waited for while the autopilot lets the drone stand there.
     let better: fn(&mut Situation) = |s| {
         s.lift_off = Some(Moments {
@@ -346,8 +350,13 @@ fn take_off_stopped_by_an_operator() {
                 (MissionPhase::Idle, Some(Operator))
             );
         }
-        let (phase, s) = spun(2.0, |_| {});
-        assert_eq!(follows(phase, Some(command), &s), (State::StandDown, Operator));
+        // Armed, or perhaps just commanded to arm.
+        let (armed, s) = spun(2.0, |_| {});
+        let since = at(8.0);
+        let waits = MissionPhase::SpinUp { since, armed: None };
+        for (phase, s) in [(armed, s), (waits, on_deck)] {
+            assert_eq!(follows(phase, Some(command), &s), (State::StandDown, Operator));
+        }
         // On the deck still: by the command, and by a deck that is closed meanwhile.
         let s = with(|s| s.risen_m = 0.1);
         assert_eq!(
@@ -372,10 +381,30 @@ fn take_off_stopped_by_an_operator() {
 
 #[test]
 fn end_of_a_take_off() {
-    let stands = MissionPhase::StandDown { since: at(9.0) };
-    let armed = standing(|s| s.flight = ControlState::OnGround);
-    assert_eq!(follows(stands, None, &armed), (State::StandDown, StillArmed));
-    assert_eq!(follows(stands, None, &standing(|_| {})), (State::Idle, Disarmed));
+    let stands = |since_s, unarmed| MissionPhase::StandDown {
+        since: at(since_s),
+        unarmed,
+    };
+    // Set-points that ceased come back to a drone that stands.
+    for flight in [ControlState::OnGround, ControlState::Lapsed] {
+        let armed = standing(|s| s.flight = flight);
+        let d = decided(stands(9.0, Some(Operator.into())), None, &armed);
+        assert_eq!((d.phase, d.waiting.code), (stands(9.0, None), StillArmed));
+    }
+    let disarmed = standing(|_| {});
+    assert_eq!(
+        follows(stands(9.0, None), None, &disarmed),
+        (State::Idle, Disarmed)
+    );
+    // A command to arm may be under way.
+    let stopped = |since_s| follows(stands(since_s, Some(Operator.into())), None, &disarmed);
+    assert_eq!(stopped(7.1), (State::StandDown, Arming));
+    assert_eq!(stopped(6.9), (State::Idle, Operator));
+    let (spins, lapsed) = spun(2.0, |s| s.flight = ControlState::Lapsed);
+    assert_eq!(
+        follows(spins, None, &lapsed),
+        (State::StandDown, ReasonCode::NotFlying)
+    );
     // A low battery is no reason to come down from a climb that has just begun.
     let climbs = climbing(2.0, false);
     let low = with(|s| s.battery = Some(0.1));
@@ -416,19 +445,27 @@ fn successor_of_a_mission_that_takes_off() {
         assert_eq!(restored_in(state, sortie, &fair()), expected, "{state:?}");
     }
     // On the ground by its autopilot, or by the camera; the receivers alone may be metres off, and one that rises has left.
-    let on_deck = |vision_age_s: f64, on_ground: bool, sinking_mps: f64| {
-        let s = with(|s| {
+    let low = |vision_age_s: f64, on_ground: bool, sinking_mps: f64| {
+        with(|s| {
             s.on_ground = on_ground;
             s.deck.iter_mut().for_each(|d| {
                 (d.clearance_m, d.vision_age_s, d.sinking_mps) = (0.1, vision_age_s, sinking_mps);
             });
-        });
+        })
+    };
+    let on_deck = |vision_age_s, on_ground, sinking_mps| {
+        let s = low(vision_age_s, on_ground, sinking_mps);
         restored_in(State::TakeOff, false, &s).0
     };
     assert_eq!(on_deck(0.05, false, 0.0), State::StandDown);
     assert_eq!(on_deck(f64::INFINITY, true, 0.0), State::StandDown);
     assert_eq!(on_deck(f64::INFINITY, false, 0.0), State::ClimbOut);
     assert_eq!(on_deck(0.05, true, -2.0), State::ClimbOut);
+    // Its report is old where nothing tells of the deck, or wrong where the feet had left it.
+    let mut s = low(0.05, true, 0.0);
+    assert_eq!(restored_in(State::TakeOff, true, &s).0, State::ClimbOut);
+    s.deck = None;
+    assert_eq!(restored_in(State::TakeOff, false, &s).0, State::ClimbOut);
 }
 
 /// The battery ends a sortie: from the hold at once, else as an order that waits for the drone.
