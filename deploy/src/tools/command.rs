@@ -9,7 +9,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use alight_shared::config;
-use alight_shared::msg::{Command, CommandKind, DeckOrder, MissionState, Unheard, VesselStatus};
+use alight_shared::msg::{
+    Command, CommandKind, DeckOrder, DroneContact, MissionState, Unheard, VesselStatus,
+};
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};
@@ -285,9 +287,7 @@ fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
             CrewOrder::Takeoff if closed => {
                 "the order is taken, but the deck is closed: alight command deck open"
             }
-            CrewOrder::Takeoff => {
-                "the deck is cleared for two minutes: keep away from the drone, its motors start 5 s after its take-off is ordered"
-            }
+            CrewOrder::Takeoff => cleared(newest.as_ref(), args.drone),
         });
         let unheard = newest.iter().flat_map(|s| s.deck.unheard.iter());
         for drone in unheard.filter(|_| word == CrewOrder::Open) {
@@ -299,6 +299,17 @@ fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
     Ok(Exit::of(
         newest.is_some() && closed == (word == CrewOrder::Closed),
     ))
+}
+
+/// What the word for a take-off means to whoever gave it: of a drone whose take-off is ordered it may be all that it waits for.
+fn cleared(newest: Option<&VesselStatus>, drone: Option<u32>) -> &'static str {
+    let ordered = |d: &DroneContact| Some(d.status.header.drone) == drone && d.status.state.is_take_off();
+    if newest.is_some_and(|s| s.drones.iter().any(ordered)) {
+        "the deck is cleared for two minutes: keep away NOW, the drone's take-off is ordered and its motors start in 5 s"
+    } else {
+        "the deck is cleared for two minutes: keep away from the drone NOW, its motors start 5 s after its take-off is \
+         ordered, by whomever"
+    }
 }
 
 /// A drone that the order to open the deck leaves it to, and what frees it.
@@ -357,6 +368,23 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::msg::{Seq, State};
+
+    /// The crew's word may be what a take-off that is ordered waits for.
+    #[test]
+    fn warning_by_the_state_of_a_cleared_drone() {
+        let warns = |state| {
+            let mut contact = DroneContact::default();
+            (contact.status.header.drone, contact.status.state) = (3, state);
+            let status = VesselStatus {
+                drones: Seq::filled([contact]),
+                ..VesselStatus::default()
+            };
+            [Some(3), Some(2)].map(|drone| cleared(Some(&status), drone).contains("in 5 s"))
+        };
+        assert_eq!(warns(State::Preparing), [true, false]);
+        assert_eq!(warns(State::Idle), [false, false]);
+    }
 
     #[test]
     fn drone_named_in_every_answer() {
