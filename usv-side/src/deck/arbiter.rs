@@ -164,6 +164,12 @@ fn wants_steady(status: &DroneStatus) -> bool {
     waits || moves
 }
 
+/// Between these two states of a drone its take-off ended: whoever goes to it then meets no second one by the word for the first.
+/// One whose countdown is stopped by a check goes on.
+fn ends_take_off(before: State, now: State) -> bool {
+    before.is_take_off() && !now.is_take_off() || now == State::StandDown && before != now
+}
+
 /// What arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct ArbiterIn {
@@ -383,6 +389,8 @@ impl DeckArbiter {
             self.rejected = self.rejected.saturating_add(1);
             return;
         }
+        let ends = before.is_some_and(|d| ends_take_off(d.state, status.state));
+        self.cleared = self.cleared.filter(|(drone, _)| !(ends && *drone == h.drone));
         let former = before.map_or(Claim::Away, |d| d.claim);
         let begins = before.is_none_or(|d| d.header.boot != h.boot);
         let shows = if former >= Claim::Landing {

@@ -31,6 +31,29 @@ fn clearance_for_a_take_off() {
     assert!(!cleared(&rig), "the word was for one take-off");
 }
 
+/// A take-off that is stopped on the deck, or is not begun in time, leaves no word for another.
+#[test]
+fn clearance_after_a_stopped_take_off() {
+    let cleared = |before, after| {
+        let mut rig = Rig::new();
+        rig.run(&[(1, State::Landed)], 2.0);
+        assert!(rig.order(DeckOrder::TakeOff(1)).take_off);
+        for state in [before, after, State::Preparing] {
+            rig.run(&[(1, state)], 2.0);
+        }
+        rig.arbiter.take_off
+    };
+    for (before, after) in [
+        (State::SpinUp, State::StandDown),
+        (State::SpinUp, State::Landed),
+        (State::Preparing, State::Landed),
+        (State::Landed, State::StandDown),
+    ] {
+        assert!(!cleared(before, after), "{before:?}, {after:?}");
+    }
+    assert!(cleared(State::Countdown, State::Preparing));
+}
+
 #[test]
 fn demand_of_the_helm_by_states() {
     let wants = |rig: &Rig| rig.arbiter.demand(Time::from_secs(rig.t_s));
