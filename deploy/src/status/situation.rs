@@ -195,7 +195,7 @@ impl Situation {
             .chain(ended.map(|p| (p.kind, Some(self.since_s(p.at_ns)))))
             .collect()
     }
-    /// Since the landing, s, of a drone that is landed and armed for longer than its disarm takes.
+    /// Since the landing or the stopped take-off, s, of a drone that is on the deck and armed for longer than its disarm takes.
     pub fn still_armed_s(&self) -> Option<f64> {
         let (mission, autopilot) = (self.seen.mission.as_ref()?, self.seen.autopilot.as_ref()?);
         still_armed_s(mission.header.at, mission, autopilot.armed, &self.known.disarm)

@@ -231,6 +231,12 @@ pub fn drone(d: &DroneStatus) -> Finding {
     let armed = if d.armed { "armed" } else { "disarmed" };
     let state = d.state.because(&d.entered);
     let found = format!("drone {number}: {state}; {armed}, battery {}", Charge(d.battery));
+    if d.state == State::StandDown {
+        return TOPIC.warning(
+            found,
+            "stand clear; where it stays armed, disarm by remote control",
+        );
+    }
     if starts_motors(d.state) {
         return TOPIC.warning(found, "stand clear; alight command abort stops it");
     }
@@ -240,7 +246,7 @@ pub fn drone(d: &DroneStatus) -> Finding {
 /// Whoever is near a drone in this state has to get away from it.
 fn starts_motors(state: State) -> bool {
     match state {
-        State::Countdown | State::SpinUp | State::TakeOff | State::StandDown => true,
+        State::Countdown | State::SpinUp | State::TakeOff => true,
         State::Idle
         | State::GetAltitude
         | State::Search
@@ -253,7 +259,8 @@ fn starts_motors(state: State) -> bool {
         | State::Hold
         | State::GaveUp
         | State::Preparing
-        | State::ClimbOut => false,
+        | State::ClimbOut
+        | State::StandDown => false,
     }
 }
 

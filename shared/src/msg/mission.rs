@@ -563,7 +563,7 @@ pub struct DroneStatus {
     pub abort: Option<[u32; 2]>,
     /// The motors are armed, by the autopilot's newest report.
     pub armed: bool,
-    /// Landed and armed for longer than the disarm on the deck takes: since the landing, s.
+    /// On the deck and armed for longer than the disarm there takes: since the landing, or since the take-off was stopped, s.
     pub still_armed_s: Option<f32>,
     /// Age of the mission's state when this was sent, s: its process may have ended, or hang.
     pub mission_age_s: f32,
@@ -573,7 +573,7 @@ pub struct DroneStatus {
 
 /// What to do about a drone that is on the deck and armed, as people read it after its subject.
 pub fn still_armed(for_s: f32) -> String {
-    format!("landed and still ARMED for {for_s:.0} s: disarm by remote control")
+    format!("on deck, still ARMED for {for_s:.0} s: disarm by remote control")
 }
 
 /// A wind for people: how fast, and where from, clockwise from north.

@@ -129,7 +129,7 @@ fn disarm_left_to_a_person() {
 /// For how long it was reported that the drone is landed and still armed.
 fn still_armed(p: &LinkRig) -> Vec<String> {
     let text = |t: &String| {
-        let after = t.strip_prefix("landed and still ARMED for ")?;
+        let after = t.strip_prefix("on deck, still ARMED for ")?;
         Some(after.strip_suffix(": disarm by remote control")?.to_owned())
     };
     p.texts.iter().filter_map(text).collect()

@@ -200,11 +200,18 @@ impl DisarmConfig {
     }
 }
 
-/// Since the landing, s, of a drone that is landed and armed for longer than the disarm takes: the commands were
-/// denied, or `disarm.on_deck` is off. A mission leaves `Landed` when the drone, disarmed in between, is armed again.
+/// A drone whose take-off was stopped is disarmed by then, s: the heartbeats that show the arming, the thrust that has come
+/// down, and some commands with their answers.
+const STANDS_DOWN_S: f64 = 5.0;
+
+/// Since the landing or since the take-off was stopped, s, of a drone that is on the deck and armed for longer than the disarm
+/// takes: the commands were denied, what they need is missing, or `disarm.on_deck` is off. A mission leaves `Landed` when the
+/// drone, disarmed in between, is armed again.
 pub fn still_armed_s(now: DroneTime, mission: &MissionState, armed: bool, c: &DisarmConfig) -> Option<f64> {
-    let landed_s = (now - mission.since).secs();
-    (armed && mission.state == State::Landed && landed_s > c.longest_s()).then_some(landed_s)
+    let stands_s = (now - mission.since).secs();
+    let landed = mission.state == State::Landed && stands_s > c.longest_s();
+    let stopped = mission.state == State::StandDown && stands_s > STANDS_DOWN_S;
+    (armed && (landed || stopped)).then_some(stands_s)
 }
 
 #[cfg(test)]
@@ -237,6 +244,12 @@ mod tests {
             ..landed
         };
         assert_eq!(after(14.0, &flies, true, &c), None);
+        let stopped = MissionState {
+            state: State::StandDown,
+            ..landed
+        };
+        let by_time = [4.0, 14.0].map(|s| after(s, &stopped, true, &c));
+        assert_eq!(by_time, [None, Some(14.0)]);
     }
 
     const ON_DECK: ContactEvidence = ContactEvidence {

@@ -219,6 +219,10 @@ mod tests {
                 "still armed after 10 commands to disarm",
             ),
             (
+                "still ARMED after a stopped take-off: disarm by remote control",
+                "still ARMED after a stopped take-off",
+            ),
+            (
                 "Waits: wind pushes with up to 2.1 m/s² (limit 1.5)",
                 "Waits: wind pushes with up to 2.1 m/s2 (limit 1.5)",
             ),

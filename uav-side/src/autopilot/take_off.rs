@@ -236,7 +236,7 @@ impl AutopilotLink {
             ..CommandLong::new(to, command::ARM_DISARM, [0.0, command::FORCE])
         }));
         if sent == DISARM_TRIES {
-            let text = "the take-off was stopped and the drone is still ARMED: disarm by remote control";
+            let text = "still ARMED after a stopped take-off: disarm by remote control";
             out.alarm(severity::CRITICAL, text.into());
         }
     }
