@@ -221,6 +221,8 @@ pub enum ReasonCode {
     /// Too dark for the camera to detect a tag: mean of its image, grey levels; the limit is its longest exposure, s, 0 where the
     /// drone does not set it.
     TooDark,
+    /// Autopilots of two vehicles are heard on the link: the system that is listened to, and the other.
+    SeveralAutopilots,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -495,6 +497,10 @@ impl fmt::Display for Reason {
             ReasonCode::HeadingUnaligned => write!(
                 f,
                 "the autopilot has not aligned its heading (PX4: ESTIMATOR_STATUS, ArduPilot: EKF_STATUS_REPORT)"
+            ),
+            ReasonCode::SeveralAutopilots => write!(
+                f,
+                "autopilots of two vehicles are heard, {v:.0} and {l:.0}: set autopilot.vehicle"
             ),
             ReasonCode::OriginMoved if v == 0.0 => {
                 write!(f, "the autopilot's estimate of position or heading has jumped")

@@ -1,7 +1,7 @@
 //! The mode and the arming of a take-off, its denial, and the disarm of one that was stopped.
 
-use alight_shared::msg::{AutopilotMode, DroneState, SetPoint, SetPointKind, State};
-use alight_uav::autopilot::message::command;
+use alight_shared::msg::{AutopilotMode, DroneState, ReasonCode, SetPoint, SetPointKind, State};
+use alight_uav::autopilot::message::{Address, Heartbeat, Message, command};
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 
 use crate::rig::{LinkRig, STEP, hover, stop};
@@ -97,6 +97,26 @@ fn take_off_stopped_as_the_autopilot_arms() {
         assert!(sent.len() > 1 && forced, "{firmware:?}: {sent:?}");
         assert!(!p.linked.autopilot.armed(), "{firmware:?}");
     }
+}
+
+/// Which of two autopilots is the drone's own is not guessed.
+#[test]
+fn take_off_with_two_autopilots_on_the_link() {
+    let mut p = standing(Firmware::Px4);
+    let neighbour = Message::Heartbeat(Heartbeat {
+        autopilot: 12,
+        vehicle: 2,
+        base_mode: 1,
+        custom_mode: px4_mode(4, 4),
+    });
+    p.mission = State::SpinUp;
+    for _ in 0..16 {
+        p.inject(Address::new(4, 1), &neighbour);
+        p.run(0.5);
+    }
+    let commands = [command::SET_MODE, command::ARM_DISARM];
+    assert!(commands.iter().all(|c| p.commands_of(*c).is_empty()));
+    assert_eq!(p.state().rejection.code, ReasonCode::SeveralAutopilots);
 }
 
 /// A pilot that keeps the stop of a landing before lets nothing climb from the deck.

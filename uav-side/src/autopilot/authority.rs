@@ -29,6 +29,8 @@ pub enum ControlAuthority {
     Searching,
     /// Its heartbeats have ceased.
     LinkLost,
+    /// Another vehicle's autopilot is heard as well, and nothing says which of them is ours.
+    SeveralAutopilots,
     /// It answers no TIMESYNC: its samples cannot be dated.
     NoClock,
     /// It has not reported the origin of its NED.
@@ -77,6 +79,7 @@ impl ControlAuthority {
             | ControlAuthority::Disarmed => true,
             ControlAuthority::Searching
             | ControlAuthority::LinkLost
+            | ControlAuthority::SeveralAutopilots
             | ControlAuthority::NoOrigin
             | ControlAuthority::NoHeading
             | ControlAuthority::OptionUnknown
@@ -93,6 +96,9 @@ impl fmt::Display for ControlAuthority {
         f.write_str(match self {
             ControlAuthority::Searching => "no heartbeat of a multirotor's autopilot; check link and address",
             ControlAuthority::LinkLost => "the autopilot's heartbeats have ceased",
+            ControlAuthority::SeveralAutopilots => {
+                "autopilots of two vehicles are heard: set autopilot.vehicle to the number of the own one"
+            }
             ControlAuthority::NoClock => "the autopilot answers no TIMESYNC",
             ControlAuthority::NoOrigin => "the autopilot has not reported its origin (GPS_GLOBAL_ORIGIN)",
             ControlAuthority::NoHeading => {
@@ -125,6 +131,8 @@ pub(crate) struct Evidence {
     pub(crate) found: bool,
     /// Its heartbeats arrive.
     pub(crate) alive: bool,
+    /// Another vehicle's autopilot is heard as well.
+    pub(crate) several: bool,
     /// Its clock is known.
     pub(crate) clock: bool,
     /// Where its NED begins is known, or need not be.
@@ -201,6 +209,9 @@ impl AuthorityStateMachine {
             (ours || now - self.since >= quiet, self.control_authority)
         {
             ControlAuthority::TakenOver { mode: f.mode }
+        } else if f.several && !self.control_authority.commands() {
+            // What is flown already is not left where it is because a second one comes into reach.
+            ControlAuthority::SeveralAutopilots
         } else if !f.clock {
             ControlAuthority::NoClock
         } else if !f.origin {
@@ -255,6 +266,7 @@ mod tests {
     const READY: Evidence = Evidence {
         found: true,
         alive: true,
+        several: false,
         clock: true,
         origin: true,
         heading: true,
@@ -291,7 +303,8 @@ mod tests {
         let s = run(&mut a, 0, &[disarmed, disarmed, READY, READY]);
         assert_eq!(s[..3], [ControlAuthority::Disarmed; 3]);
         assert_eq!(s[3], ControlAuthority::Commanding);
-        let gaps: [fn(&mut Evidence); 8] = [
+        let gaps: [fn(&mut Evidence); 9] = [
+            |e| e.several = true,
             |e| e.clock = false,
             |e| e.origin = false,
             |e| e.heading = false,
@@ -308,6 +321,17 @@ mod tests {
             let s = run(&mut a, 0, &[missing; 10]);
             assert!(s.iter().all(|s| !s.commands() && !s.may_offer()), "{s:?}");
         }
+    }
+
+    #[test]
+    fn authority_with_a_second_autopilot_in_flight() {
+        let several = Evidence {
+            several: true,
+            ..READY
+        };
+        let mut a = AuthorityStateMachine::default();
+        run(&mut a, 0, &[READY; 3]);
+        assert!(run(&mut a, 60, &[several; 3]).iter().all(|s| s.commands()));
     }
 
     #[test]

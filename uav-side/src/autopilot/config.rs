@@ -40,7 +40,8 @@ config! {
         /// MAVProxy and QGroundControl, or 64 hexadecimal digits. With it every frame is signed, and only those are
         /// taken that the same key signed. Empty: none is signed, and none is checked.
         pub signing_key: String = String::new();
-        /// System number of the autopilot; 0: the first one whose heartbeat is received.
+        /// System number of the autopilot; 0: the first one whose heartbeat is received, and nothing is begun while those of two
+        /// vehicles are.
         pub vehicle: u8 = 0;
         /// System number of what reports the vessel's place over this link (`GLOBAL_POSITION_INT`, `FOLLOW_TARGET`), for
         /// `drone.mission.least_vessel = "beacon"` or "tag"; 0: nothing does.

@@ -192,6 +192,8 @@ pub struct AutopilotLink {
     has_begun: bool,
 
     peer: Option<Peer>,
+    /// Another vehicle's autopilot was heard: when last, and its system.
+    other: Option<(DroneTime, u8)>,
     clock: RemoteClock,
     timesync_requests: VecDeque<i64>,
     drone_state: DroneStateAssembler,
@@ -316,6 +318,7 @@ impl AutopilotLink {
         Evidence {
             found: p.is_some(),
             alive: p.is_some_and(|p| recent(p.heartbeat_at, self.config.heartbeat_loss_s)),
+            several: self.other_autopilot(now).is_some(),
             clock: self.clock.is_synchronised(),
             origin: self.datum.is_some(),
             heading: self.heading.was_aligned(),
@@ -430,14 +433,22 @@ impl AutopilotLink {
                 .thrust_now(now)
                 .map(|t| thrust::fraction(t, self.config.thrust_curve)),
             hover_thrust: if settled { self.hover.value() } else { 0.0 },
-            rejection: match self.datum {
-                None => ReasonCode::NoOrigin.into(),
-                Some(_) if !self.heading.is_aligned(now) => ReasonCode::HeadingUnaligned.into(),
-                Some(_) if self.config.check_parameters => p.parameters.rejection(),
-                Some(_) => Reason::default(),
-            },
+            rejection: self.rejection(now, p),
             shadow,
         })
+    }
+    /// What forbids a landing and a take-off, by all that is known on the link.
+    fn rejection(&self, now: DroneTime, p: &Peer) -> Reason {
+        if let Some(other) = self.other_autopilot(now) {
+            let own = f64::from(p.address.system);
+            return Reason::new(ReasonCode::SeveralAutopilots, own, f64::from(other));
+        }
+        match self.datum {
+            None => ReasonCode::NoOrigin.into(),
+            Some(_) if !self.heading.is_aligned(now) => ReasonCode::HeadingUnaligned.into(),
+            Some(_) if self.config.check_parameters => p.parameters.rejection(),
+            Some(_) => Reason::default(),
+        }
     }
     /// Armed in our mode, and what confirms or forbids our command is under way: after a lapse of the link the mission
     /// must not take that for a person's takeover.

@@ -28,6 +28,8 @@ const ROUND: std::time::Duration = std::time::Duration::from_millis(10);
 const ROUNDS: u32 = 900;
 /// Without an autopilot's heartbeat after so many it is not there: three of its usual periods.
 const ROUNDS_WITHOUT: u32 = 300;
+/// Another vehicle's heartbeat comes after so many: one of its usual periods and a half.
+const ROUNDS_FOR_OTHERS: u32 = 150;
 /// Period of our heartbeats.
 const HEARTBEAT: Span = Span::from_millis(1000);
 
@@ -75,6 +77,14 @@ async fn received(
                             )
                         });
                 }
+                (Message::Heartbeat(h), Some((own, _)))
+                    if c.vehicle == 0
+                        && frame.from.component == AUTOPILOT_COMPONENT
+                        && frame.from.system != own.system
+                        && Firmware::of(h.autopilot, h.vehicle).is_some() =>
+                {
+                    report.several = Some([own.system, frame.from.system]);
+                }
                 (Message::Parameter { name, value, .. }, Some((from, p))) if *from == frame.from => {
                     p.received(name, *value);
                 }
@@ -118,7 +128,11 @@ async fn received(
             }
         }
         let done = match &found {
-            Some((_, p)) => p.complete() && (report.origin.is_some() || round >= ROUNDS_WITHOUT),
+            Some((_, p)) => {
+                p.complete()
+                    && (report.origin.is_some() || round >= ROUNDS_WITHOUT)
+                    && (c.vehicle != 0 || round >= ROUNDS_FOR_OTHERS)
+            }
             None => round >= ROUNDS_WITHOUT,
         };
         if done {

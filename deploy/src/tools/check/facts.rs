@@ -132,6 +132,8 @@ pub struct AutopilotReport {
     pub origin: Option<Datum>,
     /// Height of the sea above the ellipsoid by its receiver, m.
     pub geoid_m: Option<f64>,
+    /// Its system and another vehicle's, whose autopilot is heard while none is configured.
+    pub several: Option<[u8; 2]>,
 }
 
 /// Signing of the autopilot's link.

@@ -68,6 +68,7 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     all.extend(facts.signing.as_ref().and_then(signing));
     match (computer, &facts.reported) {
         (Computer::Drone(d), Some(Some(reported))) => {
+            all.extend(reported.several.map(several_autopilots));
             all.extend(parameters(reported, d.autopilot.check_parameters));
             all.push(origin(reported));
         }
@@ -320,6 +321,14 @@ fn signing(check: &SigningCheck) -> Option<Finding> {
         (Ok(_), None) if check.path.is_empty() => None,
         (Ok(_), None) => Some(TOPIC.fine("frames are signed, and taken only with that signature")),
     }
+}
+
+/// Nothing says which of two autopilots is the drone's own.
+fn several_autopilots([first, other]: [u8; 2]) -> Finding {
+    Topic("autopilot").stopping(
+        format!("autopilots of two vehicles, {first} and {other}, are heard: nothing is begun"),
+        "set autopilot.vehicle to the number of this drone's own (PX4 MAV_SYS_ID, ArduPilot SYSID_THISMAV)",
+    )
 }
 
 /// Where the drone's frame begins, and what its height is above the ellipsoid, as the vessel's is.

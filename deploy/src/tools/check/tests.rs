@@ -146,6 +146,15 @@ fn reported(name: &str, value: f64) -> Option<Option<AutopilotReport>> {
         parameters: of_px4().map(|(_, p)| (p, finding(p))).collect(),
         origin: Some(Datum::new(70.1, 19.2, 3.0)),
         geoid_m: Some(30.0),
+        several: None,
+    }))
+}
+/// Two vehicles' are heard.
+fn several() -> Option<Option<AutopilotReport>> {
+    let all = reported("none", 0.0)??;
+    Some(Some(AutopilotReport {
+        several: Some([1, 2]),
+        ..all
     }))
 }
 /// The same with an origin and a geoid as given.
@@ -343,6 +352,7 @@ fn check_of_each_fault() {
                 (|f| f.signing = signed(Ok(0o644), 0), "others may read or change"),
                 (|f| f.reported = Some(None), "no heartbeat"),
                 (|f| f.reported = begun(None, Some(30.0)), "GPS_GLOBAL_ORIGIN"),
+                (|f| f.reported = several(), "of two vehicles, 1 and 2"),
                 (
                     |f| f.reported = reported("MC_AIRMODE", 0.0),
                     "MC_AIRMODE is 0, 1 to 2 is needed",
