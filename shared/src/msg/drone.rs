@@ -228,6 +228,8 @@ pub struct LinkCheckpoint {
     pub hover_thrust: f64,
     /// For so long it was identified, s.
     pub hover_learned_s: f64,
+    /// It has ended the autopilot's own mission in this flight: who chooses that again has it.
+    pub ended_mission: bool,
 }
 
 /// Checkpoint of the predictor: the camera's view of the deck against the radio's, which its successor could not

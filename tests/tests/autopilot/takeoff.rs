@@ -189,6 +189,30 @@ fn mission_chosen_again_after_the_turn_back() {
             p.run(5.0);
             assert_eq!(p.linked.autopilot.mode(), own_mission, "{firmware:?}");
         }
+        // Nor is it taken by a link that is started anew meanwhile.
+        p.restart_link(0.2);
+        p.run(5.0);
+        assert_eq!(p.linked.autopilot.mode(), own_mission, "{firmware:?}");
         assert_eq!(p.commands_of(command::SET_MODE).len(), sent, "{firmware:?}");
+    }
+}
+
+/// What a person may have ended meanwhile is not begun again: by a link that is started anew, or after a disarm.
+#[test]
+fn arming_is_not_repeated_for_a_person() {
+    for firmware in BOTH {
+        let mut p = standing(firmware);
+        p.mission = State::SpinUp;
+        p.run(0.5);
+        p.restart_link(0.2);
+        p.run(8.0);
+        assert!(p.commands_of(command::ARM_DISARM).is_empty(), "{firmware:?}");
+        let mut p = standing(firmware);
+        p.mission = State::SpinUp;
+        p.run(6.0);
+        assert!(p.linked.autopilot.armed(), "{firmware:?}");
+        p.linked.autopilot.arm(false);
+        p.run(3.0);
+        assert!(!p.linked.autopilot.armed(), "{firmware:?}");
     }
 }

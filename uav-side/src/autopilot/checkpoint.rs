@@ -25,11 +25,13 @@ impl AutopilotLink {
         if self.has_begun {
             return;
         }
+        self.began = self.began.or(Some(now));
         self.has_begun = self.recovery.poll(now, self.boot, given);
         let before = self.recovery.checkpoint();
         // However old: the mission's own may have been too old to count, too.
         let readable = before.filter(|m| m.header.drone == self.drone_id && m.check().is_ok());
         self.parameters.recall(readable.and_then(|m| m.mode));
+        self.mission_end.recall(readable.is_some_and(|m| m.ended_mission));
         let Some(m) = before.filter(|m| m.commanding) else {
             return;
         };
@@ -113,6 +115,7 @@ impl AutopilotLink {
             smoothing: self.smooth.difference(),
             hover_thrust,
             hover_learned_s,
+            ended_mission: self.mission_end.is_over(),
         })
     }
 }

@@ -190,6 +190,8 @@ pub struct AutopilotLink {
     recovery: Recovery<LinkCheckpoint>,
     /// It waits no longer for a predecessor's checkpoint.
     has_begun: bool,
+    /// Its first step.
+    began: Option<DroneTime>,
 
     peer: Option<Peer>,
     /// Another vehicle's autopilot was heard: when last, and its system.

@@ -1,7 +1,8 @@
 //! The mode and the arming of a take-off, and the disarm of one that was stopped on the deck.
 //!
 //! While the mission is in [`State::SpinUp`] the link chooses OFFBOARD (GUIDED) and arms: an operator has ordered the take-off,
-//! the crew has cleared the deck, and the countdown is over. A mode that somebody else chooses after that is not chosen again.
+//! the crew has cleared the deck, and the countdown is over. A mode that somebody else chooses after that is not chosen again, nor
+//! is armed again what was armed: a link that begins in that state does neither.
 //! What the autopilot answers to a command to arm is passed on with the text that it gave for it.
 //!
 //! A sortie that has to end while the autopilot flies its own mission is taken over by the same command; a drone that a person
@@ -55,13 +56,24 @@ pub(super) struct TakeOffSequence {
     text: Option<(DroneTime, String)>,
 }
 
-/// The end of the autopilot's own mission, once in a flight.
+/// The end of the autopilot's own mission, once in a flight, whichever link's.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct MissionEnd {
     /// Commands so far.
     sent: u32,
     /// The autopilot has been in our mode since the first of them.
     done: bool,
+}
+
+impl MissionEnd {
+    /// Not again in this flight.
+    pub(super) fn is_over(&self) -> bool {
+        self.done || self.sent >= MODE_TRIES
+    }
+    /// What the link before this one has done.
+    pub(super) fn recall(&mut self, is_over: bool) {
+        self.done |= is_over;
+    }
 }
 
 impl TakeOffSequence {
@@ -137,12 +149,18 @@ impl AutopilotLink {
 
     fn prepare_take_off(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let authority = self.control_authority();
+        // A link before this one may have been in our mode, or have armed, and a person have ended that.
+        let succeeds = self.fresh_mission(now).map(|m| m.since) < self.began;
         let Some(peer) = &self.peer else { return };
         let d = &mut self.departure;
         let since = *d.since.get_or_insert(now);
         let ours = peer.mode == AutopilotMode::Offboard;
         d.was_ours |= ours;
         if peer.armed {
+            // A later disarm is the will of a person, or the autopilot's own.
+            d.arms = ARM_TRIES;
+        }
+        if peer.armed || succeeds {
             return;
         }
         if !ours {
@@ -179,9 +197,8 @@ impl AutopilotLink {
         }
         let MissionEnd { sent, done } = &mut self.mission_end;
         *done |= *sent > 0 && peer.mode == AutopilotMode::Offboard;
-        let over = *done || *sent >= MODE_TRIES;
         let may = turns && peer.flies_mission && self.control_authority().may_offer();
-        if !may || over || !self.timers.command.is_ready(now) {
+        if !may || self.mission_end.is_over() || !self.timers.command.is_ready(now) {
             return;
         }
         let [main, sub] = peer.firmware.offboard();
