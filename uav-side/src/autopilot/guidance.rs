@@ -4,7 +4,7 @@
 //! Nobody detects a touchdown for it, so the evidence is that of [`super::disarm`] with the deck's forecast in any case, for
 //! longer, and on a drone that goes with the deck.
 
-use alight_shared::msg::AutopilotMode;
+use alight_shared::msg::{AutopilotMode, LandingMode};
 
 use super::config::DisarmConfig;
 use super::disarm::{ContactEvidence, DisarmDecision, PRESS_BELOW_BLIND_M, RESTS_MPS};
@@ -19,7 +19,9 @@ impl AutopilotLink {
     pub(super) fn disarm_own_landing(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let c = self.config.disarm;
         let lands = |p: &super::Peer| p.armed && p.mode == AutopilotMode::Land;
-        if !(c.own_landing && self.peer.as_ref().is_some_and(lands)) {
+        // A landing of the autopilot's own needs no mission; one that looks on commands nothing.
+        let looks_on = self.mode == Some(LandingMode::Shadow);
+        if !(c.own_landing && !looks_on && self.peer.as_ref().is_some_and(lands)) {
             self.own_landing.clear();
             return;
         }
