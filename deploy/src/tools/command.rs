@@ -112,7 +112,7 @@ pub struct CommandArgs {
     /// See --course
     #[arg(long, value_name = "M/S")]
     pub speed: Option<f64>,
-    /// With `deck-at`: standard deviation of the place, each axis, m
+    /// With `deck-at`: standard deviation of the place, each axis, m, 1 to 1000
     #[arg(long, value_name = "METRES", default_value_t = 10.0)]
     pub error: f64,
     /// Configuration of the drone's computer, with `deck`, `steady`, `turning` and `helm` of the vessel's (TOML) [default:

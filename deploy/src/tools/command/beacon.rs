@@ -2,7 +2,7 @@
 //! the deck's tags, where `mission.least_vessel` permits that, and to no landing without them.
 
 use alight_shared::msg::{
-    BeaconSource, DeckBeacon, DeckForecast, Header, MAX_BEACON_LASTS_S, MIN_BEACON_SD_M, Message, VesselLevel,
+    BeaconSource, DeckBeacon, DeckForecast, Header, MAX_BEACON_LASTS_S, Message, VesselLevel,
 };
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::transport::clock::steady_ns;
@@ -43,18 +43,28 @@ fn place(words: &[String]) -> Result<[f64; 2], CliError> {
     }
 }
 
+/// Velocity, north and east, m/s: nobody knows where a vessel goes whose course is not stated.
+fn velocity(speed: Option<f64>, course: Option<f64>) -> Result<[f64; 2], CliError> {
+    let speed_mps = speed.unwrap_or_default();
+    if speed_mps != 0.0 && course.is_none() {
+        return Err(CliError(format!(
+            "deck-at --speed {speed_mps}: --course DEG is needed as well, where the vessel goes"
+        )));
+    }
+    let (sin, cos) = course.unwrap_or_default().to_radians().sin_cos();
+    Ok([speed_mps * cos, speed_mps * sin])
+}
+
 /// The beacon of these arguments at `at`.
 fn beacon(args: &CommandArgs, header: Header<DroneClock>) -> Result<DeckBeacon, CliError> {
     let [latitude_deg, longitude_deg] = place(&args.words)?;
-    let (sin, cos) = args.course.unwrap_or_default().to_radians().sin_cos();
-    let speed_mps = args.speed.unwrap_or_default();
     let beacon = DeckBeacon {
         header,
         source: BeaconSource::Operator,
         latitude_deg,
         longitude_deg,
-        velocity: [speed_mps * cos, speed_mps * sin],
-        place_sd_m: args.error.max(MIN_BEACON_SD_M),
+        velocity: velocity(args.speed, args.course)?,
+        place_sd_m: args.error,
         velocity_sd_mps: args.speed.map_or(DRIFT_MPS, |v| STATED_SD_MPS + 0.1 * v.abs()),
         lasts_s: f64::from(args.for_s.unwrap_or(LASTS_S)).clamp(1.0, MAX_BEACON_LASTS_S),
     };
@@ -80,6 +90,7 @@ fn followed(f: &DeckForecast, given: Time<DroneClock>) -> Option<[f64; 2]> {
 /// Gives it to the predictor, and waits until its forecast shows it.
 pub(super) fn run(args: &CommandArgs) -> Result<Exit, CliError> {
     place(&args.words)?;
+    velocity(args.speed, args.course)?;
     let computer = commanded_drone(args.config.as_deref(), args.instance.as_deref(), false)?;
     if computer.drone.mission.least_vessel > VesselLevel::Beacon {
         return Err(CliError(
@@ -130,6 +141,7 @@ pub(super) fn run(args: &CommandArgs) -> Result<Exit, CliError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use clap::{Args, FromArgMatches};
 
     #[test]
     fn forecast_by_another_beacon() {
@@ -144,6 +156,31 @@ mod tests {
             assert_eq!(followed(&forecast(at_s, age_s), given), None, "{age_s} s old");
         }
         assert_eq!(followed(&DeckForecast::default(), given), None);
+    }
+
+    /// What cannot be, or could only be guessed, is refused: the most exact beacon replaces all others.
+    #[test]
+    fn beacons_that_are_refused() {
+        let given = |options: &str| {
+            let line = format!("command deck-at 59.3 18.1 {options}");
+            let command = CommandArgs::augment_args(clap::Command::new("command"));
+            let matches = command.try_get_matches_from(line.split_whitespace()).unwrap();
+            let args = CommandArgs::from_arg_matches(&matches).unwrap();
+            beacon(&args, Header::new(1, 1, 1, 1, Time::from_secs(1000.0)))
+        };
+        for good in ["", "--speed 0", "--speed 2 --course 90", "--error 1"] {
+            assert!(given(good).is_ok(), "{good}");
+        }
+        for wrong in [
+            "--error nan",
+            "--error=-5",
+            "--error 0.9",
+            "--error 1001",
+            "--speed 2",
+            "--speed nan",
+        ] {
+            assert!(given(wrong).is_err(), "{wrong}");
+        }
     }
 
     #[test]
