@@ -389,7 +389,7 @@ mod tests {
     }
 
     /// What is a number and has no unit: counts, numbers of computers, shares, probabilities, ratios.
-    const WITHOUT_UNIT: [&str; 18] = [
+    const WITHOUT_UNIT: [&str; 19] = [
         "boot",
         "sequence",
         "vessel",
@@ -404,6 +404,7 @@ mod tests {
         "attempts",
         "battery",
         "abort",
+        "hold",
         "operator",
         "value",
         "limit",

@@ -43,10 +43,21 @@ impl LocalCommand {
             }
         })
     }
-    /// Whether this state shows that the mission has taken it: a state from before the command is no answer.
+    /// Whether this state shows that the mission has taken it: a state from before the command is no answer, and to what stops
+    /// only the echo of one of its repetitions is.
     pub fn is_met(&self, m: &MissionState) -> bool {
-        self.kind
-            .is_none_or(|k| m.header.at >= self.header.at && k.is_met(m.state, m.waiting.code))
+        let sent = 1..=self.header.sequence;
+        let echoed = |echo: Option<[u32; 2]>| {
+            echo.is_some_and(|[boot, k]| boot == self.header.boot && sent.contains(&k))
+        };
+        match self.kind {
+            None => true,
+            Some(CommandKind::Abort) => echoed(m.abort),
+            Some(CommandKind::Hold) => echoed(m.hold),
+            Some(k @ (CommandKind::Land | CommandKind::TakeOff)) => {
+                m.header.at >= self.header.at && k.is_met(m.state, m.waiting.code)
+            }
+        }
     }
     /// Whether nothing more is waited for.
     pub fn is_over(&self, steady_ns: i64) -> bool {
@@ -70,7 +81,6 @@ pub fn answer(drone: u32, mission: &MissionState, taken: bool) -> Vec<String> {
 mod tests {
     use super::*;
     use alight_shared::msg::State;
-    use alight_shared::time::Time;
 
     #[test]
     fn local_abort_repetition_and_receipt() {
@@ -88,14 +98,23 @@ mod tests {
             sent.windows(2)
                 .all(|w| w[0].header.sequence < w[1].header.sequence)
         );
-        let published = |ns: i64, state| MissionState {
-            header: Header::new(1, 1, 7, 1, Time::from_nanos(ns)),
+        let published = |state, echo: Option<[u32; 2]>| MissionState {
+            header: Header::new(1, 1, 7, 1, Time::from_nanos(10_020_000_000)),
             state,
+            abort: echo,
             ..MissionState::default()
         };
-        assert!(!abort.is_met(&published(9_999_000_000, State::GaveUp)));
-        assert!(!abort.is_met(&published(10_020_000_000, State::Descent)));
-        assert!(abort.is_met(&published(10_020_000_000, State::GaveUp)));
+        // It gave up, or climbs out, by itself or for another's abort.
+        let boot = sent[0].header.boot;
+        for echo in [
+            None,
+            Some([boot, 0]),
+            Some([boot, 5]),
+            Some([boot.wrapping_add(1), 1]),
+        ] {
+            assert!(!abort.is_met(&published(State::GaveUp, echo)), "{echo:?}");
+        }
+        assert!(abort.is_met(&published(State::ClimbOut, Some([boot, 4]))));
         assert!(!abort.is_over(12_000_000_000) && abort.is_over(12_000_000_001));
     }
 }

@@ -150,13 +150,16 @@ mod tests {
     #[test]
     fn ros_abort_by_what_the_mission_shows() {
         let (mut orders, answers) = given(&[(CommandKind::Abort, "a"), (CommandKind::Abort, "b")]);
-        // It gave up before, which is no answer.
-        let before = shows(NOW - 1, State::GaveUp);
-        let sent = orders.poll(1, Some(&before), NOW);
-        assert_eq!(sent.map(|c| c.kind), Some(CommandKind::Abort));
+        // It gave up by itself, which is no answer.
+        let before = shows(NOW + 1, State::GaveUp);
+        let sent = orders.poll(1, Some(&before), NOW).unwrap();
+        assert_eq!(sent.kind, CommandKind::Abort);
         assert_eq!(orders.poll(1, Some(&before), NOW + 1_000_000), None);
         assert!(answers.borrow().is_empty());
-        let after = shows(NOW + 2_000_000, State::GaveUp);
+        let after = MissionState {
+            abort: Some([sent.header.boot, sent.header.sequence]),
+            ..shows(NOW + 2_000_000, State::GaveUp)
+        };
         assert_eq!(orders.poll(1, Some(&after), NOW + 2_000_000), None);
         let answers = answers.borrow();
         assert_eq!(answers.len(), 2);

@@ -52,6 +52,7 @@ pub fn keep<C: Clock>(commands: &mut Vec<OperatorCommand<C>>, command: &Operator
 pub struct CommandAdmission<C: Clock> {
     newest: Option<OperatorCommand<C>>,
     abort: Option<Header<C>>,
+    hold: Option<[u32; 2]>,
     rejected: Rejections,
 }
 
@@ -61,6 +62,8 @@ impl<C: Clock> CommandAdmission<C> {
         CommandAdmission {
             newest,
             abort,
+            // Its sender repeats one that is not answered yet.
+            hold: None,
             rejected: Rejections::default(),
         }
     }
@@ -72,6 +75,10 @@ impl<C: Clock> CommandAdmission<C> {
     /// whichever it waits for.
     pub fn abort(&self) -> Option<Header<C>> {
         self.abort
+    }
+    /// Boot and sequence of the newest hold that was accepted, or of its newest repetition.
+    pub fn hold(&self) -> Option<[u32; 2]> {
+        self.hold
     }
     /// Commands that do not count, by reason.
     pub fn rejected(&self) -> &Rejections {
@@ -103,6 +110,7 @@ impl<C: Clock> CommandAdmission<C> {
             return Err(RejectionReason::Version);
         }
         if self.is_repeated(command) {
+            self.answer(command);
             return Err(RejectionReason::Duplicate);
         }
         let abort = command.kind == CommandKind::Abort;
@@ -125,10 +133,17 @@ impl<C: Clock> CommandAdmission<C> {
         let at = if late.is_none() { h.at } else { now };
         let header = Header { at, ..*h };
         self.newest = Some(OperatorCommand { header, ..*command });
+        self.answer(command);
         if abort {
             self.abort = Some(header);
         }
         Ok(())
+    }
+    /// A hold is answered as it came.
+    fn answer(&mut self, command: &OperatorCommand<C>) {
+        if command.kind == CommandKind::Hold {
+            self.hold = Some([command.header.boot, command.header.sequence]);
+        }
     }
     /// Whether it was accepted already; an abort's repetition becomes the one that is answered.
     fn is_repeated(&mut self, command: &OperatorCommand<C>) -> bool {
@@ -227,6 +242,19 @@ mod tests {
         assert_eq!(first_of(32.5, &[(9, 2, 20.05, Abort)]), None);
         assert_eq!(admission.abort().map(|a| a.sequence), Some(2), "answered");
         assert_eq!(admission.rejected().of(Duplicate), 1);
+    }
+
+    #[test]
+    fn hold_and_its_answer() {
+        let mut admission = CommandAdmission::default();
+        let mut answered = |now_s, given| {
+            admission.first_of(Time::from_secs(now_s), &[command(given)]);
+            admission.hold()
+        };
+        assert_eq!(answered(10.0, (9, 1, 10.0, Land)), None);
+        assert_eq!(answered(11.0, (9, 2, 11.0, Hold)), Some([9, 2]));
+        assert_eq!(answered(11.5, (9, 3, 11.0, Hold)), Some([9, 3]), "repeated");
+        assert_eq!(answered(12.0, (7, 1, 10.5, Hold)), Some([9, 3]), "too late");
     }
 
     #[test]

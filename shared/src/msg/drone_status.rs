@@ -26,6 +26,7 @@ impl DroneStatus {
             landed: autopilot.map_or(LandedState::Unknown, |a| a.landed),
             deck_distance_m,
             abort: mission.abort,
+            hold: mission.hold,
             armed: autopilot.is_some_and(|a| a.armed),
             still_armed_s: None,
             mission_age_s: (header.at - mission.header.at).secs().max(0.0) as f32,

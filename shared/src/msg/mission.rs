@@ -316,8 +316,10 @@ pub struct MissionState {
     pub low_battery: Option<BatteryPlace>,
     /// On a sortie from the deck: time until the drone has to turn back to the vessel, s; None: on none, or not known.
     pub turns_in_s: Option<f64>,
-    /// Boot and sequence of the newest abort that it has received.
+    /// Boot and sequence of the newest abort that it has received ...
     pub abort: Option<[u32; 2]>,
+    /// ... and of the newest hold.
+    pub hold: Option<[u32; 2]>,
 }
 
 impl MissionState {
@@ -465,7 +467,7 @@ pub enum CommandProgress {
     /// Repeated to the drone, which has not shown that it has taken it: an abort for as long as that takes.
     #[default]
     Pending,
-    /// A status of the drone that came after it shows it; of an abort its own echo.
+    /// A status of the drone that came after it shows it; of an abort and a hold their own echo.
     Taken,
     /// The drone did not take it in time.
     GivenUp,
@@ -559,8 +561,10 @@ pub struct DroneStatus {
     pub landed: LandedState,
     /// Horizontal distance from the deck's centre by odometry and forecast, m; None while either is old.
     pub deck_distance_m: Option<f32>,
-    /// Boot and sequence of the newest abort that the mission has received.
+    /// Boot and sequence of the newest abort that the mission has received ...
     pub abort: Option<[u32; 2]>,
+    /// ... and of the newest hold.
+    pub hold: Option<[u32; 2]>,
     /// The motors are armed, by the autopilot's newest report.
     pub armed: bool,
     /// On the deck and armed for longer than the disarm there takes: since the landing, or since the take-off was stopped, s.

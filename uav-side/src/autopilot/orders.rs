@@ -45,9 +45,11 @@ impl Order {
     /// By the mission's newest state.
     pub(super) fn poll(&mut self, now: DroneTime, mission: Option<&MissionState>) -> Progress {
         let (h, kind) = (self.command.header, self.command.kind);
+        let own = Some([h.boot, h.sequence]);
         let taken = |m: &MissionState| match kind {
-            CommandKind::Abort => m.abort == Some([h.boot, h.sequence]),
-            CommandKind::Land | CommandKind::Hold | CommandKind::TakeOff => {
+            CommandKind::Abort => m.abort == own,
+            CommandKind::Hold => m.hold == own,
+            CommandKind::Land | CommandKind::TakeOff => {
                 m.header.at > h.at && kind.is_met(m.state, m.waiting.code)
             }
         };

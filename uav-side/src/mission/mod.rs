@@ -701,6 +701,7 @@ impl Mission {
             low_battery: self.progress.low_battery,
             turns_in_s: s.turns_in_s,
             abort: self.commands.abort().map(|h| [h.boot, h.sequence]),
+            hold: self.commands.hold(),
         }
     }
 }

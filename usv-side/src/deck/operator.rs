@@ -1,7 +1,7 @@
 //! The operator relay: operators' commands on their way through the vessel to its drones.
 //!
-//! A command is sent to its drone at 2 Hz until the drone's status shows its effect, for 10 s at most; an abort until the
-//! status echoes it, for as long as it takes. While an abort has not shown its effect, no other command reaches that drone,
+//! A command is sent to its drone at 2 Hz until the drone's status shows its effect, or echoes a hold, for 10 s at most; an abort
+//! until the status echoes it, for as long as it takes. While an abort has not shown its effect, no other command reaches that drone,
 //! and none that was given until then, nor a landing that somebody else orders within a second of it, counts afterwards.
 //! Each repetition bears the time at which the command was given: what the drone was commanded since, by whomever, is newer.
 //!
@@ -221,14 +221,15 @@ impl OperatorRelay {
     /// Whether a status shows that its drone has taken a command.
     fn is_met(&self, c: &Relayed, status: &DroneStatus) -> bool {
         let command = &c.given.command;
-        // An abort is answered by its own echo: another state shows what was before it as well.
-        let echoed = || status.abort.is_some_and(|[b, k]| b == self.boot && k >= c.first);
+        // What stops is answered by its own echo: a state shows what was before it as well.
+        let echoed = |echo: Option<[u32; 2]>| echo.is_some_and(|[b, k]| b == self.boot && k >= c.first);
         // A status that was under way when the command was given shows nothing.
         let repeated = c.next > command.header.at;
         let taken = || repeated && command.kind.is_met(status.state, status.waiting.code);
         let met = match command.kind {
-            CommandKind::Abort => echoed(),
-            CommandKind::Land | CommandKind::Hold | CommandKind::TakeOff => taken(),
+            CommandKind::Abort => echoed(status.abort),
+            CommandKind::Hold => echoed(status.hold),
+            CommandKind::Land | CommandKind::TakeOff => taken(),
         };
         status.header.drone == c.drone() && met
     }
@@ -521,6 +522,28 @@ mod tests {
             assert!(step(&mut relay, t_s + 0.6, None, over).1.is_empty());
             assert_eq!(relay.unacknowledged().count(), 0);
         }
+    }
+
+    /// A drone that climbs out goes on to a hold in any case: whether it was stopped, its state does not tell.
+    #[test]
+    fn hold_while_the_drone_climbs_out() {
+        let mut relay = OperatorRelay::new(1, 9);
+        let climbs = status(State::ClimbOut, ReasonCode::OffHeight);
+        assert!(
+            step(
+                &mut relay,
+                1.0,
+                Some(command(1, 3, CommandKind::Hold)),
+                Some(climbs)
+            )
+            .0
+        );
+        assert_eq!(step(&mut relay, 1.6, None, Some(climbs)).1, [CommandKind::Hold]);
+        let echoed = DroneStatus {
+            hold: Some([9, 2]),
+            ..climbs
+        };
+        assert!(step(&mut relay, 2.2, None, Some(echoed)).1.is_empty());
     }
 
     #[test]
