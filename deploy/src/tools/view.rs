@@ -301,25 +301,30 @@ mod tests {
         };
         let served = served(&view, "test").unwrap();
         let mut watcher = Watcher::start(served, Known::default(), &None, false).unwrap();
-        let mut show = |joined: &mut Ports, state| {
+        let mut show = |joined: &mut Ports, state, abort| {
             let now = computer.clock.now();
-            missions.send(&published(now, state));
+            missions.send(&MissionState {
+                abort,
+                ..published(now, state)
+            });
             let mission = joined.feed.poll(Time::from_nanos(now.nanos()), now, &mut watcher);
             let picture = watcher.board.picture(Time::from_nanos(now.nanos()));
             (mission, picture.status.state.map(|s| s.name))
         };
-        let (descends, shown) = show(&mut joined, State::Descent);
+        let (descends, shown) = show(&mut joined, State::Descent, None);
         assert_eq!(shown.as_deref(), Some("Descent"));
 
         let (reply, mut answer) = tokio::sync::oneshot::channel();
         let given = joined.order(&computer, Some(Order { reply }), descends.as_ref());
         assert_eq!(given, None);
-        assert_eq!(commands.newest(0).map(|c| c.kind), Some(CommandKind::Abort));
+        let sent = commands.newest(0).unwrap();
+        assert_eq!(sent.kind, CommandKind::Abort);
         assert!(answer.try_recv().is_err(), "answered before the mission did");
         let (reply, mut second) = tokio::sync::oneshot::channel();
         assert_eq!(joined.order(&computer, Some(Order { reply }), None), None);
         assert!(second.try_recv().unwrap().is_err(), "two at a time");
-        let (gave_up, _) = show(&mut joined, State::GaveUp);
+        let echo = Some([sent.header.boot, sent.header.sequence]);
+        let (gave_up, _) = show(&mut joined, State::GaveUp, echo);
         let text = joined.order(&computer, None, gave_up.as_ref());
         assert_eq!(text.as_deref(), Some("abort taken: Gave up"));
         assert_eq!(answer.try_recv().unwrap(), Ok("abort taken: Gave up".into()));

@@ -8,6 +8,7 @@ use alight_shared::config;
 use alight_shared::transport::clock::steady_ns;
 use alight_sim::harness::scenario::Scenario;
 use alight_uav::autopilot::modes::Firmware;
+use alight_usv::helm::{HelmConfig, HelmOutput};
 use alight_usv::sensors::{Format, Mount, SourceConfig};
 use rustix::fs::{FileType, Mode, mknodat};
 use toml::{Table, Value};
@@ -121,13 +122,7 @@ impl Plan {
                 set(&mut vessel_file, &["deck"], key, "");
             }
         }
-        let (helm, boat) = boat::simulated(&vessel.vessel.helm)?;
-        let within = ["vessel", "helm"];
-        let output = Value::try_from(helm.output).doing("writing the helm")?;
-        set(&mut vessel_file, &within, "output", output);
-        set(&mut vessel_file, &within, "connect", helm.connect);
-        set(&mut vessel_file, &within, "signing_key", helm.signing_key);
-        set(&mut vessel_file, &within, "consent_switch", helm.consent_switch);
+        let boat = helm(&vessel.vessel.helm, &mut vessel_file)?;
         // A person's flights stay what they are.
         for (name, file, recorder) in [
             ("vessel", &mut vessel_file, &vessel.recorder),
@@ -222,6 +217,21 @@ fn set(file: &mut Table, within: &[&str], key: &str, value: impl Into<Value>) {
         at = table;
     }
     at.insert(key.into(), value.into());
+}
+
+/// A configured helm is the simulated boat's; where its link listens.
+fn helm(configured: &HelmConfig, file: &mut Table) -> Result<Option<String>, CliError> {
+    if configured.output == HelmOutput::None {
+        return Ok(None);
+    }
+    let (own, at) = boat::simulated(configured)?;
+    let output = Value::try_from(own.output).doing("writing the helm")?;
+    let within = ["vessel", "helm"];
+    set(file, &within, "output", output);
+    set(file, &within, "connect", own.connect);
+    set(file, &within, "signing_key", own.signing_key);
+    set(file, &within, "consent_switch", own.consent_switch);
+    Ok(at)
 }
 
 /// Endpoint and, where the files ask for them, certificates of both; the names in them.
