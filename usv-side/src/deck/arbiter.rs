@@ -347,7 +347,11 @@ impl DeckArbiter {
             header: Header::new(self.vessel, c.drone, c.boot, 0, Time::EPOCH),
             // It was not received since.
             received: now - FRESH - Span::from_millis(1),
-            state: State::default(),
+            // Of one on its way down nothing else is known.
+            state: match c.claim {
+                Claim::Landing => State::Descent,
+                Claim::Away | Claim::Requesting | Claim::Above | Claim::OnDeck => State::default(),
+            },
             claim: c.claim,
             since: now,
             // The owner may have gone there meanwhile.
