@@ -66,7 +66,7 @@ pub use grant::{
 };
 /// Numbers of which three digits suffice.
 pub use half::f16;
-pub use helm::{HelmEnd, HelmState, HelmStatus, MAX_HELM_TURN_S};
+pub use helm::{AskedCourse, HelmAnswer, HelmEnd, HelmState, HelmStatus, MAX_HELM_TURN_S};
 pub use mission::{
     BatteryPlace, Charge, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, LandingMode,
     LastVessel, MissionCheckpoint, MissionSettings, MissionState, OperatorCommand, Phase, SettingsOrder,
@@ -87,7 +87,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 23;
+pub const MESSAGE_VERSION: u16 = 24;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]

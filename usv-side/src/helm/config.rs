@@ -34,8 +34,8 @@ config! {
         /// Sectors of headings that are not steered and not turned through, each clockwise from the first to the second,
         /// deg from true north, not by a magnetic compass. To keep every heading: heading_change_deg = 0.
         pub keep_out_deg: Vec<[f64; 2]> = Vec::new(), in 0.0..=360.0;
-        /// Digital input by which the skipper agrees: 0 to 1 while he is asked is yes, back to 0 takes the helm back; a
-        /// line or a file; empty: none. Unreadable counts as 0.
+        /// Digital input by which the skipper agrees: 0 to 1 while the lamp asks (from 3 s on) is yes, back to 0 takes the
+        /// helm back; a line or a file; empty: none. Unreadable counts as 0.
         pub consent_switch: String = String::new();
         /// The course is kept for so long after a landing, s: the drone is secured before the deck moves otherwise.
         /// Chosen: the minute for which a landed drone is judged to stay.

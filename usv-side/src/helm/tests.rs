@@ -1,5 +1,6 @@
 use alight_shared::frames::wrap_angle;
 use alight_shared::mavlink::{self, FrameReader, Outgoing, Sender};
+use alight_shared::msg::AskedCourse;
 
 use super::*;
 use HelmState::{Asked, Done, Idle, Steady};
@@ -28,8 +29,12 @@ struct Bench {
     requested: Option<(f64, u32)>,
     /// A hand turns the wheel whatever the autopilot does.
     hand: bool,
+    /// It steers to the set-points that it takes.
+    follows: bool,
+    rate_radps: f64,
     consent: bool,
     turning: bool,
+    ends: bool,
     frames: FrameReader,
     /// Its answers on their way.
     answers: Vec<u8>,
@@ -68,8 +73,11 @@ impl Bench {
             takes_after_s: 0.0,
             requested: None,
             hand: false,
+            follows: true,
+            rate_radps: 0.0,
             consent: false,
             turning: false,
+            ends: false,
             frames: FrameReader::default(),
             answers: Vec::new(),
             modes_set: Vec::new(),
@@ -124,7 +132,8 @@ impl Bench {
         if self.silent { Vec::new() } else { out }
     }
     fn sail(&mut self) {
-        let goal = self.set_point.filter(|_| self.mode == GUIDED).unwrap_or(self.own);
+        let steered = self.follows && self.mode == GUIDED;
+        let goal = self.set_point.filter(|_| steered).unwrap_or(self.own);
         let [heading, speed] = &mut self.motion;
         let turn = if self.hand {
             -0.15
@@ -134,7 +143,19 @@ impl Bench {
         *heading = wrap_angle(*heading + 0.1 * turn);
         *speed += 0.1 * (goal[1] - *speed).clamp(-0.4, 0.4);
     }
+    /// A step with these answers by order; a yes is to what is asked now.
     fn step_with(&mut self, answers: Vec<bool>) -> HelmStatus {
+        let asked = self.asked();
+        let answer = |yes: bool| match yes {
+            true => HelmAnswer::Yes(asked),
+            false => HelmAnswer::No,
+        };
+        self.step_answered(answers.into_iter().map(answer).collect())
+    }
+    fn asked(&self) -> AskedCourse {
+        self.node.status().asked().unwrap_or_default()
+    }
+    fn step_answered(&mut self, answers: Vec<HelmAnswer>) -> HelmStatus {
         self.t_s += 0.1;
         let [heading_rad, speed_mps] = self.motion;
         let bytes = self.boat(&[]);
@@ -144,7 +165,7 @@ impl Bench {
                 self.now(),
                 BoatMotion {
                     heading_rad,
-                    rate_radps: 0.0,
+                    rate_radps: self.rate_radps,
                     speed_mps,
                 },
             )),
@@ -154,6 +175,7 @@ impl Bench {
             turning: self.turning,
             bytes: Some(bytes),
             checkpoint: None,
+            ends: self.ends,
         };
         let out = self.node.step(self.now(), &input);
         self.answers = self.boat(&out.bytes);
@@ -306,6 +328,94 @@ fn question_about_one_course() {
 }
 
 #[test]
+fn yes_to_another_question() {
+    let mut b = Bench::new();
+    b.run(1.0);
+    let read = b.asked();
+    // Turned by hand beyond what the limits permit from there.
+    (b.own[0], b.motion[0]) = (-0.6, -0.6);
+    assert_eq!(b.run(0.5).state, Asked);
+    assert_ne!(b.asked(), read);
+    assert_eq!(b.step_answered(vec![HelmAnswer::Yes(read)]).state, Asked);
+    assert_eq!(b.step_with(vec![true]).state, HelmState::Agreed);
+    // He cannot have seen by the lamp that this question is another.
+    let mut b = Bench::new();
+    b.run(2.0);
+    assert!(!b.node.asks_by_lamp(b.now()));
+    b.consent = true;
+    assert_eq!(b.run(5.0).state, Asked);
+    assert!(b.node.asks_by_lamp(b.now()));
+}
+
+#[test]
+fn yes_for_a_drone_that_is_not_received() {
+    let mut b = Bench::new();
+    b.run(1.0);
+    b.demand = Demand::Nothing;
+    assert_eq!(b.run(9.0).state, Asked);
+    assert_eq!(b.step_with(vec![true]).state, Asked);
+    b.run(20.0);
+    assert_eq!((b.mode, b.set_point, b.modes_set.len()), (AUTO, None, 0));
+}
+
+#[test]
+fn mode_of_a_person_before_the_helm_is_taken() {
+    // Within the lead: nothing is commanded.
+    let mut b = Bench::new();
+    b.agreed(0.8);
+    b.mode = MANUAL;
+    assert_eq!(b.run(0.2).why, HelmEnd::ModeChanged);
+    b.run(20.0);
+    assert_eq!((b.mode, b.set_point, b.modes_set.len()), (MANUAL, None, 0));
+    // A request is on its way, and is taken after his: his mode is given back, not that of before.
+    let mut b = Bench::new();
+    b.takes_after_s = 0.6;
+    b.agreed(1.7);
+    b.mode = MANUAL;
+    assert_eq!(b.run(0.2).why, HelmEnd::ModeChanged);
+    b.run(6.0);
+    assert_eq!((b.mode, b.modes_set.as_slice()), (MANUAL, &[GUIDED, MANUAL][..]));
+    assert_eq!(b.node.checkpoint(), None);
+}
+
+#[test]
+fn boat_that_does_not_settle_on_the_course() {
+    let mut b = Bench::new();
+    // So small a turn that one which is never begun is within what a boat is off on a straight course.
+    (b.advice.heading_rad, b.advice.speed_mps) = (0.21, 5.0);
+    b.follows = false;
+    assert_eq!(b.agreed(55.0).state, HelmState::Agreed);
+    assert_eq!(b.run(6.0).why, HelmEnd::NotSettled);
+    b.run(5.0);
+    assert_eq!(b.mode, AUTO);
+    assert!(!b.visited.contains(&Steady));
+}
+
+#[test]
+fn acknowledgement_of_another_stations_request() {
+    // A denial for the ground station, for us, and for all.
+    for (target, why) in [
+        ([255_u8, 190], HelmEnd::None),
+        ([1, 190], HelmEnd::None),
+        ([1, 191], HelmEnd::Denied),
+        ([0, 0], HelmEnd::Denied),
+    ] {
+        let mut b = Bench::new();
+        b.takes_after_s = 2.0;
+        b.agreed(1.7);
+        let from = Sender {
+            system: 1,
+            component: 1,
+            sequence: 0,
+        };
+        let payload = [&[176_u8, 0, 2, 0, 0, 0, 0, 0][..], &target].concat();
+        b.answers
+            .extend(mavlink::encode(from, Outgoing::new(77, 143, payload), None));
+        assert_eq!(b.run(0.1).why, why, "{target:?}");
+    }
+}
+
+#[test]
 fn descent_before_the_autopilot_has_taken_the_helm() {
     // Within the lead nothing was commanded.
     let mut b = Bench::new();
@@ -415,6 +525,51 @@ fn way_back_from_a_course() {
 }
 
 #[test]
+fn way_back_into_a_keep_out_sector() {
+    let mut b = Bench::with(&HelmConfig {
+        output: HelmOutput::Mavlink,
+        connect: "udpin://127.0.0.1:14560".into(),
+        keep_out_deg: vec![[350.0, 10.0]],
+        ..HelmConfig::default()
+    });
+    assert_eq!(b.agreed(25.0).state, Steady, "out of it");
+    b.demand = Demand::Nothing;
+    while b.node.status().state != Done {
+        b.set_point = None;
+        b.step_with(Vec::new());
+    }
+    b.run(0.5);
+    assert_eq!(
+        (b.mode, b.set_point),
+        (AUTO, None),
+        "her autopilot is given her at once"
+    );
+}
+
+#[test]
+fn turn_back_to_the_autopilots_own_course() {
+    for rate_radps in [0.0, 0.1] {
+        let mut b = Bench::new();
+        b.rate_radps = rate_radps;
+        b.agreed(25.0);
+        assert!(!b.node.turns_back());
+        b.step_with(vec![false]);
+        assert!(b.node.turns_back(), "the drones are told at once");
+        b.run(5.0);
+        assert!(b.node.turns_back());
+        b.run(15.0);
+        assert_eq!(b.node.turns_back(), rate_radps > 0.0, "until she turns no more");
+        b.run(60.0);
+        assert!(!b.node.turns_back());
+    }
+    // One that was never steered turns back to nothing.
+    let mut b = Bench::new();
+    b.run(1.0);
+    b.step_with(vec![false]);
+    assert!(!b.node.turns_back());
+}
+
+#[test]
 fn yes_by_the_switch_and_its_opening() {
     let mut b = Bench::new();
     b.consent = true;
@@ -426,7 +581,7 @@ fn yes_by_the_switch_and_its_opening() {
     b.consent = false;
     assert_eq!(b.run(0.1).why, HelmEnd::Refused);
     let mut b = Bench::new();
-    b.run(1.0);
+    b.run(4.0);
     b.consent = true;
     assert_eq!(b.run(25.0).state, HelmState::Steady);
     b.consent = false;
@@ -504,6 +659,60 @@ fn descent_before_the_vessel_is_steady() {
 }
 
 #[test]
+fn descent_on_the_way_back() {
+    let mut b = Bench::new();
+    assert_eq!(b.agreed(25.0).state, Steady);
+    b.demand = Demand::Nothing;
+    assert_eq!(b.run(12.0).state, Done);
+    let turned = b.heading_deg();
+    b.demand = Demand::Descends;
+    assert_eq!(b.run(10.0).state, Steady);
+    assert!(
+        (b.heading_deg() - turned).abs() < 3.0,
+        "{turned} {}",
+        b.heading_deg()
+    );
+    b.demand = Demand::Nothing;
+    b.run(60.0);
+    assert_eq!((b.mode, b.node.status().state), (AUTO, Idle));
+}
+
+#[test]
+fn helm_of_a_process_that_ends() {
+    let mut b = Bench::new();
+    b.agreed(10.0);
+    b.ends = true;
+    assert_eq!(b.run(0.1).why, HelmEnd::Restarted);
+    b.run(3.0);
+    assert_eq!((b.mode, b.node.checkpoint()), (AUTO, None));
+    // A question ends, and none begins.
+    let mut b = Bench::new();
+    b.run(1.0);
+    b.ends = true;
+    assert_eq!(b.run(5.0).state, Idle);
+}
+
+#[test]
+fn old_checkpoint_of_a_helm() {
+    let mut b = Bench::new();
+    b.agreed(30.0);
+    let former = b.node.checkpoint();
+    assert!(former.is_some_and(|f| b.t_s - 11.0 < f.at.secs() && f.at.secs() <= b.t_s));
+    b.node = HelmNode::new(&b.node.config.clone());
+    b.t_s += 61.0;
+    let input = HelmIn {
+        checkpoint: former,
+        ..HelmIn::default()
+    };
+    assert_eq!(b.node.step(b.now(), &input).status.why, HelmEnd::NotGivenBack);
+    b.demand = Demand::Nothing;
+    assert_eq!(b.run(20.0).why, HelmEnd::NotGivenBack, "a person sets the mode");
+    assert_eq!((b.mode, b.node.checkpoint()), (GUIDED, None));
+    b.mode = AUTO;
+    assert_eq!(b.run(1.0).state, Idle);
+}
+
+#[test]
 fn helm_of_a_process_that_was_restarted() {
     let mut b = Bench::new();
     b.agreed(10.0);
@@ -551,4 +760,41 @@ fn marine_autopilot_by_nmea() {
     let out = b.node.step(b.now(), &input);
     let text = String::from_utf8(out.bytes).unwrap();
     assert!(text.starts_with("$EIAPB,A,A,0.00,R,N,V,V,40.1,T,"), "{text}");
+}
+
+#[test]
+fn marine_autopilot_that_reports_its_mode() {
+    let mut b = Bench::with(&HelmConfig {
+        output: HelmOutput::Nmea0183,
+        connect: "serial:///dev/ttyUSB1:4800".into(),
+        ..HelmConfig::default()
+    });
+    b.run(1.0);
+    let mut reports = |answers: Vec<HelmAnswer>, after_s: f64, mode: &str| {
+        b.t_s += after_s;
+        let content = format!("AGHTD,V,,,{mode},N,,,,,340.0,,,T,A,A,A,339.0");
+        let sum = content.bytes().fold(0_u8, |sum, byte| sum ^ byte);
+        let motion = BoatMotion {
+            heading_rad: 0.0,
+            rate_radps: 0.0,
+            speed_mps: 5.0,
+        };
+        let input = HelmIn {
+            demand: Demand::Comes,
+            motion: Some((b.now(), motion)),
+            answers,
+            bytes: Some(format!("\r\n${content}*{sum:02X}\r\n").into_bytes()),
+            ..HelmIn::default()
+        };
+        b.node.step(b.now(), &input).status
+    };
+    let yes = HelmAnswer::Yes(AskedCourse {
+        heading_deg: 40,
+        speed_dmps: 50,
+    });
+    // He steers by hand until he has put it into track control, for which it wants our sentences.
+    assert_eq!(reports(vec![yes], 0.1, "M").state, HelmState::Agreed);
+    assert_eq!(reports(Vec::new(), 2.0, "M").state, HelmState::Agreed);
+    assert_eq!(reports(Vec::new(), 6.0, "T").state, HelmState::Agreed);
+    assert_eq!(reports(Vec::new(), 1.0, "S").why, HelmEnd::ModeChanged);
 }
