@@ -1,13 +1,13 @@
 //! The vessel's computer: its nodes in the order of their data. The simulated world and the process step this one.
 
 use alight_shared::admission::{Arrival, RejectionReason, Rejections, Sender};
+use alight_shared::frames::wrap_angle;
 use alight_shared::mavlink::Signing;
 use alight_shared::msg::{
-    CommandReceipt, DeckGrant, DeckOrder, DroneStatus, FollowsAnother, HelmState, MAX_SOURCES,
-    OperatorCommand,
+    CommandReceipt, DeckGrant, DeckOrder, DroneStatus, FollowsAnother, MAX_SOURCES, OperatorCommand,
 };
 use alight_shared::node::Node;
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
 mod event;
@@ -23,6 +23,11 @@ use crate::deck::{
 use crate::followed::Followed;
 use crate::helm::{BoatMotion, Goal, HelmCheckpoint, HelmIn, HelmNode};
 use crate::node::{IMU, VesselIn, VesselNode, VesselOut};
+
+/// Advice counts for so long: it comes with each wave model, the slowest of which are a third of this apart.
+const ADVICE_FRESH: Span = Span::from_millis(30_000);
+/// Advice holds for a vessel that heads within this of the course that it compares with, rad: one step of its headings.
+const HERE_RAD: f64 = 0.262;
 
 /// What arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -41,6 +46,8 @@ pub struct ComputerIn {
     pub helm: Option<Vec<u8>>,
     /// At the first step, what the former start left.
     pub checkpoint: Option<VesselCheckpoint>,
+    /// The process is asked to end.
+    pub ends: bool,
 }
 
 /// What the vessel publishes, and what people are to know.
@@ -58,10 +65,22 @@ pub struct ComputerOut {
     pub statuses: Vec<DroneStatus>,
     /// What happened in this step.
     pub events: Vec<VesselEvent>,
-    /// A drone wants the vessel to keep course and speed, or the skipper is asked for the helm.
-    pub wants_steady: bool,
+    /// The lamp at the helm.
+    pub lamp: Lamp,
     /// Bytes for the boat's autopilot.
     pub helm: Vec<u8>,
+}
+
+/// The lamp at the helm.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Lamp {
+    /// Nothing is wanted of the helm.
+    #[default]
+    Out,
+    /// A drone wants the vessel to keep course and speed.
+    Lit,
+    /// The skipper is asked whether the computer may steer.
+    Blinks,
 }
 
 /// What must not be forgotten when the process or the computer is started anew.
@@ -83,7 +102,7 @@ pub struct VesselComputer {
     helm: HelmNode,
     /// For the helm: the newest motion, and the best course.
     motion: Option<(Time<VesselClock>, BoatMotion)>,
-    advice: Option<Goal>,
+    advice: Option<(Time<VesselClock>, Goal)>,
     relay: OperatorRelay,
     drones: DroneMonitor,
     doubles: Vec<(u32, [u32; 2])>,
@@ -183,7 +202,7 @@ impl VesselComputer {
         events: &mut Vec<VesselEvent>,
     ) -> Vec<u8> {
         let answer = |order: &DeckOrder| match order {
-            DeckOrder::Helm(yes) => Some(*yes),
+            DeckOrder::Helm(answer) => Some(*answer),
             DeckOrder::Closed
             | DeckOrder::Open
             | DeckOrder::Clear(_)
@@ -197,12 +216,16 @@ impl VesselComputer {
             &HelmIn {
                 demand: self.arbiter.demand(now),
                 motion: self.motion,
-                advice: self.advice,
+                advice: self
+                    .advice
+                    .filter(|(at, _)| now - *at <= ADVICE_FRESH)
+                    .map(|(_, goal)| goal),
                 answers: input.deck_orders.iter().filter_map(answer).collect(),
                 consent: input.deck_inputs.consent,
                 turning: self.arbiter.is_turning(now),
                 bytes: input.helm.clone(),
                 checkpoint: input.checkpoint.as_ref().and_then(|c| c.helm),
+                ends: input.ends,
             },
         );
         let changed = (out.status.state, out.status.why) != (before.state, before.why);
@@ -216,7 +239,7 @@ impl VesselComputer {
         out.bytes
     }
     /// What of a step's output the helm goes by.
-    fn observe_motion(&mut self, out: &VesselOut) {
+    fn observe_motion(&mut self, now: Time<VesselClock>, out: &VesselOut) {
         if let Some(e) = &out.estimate {
             let [heading_rad, rate_radps] = e.mean_heading.map(f64::from);
             let [north, east] = e.mean_velocity.map(f64::from);
@@ -236,7 +259,19 @@ impl VesselComputer {
             };
             let permitted = |c: &CourseOutlook| self.helm.permits(&goal(c), motion);
             let advice = self.node.advisor().advice_within(permitted);
-            self.advice = advice.filter(Advice::is_change).map(|a| goal(&a.best));
+            let stands = |a: &Advice| a.is_change() && turned(&a.here, motion) <= HERE_RAD;
+            self.advice = advice.filter(stands).map(|a| (now, goal(&a.best)));
+        }
+    }
+
+    /// A question, which ends with a descent, before a steady course that is wanted anyway.
+    fn lamp(&self, now: Time<VesselClock>) -> Lamp {
+        if self.helm.asks_by_lamp(now) {
+            Lamp::Blinks
+        } else if self.arbiter.wants_steady(now) {
+            Lamp::Lit
+        } else {
+            Lamp::Out
         }
     }
 
@@ -306,6 +341,7 @@ impl Node for VesselComputer {
                 orders: input.deck_orders.clone(),
                 inputs: input.deck_inputs,
                 helm: self.helm.status(),
+                turns_back: self.helm.turns_back(),
                 checkpoint: left.map(|c| c.deck.clone()),
             },
         );
@@ -327,7 +363,7 @@ impl Node for VesselComputer {
         self.node.prioritise(self.arbiter.landing(now));
         self.node.blow(self.drones.wind(now));
         let vessel = self.node.step(now, &input.vessel);
-        self.observe_motion(&vessel);
+        self.observe_motion(now, &vessel);
         for (source, before) in self.stuck.iter_mut().enumerate() {
             let stuck = self.node.source(IMU, source).is_stuck;
             let changed = std::mem::replace(before, stuck) != stuck;
@@ -340,10 +376,15 @@ impl Node for VesselComputer {
             receipts: relayed.receipts,
             statuses,
             events,
-            wants_steady: self.arbiter.wants_steady(now) || self.helm.status().state == HelmState::Asked,
+            lamp: self.lamp(now),
             helm,
         }
     }
+}
+
+/// So far a vessel has turned from a course, rad.
+fn turned(from: &CourseOutlook, now: &BoatMotion) -> f64 {
+    wrap_angle(now.heading_rad - from.heading_rad).abs()
 }
 
 #[cfg(test)]

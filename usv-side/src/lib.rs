@@ -33,7 +33,7 @@ pub mod review;
 pub mod sensors;
 
 pub use advice::{Advice, Advisor, CourseOutlook};
-pub use computer::{ComputerIn, ComputerOut, VesselCheckpoint, VesselComputer, VesselEvent};
+pub use computer::{ComputerIn, ComputerOut, Lamp, VesselCheckpoint, VesselComputer, VesselEvent};
 pub use config::{BroadcastConfig, GnssConfig, HeadingConfig, ImuConfig, VesselNodeConfig};
 pub use deck::DeckConfig;
 pub use estimator::Estimator;

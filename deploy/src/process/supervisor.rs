@@ -28,8 +28,9 @@ use crate::record::flight::recorder::{NodeRecorder, PartHeader};
 pub const STATE_VARIABLE: &str = "STATE_DIRECTORY";
 /// Its name as a process whose steps are recorded.
 pub const SUPERVISOR: &str = "supervisor";
-/// Processes that were asked to end have this long.
-const GRACE_NS: i64 = 800_000_000;
+/// Processes that were asked to end have this long: the vessel's gives a boat that it steers back (`vessel/estimator.rs`), and
+/// the services' `TimeoutStopSec` is longer.
+const GRACE_NS: i64 = 4_000_000_000;
 
 /// One process under supervision.
 struct ManagedProcess {

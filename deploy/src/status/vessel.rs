@@ -142,7 +142,10 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
     all.extend(
         deck.input_errors
             .iter()
-            .map(|e| TOPIC.warning(e.as_str(), deck_inputs::REMEDY)),
+            .map(|e| match deck_inputs::is_consent(e.as_str()) {
+                true => TOPIC.warning(e.as_str(), deck_inputs::CONSENT_REMEDY),
+                false => TOPIC.warning(e.as_str(), deck_inputs::REMEDY),
+            }),
     );
     all.extend(deck.file_error.iter().map(|e| {
         TOPIC.warning(

@@ -10,7 +10,8 @@ use std::time::Duration;
 
 use alight_shared::config;
 use alight_shared::msg::{
-    Command, CommandKind, DeckOrder, DroneContact, MissionState, Unheard, VesselStatus,
+    AskedCourse, Command, CommandKind, DeckOrder, DroneContact, HelmAnswer, HelmStatus, MissionState,
+    Unheard, VesselStatus,
 };
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::transport::clock::steady_ns;
@@ -28,6 +29,9 @@ use crate::vessel::crew::OrderOnItsWay;
 
 /// What shows whether a command was taken is looked at this often.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
+
+/// A status of the vessel's process comes within this, ns.
+const STATUS_NS: i64 = 3_000_000_000;
 
 /// Without `--for` course and speed are kept for so long, s.
 const STEADY_S: u32 = 60;
@@ -93,14 +97,15 @@ Where a silent vessel is: alight command deck-at 59.3456 18.1234 --error 10\n\
 On the vessel: sudo -u alight alight command deck closed\n  \
 sudo -u alight alight command deck open --drone 2   (which is not above it)\n  \
 sudo -u alight alight command steady --for 60\n  \
-sudo -u alight alight command helm yes            (the computer may steer)\n\
+sudo -u alight alight command helm yes            (the computer may steer what it asks)\n\
 Exit codes: 0 the mission or the vessel took it, 1 it did not in time, 2 bad input or no mission answers."
 )]
 pub struct CommandArgs {
     /// What to command
     #[arg(value_enum)]
     pub order: Order,
-    /// With `deck`: closed, open or takeoff; with `helm`: yes or no; with `deck-at`: latitude and longitude, deg
+    /// With `deck`: closed, open or takeoff; with `helm`: yes, and the heading that was read, or no; with `deck-at`: latitude
+    /// and longitude, deg
     #[arg(value_name = "WORDS", num_args = 0..=2, allow_negative_numbers = true)]
     pub words: Vec<String>,
     /// With `steady` and `deck-at`: for so long, s [default: 60, 300]; with `steady` 0: nothing is stated any more
@@ -150,7 +155,7 @@ impl CommandArgs {
 pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
     match args.order {
         Order::Deck => return deck(args, crew_order(&args.words)?),
-        Order::Helm => return course(args, DeckOrder::Helm(consent(&args.words)?)),
+        Order::Helm => return course(args, DeckOrder::Helm(consent(args)?)),
         Order::DeckAt => return beacon::run(args),
         Order::Land
         | Order::Abort
@@ -185,12 +190,51 @@ fn crew_order(words: &[String]) -> Result<CrewOrder, CliError> {
     };
     order.ok_or_else(|| CliError("alight command deck: closed, open or takeoff has to follow".into()))
 }
-/// The word behind `helm`: whether the computer may steer.
-fn consent(words: &[String]) -> Result<bool, CliError> {
-    match words {
-        [word] if word == "yes" => Ok(true),
-        [word] if word == "no" => Ok(false),
-        _ => Err(CliError("alight command helm: yes or no has to follow".into())),
+/// The words behind `helm`: whether the computer may steer. A yes is to the course that is asked now.
+fn consent(args: &CommandArgs) -> Result<HelmAnswer, CliError> {
+    let named = match args.words.as_slice() {
+        [word] if word == "no" => return Ok(HelmAnswer::No),
+        [word] if word == "yes" => None,
+        [word, heading] if word == "yes" => Some(heading.as_str()),
+        _ => {
+            return Err(CliError(
+                "alight command helm: yes, and the heading that was read, or no has to follow".into(),
+            ));
+        }
+    };
+    let computer = on_board(args, "the helm is answered")?;
+    let memory = join(&computer.instance, "alight-vessel", NAMED)?;
+    let mut statuses: Subscriber<VesselStatus> = memory.subscriber()?;
+    let deadline_ns = steady_ns() + STATUS_NS;
+    loop {
+        if let Some(status) = statuses.newest(steady_ns()) {
+            return Ok(HelmAnswer::Yes(question(&status.deck.helm, named)?));
+        }
+        if steady_ns() > deadline_ns || !memory.wait(POLL_PERIOD) {
+            return Err(CliError(
+                "the vessel's process does not say what it asks: systemctl status alight-vessel".into(),
+            ));
+        }
+    }
+}
+/// The course that is asked; another heading than the one that a person has read is another question.
+fn question(helm: &HelmStatus, named: Option<&str>) -> Result<AskedCourse, CliError> {
+    let Some(asked) = helm.asked() else {
+        return Err(CliError(format!(
+            "the skipper is asked nothing now; helm: {helm}"
+        )));
+    };
+    let is_it = |named: &str| {
+        named
+            .parse::<u16>()
+            .is_ok_and(|deg| deg % 360 == asked.heading_deg)
+    };
+    match named {
+        Some(other) if !is_it(other) => Err(CliError(format!(
+            "{other}: the skipper is asked for {asked}: alight command helm yes {:03}, or no",
+            asked.heading_deg
+        ))),
+        Some(_) | None => Ok(asked),
     }
 }
 
@@ -207,8 +251,7 @@ fn on_board(args: &CommandArgs, what: &str) -> Result<VesselComputer, CliError> 
 /// Gives an order to the vessel's process on this computer; the status that names it, None where it did not take it.
 fn order_aboard(args: &CommandArgs, what: &str, order: DeckOrder) -> Result<Option<VesselStatus>, CliError> {
     let computer = on_board(args, what)?;
-    let other = "name its configuration with --config";
-    let memory = join(&computer.instance, "alight-vessel", other)?;
+    let memory = join(&computer.instance, "alight-vessel", NAMED)?;
     Ok(OrderOnItsWay::give(&memory, &computer, order)?.wait(&memory))
 }
 
@@ -223,6 +266,8 @@ fn join(name: &str, unit: &str, other: &str) -> Result<Memory, CliError> {
     Ok(Memory::join(&instance, "command")?)
 }
 
+/// How another vessel's process is named.
+const NAMED: &str = "name its configuration with --config";
 /// What to do about an order that was not taken.
 const NOT_TAKEN: &str =
     "the vessel's process has not taken it: systemctl status alight-vessel, and order it again";
@@ -235,24 +280,29 @@ fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
         )));
     }
     let newest = order_aboard(args, "the course is stated", order)?;
-    let stated = match order {
-        _ if newest.is_none() => NOT_TAKEN,
-        DeckOrder::Steady(0) => "nothing is stated of the course",
-        DeckOrder::Steady(_) => "course and speed are kept; a turn at the helm's switch counts more",
-        DeckOrder::Helm(true) => "the computer may steer while it asks: alight status shows whether it does",
-        DeckOrder::Helm(false) => "the computer does not steer for this landing",
+    if args.json {
+        terminal::line(json!({ "taken": newest.is_some(), "order": order, "deck": newest.map(|s| s.deck) }));
+    } else {
+        terminal::line(newest.map_or(NOT_TAKEN.into(), |s| stated(order, &s.deck.helm)));
+    }
+    Ok(Exit::of(newest.is_some()))
+}
+
+/// What an order about course and helm brings about that was taken; the helm stands so since.
+fn stated(order: DeckOrder, helm: &HelmStatus) -> String {
+    match order {
+        DeckOrder::Steady(0) => "nothing is stated of the course".into(),
+        DeckOrder::Steady(_) => "course and speed are kept; a turn at the helm's switch counts more".into(),
+        DeckOrder::Helm(HelmAnswer::Yes(asked)) => {
+            format!("yes: the computer may steer {asked}; helm: {helm}")
+        }
+        DeckOrder::Helm(HelmAnswer::No) => "the computer does not steer for this landing".into(),
         DeckOrder::Turning
         | DeckOrder::Closed
         | DeckOrder::Open
         | DeckOrder::Clear(_)
-        | DeckOrder::TakeOff(_) => "no drone descends while she turns",
-    };
-    if args.json {
-        terminal::line(json!({ "taken": newest.is_some(), "deck": newest.map(|s| s.deck) }));
-    } else {
-        terminal::line(stated);
+        | DeckOrder::TakeOff(_) => "no drone descends while she turns".into(),
     }
-    Ok(Exit::of(newest.is_some()))
 }
 
 /// Whether drones may descend.
@@ -367,6 +417,8 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
 
 #[cfg(test)]
 mod tests {
+    use alight_shared::msg::HelmState;
+
     use super::*;
     use alight_shared::msg::{Seq, State};
 
@@ -384,6 +436,33 @@ mod tests {
         };
         assert_eq!(warns(State::Preparing), [true, false]);
         assert_eq!(warns(State::Idle), [false, false]);
+    }
+
+    #[test]
+    fn course_that_a_yes_answers() {
+        let asks = HelmStatus {
+            state: HelmState::Asked,
+            heading_rad: 0.7,
+            speed_mps: 2.0,
+            ..HelmStatus::default()
+        };
+        let asked = question(&asks, None).unwrap();
+        assert_eq!((asked.heading_deg, asked.speed_dmps), (40, 20));
+        assert_eq!(question(&asks, Some("040")).unwrap(), asked);
+        let error = |helm: &HelmStatus, named| question(helm, named).unwrap_err().to_string();
+        for other in ["320", "-40", "north"] {
+            assert!(error(&asks, Some(other)).contains("yes 040"), "{other}");
+        }
+        assert!(error(&HelmStatus::default(), None).contains("not asked"));
+        let agreed = HelmStatus {
+            state: HelmState::Agreed,
+            ..asks
+        };
+        let text = stated(DeckOrder::Helm(HelmAnswer::Yes(asked)), &agreed);
+        assert!(
+            text.contains("040 deg true at 2.0 m/s; helm: turns to 040"),
+            "{text}"
+        );
     }
 
     #[test]

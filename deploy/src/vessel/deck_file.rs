@@ -26,7 +26,7 @@ use crate::config::VesselComputer;
 use crate::process::supervisor::STATE_VARIABLE;
 
 /// Of this layout.
-const VERSION: u32 = 4;
+const VERSION: u32 = 5;
 /// The first file: an open deck on which nothing stands.
 const FIRST: &[u8] = b"\"open\"";
 /// Longest file, bytes.

@@ -21,6 +21,16 @@ const MAX_READING_NS: i64 = 2_000_000_000;
 /// What to do about an input that cannot be read.
 pub const REMEDY: &str = "it counts as 1: let the user alight read the line or file (docs/deck.md), or empty the key in \
                           vessel.toml";
+/// The same of the switch by which the skipper agrees.
+pub const CONSENT_REMEDY: &str = "it counts as 0, and takes the helm back: let the user alight read the line or file \
+                                  (docs/helm.md), or empty the key in vessel.toml";
+/// Its key.
+const CONSENT: &str = "vessel.helm.consent_switch";
+
+/// An input, or an error that names one first, is that switch.
+pub fn is_consent(named: &str) -> bool {
+    named.starts_with(CONSENT)
+}
 
 /// The inputs that may be configured: key and path; an empty path is none.
 pub fn configured<'a>(deck: &'a DeckConfig, helm: &'a HelmConfig) -> [(&'static str, &'a str); 4] {
@@ -28,7 +38,7 @@ pub fn configured<'a>(deck: &'a DeckConfig, helm: &'a HelmConfig) -> [(&'static 
         ("deck.crew_switch", &deck.crew_switch),
         ("deck.occupancy_sensor", &deck.occupancy_sensor),
         ("deck.helm_switch", &deck.helm_switch),
-        ("vessel.helm.consent_switch", &helm.consent_switch),
+        (CONSENT, &helm.consent_switch),
     ]
 }
 
@@ -79,6 +89,7 @@ impl Input {
         let error = error.map(|e| format!("{}: {e}", self.name));
         if error != self.error {
             match &error {
+                Some(e) if is_consent(e) => warn!("{e}: {CONSENT_REMEDY}"),
                 Some(e) => warn!("{e}: {REMEDY}"),
                 None => info!("{}: read again", self.name),
             }
@@ -142,6 +153,9 @@ mod tests {
             error.starts_with("deck.occupancy_sensor: /nowhere/value: "),
             "{error}"
         );
+        let consents = configured(&deck, &HelmConfig::default()).map(|(key, _)| is_consent(key));
+        assert_eq!(consents, [false, false, false, true]);
+        assert!(!is_consent(error), "it counts as 1");
         fs::remove_file(&path).unwrap();
         let mut none = InputFiles::start(&DeckConfig::default(), &HelmConfig::default(), 0);
         assert_eq!(none.poll(i64::MAX), DeckInputs::default());

@@ -37,6 +37,9 @@ use crate::vessel::status::{Errors, StatusReport};
 
 /// A process without sensor readings wakes this often.
 const MAX_WAIT: Duration = Duration::from_millis(10);
+/// A boat that is steered when the process is asked to end is given back within this, ns: until a report of her autopilot
+/// shows it. A later start knows what was before, for a while.
+const GIVE_BACK_NS: i64 = 3_500_000_000;
 /// With real sensors, time between two summaries of their measurements, ns.
 const SOURCE_SUMMARY_PERIOD_NS: i64 = 60_000_000_000;
 
@@ -92,7 +95,8 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
 
     let mut checkpoint = Some(left);
     let mut last_ns = steady_ns();
-    while !process.ended() {
+    let mut asked_ns = None;
+    while !is_over(&process, &mut asked_ns) {
         let gap_s = (steady_ns() - last_ns) as f64 * 1e-9;
         last_ns = steady_ns();
         if !radio.survives_pause(gap_s) {
@@ -110,6 +114,7 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
             deck_inputs: deck_inputs.poll(steady_ns()),
             helm: helm.received(),
             checkpoint: checkpoint.take(),
+            ends: asked_ns.is_some(),
             ..ComputerIn::default()
         };
         radio.receive(|at_ns| process.at(at_ns), &mut input);
@@ -120,7 +125,7 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
             true
         });
         helm.send(&out.helm);
-        helm_lamp.set(out.wants_steady);
+        helm_lamp.set(out.lamp);
         people.show(&out, process.now(), process.node().node());
         deck_file.keep(process.node().checkpoint());
         status.observe(steady_ns(), &input, &out);
@@ -147,6 +152,15 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
         }
     }
     Ok(Exit::Success)
+}
+
+/// The process was asked to end, when `asked_ns` says, and gives no boat back any more.
+fn is_over(process: &Process<alight_usv::VesselComputer>, asked_ns: &mut Option<i64>) -> bool {
+    if !process.ended() {
+        return false;
+    }
+    let asked_ns = *asked_ns.get_or_insert_with(steady_ns);
+    process.node().helm().checkpoint().is_none() || steady_ns() - asked_ns > GIVE_BACK_NS
 }
 
 /// Waits for measurements or packets, or for its time.

@@ -137,7 +137,7 @@ impl VesselRadio {
             receipts,
             statuses,
             events: _,
-            wants_steady: _,
+            lamp: _,
             helm: _,
         } = out;
         self.send(ESTIMATE, &vessel.estimate);

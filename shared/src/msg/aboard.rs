@@ -6,8 +6,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    AttitudeFix, Course, CourseAdvice, DroneStatus, GnssFix, Header, HeadingFix, HelmStatus, ImuSample, Seq,
-    Text,
+    AttitudeFix, Course, CourseAdvice, DroneStatus, GnssFix, Header, HeadingFix, HelmAnswer, HelmStatus,
+    ImuSample, Seq, Text,
 };
 use crate::time::VesselClock;
 
@@ -41,8 +41,8 @@ pub enum DeckOrder {
     Steady(u32),
     /// The vessel turns or may turn, until another order about her course.
     Turning,
-    /// The skipper's answer: whether the vessel's computer may steer for this landing. No takes the helm back.
-    Helm(bool),
+    /// The skipper's answer: whether the vessel's computer may steer for this landing.
+    Helm(HelmAnswer),
 }
 
 /// Why the deck is closed.

@@ -64,14 +64,16 @@ pub enum HelmEnd {
     NoEstimate,
     /// The helm states that the vessel turns or may turn.
     Turning,
-    /// The vessel's process was restarted while it steered.
+    /// The vessel's process ended, or was restarted, while it steered.
     Restarted,
     /// A drone began its descent or its take-off before the boat's autopilot had taken the helm.
     Descent,
     /// The drone that comes has not landed for too long.
     TooLong,
-    /// The boat's autopilot has not taken its former mode back.
+    /// The boat's autopilot has not taken its former mode back, or nobody knows whether it has.
     NotGivenBack,
+    /// The boat was not steady on the course in time.
+    NotSettled,
 }
 
 impl fmt::Display for HelmEnd {
@@ -86,12 +88,41 @@ impl fmt::Display for HelmEnd {
             HelmEnd::Denied => "the boat's autopilot denies the mode that takes a course",
             HelmEnd::NoEstimate => "the vessel's motion is not known",
             HelmEnd::Turning => "the helm states that the vessel turns",
-            HelmEnd::Restarted => "the vessel's process was restarted",
+            HelmEnd::Restarted => "the vessel's process ended or was restarted",
             HelmEnd::Descent => "a drone descends or takes off on the course that is",
             HelmEnd::TooLong => "the drone has not landed for too long",
             HelmEnd::NotGivenBack => "the former mode was not taken back by the boat's autopilot",
+            HelmEnd::NotSettled => "the boat does not settle on the course",
         })
     }
+}
+
+/// The course of a question to the skipper, as it is shown to him.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
+#[repr(C)]
+pub struct AskedCourse {
+    /// Heading, whole degrees from true north, 0 to 359.
+    pub heading_deg: u16,
+    /// Speed over ground, tenths of m/s.
+    pub speed_dmps: u16,
+}
+
+impl fmt::Display for AskedCourse {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mps = f64::from(self.speed_dmps) / 10.0;
+        write!(f, "{:03} deg true at {mps:.1} m/s", self.heading_deg)
+    }
+}
+
+/// The skipper's answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[repr(C, u8)]
+pub enum HelmAnswer {
+    /// The vessel's computer may steer this course for this landing; it counts while that is what is asked.
+    Yes(AskedCourse),
+    /// It may not, whatever is asked; the helm is taken back.
+    No,
 }
 
 /// Where the handshake about the helm stands, as it goes over the radio with the deck's owner.
@@ -120,9 +151,16 @@ impl HelmStatus {
             && (0.0..=MAX_HELM_TURN_S).contains(&self.steady_in_s)
             && (0.0..=1.0).contains(&self.likelihood)
     }
-    /// The heading, deg from north, 0 to 360.
+    /// The heading, deg from true north, 0 to 360.
     pub fn heading_deg(&self) -> f64 {
         compass_deg(f64::from(self.heading_rad))
+    }
+    /// What the skipper is asked for, while he is.
+    pub fn asked(&self) -> Option<AskedCourse> {
+        (self.state == HelmState::Asked).then(|| AskedCourse {
+            heading_deg: self.heading_deg() as u16,
+            speed_dmps: (10.0 * self.speed_mps).round() as u16,
+        })
     }
 }
 
@@ -137,14 +175,14 @@ impl fmt::Display for HelmStatus {
         let (deg, mps) = (self.heading_deg(), self.speed_mps);
         match self.state {
             HelmState::Idle => write!(f, "not asked"),
-            HelmState::Asked => write!(f, "asks to steer {deg:03.0} deg at {mps:.1} m/s"),
+            HelmState::Asked => write!(f, "asks to steer {deg:03.0} deg true at {mps:.1} m/s"),
             HelmState::Agreed => write!(
                 f,
-                "turns to {deg:03.0} deg at {mps:.1} m/s, steady in {:.0} s",
+                "turns to {deg:03.0} deg true at {mps:.1} m/s, steady in {:.0} s",
                 self.steady_in_s
             ),
-            HelmState::Steady => write!(f, "steady on {deg:03.0} deg at {mps:.1} m/s"),
-            HelmState::Done => write!(f, "goes back to {deg:03.0} deg at {mps:.1} m/s"),
+            HelmState::Steady => write!(f, "steady on {deg:03.0} deg true at {mps:.1} m/s"),
+            HelmState::Done => write!(f, "goes back to {deg:03.0} deg true at {mps:.1} m/s"),
             HelmState::Withdrawn => write!(f, "withdrawn: {}", self.why),
         }
     }
@@ -163,13 +201,26 @@ mod tests {
             steady_in_s: 12.0,
             ..HelmStatus::default()
         };
-        assert_eq!(status.to_string(), "turns to 000 deg at 2.0 m/s, steady in 12 s");
+        assert_eq!(
+            status.to_string(),
+            "turns to 000 deg true at 2.0 m/s, steady in 12 s"
+        );
         let refused = HelmStatus {
             state: HelmState::Withdrawn,
             why: HelmEnd::Refused,
             ..status
         };
         assert_eq!(refused.to_string(), "withdrawn: refused by the skipper");
+        // The course that is asked is named as it is shown.
+        let asked = HelmStatus {
+            state: HelmState::Asked,
+            heading_rad: 0.7,
+            speed_mps: 2.04,
+            ..status
+        };
+        let course = asked.asked().map(|c| format!("asks to steer {c}"));
+        assert_eq!(course, Some(asked.to_string()));
+        assert_eq!((status.asked(), refused.asked()), (None, None));
     }
 
     #[test]

@@ -66,7 +66,7 @@ pub use grant::{
 };
 /// Numbers of which three digits suffice.
 pub use half::f16;
-pub use helm::{HelmEnd, HelmState, HelmStatus, MAX_HELM_TURN_S};
+pub use helm::{AskedCourse, HelmAnswer, HelmEnd, HelmState, HelmStatus, MAX_HELM_TURN_S};
 pub use mission::{
     BatteryPlace, Charge, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, LandingMode,
     LastVessel, MissionCheckpoint, MissionSettings, MissionState, OperatorCommand, Phase, SettingsOrder,

@@ -1,7 +1,7 @@
 //! A boat that helps, in the whole world: from the question to the skipper to the course given back.
 
 use alight_shared::frames::wrap_angle;
-use alight_shared::msg::{CommandKind, DeckOrder, HelmEnd, HelmState, ReasonCode, State};
+use alight_shared::msg::{CommandKind, DeckOrder, HelmAnswer, HelmEnd, HelmState, ReasonCode, State};
 use alight_sim::autopilots::boat::{AUTO, GUIDED, MANUAL};
 use alight_sim::harness::outcome::{Judge, Outcome};
 use alight_sim::harness::physics::TICK;
@@ -61,10 +61,16 @@ fn course(rig: &Rig) -> [f64; 2] {
 fn off_deg(a: f64, b: f64) -> f64 {
     wrap_angle((a - b).to_radians()).to_degrees().abs()
 }
+/// The skipper agrees to what he is asked.
+fn say_yes(rig: &mut Rig) {
+    let asked = rig.world.helm().asked();
+    let yes = asked.map(|course| DeckOrder::Helm(HelmAnswer::Yes(course)));
+    yes.into_iter().for_each(|yes| rig.world.deck_order(yes));
+}
 /// Asked, and agreed by the skipper, in which the drone had no part yet.
 fn agreed(seed: u64) -> (Rig, f64) {
     let (mut rig, heading_deg) = asked(seed);
-    rig.world.deck_order(DeckOrder::Helm(true));
+    say_yes(&mut rig);
     assert!(until(&mut rig, 1.0, HelmState::Agreed));
     (rig, heading_deg)
 }
@@ -105,7 +111,7 @@ fn is_left_alone(rig: &mut Rig, heading_deg: f64) {
 #[test]
 fn refused_helm() {
     let (mut rig, heading_deg) = asked(32);
-    rig.world.deck_order(DeckOrder::Helm(false));
+    rig.world.deck_order(DeckOrder::Helm(HelmAnswer::No));
     assert!(until(&mut rig, 1.0, HelmState::Withdrawn));
     assert_eq!(rig.world.helm().why, HelmEnd::Refused);
     is_left_alone(&mut rig, heading_deg);
@@ -177,7 +183,7 @@ fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Outcome {
         if helm(rig) == HelmState::Asked {
             asked += TICK.secs();
             if asked > 3.0 {
-                rig.world.deck_order(DeckOrder::Helm(true));
+                say_yes(rig);
             }
         }
         over = judge.observe(&rig.world.observation(), half_deck);

@@ -192,6 +192,7 @@ pub struct Advisor {
     drone: DroneGeometry,
     spectrum: Spectrum,
     newest: Option<Time<VesselClock>>,
+    stepped: Option<Time<VesselClock>>,
     sea: Option<(Time<VesselClock>, Sea)>,
     round: Option<Round>,
     begun: Option<Time<VesselClock>>,
@@ -207,6 +208,7 @@ impl Advisor {
             drone: DroneGeometry::default(),
             spectrum: Spectrum::new(deck.centre()),
             newest: None,
+            stepped: None,
             sea: None,
             round: None,
             begun: None,
@@ -246,6 +248,7 @@ impl Advisor {
 
     /// Takes the newest sample of the motion and evaluates one course of a round that is due.
     pub fn step(&mut self, now: Time<VesselClock>, underway: &Underway<'_>) {
+        self.resume(now);
         if let Some(sample) = underway.motion.newest() {
             self.observe(sample, underway.velocity);
         }
@@ -257,6 +260,14 @@ impl Advisor {
         }
     }
 
+    /// While no motion was known, course and wind may have become others.
+    fn resume(&mut self, now: Time<VesselClock>) {
+        if self.stepped.is_some_and(|t| now - t > Span::from_secs(PERIOD_S)) {
+            (self.round, self.begun) = (None, None);
+            self.outlooks.clear();
+        }
+        self.stepped = Some(now);
+    }
     fn observe(&mut self, sample: &MotionSample<VesselClock>, velocity: Vector2<f64>) {
         if self.newest.is_some_and(|at| at >= sample.at) {
             return;

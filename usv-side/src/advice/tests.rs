@@ -105,6 +105,20 @@ fn advice_for_a_hull_that_rolls() {
 }
 
 #[test]
+fn advice_from_before_a_gap_in_the_estimate() {
+    let waves = [[0.5, 1.4, 0.0], [0.3, 1.7, 0.3], [0.3, 1.2, -0.3]];
+    let heading = core::f64::consts::FRAC_PI_2;
+    let mut advisor = sampled(&waves, heading, 3.0, 3.0, 150.0);
+    round(&mut advisor, heading, 3.0, 0.25);
+    let mut advises = |t_s: f64| {
+        advisor.resume(Time::from_secs(t_s));
+        advisor.advice().is_some()
+    };
+    assert!(advises(300.0) && advises(304.0));
+    assert!(!advises(310.0), "the sea may be another");
+}
+
+#[test]
 fn no_advice_where_every_course_is_as_good() {
     let heading = core::f64::consts::FRAC_PI_2;
     let mut advisor = sampled(&[[0.05, 1.2, 0.0], [0.02, 1.0, 0.2]], heading, 2.0, 1.0, 150.0);

@@ -3,8 +3,8 @@
 use core::fmt;
 
 use alight_shared::msg::{
-    Charge, CommandKind, DeckOrder, DroneStatus, FollowsAnother, HelmState, HelmStatus, Reason, Starved,
-    State, still_armed,
+    Charge, CommandKind, DeckOrder, DroneStatus, FollowsAnother, HelmAnswer, HelmState, HelmStatus, Reason,
+    Starved, State, still_armed,
 };
 use serde::{Deserialize, Serialize};
 
@@ -122,8 +122,10 @@ impl fmt::Display for VesselEvent {
                 write!(f, "crew order: course and speed are kept for {for_s} s")
             }
             VesselEvent::DeckOrder(DeckOrder::Turning) => write!(f, "crew order: the vessel turns"),
-            VesselEvent::DeckOrder(DeckOrder::Helm(true)) => write!(f, "crew order: the computer may steer"),
-            VesselEvent::DeckOrder(DeckOrder::Helm(false)) => {
+            VesselEvent::DeckOrder(DeckOrder::Helm(HelmAnswer::Yes(course))) => {
+                write!(f, "crew order: the computer may steer {course}")
+            }
+            VesselEvent::DeckOrder(DeckOrder::Helm(HelmAnswer::No)) => {
                 write!(f, "crew order: the computer may not steer")
             }
             VesselEvent::Helm(helm) => write!(f, "helm: {helm}"),

@@ -181,6 +181,8 @@ pub struct ArbiterIn {
     pub inputs: DeckInputs,
     /// Where the handshake about the helm stands.
     pub helm: HelmStatus,
+    /// By its end the vessel turns back to the course of her own autopilot.
+    pub turns_back: bool,
     /// At the first step, that of the former start.
     pub checkpoint: Option<DeckCheckpoint>,
 }
@@ -353,7 +355,11 @@ impl DeckArbiter {
             header: Header::new(self.vessel, c.drone, c.boot, 0, Time::EPOCH),
             // It was not received since.
             received: now - FRESH - Span::from_millis(1),
-            state: State::default(),
+            // Of one on its way down nothing else is known.
+            state: match c.claim {
+                Claim::Landing => State::Descent,
+                Claim::Away | Claim::Requesting | Claim::Above | Claim::OnDeck => State::default(),
+            },
             claim: c.claim,
             since: now,
             // The owner may have gone there meanwhile.
@@ -581,6 +587,7 @@ impl Node for DeckArbiter {
         self.switch = reading(input.inputs.closed).or(self.switch);
         self.sensor = reading(input.inputs.occupied).or(self.sensor);
         self.course.switch = reading(input.inputs.turning).or(self.course.switch);
+        self.course.turns_back = input.turns_back;
         let helm_changed = core::mem::replace(&mut self.course.helm, input.helm).state != input.helm.state;
         let owner = self.assign(now);
         if owner != self.owner {

@@ -22,6 +22,8 @@ pub(super) struct StatedCourse {
     pub(super) switch: Option<Reading>,
     /// Where the handshake about the helm stands.
     pub(super) helm: HelmStatus,
+    /// She turns back to the course of her own autopilot.
+    pub(super) turns_back: bool,
     ordered: Ordered,
 }
 
@@ -35,7 +37,8 @@ impl StatedCourse {
     pub(super) fn order_turning(&mut self) {
         self.ordered = Ordered::Turning;
     }
-    /// What counts at `now`: a turn by whichever states it, one that the computer steers, else the longest promise.
+    /// What counts at `now`: a turn by whichever states it, one that the computer steers or has just left, else the
+    /// longest promise.
     pub(super) fn at(&self, now: Time<VesselClock>, config: &DeckConfig) -> Course {
         if self.is_turning(now, config) {
             return Course::Turning;
@@ -43,6 +46,9 @@ impl StatedCourse {
         let helm_s = match self.helm.state {
             HelmState::Agreed | HelmState::Done => return Course::Turning,
             HelmState::Steady => config.helm_steady_s,
+            HelmState::Idle | HelmState::Asked | HelmState::Withdrawn if self.turns_back => {
+                return Course::Turning;
+            }
             HelmState::Idle | HelmState::Asked | HelmState::Withdrawn => 0.0,
         };
         let has_switch = !config.helm_switch.is_empty();

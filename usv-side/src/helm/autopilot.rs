@@ -1,7 +1,7 @@
 //! The boat's autopilot, whichever it is: what it is to do, and what it reports.
 
 use alight_shared::mavlink::Signing;
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::time::{Span, Time, VesselClock};
 
 use super::command::{Command, ReadBack};
 use super::config::{HelmConfig, HelmOutput};
@@ -52,6 +52,13 @@ impl Autopilot {
             Autopilot::None => Vec::new(),
             Autopilot::Mavlink(link) => link.send(now, command),
             Autopilot::Nmea(link) => link.send(now, command),
+        }
+    }
+    /// It takes the mode within this, or denies it: by itself, or by the hand of a skipper who has just said yes.
+    pub(super) fn engages_within(&self) -> Span {
+        match self {
+            Autopilot::None | Autopilot::Mavlink(_) => Span::from_millis(6000),
+            Autopilot::Nmea(_) => Span::from_millis(20_000),
         }
     }
     pub(super) fn steers_speed(&self) -> bool {

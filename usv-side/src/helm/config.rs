@@ -32,10 +32,10 @@ config! {
         /// Chosen: slower a boat does not answer its rudder.
         pub speed_mps: [f64; 2] = [2.0, 5.0], in 0.3..=15.0;
         /// Sectors of headings that are not steered and not turned through, each clockwise from the first to the second,
-        /// deg from north.
+        /// deg from true north, not by a magnetic compass. To keep every heading: heading_change_deg = 0.
         pub keep_out_deg: Vec<[f64; 2]> = Vec::new(), in 0.0..=360.0;
-        /// Digital input by which the skipper agrees: 0 to 1 while he is asked is yes, back to 0 takes the helm back; a
-        /// line or a file; empty: none. Unreadable counts as 0.
+        /// Digital input by which the skipper agrees: 0 to 1 while the lamp asks (from 3 s on) is yes, back to 0 takes the
+        /// helm back; a line or a file; empty: none. Unreadable counts as 0.
         pub consent_switch: String = String::new();
         /// The course is kept for so long after a landing, s: the drone is secured before the deck moves otherwise.
         /// Chosen: the minute for which a landed drone is judged to stay.
@@ -46,6 +46,15 @@ config! {
         at.require(low <= high, "speed_mps", format!("[{low}, {high}]"), "the lowest speed first")?;
         let count = this.keep_out_deg.len();
         at.require(count <= MAX_SECTORS, "keep_out_deg", format!("{count} sectors"), "at most 8 sectors")?;
+        let is_one = |[from, to]: &&[f64; 2]| (to - from).rem_euclid(360.0) == 0.0;
+        if let Some([from, to]) = this.keep_out_deg.iter().find(is_one) {
+            at.require(
+                false,
+                "keep_out_deg",
+                format!("[{from}, {to}]"),
+                "two different headings; to keep every heading, heading_change_deg = 0.0",
+            )?;
+        }
         at.require(
             this.output == HelmOutput::None || !this.connect.is_empty(),
             "connect",
@@ -69,5 +78,10 @@ mod tests {
         assert!(rejects("speed_mps = [5.0, 2.0]").contains("lowest speed first"));
         assert!(rejects("keep_out_deg = [[350.0, 400.0]]").contains("keep_out_deg"));
         assert!(config::parse::<HelmConfig>("keep_out_deg = [[350.0, 10.0]]", "test").is_ok());
+        // A whole circle and a single heading look the same.
+        for same in ["[0.0, 360.0]", "[180.0, 180.0]", "[360.0, 0.0]"] {
+            let sectors = format!("keep_out_deg = [[80.0, 120.0], {same}]");
+            assert!(rejects(&sectors).contains("heading_change_deg = 0"), "{same}");
+        }
     }
 }

@@ -10,6 +10,9 @@ const STEP_RAD: f64 = core::f64::consts::PI / 180.0;
 /// A course that differs by less is not worth a helm: heading, rad (10 deg, two errors of a course), and speed, m/s.
 const WORTH_RAD: f64 = 0.175;
 const WORTH_MPS: f64 = 0.5;
+/// Where there are keep-out sectors, no larger turn, rad (150 deg): an autopilot may take a half turn by the other way, whose
+/// sectors nobody has looked at.
+const SURE_TURN_RAD: f64 = 2.62;
 
 impl HelmConfig {
     /// The course nearest to `advice` that the skipper permits from the motion `now`: the heading is turned to by the
@@ -17,7 +20,7 @@ impl HelmConfig {
     pub fn permitted(&self, advice: &Goal, now: &BoatMotion) -> Option<Goal> {
         let [low, high] = self.speed_mps;
         let speed_mps = advice.speed_mps.clamp(low, high);
-        let limit = self.heading_change_deg.to_radians();
+        let limit = self.largest_turn();
         let turn = wrap_angle(advice.heading_rad - now.heading_rad).clamp(-limit, limit);
         let turn = self.unobstructed(now.heading_rad, turn);
         let goal = Goal {
@@ -40,10 +43,24 @@ impl HelmConfig {
         let [low, high] = self.speed_mps;
         let speed_off = (course.speed_mps - course.speed_mps.clamp(low, high)).abs();
         let reached = self.unobstructed(now.heading_rad, turn);
-        turn.abs() <= self.heading_change_deg.to_radians() + error_rad
+        turn.abs() <= self.largest_turn() + error_rad
             && speed_off <= WORTH_MPS
             && (reached - turn).abs() < 0.5 * STEP_RAD
             && !self.keeps_out(course.heading_rad)
+    }
+    /// A turn from heading to heading (rad), by the shorter way, leads through no sector and into none.
+    pub(super) fn is_clear(&self, from: f64, to: f64) -> bool {
+        let turn = wrap_angle(to - from);
+        let sure = self.keep_out_deg.is_empty() || turn.abs() <= SURE_TURN_RAD;
+        sure && (self.unobstructed(from, turn) - turn).abs() < 0.5 * STEP_RAD && !self.keeps_out(to)
+    }
+    /// rad.
+    fn largest_turn(&self) -> f64 {
+        let limit = self.heading_change_deg.to_radians();
+        match self.keep_out_deg.is_empty() {
+            true => limit,
+            false => limit.min(SURE_TURN_RAD),
+        }
     }
     /// So much of a turn from `heading` as leads into no sector, rad.
     fn unobstructed(&self, heading: f64, turn: f64) -> f64 {
@@ -144,6 +161,19 @@ mod tests {
         }
         // No more than a course that is not worth a helm is left.
         assert_eq!(c.permitted(&goal(340.0, 5.0), &motion(0.0, 5.0)), None);
+        // Back into it from outside, through one, and by a half turn that may lead through any.
+        let clear = |from: f64, to: f64| c.is_clear(from.to_radians(), to.to_radians());
+        assert!(clear(0.0, 15.0) && clear(30.0, 60.0));
+        assert!(!clear(60.0, 30.0) && !clear(60.0, 0.0) && !clear(90.0, 255.0));
+        assert!(HelmConfig::default().is_clear(1.0, 4.1));
+        let far = HelmConfig {
+            heading_change_deg: 180.0,
+            ..c.clone()
+        };
+        assert_eq!(
+            deg(far.permitted(&goal(255.0, 5.0), &motion(90.0, 5.0))),
+            Some(240.0)
+        );
         // In the sector already: out of it, and no change of speed within.
         assert_eq!(deg(c.permitted(&goal(60.0, 5.0), &motion(30.0, 5.0))), Some(60.0));
         assert_eq!(c.permitted(&goal(30.0, 2.0), &motion(30.0, 5.0)), None);

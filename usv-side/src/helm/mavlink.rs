@@ -4,7 +4,9 @@
 //! as fast as it is long. ArduPilot stops a boat that was not given one for 3 s, PX4 leaves OFFBOARD after
 //! `COM_OF_LOSS_T`: that is the dead man of this end. PX4 wants set-points for a second before it takes the mode.
 
-use alight_shared::mavlink::{self, FrameReader, MAX_WAITING, Outgoing, Sender, Signing, dialect as m};
+use alight_shared::mavlink::{
+    self, Fields, FrameReader, MAX_WAITING, Outgoing, Sender, Signing, dialect as m,
+};
 use alight_shared::time::{Span, Time, VesselClock};
 
 use super::command::{Command, ReadBack};
@@ -71,6 +73,8 @@ pub(super) struct MavlinkHelm {
     mode: Option<u32>,
     received: Option<Time<VesselClock>>,
     denied: bool,
+    /// Our mode was requested.
+    requested: bool,
     sequence: u8,
     /// Set-points are sent since.
     steers: Option<Time<VesselClock>>,
@@ -112,13 +116,18 @@ impl MavlinkHelm {
                         self.mode = Some(p.u32(0));
                         self.firmware = Firmware::of(p.u8(5));
                     }
-                    COMMAND_ACK if p.u16(0) == DO_SET_MODE => {
+                    COMMAND_ACK if self.requested && p.u16(0) == DO_SET_MODE && self.is_for_us(&p) => {
                         self.denied = !matches!(p.u8(2), ACCEPTED | IN_PROGRESS);
                     }
                     _ => {}
                 }
             }
         }
+    }
+    /// An acknowledgement names us (MAVLink 2), or nobody (MAVLink 1): on a link with a router others get theirs, too.
+    fn is_for_us(&self, acknowledgement: &Fields<'_>) -> bool {
+        let (system, component) = (acknowledgement.u8(8), acknowledgement.u8(9));
+        system == 0 || Some(system) == self.systems.own() && [0, COMPANION].contains(&component)
     }
     /// What it reports.
     pub(super) fn read_back(&self, now: Time<VesselClock>) -> ReadBack {
@@ -150,7 +159,7 @@ impl MavlinkHelm {
         };
         let ours = firmware.steered_mode();
         match *command {
-            Command::Nothing => (self.steers, self.denied) = (None, false),
+            Command::Nothing => (self.steers, self.denied, self.requested) = (None, false, false),
             Command::Steer {
                 heading_rad,
                 speed_mps,
@@ -162,6 +171,7 @@ impl MavlinkHelm {
                 let may_ask = firmware == Firmware::ArduPilot || now - since >= PX4_LEAD;
                 if self.mode != Some(ours) && may_ask && self.is_due(MODE, now, SLOW) {
                     bytes.extend(self.frame(&set_mode(system, firmware, ours)));
+                    self.requested = true;
                 }
             }
             Command::GiveBack { mode } => {

@@ -4,24 +4,26 @@
 //! A handshake of drone, skipper and boat ([`HelmState`]): `Idle` -> `Asked` (a drone comes for the deck, and another course
 //! is worth it) -> `Agreed` (he said yes: she turns) -> `Steady` (she is on the course) -> `Done` (the landing is over: she
 //! goes back) -> `Idle`. Anything else ends in `Withdrawn` until that landing is over: a refusal, no answer, a hand on the
-//! helm ([`response`]), another mode of the boat's autopilot, a lost link. Without an answer a drone lands as it does on a
-//! boat that is not steered.
+//! helm ([`response`]), another mode of the boat's autopilot, a lost link, a boat that does not settle. Without an answer a
+//! drone lands as it does on a boat that is not steered.
 //!
-//! A question is about one course: where the limits permit it no more from where she is, it ends, and another is asked. A
-//! descent is never turned under: one that begins before the boat's autopilot has taken the helm ends it, and one that begins
-//! before she is steady makes the present course the one that is kept.
+//! A question is about one course: where the limits permit it no more from where she is, it ends, and another is asked. A yes
+//! names the course that it answers. A descent is never turned under: one that begins before the boat's autopilot has taken
+//! the helm ends it, and one that begins before she is steady, or on her way back, makes the present course the one that is
+//! kept.
 
 mod autopilot;
 mod command;
 mod config;
 mod consent;
+mod ending;
 mod limits;
 mod mavlink;
 mod nmea;
 mod response;
 
 use alight_shared::mavlink::Signing;
-use alight_shared::msg::{HelmEnd, HelmState, HelmStatus, MAX_HELM_TURN_S};
+use alight_shared::msg::{HelmAnswer, HelmEnd, HelmState, HelmStatus, MAX_HELM_TURN_S};
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
@@ -37,20 +39,19 @@ use crate::demand::Demand;
 
 /// The skipper is asked for so long.
 const ANSWER: Span = Span::from_millis(60_000);
+/// The lamp is out for so long before each question, and a switch answers none that is newer: a person needs it to see that
+/// this question is another.
+const SEEN: Span = Span::from_millis(3000);
 /// No command is given for so long after his yes: three statuses of a drone that may just have begun its descent.
 const LEAD: Span = Span::from_millis(1500);
-/// The autopilot takes the mode within this, or denies it.
-const ENGAGE: Span = Span::from_millis(6000);
 /// A landing is over when no drone has asked for the deck for so long: one that breaks off comes again.
 const GONE: Span = Span::from_millis(10_000);
 /// An estimate of the vessel's motion counts for so long.
 const FRESH: Span = Span::from_millis(1000);
-/// The mode is given back within this, or not at all.
-const GIVE_BACK: Span = Span::from_millis(10_000);
-/// A request of a mode is taken within this, and the next report shows it: a report that is older by less may be of before.
-const LATENCY: Span = Span::from_millis(2000);
 /// A helm for a drone that comes lasts no longer. Chosen: the battery of a multirotor that waited so long is empty.
 const MAX_STEERING: Span = Span::from_millis(1_200_000);
+/// The time of a checkpoint is brought up to date so often.
+const REFRESH: Span = Span::from_millis(10_000);
 
 /// Errors of a measured course (half of what is worth a helm) and of a speed in waves ([`response`]): rad, m/s.
 const COURSE_ERROR_RAD: f64 = 0.0875;
@@ -90,7 +91,7 @@ pub struct HelmIn {
     /// The best course, where one is better than the present.
     pub advice: Option<Goal>,
     /// The skipper's answers by order.
-    pub answers: Vec<bool>,
+    pub answers: Vec<HelmAnswer>,
     /// Level of his switch, if it was read.
     pub consent: Option<bool>,
     /// The helm states that the vessel turns or may turn.
@@ -99,6 +100,8 @@ pub struct HelmIn {
     pub bytes: Option<Vec<u8>>,
     /// At the first step, what the former start left.
     pub checkpoint: Option<HelmCheckpoint>,
+    /// The process is asked to end: what was before is given back, and nothing more is asked.
+    pub ends: bool,
 }
 
 /// What is published.
@@ -113,6 +116,8 @@ pub struct HelmOut {
 /// What was before the vessel was steered; it outlives the process.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HelmCheckpoint {
+    /// She was steered then.
+    pub at: Time<VesselClock>,
     /// Custom mode of the boat's autopilot, where it reports one.
     pub mode: Option<u32>,
     /// Heading, rad.
@@ -165,15 +170,10 @@ pub struct HelmNode {
     /// Since when one stands on the deck.
     stands: Option<Time<VesselClock>>,
     switch: ConsentSwitch,
-}
-
-/// How the giving back of a mode stands.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum GivingBack {
-    GoesOn,
-    /// Given back, or never taken, or a person has chosen another meanwhile.
-    Done,
-    Failed,
+    /// Time of the checkpoint.
+    kept_at: Option<Time<VesselClock>>,
+    /// When she was steered last, until she has come to rest on the course of her own autopilot.
+    settling: Option<Time<VesselClock>>,
 }
 
 /// What a step looks at.
@@ -197,6 +197,8 @@ impl HelmNode {
             wanted: None,
             stands: None,
             switch: ConsentSwitch::default(),
+            kept_at: None,
+            settling: None,
         }
     }
     /// MAVLink frames are signed with this key.
@@ -221,15 +223,34 @@ impl HelmNode {
     /// Skipper and autopilot permit this course, from the motion `now`.
     pub fn permits(&self, course: &Goal, now: &BoatMotion) -> bool {
         let keeps_speed = (course.speed_mps - now.speed_mps).abs() < 0.5;
-        (self.autopilot.steers_speed() || keeps_speed) && self.config.permits(course, now)
+        (self.autopilot.steers_speed() || keeps_speed)
+            && self.config.permits_within(course, now, COURSE_ERROR_RAD)
+    }
+    /// The skipper is asked, and has had the time to see it.
+    pub fn asks_by_lamp(&self, now: Time<VesselClock>) -> bool {
+        match &self.phase {
+            Phase::Asked { since, .. } => now - *since > SEEN,
+            Phase::Idle | Phase::Steering(_) | Phase::Returning { .. } | Phase::Withdrawn { .. } => false,
+        }
+    }
+    /// She is given back, or was a moment ago, and turns to the course of her own autopilot.
+    pub fn turns_back(&self) -> bool {
+        match &self.phase {
+            Phase::Idle | Phase::Asked { .. } | Phase::Withdrawn { .. } => self.settling.is_some(),
+            Phase::Steering(_) | Phase::Returning { .. } => false,
+        }
     }
     /// What the next start of the process begins with.
     pub fn checkpoint(&self) -> Option<HelmCheckpoint> {
-        match &self.phase {
+        let former = match &self.phase {
             Phase::Idle | Phase::Asked { .. } => None,
             Phase::Steering(s) | Phase::Returning { steering: s, .. } => Some(s.former),
             Phase::Withdrawn { former, .. } => *former,
-        }
+        };
+        former.map(|f| HelmCheckpoint {
+            at: self.kept_at.unwrap_or(f.at),
+            ..f
+        })
     }
 
     /// When a drone came last, and since when one stands.
@@ -240,10 +261,17 @@ impl HelmNode {
         let stands = demand == Demand::Stands;
         self.stands = stands.then(|| self.stands.unwrap_or(now));
     }
-    /// The skipper's newest answer, by order or by his switch; of two a no.
+    /// The skipper's newest answer, by order or by his switch; of two a no. A yes to another course than the one that is
+    /// asked is none, nor is that of a switch to a question that he cannot have seen.
     fn answer(&mut self, now: Time<VesselClock>, input: &HelmIn) -> Option<bool> {
-        let ordered = input.answers.last().copied();
+        let (asked, seen) = (self.status().asked(), self.asks_by_lamp(now));
+        let counts = |answer: &HelmAnswer| match answer {
+            HelmAnswer::Yes(course) => (asked == Some(*course)).then_some(true),
+            HelmAnswer::No => Some(false),
+        };
+        let ordered = input.answers.iter().rev().find_map(counts);
         let switched = self.switch.answer(now, input.consent);
+        let switched = switched.filter(|yes| seen || !yes);
         ordered.into_iter().chain(switched).reduce(|a, b| a && b)
     }
 
@@ -256,39 +284,6 @@ impl HelmNode {
             Phase::Withdrawn { since, why, former } => self.withdrawn(v, since, why, former),
         }
     }
-    /// What was before is given back once; a landing that goes on is not asked for again, nor is any while the boat stays in
-    /// the mode that she was to leave.
-    fn withdrawn(
-        &self,
-        v: &View<'_>,
-        since: Time<VesselClock>,
-        why: HelmEnd,
-        former: Option<HelmCheckpoint>,
-    ) -> Phase {
-        let (why, former) = match former.map(|f| Self::giving_back(v, since, &f)) {
-            Some(GivingBack::GoesOn) => (why, former),
-            Some(GivingBack::Failed) => (HelmEnd::NotGivenBack, None),
-            Some(GivingBack::Done) | None => (why, None),
-        };
-        let left = why == HelmEnd::NotGivenBack && v.read_back.is_steered();
-        match self.is_over(v.now) && former.is_none() && !left {
-            true => Phase::Idle,
-            false => Phase::Withdrawn { since, why, former },
-        }
-    }
-    /// How it stands with a mode that is given back from `since` on. The autopilot may yet take our last request, so that
-    /// its report shows another mode for good only once it is later by [`LATENCY`].
-    fn giving_back(v: &View<'_>, since: Time<VesselClock>, former: &HelmCheckpoint) -> GivingBack {
-        let r = &v.read_back;
-        let settled = r.reported.is_some_and(|at| at - since > LATENCY);
-        if former.mode.is_none() || settled && r.present && !r.is_ours {
-            GivingBack::Done
-        } else if v.now - since > GIVE_BACK {
-            GivingBack::Failed
-        } else {
-            GivingBack::GoesOn
-        }
-    }
     /// No drone has come for the deck for long.
     fn is_over(&self, now: Time<VesselClock>) -> bool {
         self.wanted.is_none_or(|t| now - t > GONE)
@@ -296,7 +291,7 @@ impl HelmNode {
 
     fn ask(&self, v: &View<'_>) -> Phase {
         // In our mode without us she is steered by somebody else.
-        let can = v.read_back.present && !v.read_back.is_steered();
+        let can = v.read_back.present && !v.read_back.is_steered() && !v.input.ends;
         let asks = v.input.demand == Demand::Comes && can && !v.input.turning;
         let (Some(motion), Some(advice)) = (v.motion.filter(|_| asks), v.input.advice) else {
             return Phase::Idle;
@@ -337,7 +332,7 @@ impl HelmNode {
         if !gone && v.answer == Some(false) {
             return withdrawn(HelmEnd::Refused);
         }
-        let asks = !gone && !v.read_back.is_steered();
+        let asks = !gone && !v.read_back.is_steered() && !v.input.ends;
         // One question is about one course: another course is another question.
         let here = v
             .motion
@@ -352,10 +347,12 @@ impl HelmNode {
             return withdrawn(HelmEnd::LinkLost);
         }
         match v.answer {
-            Some(true) => Phase::Steering(Steering {
+            // A drone that is not received may have gone.
+            Some(true) if demand == Demand::Comes => Phase::Steering(Steering {
                 since: v.now,
                 response: self.response(v.now, goal, &motion),
                 former: HelmCheckpoint {
+                    at: v.now,
                     mode: v.read_back.mode,
                     heading_rad: motion.heading_rad,
                     speed_mps: motion.speed_mps,
@@ -363,8 +360,8 @@ impl HelmNode {
                 engaged: false,
                 steady: false,
             }),
-            Some(false) | None if v.now - since > ANSWER => withdrawn(HelmEnd::Unanswered),
-            Some(false) | None => Phase::Asked { since, goal },
+            Some(_) | None if v.now - since > ANSWER => withdrawn(HelmEnd::Unanswered),
+            Some(_) | None => Phase::Asked { since, goal },
         }
     }
     fn response(&self, now: Time<VesselClock>, goal: Goal, motion: &BoatMotion) -> Response {
@@ -372,17 +369,21 @@ impl HelmNode {
     }
 
     /// Why a helm ends at once.
-    fn ends(v: &View<'_>, s: &Steering) -> Option<HelmEnd> {
+    fn ends(&self, v: &View<'_>, s: &Steering) -> Option<HelmEnd> {
         let steered = v.now - s.since;
         let (r, demand) = (&v.read_back, v.input.demand);
-        let late = steered > ENGAGE;
+        let late = steered > self.autopilot.engages_within();
         let too_long = demand == Demand::Comes && steered > MAX_STEERING;
+        // Before it is ours, too, a person or a failsafe may set another.
+        let changed = !r.is_ours && (s.engaged || r.mode.is_some() && r.mode != s.former.mode);
         [
+            (v.input.ends, HelmEnd::Restarted),
             (v.answer == Some(false), HelmEnd::Refused),
             (v.input.turning, HelmEnd::Turning),
             (!r.present, HelmEnd::LinkLost),
-            (r.by_hand, HelmEnd::HandOnHelm),
-            (s.engaged && !r.is_ours, HelmEnd::ModeChanged),
+            // A hand that has not yet handed the helm over takes none back.
+            (s.engaged && r.by_hand, HelmEnd::HandOnHelm),
+            (changed, HelmEnd::ModeChanged),
             (!s.engaged && (r.denied || late), HelmEnd::Denied),
             (v.motion.is_none(), HelmEnd::NoEstimate),
             // A boat that has not begun to turn does not begin under a descent.
@@ -392,16 +393,6 @@ impl HelmNode {
         ]
         .into_iter()
         .find_map(|(ends, why)| ends.then_some(why))
-    }
-    /// Withdrawn; what was before is given back unless nothing was commanded yet, or a person has chosen a mode.
-    fn withdraw(v: &View<'_>, why: HelmEnd, s: &Steering) -> Phase {
-        let commanded = s.engaged || v.now - s.since > LEAD;
-        let former = (commanded && why != HelmEnd::ModeChanged).then_some(s.former);
-        Phase::Withdrawn {
-            since: v.now,
-            why,
-            former,
-        }
     }
 
     /// One step of a helm that goes on: the mode is taken, and the boat follows.
@@ -418,7 +409,7 @@ impl HelmNode {
 
     fn steer(&self, v: &View<'_>, mut s: Steering) -> Phase {
         self.follow(v, &mut s);
-        if let Some(why) = Self::ends(v, &s) {
+        if let Some(why) = self.ends(v, &s) {
             return Self::withdraw(v, why, &s);
         }
         let secured = self
@@ -430,68 +421,25 @@ impl HelmNode {
             return self.return_to_former(v, s);
         }
         if let Some(motion) = v.motion.filter(|_| demand == Demand::Descends && !s.steady) {
-            // The drone has chosen to land now: what is, is kept.
-            let goal = Goal {
-                heading_rad: motion.heading_rad,
-                speed_mps: motion.speed_mps.max(0.0),
-                likelihood: None,
-                slope_sd: None,
-            };
-            s.response = self.response(v.now, goal, &motion);
-            s.steady = true;
+            self.keep(v.now, &mut s, &motion);
         }
-        let late = s.engaged && (v.now - s.since).secs() > f64::from(MAX_HELM_TURN_S);
-        s.steady |= s.engaged && s.response.is_steady(v.now) || late;
-        Phase::Steering(s)
+        let late = (v.now - s.since).secs() > f64::from(MAX_HELM_TURN_S);
+        s.steady |= s.engaged && (s.response.is_steady(v.now) || late && s.response.is_settled());
+        match s.engaged && late && !s.steady {
+            true => Self::withdraw(v, HelmEnd::NotSettled, &s),
+            false => Phase::Steering(s),
+        }
     }
-
-    /// Back to the former course, as fast as before, or as now where that is beyond the limits. Slower than the lowest speed
-    /// she would not answer: then she is given back as she goes.
-    fn return_to_former(&self, v: &View<'_>, mut s: Steering) -> Phase {
-        let Some(motion) = v.motion else {
-            return Self::withdraw(v, HelmEnd::NoEstimate, &s);
-        };
-        let [low, high] = self.config.speed_mps;
-        let speed_mps = match self.autopilot.steers_speed() {
-            true => s.former.speed_mps.clamp(0.0, high.max(motion.speed_mps)),
-            false => motion.speed_mps,
-        };
-        let former = Goal {
-            heading_rad: s.former.heading_rad,
-            speed_mps,
+    /// A drone has chosen to land now: what is, is kept.
+    fn keep(&self, now: Time<VesselClock>, s: &mut Steering, motion: &BoatMotion) {
+        let goal = Goal {
+            heading_rad: motion.heading_rad,
+            speed_mps: motion.speed_mps.max(0.0),
             likelihood: None,
             slope_sd: None,
         };
-        (s.since, s.response) = (v.now, self.response(v.now, former, &motion));
-        Phase::Returning {
-            steering: s,
-            mode_since: (speed_mps < low).then_some(v.now),
-        }
-    }
-    fn give_back(&self, v: &View<'_>, mut s: Steering, mode_since: Option<Time<VesselClock>>) -> Phase {
-        if let Some(since) = mode_since {
-            return match Self::giving_back(v, since, &s.former) {
-                GivingBack::Done => Phase::Idle,
-                GivingBack::GoesOn => Phase::Returning {
-                    steering: s,
-                    mode_since,
-                },
-                GivingBack::Failed => Phase::Withdrawn {
-                    since: v.now,
-                    why: HelmEnd::NotGivenBack,
-                    former: None,
-                },
-            };
-        }
-        self.follow(v, &mut s);
-        if let Some(why) = Self::ends(v, &s) {
-            return Self::withdraw(v, why, &s);
-        }
-        let there = s.response.is_steady(v.now) || (v.now - s.since).secs() > f64::from(MAX_HELM_TURN_S);
-        Phase::Returning {
-            steering: s,
-            mode_since: there.then_some(v.now),
-        }
+        s.response = self.response(now, goal, motion);
+        s.steady = true;
     }
 
     fn command(&self, now: Time<VesselClock>) -> Command {
@@ -548,13 +496,9 @@ impl Node for HelmNode {
     type Out = HelmOut;
 
     fn step(&mut self, now: Time<VesselClock>, input: &HelmIn) -> HelmOut {
-        if let Some(former) = input.checkpoint.filter(|_| !self.began) {
-            let why = HelmEnd::Restarted;
-            self.phase = Phase::Withdrawn {
-                since: now,
-                why,
-                former: Some(former),
-            };
+        let left = input.checkpoint.filter(|_| !self.began);
+        if let Some(former) = left.filter(|_| self.config.output != HelmOutput::None) {
+            self.phase = Self::found(now, former);
         }
         self.began = true;
         self.autopilot.receive(now, input.bytes.as_deref());
@@ -570,6 +514,8 @@ impl Node for HelmNode {
             input,
         };
         self.phase = self.next(&view);
+        self.settling = self.settles(&view);
+        self.kept_at = self.kept_at.filter(|at| now - *at < REFRESH).or(Some(now));
         let command = self.command(now);
         HelmOut {
             status: self.status(),

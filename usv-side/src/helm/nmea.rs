@@ -2,7 +2,8 @@
 //! and of HSC (heading steering command), as makers document both. The speed stays the skipper's.
 //!
 //! There is no mode to set: he puts it into track or navigation control when he agrees, and it warns and holds its heading
-//! once the sentences end. Where it sends HTD its override and steering mode are read back.
+//! once the sentences end. Where it sends HTD its override and steering mode are read back: it follows in track control (APB)
+//! and in heading control (HSC) only.
 
 use alight_shared::time::{Span, Time, VesselClock};
 
@@ -21,8 +22,19 @@ pub(super) struct NmeaHelm {
     open: bool,
     line: Vec<u8>,
     due: Option<Time<VesselClock>>,
-    /// Its newest HTD, and whether a hand steers by it.
-    htd: Option<(Time<VesselClock>, bool)>,
+    /// Its newest HTD, and who steers by it.
+    htd: Option<(Time<VesselClock>, Steers)>,
+}
+
+/// Who steers, by an autopilot's own report.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Steers {
+    /// A hand: its override is in use, or its steering mode is manual.
+    Hand,
+    /// Our sentences, in track or heading control.
+    Sentences,
+    /// Itself, as its skipper has set it, or nobody.
+    Itself,
 }
 
 impl NmeaHelm {
@@ -33,8 +45,8 @@ impl NmeaHelm {
             match byte {
                 b'\n' | b'\r' => {
                     let line = core::mem::take(&mut self.line);
-                    let by_hand = core::str::from_utf8(&line).ok().and_then(by_hand);
-                    self.htd = by_hand.map(|by_hand| (now, by_hand)).or(self.htd);
+                    let steers = core::str::from_utf8(&line).ok().and_then(steers);
+                    self.htd = steers.map(|steers| (now, steers)).or(self.htd);
                 }
                 _ if self.line.len() < MAX_SENTENCE => self.line.push(*byte),
                 _ => self.line.clear(),
@@ -44,13 +56,14 @@ impl NmeaHelm {
     /// What it reports: of one that reports nothing no more is known to be missing than its link.
     pub(super) fn read_back(&self, now: Time<VesselClock>) -> ReadBack {
         let newest = self.htd.filter(|(at, _)| now - *at <= FRESH);
+        let steers = newest.map(|(_, steers)| steers);
         ReadBack {
             present: self.open,
             mode: None,
             reported: None,
-            is_ours: true,
+            is_ours: steers.is_none_or(|by| by == Steers::Sentences),
             denied: false,
-            by_hand: newest.is_some_and(|(_, by_hand)| by_hand),
+            by_hand: steers == Some(Steers::Hand),
         }
     }
     /// The sentences that are due at `now` for a command.
@@ -80,14 +93,19 @@ fn checksum(content: &str) -> u8 {
     content.bytes().fold(0, |sum, b| sum ^ b)
 }
 
-/// Whether a hand steers, by an HTD whose checksum is right: its override is in use, or its steering mode is manual.
-fn by_hand(line: &str) -> Option<bool> {
+/// Who steers, by an HTD whose checksum is right.
+fn steers(line: &str) -> Option<Steers> {
     let (content, sum) = line.trim().strip_prefix('$')?.split_once('*')?;
     (u8::from_str_radix(sum, 16).ok()? == checksum(content)).then_some(())?;
     let mut fields = content.split(',');
     fields.next()?.get(2..).filter(|kind| *kind == "HTD")?;
     let (overridden, mode) = (fields.next()?, fields.nth(2)?);
-    Some(overridden == "A" || mode == "M")
+    Some(match mode {
+        _ if overridden == "A" => Steers::Hand,
+        "M" => Steers::Hand,
+        "T" | "H" => Steers::Sentences,
+        _ => Steers::Itself,
+    })
 }
 
 #[cfg(test)]
@@ -121,19 +139,25 @@ mod tests {
     #[test]
     fn hand_by_the_autopilots_own_report() {
         let mut helm = NmeaHelm::default();
-        let mut hand = |content: &str, wrong: u8| {
+        let mut reports = |content: &str, wrong: u8| {
             let line = format!("${content}*{:02X}\r\n", checksum(content) ^ wrong);
             helm.receive(Time::EPOCH, Some(line.as_bytes()));
-            helm.read_back(Time::EPOCH).by_hand
+            let r = helm.read_back(Time::EPOCH);
+            (r.by_hand, r.is_ours)
         };
+        let (hand, ours, other) = ((true, false), (false, true), (false, false));
         let htd =
             |overridden: &str, mode: &str| format!("AGHTD,{overridden},,,{mode},N,,,,,340.0,,,T,A,A,A,339.0");
-        assert!(!hand(&htd("V", "H"), 0));
-        assert!(!hand(&htd("V", "M"), 1), "damaged");
-        assert!(hand(&htd("V", "M"), 0));
-        assert!(!hand(&htd("V", "T"), 0));
-        assert!(hand(&htd("A", "T"), 0));
-        assert!(!helm.read_back(Time::from_secs(9.0)).by_hand, "old");
+        assert_eq!(reports(&htd("V", "H"), 0), ours);
+        assert_eq!(reports(&htd("V", "M"), 1), ours, "damaged");
+        assert_eq!(reports(&htd("V", "M"), 0), hand);
+        assert_eq!(reports(&htd("V", "T"), 0), ours);
+        // On its own heading, or by its rudder alone, it does not follow.
+        assert_eq!(reports(&htd("V", "S"), 0), other);
+        assert_eq!(reports(&htd("V", "R"), 0), other);
+        assert_eq!(reports(&htd("A", "T"), 0), hand);
+        let old = helm.read_back(Time::from_secs(9.0));
+        assert!(!old.by_hand && old.is_ours, "it may report nothing any more");
     }
 
     #[test]

@@ -25,6 +25,8 @@ const LASTS_S: f64 = 2.5;
 /// Steady: heading (rad, 6 deg), speed (m/s) and rate of turn (rad/s, 1.5 deg/s) are within these for so long, s.
 const STEADY: [f64; 3] = [0.105, 0.6, 0.026];
 const STEADY_S: f64 = 2.0;
+/// A boat that yaws and surges in waves is never so for two seconds: on the course she is by the average of a few waves, s.
+const FEW_WAVES_S: f64 = 10.0;
 
 /// A command that a boat follows.
 #[derive(Clone, Copy, Debug)]
@@ -38,6 +40,9 @@ pub(super) struct Response {
     beyond: Option<Time<VesselClock>>,
     steady: Option<Time<VesselClock>>,
     newest: [f64; 2],
+    /// Averages of the errors of heading (rad) and speed (m/s) and of the rate of turn (rad/s), and their time.
+    mean: [f64; 3],
+    observed: Time<VesselClock>,
 }
 
 impl Response {
@@ -56,7 +61,10 @@ impl Response {
             beyond: None,
             steady: None,
             newest: [0.0; 2],
+            mean: [0.0; 3],
+            observed: now,
         };
+        response.mean = response.errors(motion);
         response.first = response.off(motion);
         response.newest = response.first;
         response
@@ -65,11 +73,20 @@ impl Response {
     pub(super) fn goal(&self) -> Goal {
         self.goal
     }
+    /// Heading (rad) and speed (m/s) less the command, and rate of turn, rad/s.
+    fn errors(&self, motion: &BoatMotion) -> [f64; 3] {
+        let heading = wrap_angle(motion.heading_rad - self.goal.heading_rad);
+        let speed = motion.speed_mps - self.goal.speed_mps;
+        [
+            heading,
+            if self.heading_only { 0.0 } else { speed },
+            motion.rate_radps,
+        ]
+    }
     /// Heading (rad) and speed (m/s) off the command.
     fn off(&self, motion: &BoatMotion) -> [f64; 2] {
-        let heading = wrap_angle(motion.heading_rad - self.goal.heading_rad).abs();
-        let speed = (motion.speed_mps - self.goal.speed_mps).abs();
-        [heading, if self.heading_only { 0.0 } else { speed }]
+        let [heading, speed, _] = self.errors(motion);
+        [heading.abs(), speed.abs()]
     }
     /// The boat moves so at `now`.
     pub(super) fn observe(&mut self, now: Time<VesselClock>, motion: &BoatMotion) {
@@ -83,6 +100,11 @@ impl Response {
         self.beyond = beyond.then(|| self.beyond.unwrap_or(now));
         let steady = off[0] <= STEADY[0] && off[1] <= STEADY[1] && motion.rate_radps.abs() <= STEADY[2];
         self.steady = steady.then(|| self.steady.unwrap_or(now));
+        let part = 1.0 - (-(now - self.observed).secs() / FEW_WAVES_S).exp();
+        for (mean, error) in self.mean.iter_mut().zip(self.errors(motion)) {
+            *mean += part * (error - *mean);
+        }
+        self.observed = now;
     }
     /// For too long it is not where a boat that follows would be.
     pub(super) fn is_violated(&self, now: Time<VesselClock>) -> bool {
@@ -91,6 +113,13 @@ impl Response {
     /// It is on the course and keeps it.
     pub(super) fn is_steady(&self, now: Time<VesselClock>) -> bool {
         self.steady.is_some_and(|since| (now - since).secs() >= STEADY_S)
+    }
+    /// By the average of a few waves it is on the course.
+    pub(super) fn is_settled(&self) -> bool {
+        self.mean
+            .iter()
+            .zip(STEADY)
+            .all(|(mean, most)| mean.abs() <= most)
     }
     /// It is expected to be steady in so long, s.
     pub(super) fn steady_in_s(&self) -> f64 {
@@ -126,6 +155,33 @@ mod tests {
             response.observe(now, &at(*t));
             response.is_violated(now)
         })
+    }
+
+    #[test]
+    fn boats_on_the_course_by_the_average() {
+        let goal = Goal {
+            heading_rad: 0.0,
+            speed_mps: 3.0,
+            likelihood: None,
+            slope_sd: None,
+        };
+        // Steady, and settled, after a minute, where it moves so (yaw in waves: amplitude, rad) about so many deg.
+        let judged = |deg: f64, yaw_rad: f64| {
+            let at = |t: f64| BoatMotion {
+                heading_rad: deg.to_radians() + yaw_rad * (1.3 * t).sin(),
+                rate_radps: 1.3 * yaw_rad * (1.3 * t).cos(),
+                speed_mps: 3.0,
+            };
+            let mut response = Response::begin(Time::EPOCH, goal, &at(0.0), false);
+            let times = (1..600).map(|k| 0.1 * f64::from(k));
+            times.for_each(|t| response.observe(Time::EPOCH + Span::from_secs(t), &at(t)));
+            let now = Time::EPOCH + Span::from_secs(60.0);
+            assert!(!response.is_violated(now));
+            (response.is_steady(now), response.is_settled())
+        };
+        assert_eq!(judged(1.0, 0.0), (true, true));
+        assert_eq!(judged(1.0, 0.14), (false, true), "it yaws about the course");
+        assert_eq!(judged(12.0, 0.0), (false, false), "it has never turned");
     }
 
     #[test]

@@ -1,8 +1,11 @@
 use alight_shared::frames::wrap_angle;
 use alight_shared::mavlink::{self, FrameReader, Outgoing, Sender};
+use alight_shared::msg::AskedCourse;
 
 use super::*;
 use HelmState::{Asked, Done, Idle, Steady};
+
+mod ending;
 
 const AUTO: u32 = 10;
 const GUIDED: u32 = 15;
@@ -28,8 +31,12 @@ struct Bench {
     requested: Option<(f64, u32)>,
     /// A hand turns the wheel whatever the autopilot does.
     hand: bool,
+    /// It steers to the set-points that it takes.
+    follows: bool,
+    rate_radps: f64,
     consent: bool,
     turning: bool,
+    ends: bool,
     frames: FrameReader,
     /// Its answers on their way.
     answers: Vec<u8>,
@@ -68,8 +75,11 @@ impl Bench {
             takes_after_s: 0.0,
             requested: None,
             hand: false,
+            follows: true,
+            rate_radps: 0.0,
             consent: false,
             turning: false,
+            ends: false,
             frames: FrameReader::default(),
             answers: Vec::new(),
             modes_set: Vec::new(),
@@ -124,7 +134,8 @@ impl Bench {
         if self.silent { Vec::new() } else { out }
     }
     fn sail(&mut self) {
-        let goal = self.set_point.filter(|_| self.mode == GUIDED).unwrap_or(self.own);
+        let steered = self.follows && self.mode == GUIDED;
+        let goal = self.set_point.filter(|_| steered).unwrap_or(self.own);
         let [heading, speed] = &mut self.motion;
         let turn = if self.hand {
             -0.15
@@ -134,7 +145,19 @@ impl Bench {
         *heading = wrap_angle(*heading + 0.1 * turn);
         *speed += 0.1 * (goal[1] - *speed).clamp(-0.4, 0.4);
     }
+    /// A step with these answers by order; a yes is to what is asked now.
     fn step_with(&mut self, answers: Vec<bool>) -> HelmStatus {
+        let asked = self.asked();
+        let answer = |yes: bool| match yes {
+            true => HelmAnswer::Yes(asked),
+            false => HelmAnswer::No,
+        };
+        self.step_answered(answers.into_iter().map(answer).collect())
+    }
+    fn asked(&self) -> AskedCourse {
+        self.node.status().asked().unwrap_or_default()
+    }
+    fn step_answered(&mut self, answers: Vec<HelmAnswer>) -> HelmStatus {
         self.t_s += 0.1;
         let [heading_rad, speed_mps] = self.motion;
         let bytes = self.boat(&[]);
@@ -144,7 +167,7 @@ impl Bench {
                 self.now(),
                 BoatMotion {
                     heading_rad,
-                    rate_radps: 0.0,
+                    rate_radps: self.rate_radps,
                     speed_mps,
                 },
             )),
@@ -154,6 +177,7 @@ impl Bench {
             turning: self.turning,
             bytes: Some(bytes),
             checkpoint: None,
+            ends: self.ends,
         };
         let out = self.node.step(self.now(), &input);
         self.answers = self.boat(&out.bytes);
@@ -306,6 +330,61 @@ fn question_about_one_course() {
 }
 
 #[test]
+fn yes_to_another_question() {
+    let mut b = Bench::new();
+    b.run(1.0);
+    let read = b.asked();
+    // Turned by hand beyond what the limits permit from there.
+    (b.own[0], b.motion[0]) = (-0.6, -0.6);
+    assert_eq!(b.run(0.5).state, Asked);
+    assert_ne!(b.asked(), read);
+    assert_eq!(b.step_answered(vec![HelmAnswer::Yes(read)]).state, Asked);
+    assert_eq!(b.step_with(vec![true]).state, HelmState::Agreed);
+    // He cannot have seen by the lamp that this question is another.
+    let mut b = Bench::new();
+    b.run(2.0);
+    assert!(!b.node.asks_by_lamp(b.now()));
+    b.consent = true;
+    assert_eq!(b.run(5.0).state, Asked);
+    assert!(b.node.asks_by_lamp(b.now()));
+}
+
+#[test]
+fn yes_for_a_drone_that_is_not_received() {
+    let mut b = Bench::new();
+    b.run(1.0);
+    b.demand = Demand::Nothing;
+    assert_eq!(b.run(9.0).state, Asked);
+    assert_eq!(b.step_with(vec![true]).state, Asked);
+    b.run(20.0);
+    assert_eq!((b.mode, b.set_point, b.modes_set.len()), (AUTO, None, 0));
+}
+
+#[test]
+fn acknowledgement_of_another_stations_request() {
+    // A denial for the ground station, for us, and for all.
+    for (target, why) in [
+        ([255_u8, 190], HelmEnd::None),
+        ([1, 190], HelmEnd::None),
+        ([1, 191], HelmEnd::Denied),
+        ([0, 0], HelmEnd::Denied),
+    ] {
+        let mut b = Bench::new();
+        b.takes_after_s = 2.0;
+        b.agreed(1.7);
+        let from = Sender {
+            system: 1,
+            component: 1,
+            sequence: 0,
+        };
+        let payload = [&[176_u8, 0, 2, 0, 0, 0, 0, 0][..], &target].concat();
+        b.answers
+            .extend(mavlink::encode(from, Outgoing::new(77, 143, payload), None));
+        assert_eq!(b.run(0.1).why, why, "{target:?}");
+    }
+}
+
+#[test]
 fn descent_before_the_autopilot_has_taken_the_helm() {
     // Within the lead nothing was commanded.
     let mut b = Bench::new();
@@ -332,57 +411,6 @@ fn descent_before_the_autopilot_has_taken_the_helm() {
 }
 
 #[test]
-fn no_before_the_heartbeat_that_shows_the_mode() {
-    // Wherever the heartbeats fall, and whether it takes the mode at once or later.
-    for (phase, takes_after_s) in (0..10).flat_map(|k| [(k, 0.0), (k, 0.3), (k, 0.9)]) {
-        let mut b = Bench::new();
-        (b.beat_s, b.takes_after_s) = ([1.0, 0.1 * f64::from(phase)], takes_after_s);
-        assert_eq!(b.run(2.0).state, Asked);
-        b.step_with(vec![true]);
-        while b.set_point.is_none() {
-            b.step_with(Vec::new());
-        }
-        b.run(0.1);
-        assert_eq!(b.step_with(vec![false]).why, HelmEnd::Refused);
-        b.run(5.0);
-        assert_eq!(
-            (b.mode, b.modes_set.first()),
-            (AUTO, Some(&GUIDED)),
-            "{phase} {takes_after_s}"
-        );
-        assert_eq!(b.node.checkpoint(), None);
-    }
-}
-
-#[test]
-fn former_mode_that_is_not_taken_back() {
-    let mut b = Bench::new();
-    assert_eq!(b.agreed(25.0).state, Steady);
-    b.denies = true;
-    b.demand = Demand::Nothing;
-    b.run(12.0);
-    assert_eq!(b.run(60.0).why, HelmEnd::NotGivenBack);
-    // Nobody is asked for a boat in that mode, who ever steers her.
-    b.demand = Demand::Comes;
-    assert_eq!(b.run(20.0).why, HelmEnd::NotGivenBack);
-    b.demand = Demand::Nothing;
-    b.run(15.0);
-    b.mode = MANUAL;
-    assert_eq!(b.run(1.0).state, Idle);
-    b.mode = GUIDED;
-    b.demand = Demand::Comes;
-    assert_eq!(b.run(5.0).state, Idle);
-    b.mode = AUTO;
-    assert_eq!(b.run(1.0).state, Asked);
-    // After a refusal, too.
-    let mut b = Bench::new();
-    b.agreed(8.0);
-    b.denies = true;
-    assert_eq!(b.step_with(vec![false]).why, HelmEnd::Refused);
-    assert_eq!(b.run(11.0).why, HelmEnd::NotGivenBack);
-}
-
-#[test]
 fn drone_that_comes_for_ever() {
     let mut b = Bench::new();
     b.agreed(1150.0);
@@ -390,28 +418,6 @@ fn drone_that_comes_for_ever() {
     assert_eq!(b.run(60.0).why, HelmEnd::TooLong);
     assert_eq!(b.mode, AUTO);
     assert_eq!(b.run(60.0).why, HelmEnd::TooLong, "once for a landing");
-}
-
-#[test]
-fn way_back_from_a_course() {
-    // Slower before than the boat is steered, and faster than the limits: as fast as she may, or not at all.
-    for (former_mps, back_mps) in [(1.0, None), (3.0, Some(3.0)), (6.0, Some(5.0))] {
-        let mut b = Bench::new();
-        b.own[1] = former_mps;
-        b.motion[1] = former_mps;
-        assert_eq!(b.agreed(25.0).state, Steady, "{former_mps}");
-        b.demand = Demand::Nothing;
-        while b.node.status().state != Done {
-            b.set_point = None;
-            b.step_with(Vec::new());
-        }
-        // Long enough for a set-point.
-        b.run(0.5);
-        let speed = b.set_point.map(|[_, speed]| (10.0 * speed).round() / 10.0);
-        assert_eq!(speed, back_mps, "{former_mps}");
-        b.run(60.0);
-        assert_eq!((b.mode, b.node.status().state), (AUTO, Idle));
-    }
 }
 
 #[test]
@@ -426,7 +432,7 @@ fn yes_by_the_switch_and_its_opening() {
     b.consent = false;
     assert_eq!(b.run(0.1).why, HelmEnd::Refused);
     let mut b = Bench::new();
-    b.run(1.0);
+    b.run(4.0);
     b.consent = true;
     assert_eq!(b.run(25.0).state, HelmState::Steady);
     b.consent = false;
@@ -504,28 +510,6 @@ fn descent_before_the_vessel_is_steady() {
 }
 
 #[test]
-fn helm_of_a_process_that_was_restarted() {
-    let mut b = Bench::new();
-    b.agreed(10.0);
-    let former = b.node.checkpoint();
-    assert_eq!(former.and_then(|f| f.mode), Some(AUTO));
-    let config = b.node.config.clone();
-    b.node = HelmNode::new(&config);
-    let bytes = b.boat(&[]);
-    let input = HelmIn {
-        bytes: Some(bytes),
-        checkpoint: former,
-        ..HelmIn::default()
-    };
-    b.t_s += 0.1;
-    let out = b.node.step(b.now(), &input);
-    assert_eq!(out.status.why, HelmEnd::Restarted);
-    b.run(3.0);
-    assert_eq!(b.mode, AUTO);
-    assert_eq!(b.node.checkpoint(), None);
-}
-
-#[test]
 fn marine_autopilot_by_nmea() {
     let mut b = Bench::with(&HelmConfig {
         output: HelmOutput::Nmea0183,
@@ -551,4 +535,41 @@ fn marine_autopilot_by_nmea() {
     let out = b.node.step(b.now(), &input);
     let text = String::from_utf8(out.bytes).unwrap();
     assert!(text.starts_with("$EIAPB,A,A,0.00,R,N,V,V,40.1,T,"), "{text}");
+}
+
+#[test]
+fn marine_autopilot_that_reports_its_mode() {
+    let mut b = Bench::with(&HelmConfig {
+        output: HelmOutput::Nmea0183,
+        connect: "serial:///dev/ttyUSB1:4800".into(),
+        ..HelmConfig::default()
+    });
+    b.run(1.0);
+    let mut reports = |answers: Vec<HelmAnswer>, after_s: f64, mode: &str| {
+        b.t_s += after_s;
+        let content = format!("AGHTD,V,,,{mode},N,,,,,340.0,,,T,A,A,A,339.0");
+        let sum = content.bytes().fold(0_u8, |sum, byte| sum ^ byte);
+        let motion = BoatMotion {
+            heading_rad: 0.0,
+            rate_radps: 0.0,
+            speed_mps: 5.0,
+        };
+        let input = HelmIn {
+            demand: Demand::Comes,
+            motion: Some((b.now(), motion)),
+            answers,
+            bytes: Some(format!("\r\n${content}*{sum:02X}\r\n").into_bytes()),
+            ..HelmIn::default()
+        };
+        b.node.step(b.now(), &input).status
+    };
+    let yes = HelmAnswer::Yes(AskedCourse {
+        heading_deg: 40,
+        speed_dmps: 50,
+    });
+    // He steers by hand until he has put it into track control, for which it wants our sentences.
+    assert_eq!(reports(vec![yes], 0.1, "M").state, HelmState::Agreed);
+    assert_eq!(reports(Vec::new(), 2.0, "M").state, HelmState::Agreed);
+    assert_eq!(reports(Vec::new(), 6.0, "T").state, HelmState::Agreed);
+    assert_eq!(reports(Vec::new(), 1.0, "S").why, HelmEnd::ModeChanged);
 }

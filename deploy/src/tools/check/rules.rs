@@ -539,6 +539,9 @@ fn deck_input(found: &DeckInputCheck) -> Finding {
     const TOPIC: Topic = Topic("deck");
     let input = format!("{}: {}", found.key, found.path);
     match &found.level {
+        Err(why) if deck_inputs::is_consent(&input) => {
+            TOPIC.warning(format!("{input}: {why}"), deck_inputs::CONSENT_REMEDY)
+        }
         Err(why) => TOPIC.warning(format!("{input}: {why}"), deck_inputs::REMEDY),
         Ok(active) => TOPIC.fine(format!("{input} holds {}", u8::from(*active))),
     }

@@ -8,16 +8,22 @@ use crate::demand::Demand;
 
 impl DeckArbiter {
     /// The most that a drone wants of the helm: the deck's owner, or one that comes where nobody has the deck. One on its way
-    /// down wants it for as long as a descent lasts, silent or not.
+    /// down wants it for as long as a descent lasts, silent or not, and so does an owner that falls silent above the deck,
+    /// where it may begin one unheard.
     pub fn demand(&self, now: Time<VesselClock>) -> Demand {
         let lasts = |d: &Drone| (now - d.received).secs() <= self.config.status_timeout_s;
         let owns = |d: &Drone| self.owner == Some(d.header.drone);
         let free = self.owner.is_none() && !self.drones.iter().any(|d| d.claim == Claim::OnDeck);
         let wants = |d: &Drone| match d.claim {
-            Claim::Landing if lasts(d) => Demand::Descends,
+            Claim::Landing if lasts(d) && is_on_its_way(d.state) => Demand::Descends,
             Claim::OnDeck if owns(d) => Self::on_deck(d, d.is_fresh(now), lasts(d)),
             Claim::Requesting | Claim::Above if d.is_fresh(now) && d.flies && (owns(d) || free) => {
                 Demand::Comes
+            }
+            Claim::Requesting | Claim::Above
+                if !d.is_fresh(now) && lasts(d) && d.flies && owns(d) && may_begin(d.state) =>
+            {
+                Demand::Descends
             }
             Claim::Away | Claim::Requesting | Claim::Above | Claim::Landing | Claim::OnDeck => {
                 Demand::Nothing
@@ -54,5 +60,50 @@ impl DeckArbiter {
     /// The helm states by order or switch that the vessel turns or may turn.
     pub fn is_turning(&self, now: Time<VesselClock>) -> bool {
         self.course.is_turning(now, &self.config)
+    }
+}
+
+/// It goes down or takes off, as far as is known. One that broke off may keep its claim near the deck, and needs no course.
+fn is_on_its_way(state: State) -> bool {
+    match state {
+        State::Descent
+        | State::Flare
+        | State::Countdown
+        | State::SpinUp
+        | State::TakeOff
+        | State::ClimbOut => true,
+        State::Idle
+        | State::GetAltitude
+        | State::Approach
+        | State::Tracking
+        | State::TrackingStable
+        | State::Landed
+        | State::Hold
+        | State::GaveUp
+        | State::Search
+        | State::Preparing
+        | State::StandDown => false,
+    }
+}
+
+/// A descent begins from this state.
+fn may_begin(state: State) -> bool {
+    match state {
+        State::Tracking | State::TrackingStable => true,
+        State::Idle
+        | State::GetAltitude
+        | State::Approach
+        | State::Descent
+        | State::Flare
+        | State::Landed
+        | State::Hold
+        | State::GaveUp
+        | State::Search
+        | State::Preparing
+        | State::Countdown
+        | State::SpinUp
+        | State::TakeOff
+        | State::ClimbOut
+        | State::StandDown => false,
     }
 }

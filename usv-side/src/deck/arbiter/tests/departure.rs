@@ -84,6 +84,28 @@ fn demand_of_the_helm_by_states() {
 }
 
 #[test]
+fn demand_of_the_helm_in_silence_and_after_a_descent() {
+    let wants = |rig: &Rig| rig.arbiter.demand(Time::from_secs(rig.t_s));
+    // Above the deck it may begin a descent unheard.
+    let mut rig = Rig::after(&[(State::Approach, 5.0), (State::TrackingStable, 2.0)]);
+    rig.run(&[], 1.5);
+    assert_eq!(wants(&rig), Demand::Comes);
+    rig.run(&[], 2.0);
+    assert_eq!(wants(&rig), Demand::Descends);
+    rig.run(&[], 60.0);
+    assert_eq!(wants(&rig), Demand::Nothing);
+    // One that broke off near the deck keeps its claim to it, and wants no course.
+    let mut rig = Rig::after(&[(State::Approach, 5.0), (State::Descent, 2.0)]);
+    rig.run(&[(1, State::Hold)], 1.0);
+    assert_eq!(wants(&rig), Demand::Nothing);
+    // After a restart nothing else is known of it.
+    let mut rig = Rig::after(&[(State::Approach, 5.0), (State::Descent, 2.0)]);
+    let left = rig.arbiter.checkpoint();
+    rig.restart(Some(left));
+    assert_eq!(wants(&rig), Demand::Descends);
+}
+
+#[test]
 fn demand_of_the_helm_by_the_decks_owner() {
     let wants = |rig: &Rig| rig.arbiter.demand(Time::from_secs(rig.t_s));
     // One that waits for a deck on which another stands wants nothing of the helm, so that she goes back.
