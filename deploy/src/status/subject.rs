@@ -119,6 +119,23 @@ pub fn commanded_drone(
     }
 }
 
+/// The vessel that an order aboard is for: the installed one, or by its name that of a landing, which has the vessel's file
+/// next to its memory.
+pub fn commanded_vessel(config: Option<&Path>, instance: Option<&str>) -> Result<VesselComputer, CliError> {
+    let Some(name) = instance.filter(|_| config.is_none()) else {
+        return Ok(config::load(config.unwrap_or(Path::new(SHIPPED[0])))?);
+    };
+    let file = Instance::new(name)?.directory().join("vessel.toml");
+    if !file.exists() {
+        return Err(CliError(format!(
+            "the processes {name} have no vessel's configuration beside their memory: name it with --config"
+        )));
+    }
+    let mut vessel: VesselComputer = config::load(&file)?;
+    vessel.instance = name.into();
+    Ok(vessel)
+}
+
 /// Whose processes are meant.
 #[derive(Args, Clone, Debug, Default)]
 pub struct Subject {

@@ -8,7 +8,6 @@ mod beacon;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use alight_shared::config;
 use alight_shared::msg::{
     AskedCourse, Command, CommandKind, DeckOrder, DroneContact, HelmAnswer, HelmStatus, MissionState,
     Unheard, VesselStatus,
@@ -23,7 +22,7 @@ use crate::config::VesselComputer;
 use crate::exit::{CliError, Exit};
 use crate::process::instance::is_running;
 use crate::process::local_command::{LocalCommand, answer};
-use crate::status::subject::{SHIPPED, commanded_drone};
+use crate::status::subject::{commanded_drone, commanded_vessel};
 use crate::terminal;
 use crate::vessel::crew::OrderOnItsWay;
 
@@ -145,12 +144,6 @@ pub struct CommandArgs {
     pub json: bool,
 }
 
-impl CommandArgs {
-    fn vessel_config(&self) -> PathBuf {
-        self.config.clone().unwrap_or_else(|| SHIPPED[0].into())
-    }
-}
-
 /// Commands, waits for the mission's answer and shows it.
 pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
     match args.order {
@@ -240,12 +233,12 @@ fn question(helm: &HelmStatus, named: Option<&str>) -> Result<AskedCourse, CliEr
 
 /// The computer of the vessel, on which `what` is done.
 fn on_board(args: &CommandArgs, what: &str) -> Result<VesselComputer, CliError> {
-    if args.vessel.is_some() || args.instance.is_some() {
+    if args.vessel.is_some() {
         return Err(CliError(format!(
-            "{what} on the vessel's own computer: no --vessel, no --instance"
+            "{what} on the vessel's own computer: no --vessel"
         )));
     }
-    Ok(config::load(&args.vessel_config())?)
+    commanded_vessel(args.config.as_deref(), args.instance.as_deref())
 }
 
 /// Gives an order to the vessel's process on this computer; the status that names it, None where it did not take it.
@@ -267,7 +260,7 @@ fn join(name: &str, unit: &str, other: &str) -> Result<Memory, CliError> {
 }
 
 /// How another vessel's process is named.
-const NAMED: &str = "name its configuration with --config";
+const NAMED: &str = "name its configuration with --config, or a landing's with --instance";
 /// What to do about an order that was not taken.
 const NOT_TAKEN: &str =
     "the vessel's process has not taken it: systemctl status alight-vessel, and order it again";

@@ -101,7 +101,8 @@ impl Response {
         let steady = off[0] <= STEADY[0] && off[1] <= STEADY[1] && motion.rate_radps.abs() <= STEADY[2];
         self.steady = steady.then(|| self.steady.unwrap_or(now));
         let part = 1.0 - (-(now - self.observed).secs() / FEW_WAVES_S).exp();
-        for (mean, error) in self.mean.iter_mut().zip(self.errors(motion)) {
+        let errors = self.errors(motion);
+        for (mean, error) in self.mean.iter_mut().zip(errors) {
             *mean += part * (error - *mean);
         }
         self.observed = now;
