@@ -199,7 +199,7 @@ fn mission_chosen_again_after_the_turn_back() {
 
 /// What a person may have ended meanwhile is not begun again: by a link that is started anew, or after a disarm.
 #[test]
-fn arming_is_not_repeated_for_a_person() {
+fn arming_that_a_person_may_have_ended() {
     for firmware in BOTH {
         let mut p = standing(firmware);
         p.mission = State::SpinUp;
