@@ -129,7 +129,11 @@ fn stop_that_outlasts_its_landing() {
         p.assert_commanding();
         p.pilot = Some(stop);
         p.run(5.0);
-        assert!(p.truth().position.0.z > -0.5, "{firmware:?}: {:?}", p.truth());
+        assert!(
+            p.truth().position.0.z > -0.5,
+            "{firmware:?}: {}",
+            p.truth().position.0.z
+        );
         p.mission = State::StandDown;
         p.run(2.0);
         assert!(!p.linked.autopilot.armed(), "{firmware:?}");
