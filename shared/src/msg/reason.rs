@@ -223,6 +223,8 @@ pub enum ReasonCode {
     TooDark,
     /// Autopilots of two vehicles are heard on the link: the system that is listened to, and the other.
     SeveralAutopilots,
+    /// The remote control's switch is held where it aborts.
+    SwitchAborts,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -498,6 +500,9 @@ impl fmt::Display for Reason {
                 f,
                 "the autopilot has not aligned its heading (PX4: ESTIMATOR_STATUS, ArduPilot: EKF_STATUS_REPORT)"
             ),
+            ReasonCode::SwitchAborts => {
+                write!(f, "the remote control's switch stands on abort")
+            }
             ReasonCode::SeveralAutopilots => write!(
                 f,
                 "autopilots of two vehicles are heard, {v:.0} and {l:.0}: set autopilot.vehicle"

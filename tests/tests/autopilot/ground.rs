@@ -459,7 +459,10 @@ fn parameters_that_stay() {
         assert_eq!(rejected(&mut p, 0, 12.0, ""), (false, 0));
         p.settable = false;
         p.run(0.1);
-        assert_eq!(rejected(&mut p, 191, 12.0, "a landing is ordered"), (true, 1));
+        assert_eq!(
+            rejected(&mut p, 191, 12.0, "landing or take-off ordered"),
+            (true, 1)
+        );
         p.settable = true;
         p.linked.autopilot.arm(true);
         p.run(1.5);

@@ -129,7 +129,11 @@ fn stop_that_outlasts_its_landing() {
         p.assert_commanding();
         p.pilot = Some(stop);
         p.run(5.0);
-        assert!(p.truth().position.0.z > -0.5, "{firmware:?}: {:?}", p.truth());
+        assert!(
+            p.truth().position.0.z > -0.5,
+            "{firmware:?}: {}",
+            p.truth().position.0.z
+        );
         p.mission = State::StandDown;
         p.run(2.0);
         assert!(!p.linked.autopilot.armed(), "{firmware:?}");
@@ -199,7 +203,7 @@ fn mission_chosen_again_after_the_turn_back() {
 
 /// What a person may have ended meanwhile is not begun again: by a link that is started anew, or after a disarm.
 #[test]
-fn arming_is_not_repeated_for_a_person() {
+fn arming_that_a_person_may_have_ended() {
     for firmware in BOTH {
         let mut p = standing(firmware);
         p.mission = State::SpinUp;

@@ -159,6 +159,9 @@ pub(crate) struct AuthorityStateMachine {
     control_authority: ControlAuthority,
     since: DroneTime,
     confirmations: u32,
+    /// Our set-points were followed since, and nobody has taken it: what is flown is not left where it is because a second
+    /// autopilot comes into reach.
+    flown: bool,
     /// The permission is used up until the mode is left.
     revoked: Option<Diversion>,
 }
@@ -175,6 +178,11 @@ impl AuthorityStateMachine {
     /// The link before this one commanded until a moment ago: its heartbeats confirm the permission.
     pub(crate) fn resume(&mut self) {
         self.confirmations = CONFIRMATIONS;
+        self.flown = true;
+    }
+    /// Another autopilot is listened to.
+    pub(crate) fn forget(&mut self) {
+        (self.confirmations, self.flown) = (0, false);
     }
     /// The drone is handed to the autopilot; only a new permission brings it back.
     pub(crate) fn divert(&mut self, now: DroneTime, to: Diversion) {
@@ -190,6 +198,7 @@ impl AuthorityStateMachine {
             } else {
                 0
             };
+            self.flown &= f.armed && (ours || f.lapsed);
         }
         if !f.alive {
             self.confirmations = 0;
@@ -209,8 +218,7 @@ impl AuthorityStateMachine {
             (ours || now - self.since >= quiet, self.control_authority)
         {
             ControlAuthority::TakenOver { mode: f.mode }
-        } else if f.several && !self.control_authority.commands() {
-            // What is flown already is not left where it is because a second one comes into reach.
+        } else if f.several && !self.flown {
             ControlAuthority::SeveralAutopilots
         } else if !f.clock {
             ControlAuthority::NoClock
@@ -235,6 +243,7 @@ impl AuthorityStateMachine {
         } else {
             self.control_authority
         };
+        self.flown |= next.commands();
         self.enter(now, next);
         self.control_authority
     }
@@ -332,6 +341,29 @@ mod tests {
         let mut a = AuthorityStateMachine::default();
         run(&mut a, 0, &[READY; 3]);
         assert!(run(&mut a, 60, &[several; 3]).iter().all(|s| s.commands()));
+        // Nor once its odometry is back, or its own hold for want of set-points has ended.
+        let gap = Evidence {
+            odometry: false,
+            ..several
+        };
+        assert_eq!(
+            run(&mut a, 120, &[gap, several]),
+            [ControlAuthority::NoOdometry, ControlAuthority::Commanding]
+        );
+        let mode = AutopilotMode::Hold;
+        let hold = Evidence {
+            mode,
+            lapsed: true,
+            ..several
+        };
+        assert_eq!(run(&mut a, 160, &[hold]), [ControlAuthority::Standby { mode }]);
+        // A person's mode ends it.
+        let person = Evidence {
+            mode: AutopilotMode::Other,
+            ..several
+        };
+        let s = run(&mut a, 180, &[person, several, several]);
+        assert_eq!(s[2], ControlAuthority::SeveralAutopilots);
     }
 
     #[test]

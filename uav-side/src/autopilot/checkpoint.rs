@@ -72,8 +72,6 @@ impl AutopilotLink {
             peer
         });
         peer.parameters.trust_thrust();
-        // It flew this one, whoever else is heard.
-        self.config.vehicle = m.vehicle;
         self.clock.resume(now, m.clock_offset_ns, m.clock_error_s);
         self.datum.get_or_insert(m.datum);
         self.geoid_m.get_or_insert(m.geoid_m);

@@ -348,6 +348,7 @@ impl AutopilotLink {
             }
             peer => {
                 *peer = Some(Peer::new(from, firmware, now, &self.config, self.attitudes));
+                self.authority.forget();
                 self.clock.forget();
                 self.new_frame();
                 self.heading = HeadingAlignment::default();

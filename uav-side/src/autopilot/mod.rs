@@ -441,6 +441,9 @@ impl AutopilotLink {
     }
     /// What forbids a landing and a take-off, by all that is known on the link.
     fn rejection(&self, now: DroneTime, p: &Peer) -> Reason {
+        if self.switch.is_held_on_abort() {
+            return ReasonCode::SwitchAborts.into();
+        }
         if let Some(other) = self.other_autopilot(now) {
             let own = f64::from(p.address.system);
             return Reason::new(ReasonCode::SeveralAutopilots, own, f64::from(other));

@@ -141,6 +141,12 @@ impl RcSwitch {
     pub(super) fn bars(&self) -> bool {
         self.position == Some(Position::Low) || self.given.is_some_and(|o| o.kind() == CommandKind::Abort)
     }
+    /// It is held where it aborts: whoever orders a landing or a take-off, a person holds the drone back. One that is being moved
+    /// away holds nothing back, so that what it commands then is not refused.
+    pub(super) fn is_held_on_abort(&self) -> bool {
+        let low = |p: Position| p == Position::Low;
+        self.position.is_some_and(low) && self.candidate.is_none_or(|c| low(c.position))
+    }
     /// A command that the switch gave.
     pub(super) fn give(&mut self, header: Header<DroneClock>, kind: CommandKind) {
         self.given = Some(Order::new(header, kind));
@@ -235,6 +241,21 @@ mod tests {
                 assert_eq!(commands(reports_health, course), expected, "{course:?}");
             }
         }
+    }
+
+    #[test]
+    fn rc_switch_held_on_abort() {
+        let mut switch = RcSwitch::default();
+        let mut held = |from_s: f64, pulse_us: u16| {
+            for k in 0..10 {
+                switch.on_channels(at(from_s + 0.1 * f64::from(k)), CHANNEL, &channels(pulse_us));
+            }
+            switch.is_held_on_abort()
+        };
+        assert_eq!([held(0.0, 1500), held(1.0, 1000)], [false, true]);
+        // High commands once it has been held for longer than this.
+        assert!(!held(2.0, 2000));
+        assert_eq!([held(3.0, 1000), held(4.0, 65535)], [true, false], "lost");
     }
 
     #[test]

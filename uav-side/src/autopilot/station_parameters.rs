@@ -300,7 +300,7 @@ impl AutopilotLink {
         let alive = peer.is_some_and(|p| (now - p.heartbeat_at).secs() <= self.config.heartbeat_loss_s);
         match peer {
             Some(p) if p.armed => Some("the drone is armed"),
-            Some(_) if alive => (!mission.settable).then_some("a landing is ordered"),
+            Some(_) if alive => (!mission.settable).then_some("landing or take-off ordered"),
             Some(_) | None => Some("the autopilot is silent"),
         }
     }

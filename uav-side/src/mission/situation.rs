@@ -547,6 +547,10 @@ impl Situation {
         });
         Some([distance_m * bearing.cos(), distance_m * bearing.sin()])
     }
+    /// Why no order to land or to take off counts: a person at the remote control holds the drone back.
+    pub fn held_back(&self) -> Option<Reason> {
+        self.rejection.filter(|why| why.code == ReasonCode::SwitchAborts)
+    }
     /// The deck, when forecast and odometry are fresh.
     pub fn fresh_deck(&self) -> Option<&Deck> {
         if self.forecast_age_s <= self.forecast_limit_s && self.odometry_age_s <= self.odometry_limit_s {

@@ -78,6 +78,9 @@ pub(super) fn commanded(
     if !rests {
         return None;
     }
+    if let Some(why) = s.held_back() {
+        return Some(phase.enter(why));
+    }
     if !c.takeoff || c.mode == LandingMode::Shadow {
         return Some(phase.enter(TakeOffOff));
     }

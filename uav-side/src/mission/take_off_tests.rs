@@ -3,8 +3,8 @@
 use alight_shared::msg::ReasonCode::{
     Arming, ArmingRejected, BatteryLow, ClearOfDeck, CountedDown, Counting, DeckGrantStale, DeckReserved,
     Disarmed, DoesNotRise, ForecastStale, GoodMoment, HelmTurns, NoMoment, NotCleared, NotOnDeck, Operator,
-    OrderExpired, SpinningUp, StillArmed, TakeOffBattery, TakeOffCommanded, TakeOffOff, TakeOffTilted,
-    TakenOff, TipsOver, VesselTurns,
+    OrderExpired, SpinningUp, StillArmed, SwitchAborts, TakeOffBattery, TakeOffCommanded, TakeOffOff,
+    TakeOffTilted, TakenOff, TipsOver, VesselTurns,
 };
 use alight_shared::msg::{AutopilotMode, Course, DeckGrant, LandingMode};
 use nalgebra::Vector3;
@@ -92,6 +92,16 @@ fn order_to_take_off() {
         follows(MissionPhase::Idle, order, &fair()),
         (State::Idle, NotOnDeck)
     );
+    // The pilot holds it back: nothing waits for the switch, whoever ordered it.
+    let held = standing(|s| s.rejection = Some(SwitchAborts.into()));
+    for kind in [CommandKind::TakeOff, CommandKind::Land] {
+        let d = decided(MissionPhase::Idle, Some(kind), &held);
+        assert_eq!(
+            (d.phase, d.entered),
+            (MissionPhase::Idle, Some(SwitchAborts.into()))
+        );
+        assert!(!d.progress.landing);
+    }
     let d = decided(MissionPhase::TRACKING, order, &fair());
     assert_eq!(d.phase.state(), State::Tracking);
 }

@@ -355,6 +355,10 @@ fn commanded(
             {
                 return None;
             }
+            if let Some(why) = s.held_back() {
+                // A landing that is completed in any case is not refused.
+                return (!stopped).then(|| phase.enter(why));
+            }
             progress.landing = true;
             progress.stopped = false;
             progress.attempts = 0;
