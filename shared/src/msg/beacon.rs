@@ -28,6 +28,8 @@ pub enum BeaconSource {
     GlobalPosition,
     /// `FOLLOW_TARGET` of a ground station or a phone.
     FollowTarget,
+    /// The vessel itself, as radio and camera had it when it was known last.
+    Vessel,
 }
 
 impl BeaconSource {
@@ -37,6 +39,7 @@ impl BeaconSource {
             BeaconSource::Operator => "an operator's order",
             BeaconSource::GlobalPosition => "GLOBAL_POSITION_INT",
             BeaconSource::FollowTarget => "FOLLOW_TARGET",
+            BeaconSource::Vessel => "the vessel when it was known last",
         }
     }
 }
