@@ -153,7 +153,12 @@ fn radio_lost_for_good_on_the_way() {
 #[test]
 #[ignore = "80 flights: ten minutes"]
 fn radio_lost_for_good_from_any_state() {
-    for state in [State::GetAltitude, State::Approach, State::Tracking, State::Descent] {
+    for state in [
+        State::GetAltitude,
+        State::Approach,
+        State::Tracking,
+        State::Descent,
+    ] {
         let (mut landed, mut harmed) = (0, Vec::new());
         for seed in 500..520 {
             let hull = HULLS[seed as usize % HULLS.len()];
@@ -169,6 +174,9 @@ fn radio_lost_for_good_from_any_state() {
             }
         }
         println!("{state:?}: {landed} of 20 landed, unsafe {harmed:?}");
-        assert!(landed >= 16 && harmed.len() <= 1, "{state:?}: {landed}, {harmed:?}");
+        assert!(
+            landed >= 16 && harmed.len() <= 1,
+            "{state:?}: {landed}, {harmed:?}"
+        );
     }
 }

@@ -253,9 +253,9 @@ pub fn several(forecast: &DeckForecast) -> Option<Reason> {
 
 /// Which two witnesses of the deck contradict each other.
 fn contradicted(forecast: &DeckForecast) -> Option<Reason> {
-    let elsewhere = forecast.place_apart_m.and_then(|[apart, limit]| {
-        exceeds(ReasonCode::DeckElsewhere, apart, limit)
-    });
+    let elsewhere = forecast
+        .place_apart_m
+        .and_then(|[apart, limit]| exceeds(ReasonCode::DeckElsewhere, apart, limit));
     let height_sd = forecast.height_nis.map(f64::sqrt);
     elsewhere.or_else(|| exceeds(ReasonCode::HeightContradicted, height_sd?, MAX_HEIGHT_SD))
 }

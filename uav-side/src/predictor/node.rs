@@ -269,7 +269,7 @@ impl Predictor {
             return Err(RejectionReason::Duplicate);
         }
         let o = observation::estimate(e, self.clock_sd_s);
-        self.decks.report(&o);
+        self.decks.report(&o, observation::deck_height(e));
         self.fuse(&o)?;
         if self.radio_at.is_none_or(|t| e.header.at > t) {
             self.radio_at = Some(e.header.at);
