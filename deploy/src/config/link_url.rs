@@ -66,6 +66,23 @@ impl LinkUrl {
     }
 }
 
+impl LinkUrl {
+    /// An address at which a receiver's sentences are read: any but a boat's bus. Who sends them is not known anywhere.
+    pub fn of_sentences(text: &str) -> Result<LinkUrl, String> {
+        let url: LinkUrl = text.parse()?;
+        match &url {
+            LinkUrl::Can(_) | LinkUrl::SignalK(..) => Err(format!(
+                "the address {text:?} is a boat's bus, and no line of NMEA 0183; {FORMS}"
+            )),
+            LinkUrl::UdpIn(..)
+            | LinkUrl::TcpIn(..)
+            | LinkUrl::UdpOut(_)
+            | LinkUrl::TcpOut(_)
+            | LinkUrl::Serial(..) => Ok(url),
+        }
+    }
+}
+
 /// Only this computer reaches it.
 fn is_own(at: &str) -> bool {
     let host = at.rsplit_once(':').map_or(at, |(host, _)| host);

@@ -113,6 +113,9 @@ config! {
         if this.supervision.autopilot && let Err(why) = LinkUrl::of_autopilot(&this.autopilot.connect) {
             at.table("autopilot").require(false, "connect", &this.autopilot.connect, &why)?;
         }
+        if !this.autopilot.ais.is_empty() && let Err(why) = LinkUrl::of_sentences(&this.autopilot.ais) {
+            at.table("autopilot").require(false, "ais", &this.autopilot.ais, &why)?;
+        }
         let own = &this.drone;
         let [fx, fy] = own.camera.lens.focal_px;
         let longest_s = longest_exposure_s(

@@ -1,9 +1,11 @@
 //! The link to a real autopilot as a process, in place of the simulated one: bytes of the link to the node and
 //! back, the node's output to the topics that predictor, mission, planner and pilot read. Its checkpoint goes
-//! to the supervisor, which republishes it to a link that begins. Its metrics: uncertainty of the autopilot's
+//! to the supervisor, which republishes it to a link that begins. Sentences of an AIS receiver come by a link of their own, and
+//! are frames of nobody's to the node. Its metrics: uncertainty of the autopilot's
 //! clock (s), samples rejected, resets of its clock, hover thrust, set-points sent, times the link was
 //! reopened, datagrams of others than the autopilot, frames by their signatures.
 
+use std::future::pending;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -17,7 +19,8 @@ use alight_shared::transport::memory::{Instance, Memory};
 use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessKind;
 use alight_shared::transport::readiness::watched;
-use alight_uav::autopilot::message::{AUTOPILOT_COMPONENT, Address};
+use alight_uav::autopilot::ais::AisDecoder;
+use alight_uav::autopilot::message::{AUTOPILOT_COMPONENT, Address, Frame, Message};
 use alight_uav::autopilot::wire::{Decoder, Encoder};
 use alight_uav::autopilot::{AutopilotIn, AutopilotLink, MAX_FRAMES};
 use alight_uav::pilot::Output;
@@ -96,6 +99,42 @@ impl Speakers {
     }
 }
 
+/// A receiver of AIS, where there is one.
+struct AisReceiver {
+    link: Option<ByteLink>,
+    decoder: AisDecoder,
+}
+
+impl AisReceiver {
+    /// At this address; empty: none.
+    async fn at(address: &str) -> Result<AisReceiver, CliError> {
+        let link = match address {
+            "" => None,
+            some => Some(ByteLink::of_several(LinkUrl::of_sentences(some).map_err(CliError)?, None).await?),
+        };
+        Ok(AisReceiver {
+            link,
+            decoder: AisDecoder::default(),
+        })
+    }
+    /// Waits for bytes; for ever without a receiver.
+    async fn read(&mut self) {
+        match &mut self.link {
+            Some(link) => link.read(|bytes| self.decoder.push(bytes)).await,
+            None => pending().await,
+        }
+    }
+    /// The next report, from no system of the autopilot's link.
+    fn next_frame(&mut self) -> Option<Frame> {
+        let message = Message::Ais(self.decoder.next_report()?);
+        let from = Address::new(0, 0);
+        Some(Frame { from, message })
+    }
+    fn last_error(&mut self) -> Option<String> {
+        self.link.as_mut()?.last_error()
+    }
+}
+
 /// Runs until it is asked to end.
 pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
     runtime::block_on(fly(args))
@@ -109,6 +148,7 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
     let speakers = Speakers::new(signing.as_ref());
     let speaks = speakers.of_vehicle(computer.autopilot.vehicle);
     let mut link = ByteLink::with_peer(url.clone(), Some(speaks)).await?;
+    let mut ais = AisReceiver::at(&computer.autopilot.ais).await?;
     let make = |boot| node(&computer, boot);
     let mut process = Process::start(ProcessKind::Autopilot, &args.process, computer.clock, make)?;
     let memory = Memory::join(&Instance::new(&computer.instance)?, ProcessKind::Autopilot.name())?;
@@ -136,6 +176,7 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
         if !more {
             tokio::select! {
                 () = link.read(|bytes| decoder.push(bytes)) => {}
+                () = ais.read() => {}
                 woken = wakes.readable() => {
                     let mut woken = woken.doing("waiting for set-points")?;
                     woken.get_inner().drain();
@@ -146,7 +187,7 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
         }
         let mut input = AutopilotIn::default();
         while input.received.len() < MAX_FRAMES
-            && let Some(frame) = decoder.next_frame()
+            && let Some(frame) = decoder.next_frame().or_else(|| ais.next_frame())
         {
             input.received.push(frame);
         }
@@ -180,7 +221,8 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
             out.odometry.iter().for_each(|m| odometry.send(m));
             !input.received.is_empty()
         });
-        for text in out.texts.iter().chain(link.last_error().as_ref()) {
+        let errors = [link.last_error(), ais.last_error()];
+        for text in out.texts.iter().chain(errors.iter().flatten()) {
             info!("autopilot: {text}");
         }
         let f = process.node().metrics(now);
@@ -220,7 +262,7 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_uav::autopilot::message::{COMPANION_COMPONENT, Message};
+    use alight_uav::autopilot::message::COMPANION_COMPONENT;
 
     #[test]
     fn datagram_that_makes_its_sender_the_peer() {

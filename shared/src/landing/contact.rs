@@ -162,6 +162,19 @@ mod tests {
         for (k, change) in worse.iter().enumerate() {
             assert!(whole(change) < 0.95, "{k}");
         }
-        assert!(whole(&|c| c.place_sd_m = f64::NAN) < 1e-12);
+        let none: [&dyn Fn(&mut Contact); 9] = [
+            &|c| c.place_sd_m = f64::NAN,
+            &|c| c.speed_mps = f64::NAN,
+            &|c| c.turn_mps = f64::NAN,
+            &|c| c.left_mps = f64::NAN,
+            &|c| c.unforeseen_mps = [f64::NAN, 0.05],
+            &|c| c.parted_mps = f64::NAN,
+            &|c| c.tilt_sd_rad = f64::NAN,
+            &|c| c.wind.mean.x = f64::NAN,
+            &|c| c.stays = f64::NAN,
+        ];
+        for (k, change) in none.iter().enumerate() {
+            assert!(whole(change) < 1e-12, "{k}");
+        }
     }
 }

@@ -44,13 +44,22 @@ pub fn below(z: f64) -> f64 {
     0.5 + half.copysign(z)
 }
 
+/// The larger of two figures; NaN where one is, which `f64::max` would hide.
+pub fn larger(a: f64, b: f64) -> f64 {
+    if a.is_nan() || a > b { a } else { b }
+}
+/// The smaller of two figures; NaN where one is.
+pub fn smaller(a: f64, b: f64) -> f64 {
+    if a.is_nan() || a < b { a } else { b }
+}
+
 /// Probability that a plane's normal figure with the mean `mean` from the middle and the standard deviation `sd` of each
 /// axis lies within `radius` of the middle (Rice), to 5e-5: with `x = radius sin t = mean + sd u`
-/// `∫ phi(u) erf(radius cos t / (sd sqrt 2)) (radius cos t / sd) dt`.
+/// `∫ phi(u) erf(radius cos t / (sd sqrt 2)) (radius cos t / sd) dt`. NaN where mean, spread or radius is.
 pub fn inside(mean: f64, sd: f64, radius: f64) -> f64 {
     /// Standard deviations to either side beyond which nothing is left.
     const REACH: f64 = 6.0;
-    if !(sd > 0.0) {
+    if sd <= 0.0 {
         return f64::from(mean < radius);
     }
     let angle = |u: f64| ((mean + sd * u) / radius).clamp(-1.0, 1.0).asin();
@@ -62,7 +71,7 @@ pub fn inside(mean: f64, sd: f64, radius: f64) -> f64 {
         (-0.5 * u * u).exp() * erf(across * FRAC_1_SQRT_2) * across
     };
     let sum: f64 = NODES.iter().map(|[x, w]| w * (part(*x) + part(-*x))).sum();
-    (sum * half / TAU.sqrt()).min(1.0)
+    smaller(sum * half / TAU.sqrt(), 1.0)
 }
 
 #[cfg(test)]
@@ -95,6 +104,18 @@ mod tests {
         // Far off along one axis it is that axis's alone.
         assert!((inside(0.8, 0.05, 1.0) - below(4.0)).abs() < 1e-3);
         assert!(inside(2.0, 0.1, 1.0) < 1e-6 && inside(0.5, 0.0, 1.0) > 0.999);
+    }
+
+    #[test]
+    fn probability_inside_of_no_number() {
+        for [mean, sd, radius] in [[f64::NAN, 0.1, 1.0], [0.1, f64::NAN, 1.0], [0.1, 0.1, f64::NAN]] {
+            assert!(inside(mean, sd, radius).is_nan(), "{mean} {sd} {radius}");
+        }
+        assert!(inside(f64::NAN, 0.0, 1.0) < 1e-12);
+        for (a, b) in [(f64::NAN, 1.0), (1.0, f64::NAN)] {
+            assert!(larger(a, b).is_nan() && smaller(a, b).is_nan());
+        }
+        assert_eq!((larger(1.0, 2.0), smaller(1.0, 2.0)), (2.0, 1.0));
     }
 
     #[test]

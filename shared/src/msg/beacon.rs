@@ -28,6 +28,10 @@ pub enum BeaconSource {
     GlobalPosition,
     /// `FOLLOW_TARGET` of a ground station or a phone.
     FollowTarget,
+    /// Its AIS transponder.
+    Ais,
+    /// The vessel itself, as radio and camera had it when it was known last.
+    Vessel,
 }
 
 impl BeaconSource {
@@ -37,6 +41,8 @@ impl BeaconSource {
             BeaconSource::Operator => "an operator's order",
             BeaconSource::GlobalPosition => "GLOBAL_POSITION_INT",
             BeaconSource::FollowTarget => "FOLLOW_TARGET",
+            BeaconSource::Ais => "AIS",
+            BeaconSource::Vessel => "the vessel when it was known last",
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The simulated world without any of Alight's nodes: sea, vessel, drones, the sensors of all. The lock-step [`super::world::World`] and the process of the simulated vehicles share it.
 //!
-//! Each drone meets the deck and the water alone. Two whose spans overlap have collided: that is counted, and they fly on.
+//! Each drone meets the nearest deck and the water alone. Two whose spans overlap have collided: that is counted, and they fly on.
 //! Drones fly through keep-out volumes, which the judge counts.
 
 mod neighbour;
@@ -91,18 +91,23 @@ impl Plant {
         self.sequence += 1;
         self.identity.header(self.sequence, t)
     }
-    /// Moves on by a tick from `t` while the deck goes from `deck[0]` to `deck[1]`.
+    /// Moves on by a tick from `t` while the deck goes from `own[0]` to `own[1]`, and another boat's likewise: the drone meets the
+    /// nearer one.
     fn advance(
         &mut self,
         t: Time<TrueTime>,
         exchanges: u32,
-        deck: &[RigidState<Deck>; 2],
+        own: &[RigidState<Deck>; 2],
+        other: Option<&[RigidState<Deck>; 2]>,
         water: impl Fn(f64, f64) -> f64,
         motors: impl FnMut(&PlantState) -> Option<[f64; MAX_ROTORS]>,
     ) {
         self.contacts.clear();
         let Some(drone) = &mut self.drone else { return };
         let at = drone.truth().position.0;
+        let apart = |d: &[RigidState<Deck>; 2]| (at - d[0].position.0).xy().norm();
+        let other = other.filter(|other| apart(other) < apart(own));
+        let deck = other.unwrap_or(own);
         let water_z = water(at.x, at.y);
         let reports = drone.step(t, TICK, deck, water_z, exchanges.max(1), motors);
         for report in reports {
@@ -110,7 +115,7 @@ impl Plant {
             self.motors_on = report.armed;
             self.contacts.extend(report.impacts.iter().map(|i| ContactEvent {
                 foot: matches!(i.part, Part::Foot(_)),
-                on_deck: i.position.0.z < BELOW_SURFACE_M,
+                on_deck: other.is_none() && i.position.0.z < BELOW_SURFACE_M,
                 normal_mps: i.normal_mps,
                 tangential_mps: i.tangential_mps,
             }));
@@ -331,16 +336,20 @@ impl Physics {
         mut motors: impl FnMut(usize, &PlantState) -> Option<[f64; MAX_ROTORS]>,
     ) {
         let (t, before, lift) = (self.t, self.deck(), self.carrier.water_lift());
+        let other_before = self.neighbour_deck();
         self.carrier.step(t, TICK.secs(), &self.sea);
         self.neighbour.iter_mut().for_each(|n| n.step(t, TICK));
         let deck = [before, self.deck()];
+        let other = other_before.zip(self.neighbour_deck()).map(|(a, b)| [a, b]);
         for k in 0..self.drones.len() {
             let Some(plant) = self.drones.get_mut(k) else {
                 continue;
             };
             let sea = &self.sea;
             let water = |north: f64, east: f64| sea.surface(t, north, east).surface_z() - lift;
-            plant.advance(t, exchanges, &deck, water, |state| motors(k, state));
+            plant.advance(t, exchanges, &deck, other.as_ref(), water, |state| {
+                motors(k, state)
+            });
             if let Some(truth) = plant.truth() {
                 self.hash(truth.position.0.as_slice());
                 self.hash(truth.attitude.0.coords.as_slice());

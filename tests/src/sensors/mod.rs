@@ -239,7 +239,7 @@ impl DroneSensors {
     ) -> DroneReadings {
         let view = self.mount.view(drone);
         let mut readings = DroneReadings {
-            ranges: self.rangefinder.step(t, drone, deck, water),
+            ranges: self.rangefinder.step(t, drone, deck, self.other.as_ref(), water),
             beacons: self.beacon.as_mut().map_or_else(Vec::new, |b| b.step(t, deck)),
             ..DroneReadings::default()
         };

@@ -105,11 +105,17 @@ impl Rangefinder {
         t: Time<TrueTime>,
         drone: &RigidState<DroneBody>,
         deck: &RigidState<Deck>,
+        other: Option<&RigidState<Deck>>,
         water: impl Fn(f64, f64) -> f64,
     ) -> Vec<RangeSample> {
         if self.outlet.due(t).is_some() {
             let (white, luck) = (self.white.normal(), self.miss.uniform());
-            let echo = self.echo(drone, deck, &water);
+            let decks = [Some(deck), other].into_iter().flatten();
+            let nearest = decks
+                .filter_map(|d| self.on_deck(drone, d))
+                .min_by(f64::total_cmp);
+            let eye = drone.at::<DroneBody>(self.place).position.0;
+            let echo = nearest.map_or_else(|| self.water(eye, drone.attitude.down().0, &water), Echo::Deck);
             self.failed |= matches!(echo, Echo::Deck(r) if r <= self.config.fails_below_m);
             let fault = if self.failed {
                 self.config.fault
@@ -119,10 +125,7 @@ impl Rangefinder {
             let echo = match fault {
                 RangefinderFault::None | RangefinderFault::Invalid => echo,
                 RangefinderFault::Feet => Echo::Deck(self.feet_m),
-                RangefinderFault::Water => {
-                    let eye = drone.at::<DroneBody>(self.place).position;
-                    self.water(eye.0, drone.attitude.down().0, &water)
-                }
+                RangefinderFault::Water => self.water(eye, drone.attitude.down().0, &water),
             };
             let met = match echo {
                 Echo::Deck(r) if luck >= self.config.deck_miss => Some(r),
@@ -147,13 +150,8 @@ impl Rangefinder {
         }
         self.outlet.arrived(t)
     }
-    /// Follows the beam to the deck's rectangle or the water.
-    fn echo(
-        &self,
-        drone: &RigidState<DroneBody>,
-        deck: &RigidState<Deck>,
-        water: impl Fn(f64, f64) -> f64,
-    ) -> Echo {
+    /// Follows the beam to a deck's rectangle: how far that is, m.
+    fn on_deck(&self, drone: &RigidState<DroneBody>, deck: &RigidState<Deck>) -> Option<f64> {
         let eye = drone.at::<DroneBody>(self.place).position;
         let beam = drone.attitude.down();
         let to_deck = deck.attitude.inverse();
@@ -161,11 +159,9 @@ impl Rangefinder {
         if along.0.z > 1e-6 && from.0.z < 0.0 {
             let r = -from.0.z / along.0.z;
             let hit = from.0 + along.0 * r;
-            if hit.x.abs() <= self.half[0] && hit.y.abs() <= self.half[1] {
-                return Echo::Deck(r);
-            }
+            return (hit.x.abs() <= self.half[0] && hit.y.abs() <= self.half[1]).then_some(r);
         }
-        self.water(eye.0, beam.0, water)
+        None
     }
     /// Meets the surface by fixed-point steps along the beam: each evaluates the surface under
     /// the last guess. They contract by (slope x tan tilt), below 0.2 in flight.

@@ -3,8 +3,9 @@
 use alight_shared::msg::{ReasonCode, State, VesselLevel};
 use alight_sim::harness::outcome::{Judge, Outcome};
 use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
 use alight_sim::physics::sea::SeaConfig;
+use alight_sim::physics::vessel::response::HULLS;
 use alight_sim::sensors::beacon::BeaconConfig;
 
 /// A silent vessel 300 m away with a beacon of 5 m, once a second.
@@ -116,4 +117,66 @@ fn deck_that_is_not_at_its_beacon() {
         f.states
     );
     assert!(f.reasons.contains(&ReasonCode::NotFound), "{:?}", f.reasons);
+}
+
+/// A vessel on a hull of a table that is received until the mission enters `state`, and never again.
+fn lost_from(state: State, hull: &str, least_vessel: VesselLevel) -> (Scenario, NodeConfigs) {
+    let (mut scenario, mut nodes) = (Scenario::default(), nodes(least_vessel));
+    scenario.sea = "jonswap:0.5,5".parse().unwrap();
+    scenario.install_hull(&mut nodes, hull).unwrap();
+    scenario.radio_outage = Some(StateOutage {
+        state,
+        after_s: 0.0,
+        duration_s: f64::INFINITY,
+    });
+    (scenario, nodes)
+}
+
+#[test]
+fn radio_lost_for_good_on_the_way() {
+    // It goes on to where the vessel was going, and looks for the tags there.
+    let (scenario, nodes) = lost_from(State::GetAltitude, HULLS[1], VesselLevel::Beacon);
+    let f = flown(&scenario, &nodes, 500, 60.0);
+    assert!(
+        f.found_s.is_some() && f.outcome.unsafe_contacts == 0,
+        "{:?} {:?}",
+        f.states,
+        f.reasons
+    );
+    // Where the vessel's broadcast is asked for it waits.
+    let (scenario, nodes) = lost_from(State::GetAltitude, HULLS[1], VesselLevel::Computer);
+    let f = flown(&scenario, &nodes, 500, 60.0);
+    assert!(f.found_s.is_none() && f.outcome.attempts == 0, "{:?}", f.states);
+    assert_eq!(f.states.last(), Some(&State::Hold), "{:?}", f.reasons);
+}
+
+#[test]
+#[ignore = "80 flights: ten minutes"]
+fn radio_lost_for_good_from_any_state() {
+    for state in [
+        State::GetAltitude,
+        State::Approach,
+        State::Tracking,
+        State::Descent,
+    ] {
+        let (mut landed, mut harmed) = (0, Vec::new());
+        for seed in 500..520 {
+            let hull = HULLS[seed as usize % HULLS.len()];
+            let (scenario, nodes) = lost_from(state, hull, VesselLevel::Beacon);
+            let f = flown(&scenario, &nodes, seed, 300.0);
+            println!(
+                "{state:?} {seed} {hull}: {:?} {}, {:?}",
+                f.outcome.outcome, f.outcome.reason, f.states
+            );
+            landed += u32::from(f.outcome.success);
+            if f.outcome.is_unsafe() || f.outcome.unsafe_contacts > 0 {
+                harmed.push(seed);
+            }
+        }
+        println!("{state:?}: {landed} of 20 landed, unsafe {harmed:?}");
+        assert!(
+            landed >= 16 && harmed.len() <= 1,
+            "{state:?}: {landed}, {harmed:?}"
+        );
+    }
 }

@@ -46,6 +46,11 @@ config! {
         /// System number of what reports the vessel's place over this link (`GLOBAL_POSITION_INT`, `FOLLOW_TARGET`), for
         /// `drone.mission.least_vessel = "beacon"` or "tag"; 0: nothing does.
         pub beacon_system: u8 = 0;
+        /// MMSI of the vessel, whose AIS reports are a beacon, too: `AIS_VESSEL` over this link (ArduPilot with an AIS receiver),
+        /// or sentences of `ais`; 0: none.
+        pub beacon_mmsi: u32 = 0, in 0.0..=999_999_999.0;
+        /// Where a receiver's AIS sentences (NMEA 0183 `!AIVDM`) come from, written as `connect`; empty: nowhere.
+        pub ais: String = String::new();
         /// Our system number; 0: the vehicle's, as a companion computer has it.
         /// Source: MAVLink's convention for companions.
         pub system: u8 = 0;

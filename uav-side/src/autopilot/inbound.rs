@@ -153,6 +153,7 @@ impl AutopilotLink {
             | Message::CommandInt { .. }
             | Message::GlobalPosition(_)
             | Message::FollowTarget(_)
+            | Message::Ais(_)
             | Message::Position(_)
             | Message::AttitudeThrust(_)
             | Message::LandingTarget(_)

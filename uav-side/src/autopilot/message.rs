@@ -7,7 +7,7 @@
 use alight_shared::geodesy::Datum;
 use serde::{Deserialize, Serialize};
 
-use super::place_report::PlaceReport;
+use super::place_report::{AisReport, PlaceReport};
 
 /// Sender or receiver: system and component.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -490,6 +490,8 @@ pub enum Message {
     GlobalPosition(PlaceReport),
     /// `FOLLOW_TARGET`: where a phone or a ground station is.
     FollowTarget(PlaceReport),
+    /// `AIS_VESSEL`, or a sentence of an AIS receiver: where a vessel is.
+    Ais(AisReport),
     /// `COMMAND_LONG`.
     Command(CommandLong),
     /// `COMMAND_INT`, without its parameters: no order has any.

@@ -14,3 +14,14 @@ pub struct PlaceReport {
     /// Horizontal error, m; None: not stated.
     pub error_m: Option<f64>,
 }
+
+/// A vessel's place as its AIS transponder reports it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AisReport {
+    /// Its Maritime Mobile Service Identity, nine digits.
+    pub mmsi: u32,
+    /// Where it is.
+    pub place: PlaceReport,
+    /// Time since the receiver has heard it, s.
+    pub age_s: f64,
+}

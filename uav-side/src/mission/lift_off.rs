@@ -13,7 +13,7 @@
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::landing::MAX_MPS;
-use alight_shared::landing::normal::{below, inside, norm};
+use alight_shared::landing::normal::{below, inside, norm, smaller};
 use alight_shared::msg::{DeckForecast, DeckStage, Reason, ReasonCode};
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::Vector3;
@@ -172,7 +172,7 @@ impl Jump<'_> {
                 s * stage.velocity_sd[2].min(stage.acceleration_sd[2] * s),
                 0.5 * s * s * stage.acceleration_sd[2],
             ]);
-            worst = worst.min(gap_m / sd);
+            worst = smaller(worst, gap_m / sd);
         }
         Some(below(worst))
     }

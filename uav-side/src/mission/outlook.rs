@@ -16,6 +16,7 @@
 use core::f64::consts::FRAC_1_SQRT_2;
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::landing::normal::larger;
 use alight_shared::landing::{
     BLIND_S, CONTACT_MPS, Contact, Margins, Odds, REACTION_S, Staying, alignment_mps,
 };
@@ -109,11 +110,11 @@ impl Outlook<'_> {
         };
         contact.odds(&Margins::on(self.plate, self.drone))
     }
-    /// The speed onto the deck if the drone brakes from now on, m/s.
+    /// The speed onto the deck if the drone brakes from now on, m/s; NaN where speed or height is.
     fn contact_mps(&self) -> f64 {
-        let (w, h) = (self.deck.sinking_mps.max(0.0), self.deck.clearance_m.max(0.0));
+        let [w, h] = [self.deck.sinking_mps, self.deck.clearance_m].map(|v| larger(v, 0.0));
         let square = w * w - 2.0 * BRAKING_MPS2 * (h - w * BRAKING_LAG_S);
-        CONTACT_MPS.max(square.max(0.0).sqrt())
+        larger(CONTACT_MPS, larger(square, 0.0).sqrt())
     }
 }
 
@@ -184,6 +185,17 @@ mod tests {
             ),
         ] {
             assert_eq!(code(&odds), Some(why), "{odds:?}");
+        }
+        // What is no number is no soft contact.
+        for odds in [
+            of(|d| d.sinking_mps = f64::NAN, |_| {}),
+            of(|d| d.clearance_m = f64::NAN, |_| {}),
+            of(|d| d.turn_mps = f64::NAN, |_| {}),
+            of(|d| d.relative_speed_mps = f64::NAN, |_| {}),
+            of(|_| {}, |s| s.euler_sd = [f64::NAN; 3]),
+            of(|_| {}, |s| s.acceleration_sd = [f64::NAN; 3]),
+        ] {
+            assert!(odds.whole() < 1e-12, "{odds:?}");
         }
         // What time is left to make up for.
         assert_eq!(code(&of(|d| d.feet = Vector2::new(0.8, 0.0), |_| {})), None);

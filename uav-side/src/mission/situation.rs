@@ -11,10 +11,11 @@ use alight_shared::topics;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 use super::lift_off::Moments;
-use super::limits::first_beyond;
+use super::limits::{exceeds, first_beyond};
 use crate::contingency::Ends;
 use crate::mission_config::MissionConfig;
 use crate::surroundings::ring_m;
+use alight_shared::landing::normal::larger;
 use alight_shared::landing::{Odds, Staying};
 
 /// Whether the drone flies and who controls it.
@@ -252,14 +253,11 @@ pub fn several(forecast: &DeckForecast) -> Option<Reason> {
 
 /// Which two witnesses of the deck contradict each other.
 fn contradicted(forecast: &DeckForecast) -> Option<Reason> {
-    let elsewhere = forecast.place_apart_m.and_then(|[apart, limit]| {
-        (apart > limit).then(|| Reason::new(ReasonCode::DeckElsewhere, apart, limit))
-    });
-    let height_sd = forecast
-        .height_nis
-        .map(f64::sqrt)
-        .filter(|sd| *sd > MAX_HEIGHT_SD);
-    elsewhere.or(height_sd.map(|sd| Reason::new(ReasonCode::HeightContradicted, sd, MAX_HEIGHT_SD)))
+    let elsewhere = forecast
+        .place_apart_m
+        .and_then(|[apart, limit]| exceeds(ReasonCode::DeckElsewhere, apart, limit));
+    let height_sd = forecast.height_nis.map(f64::sqrt);
+    elsewhere.or_else(|| exceeds(ReasonCode::HeightContradicted, height_sd?, MAX_HEIGHT_SD))
 }
 
 impl Deck {
@@ -356,7 +354,7 @@ fn greatest_motion(forecast: &DeckForecast, start: Time<DroneClock>) -> [f64; 3]
             angle_from_vertical(s.euler[0], s.euler[1]),
         ];
         for (most, value) in greatest.iter_mut().zip(motion) {
-            *most = most.max(value);
+            *most = larger(*most, value);
         }
     }
     greatest

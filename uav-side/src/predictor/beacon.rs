@@ -1,5 +1,5 @@
-//! Where the vessel is by its beacon: place and velocity of each horizontal axis by a Kalman filter, with the beacon's slow
-//! error beside it, which the camera measures once it sees the deck.
+//! Where the vessel is by its beacon, or by what was known of it last: place and velocity of each horizontal axis by a Kalman
+//! filter, with the beacon's slow error beside it, which the camera measures once it sees the deck.
 //!
 //! ```text
 //! x = (q, v),  q' = v,  v' = w          the place as the beacon has it, and its velocity
@@ -10,13 +10,15 @@
 use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{
-    BeaconSource, DeckBeacon, DeckStage, DroneState, FORECAST_STAGES, MAX_POSITION_M, Seq,
+    BeaconSource, DeckBeacon, DeckStage, DroneState, FORECAST_STAGES, Header, MAX_BEACON_MPS, MAX_POSITION_M,
+    MIN_BEACON_SD_M, Message as _, Seq,
 };
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::{Matrix2, Vector2};
 
 use super::agreement::PLACE_SD;
 use super::observation::Observation;
+use super::track::Jump;
 
 /// Correlation time of a receiver's slow error, s: as that of the vessel's own.
 const BIAS_TIME_S: f64 = 300.0;
@@ -38,6 +40,9 @@ const REPLACED_AFTER_S: f64 = 3.0;
 /// One that goes on is replaced by one that errs by this share of its error, half of the variance: velocity and offset of the
 /// track are lost with it, and two that err alike do not take turns.
 const MORE_EXACT: f64 = 0.7;
+/// A vessel of which nothing is received or seen any more is where its last velocity brings it for so long, s: of one that lies
+/// still more than a search reaches is possible by then.
+const LAST_KNOWN_S: f64 = 300.0;
 /// Below this speed a course is no heading, m/s.
 const COURSE_MPS: f64 = 0.5;
 
@@ -104,7 +109,40 @@ pub(super) struct BeaconTrack {
     offset: Option<(Time<DroneClock>, Vector2<f64>)>,
 }
 
+/// Place or velocity of a vessel, north and east, m or m/s, and its standard deviation, each axis.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Level {
+    pub(super) value: [f64; 2],
+    pub(super) sd: f64,
+}
+
 impl BeaconTrack {
+    /// The vessel as it is known at `now` by radio and camera, as a beacon from then on: its deck's `place` in the drone's NED and
+    /// mean `velocity`. None where that is no beacon: of a vessel too fast or too far for one.
+    pub(super) fn of_vessel(
+        now: Time<DroneClock>,
+        drone: &DroneState,
+        place: &Level,
+        velocity: &Level,
+    ) -> Option<BeaconTrack> {
+        let local = Vector2::from(place.value) - drone.datum_offset().xy();
+        let origin = Datum {
+            height_m: 0.0,
+            ..drone.datum
+        };
+        let there = origin.at(&Vector::<DroneNed>::new(local.x, local.y, 0.0));
+        let m = DeckBeacon {
+            header: Header::new(drone.header.vessel, drone.header.drone, 0, 0, now),
+            source: BeaconSource::Vessel,
+            latitude_deg: there.latitude_deg,
+            longitude_deg: there.longitude_deg,
+            velocity: velocity.value,
+            place_sd_m: place.sd.max(MIN_BEACON_SD_M),
+            velocity_sd_mps: velocity.sd.clamp(0.01, MAX_BEACON_MPS),
+            lasts_s: LAST_KNOWN_S,
+        };
+        m.check().is_ok().then(|| BeaconTrack::new(&m))
+    }
     fn new(m: &DeckBeacon) -> BeaconTrack {
         let v = m.velocity();
         BeaconTrack {
@@ -162,6 +200,12 @@ impl BeaconTrack {
     pub(super) fn learn(&mut self, now: Time<DroneClock>, drone: &DroneState, seen: Vector2<f64>) {
         if let Some(at) = self.placed(now, drone) {
             self.offset = Some((now, seen - at));
+        }
+    }
+    /// The autopilot's estimate has jumped: what was seen has moved with the drone, the beacon's place with the datum.
+    pub(super) fn shift(&mut self, jump: &Jump) {
+        if let Some((_, offset)) = &mut self.offset {
+            *offset += jump.moved.xy() - jump.datum.xy();
         }
     }
     /// The place by the beacon alone, in the drone's NED, m; None where that is too far for a tangent plane.
@@ -290,6 +334,46 @@ mod tests {
         // Less is known the longer it is silent.
         let later = track.known(Time::from_secs(29.0), &drone()).unwrap();
         assert!(later.sd_m > known.sd_m + 0.5, "{later:?}");
+    }
+
+    /// A vessel that was known to 0.3 m and 0.1 m/s when nothing came any more: its place grows vague as that of a sortie's.
+    #[test]
+    fn vessel_known_last() {
+        let level = |value, sd| Level { value, sd };
+        let of = |speed: f64| {
+            let velocity = level([speed, 0.0], 0.1);
+            BeaconTrack::of_vessel(
+                Time::from_secs(20.0),
+                &drone(),
+                &level([40.0, 300.0], 0.3),
+                &velocity,
+            )
+        };
+        let at = |speed: f64, t: f64| of(speed).unwrap().known(Time::from_secs(20.0 + t), &drone());
+        let known = at(2.0, 10.0).unwrap();
+        assert!(
+            (known.place - Vector2::new(60.0, 300.0)).norm() < 0.1,
+            "{known:?}"
+        );
+        for (speed, t) in [(0.0_f64, 0.0_f64), (0.0, 60.0), (2.0, 10.0), (2.0, 60.0)] {
+            let walk = 0.02 + 0.1 * speed;
+            let grown = walk * (t.powi(3) / 3.0_f64).sqrt();
+            let expected = grown.hypot(0.1 * t).hypot(2.0_f64.sqrt()).hypot(1.0 / 3.0);
+            let sd_m = at(speed, t).unwrap().sd_m;
+            assert!((sd_m - expected).abs() < 0.01, "{speed} {t}: {sd_m} {expected}");
+        }
+        assert!(at(0.0, LAST_KNOWN_S + 1.0).is_none());
+        assert!(of(f64::NAN).is_none() && of(50.0).is_none());
+        // The drone's frame has moved since, and the place with it.
+        let jumped = DroneState {
+            datum_offset: [7.0, 0.0, 0.0],
+            ..drone()
+        };
+        let known = of(0.0).unwrap().known(Time::from_secs(20.0), &jumped).unwrap();
+        assert!(
+            (known.place - Vector2::new(47.0, 300.0)).norm() < 0.01,
+            "{known:?}"
+        );
     }
 
     #[test]

@@ -370,7 +370,7 @@ impl Filter {
             return None;
         }
         let [apart, limit] = self.apart(s, seen)?;
-        (apart > limit).then_some([apart, limit])
+        (!(apart <= limit)).then_some([apart, limit])
     }
     /// How far what is seen now, about the modes, lies from the radio's place, by the state `s` of its time, and how far that may
     /// be, m.
@@ -491,9 +491,10 @@ fn apply(s: &mut State, o: &Observation, gate: f64, common: f64) -> u32 {
             }
         };
         let outlier = group.iter().any(|&i| {
-            o.value[i].is_some_and(|(v, r)| s[i].normalised_innovation(row(i), near(&s[i], i, v), r) > gate)
-                || o.rate[i]
-                    .is_some_and(|(v, r)| s[i].normalised_innovation(MeasurementRow::Rate, v, r) > gate)
+            // A figure that is none is one, too.
+            let beyond = |row, v, r| !(s[i].normalised_innovation(row, v, r) <= gate);
+            o.value[i].is_some_and(|(v, r)| beyond(row(i), near(&s[i], i, v), r))
+                || o.rate[i].is_some_and(|(v, r)| beyond(MeasurementRow::Rate, v, r))
         });
         if outlier {
             gated |= 1 << k;

@@ -6,19 +6,21 @@
 //! likely than any other by a factor of [`MARGIN`]'s exponential, with the negative logarithm of a deck's likelihood
 //!
 //! ```text
-//! L = 1/2 (apart / sd)²  +  1/2 (mean yaw / sd)²  +  1/2 sum over time of |tilt - mean|² / R
+//! L = 1/2 (apart / sd)²  +  1/2 (mean yaw / sd)²  +  1/2 sum over time of |tilt - mean|² / R + (height - level)² / S
 //! ```
 //!
-//! `apart` is its distance from where radio or beacon places the vessel; `yaw` and `tilt` are what the camera sees less what the
-//! radio reports of the same time, and `R` the variance of that. Boats that lie side by side head alike, and still rock apart:
+//! `apart` is its distance from where radio or beacon places the vessel; `yaw`, `tilt` and `height` are what the camera sees less
+//! what the radio reports of the same time, `R` and `S` the variances of that, and `level` its low-pass: the drone's own height
+//! drifts. From the height of an approach the height tells more than the tilt, which is seen to ten degrees there. Boats that lie side by side head alike, and still rock apart:
 //! a wave reaches one before the other. What the camera's mount adds is the same for both, and in the mean. Until then none
 //! is followed, and the reason is given.
 
 use std::collections::VecDeque;
 
+use alight_shared::estimation::low_pass_gain;
 use alight_shared::frames::wrap_angle;
 use alight_shared::time::{DroneClock, Span, Time};
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Vector2, Vector3, Vector4};
 
 use super::agreement::PLACE_SD;
 use super::observation::Observation;
@@ -56,6 +58,10 @@ const MARGIN: f64 = 9.2;
 /// Error of compass and camera in yaw together, rad; of the vessel's tilt by radio, rad, and least error of a tag's tilt.
 const YAW_SD_RAD: f64 = 0.037;
 const TILT_SD_RAD: f64 = 0.009;
+/// Error of the deck's height by radio and of the drone's own, m, from one wave to the next.
+const HEAVE_SD_M: f64 = 0.1;
+/// Time constant of what is left of the height on the average, s: that of the drone's own drift, and most of a wave passes.
+const LEVEL_TIME_S: f64 = 4.0;
 /// Samples of a deck's tilt after which it is compared with the radio's as a whole: 5 s, a period of the waves.
 const BLOCK: f64 = 25.0;
 /// A sum of squares of that many samples of two angles about their mean that is no own deck's: 99.99 % of a chi-square with 48
@@ -66,12 +72,13 @@ const MAX_SAMPLE: f64 = 30.0;
 /// Ambiguity is reported for so long after the last image that showed it, s.
 const REPORTED_S: f64 = 1.0;
 
-/// What the radio reports of the deck's attitude at a time: tilt about north and east, yaw, rad, and their rates, rad/s.
+/// What the radio reports of the deck at a time: tilt about north and east, yaw, rad, and the height of its centre (down, m), and
+/// their rates.
 #[derive(Clone, Copy, Debug)]
 struct Report {
     at: Time<DroneClock>,
-    attitude: Vector3<f64>,
-    rates: Vector3<f64>,
+    pose: Vector4<f64>,
+    rates: Vector4<f64>,
 }
 
 /// How a deck's attitude as seen differs from the radio's: mean, and sum of squares about it in units of their variances.
@@ -114,6 +121,8 @@ struct Deck {
     apart_sd: Option<f64>,
     /// While others are in sight.
     residual: Residual,
+    /// The height as seen less the radio's, low-pass, while others are in sight.
+    level: Option<f64>,
     /// Always, of the newest block of samples.
     block: Residual,
     /// By the last whole block it rocks otherwise than the radio reports.
@@ -131,6 +140,25 @@ impl Deck {
                 ..Residual::default()
             };
         }
+    }
+    /// Takes a sample of tilt and height, m, to what tells it from others in sight.
+    fn tell_apart(
+        &mut self,
+        at: Time<DroneClock>,
+        r: Vector3<f64>,
+        tilt_variance: [f64; 2],
+        height: (f64, f64),
+    ) {
+        let (height, variance) = height;
+        let before = self.residual.sampled;
+        self.residual.take(at, r, tilt_variance);
+        let (Some(level), Some(before)) = (self.level, before) else {
+            self.level = Some(height);
+            return;
+        };
+        let off = height - level;
+        self.level = Some(level + low_pass_gain((at - before).secs(), LEVEL_TIME_S) * off);
+        self.residual.squares += (off * off / variance).min(MAX_SAMPLE);
     }
     /// It lies where the vessel may be.
     fn is_admissible(&self) -> bool {
@@ -175,8 +203,8 @@ pub(super) struct Decks {
 }
 
 impl Decks {
-    /// The radio's estimate of the vessel.
-    pub(super) fn report(&mut self, o: &Observation) {
+    /// The radio's estimate of the vessel; `height`: of the deck's centre, down, m, and its rate, m/s.
+    pub(super) fn report(&mut self, o: &Observation, height: [f64; 2]) {
         let [.., Some((north, _)), Some((east, _)), Some((yaw, _))] = o.value else {
             return;
         };
@@ -189,16 +217,16 @@ impl Decks {
         let rate = |i: usize| o.rate[i].map_or(0.0, |(v, _)| v);
         self.reports.push_back(Report {
             at: o.at,
-            attitude: Vector3::new(north, east, yaw),
-            rates: Vector3::new(rate(3), rate(4), rate(5)),
+            pose: Vector4::new(north, east, yaw, height[0]),
+            rates: Vector4::new(rate(3), rate(4), rate(5), height[1]),
         });
     }
     /// What the radio has at `t`, by the report that is nearest.
-    fn reported(&self, t: Time<DroneClock>) -> Option<Vector3<f64>> {
+    fn reported(&self, t: Time<DroneClock>) -> Option<Vector4<f64>> {
         let away = |r: &&Report| (t - r.at).secs().abs();
         let nearest = (self.reports.iter()).min_by(|a, b| away(a).total_cmp(&away(b)))?;
         let by = (t - nearest.at).secs();
-        (by.abs() <= HOLDS_S).then(|| nearest.attitude + nearest.rates * by)
+        (by.abs() <= HOLDS_S).then(|| nearest.pose + nearest.rates * by)
     }
 
     /// Tags seen from `range_m`; `velocity`: of the vessel, m/s; `apart`: how far from where the radio or the beacon has the vessel, and how
@@ -238,6 +266,7 @@ impl Decks {
                     together: 0,
                     apart_sd,
                     residual: Residual::default(),
+                    level: None,
                     block: Residual::default(),
                     rocks_apart: false,
                 });
@@ -258,9 +287,16 @@ impl Decks {
         }
         Some(k)
     }
-    /// The tilt of a deck that was seen against the radio's of the same time.
+    /// Tilt and height of a deck that was seen against the radio's of the same time.
     fn compare(&mut self, k: usize, o: &Observation) {
-        let [.., Some((north, vn)), Some((east, ve)), Some((yaw, _))] = o.value else {
+        let [
+            ..,
+            Some((down, vd)),
+            Some((north, vn)),
+            Some((east, ve)),
+            Some((yaw, _)),
+        ] = o.value
+        else {
             return;
         };
         let several = self.rivals_of(k).next().is_some();
@@ -272,7 +308,7 @@ impl Decks {
             let pause = Span::from_secs(SAMPLE_S);
             r.sampled.is_none_or(|at| o.at - at >= pause)
         };
-        let mut r = Vector3::new(north, east, yaw) - report;
+        let mut r = Vector3::new(north, east, yaw) - report.xyz();
         r.z = wrap_angle(r.z);
         // From the side a tag's tilt is a guess.
         if o.lever == [0.0; 2] || r.xy().amax() > MAX_TILT_RAD {
@@ -280,7 +316,8 @@ impl Decks {
         }
         let variances = [vn, ve].map(|v| v + 2.0 * TILT_SD_RAD.powi(2));
         if several && due(&deck.residual) {
-            deck.residual.take(o.at, r, variances);
+            let height = (down - report.w, vd + HEAVE_SD_M * HEAVE_SD_M);
+            deck.tell_apart(o.at, r, variances, height);
         }
         if due(&deck.block) {
             deck.judge(o.at, r, variances);
@@ -355,6 +392,7 @@ impl Decks {
         for d in &mut self.decks {
             let place = Vector3::new(d.place.x, d.place.y, jump.about.z);
             d.place = jump.of(&place).xy();
+            d.level = None;
         }
     }
     /// Decks of which one is the own one, while it is not known which; 0: it is, or there is none.
@@ -385,26 +423,40 @@ mod tests {
     fn roll(t: f64, later_s: f64) -> f64 {
         0.07 * (1.2 * (t - later_s)).sin() + 0.03 * (1.9 * (t - later_s)).sin()
     }
+    /// The same of its deck's height, m.
+    fn heave(t: f64, later_s: f64) -> f64 {
+        0.3 * (1.2 * (t - later_s)).sin()
+    }
     /// The verdict on each of two decks after `seconds`, 3 m from each other; with or without the radio.
     fn side_by_side(seconds: f64, radio: bool, later_s: f64) -> ([Verdict; 2], Decks) {
+        seen_to(0.02, seconds, radio, later_s)
+    }
+    /// The same where a tag's tilt is seen to so much, rad.
+    fn seen_to(tilt_sd: f64, seconds: f64, radio: bool, later_s: f64) -> ([Verdict; 2], Decks) {
         let mut decks = Decks::default();
         let mut verdicts = [Verdict::Own; 2];
         for k in 0..(seconds * 30.0) as u32 {
             let t = f64::from(k) / 30.0;
             if radio {
-                decks.report(&observation(
-                    Kind::Estimate,
-                    t,
-                    [0.0; 2],
-                    [roll(t, 0.0), 0.0, 0.1],
-                ));
+                let estimate = observation(Kind::Estimate, t, [0.0; 2], [roll(t, 0.0), 0.0, 0.1]);
+                decks.report(&estimate, [heave(t, 0.0), 0.0]);
             }
             // Errors of the tags' tilt, and of the camera's mount.
-            let noise = 0.02 * (37.0 * t).sin() + 0.02;
-            let seen = [0.0, later_s].map(|later| [roll(t, later) + noise, 0.02 - noise, 0.12]);
+            let noise = tilt_sd * (37.0 * t).sin() + 0.02;
+            let seen = [0.0, later_s].map(|later| {
+                // The drone's own height drifts, and errs.
+                let down = heave(t, later) + 0.02 * t + 0.05 * (41.0 * t).sin();
+                ([roll(t, later) + noise, 0.02 - noise, 0.12], down)
+            });
             let places = [[1.0, 0.0], [-2.0, 0.0]];
             let both: Vec<_> = (seen.iter().zip(places))
-                .map(|(attitude, place)| observation(Kind::Tag, t, place, *attitude))
+                .map(|((attitude, down), place)| {
+                    let mut o = observation(Kind::Tag, t, place, *attitude);
+                    o.value[2] = Some((*down, 0.1 * 0.1));
+                    o.value[3] = o.value[3].map(|(v, _)| (v, tilt_sd * tilt_sd));
+                    o.value[4] = o.value[4].map(|(v, _)| (v, tilt_sd * tilt_sd));
+                    o
+                })
                 .collect();
             let of: Vec<_> = (both.iter().zip([1.0, 2.0]))
                 .map(|(o, m)| decks.see(o, 7.0, Vector2::zeros(), radio.then_some([m, 5.7])))
@@ -425,6 +477,13 @@ mod tests {
         assert_eq!(decks.undecided(Time::from_secs(30.0)), 2);
     }
 
+    /// From 15 m a tag's tilt is seen to ten degrees: the height tells them apart.
+    #[test]
+    fn own_deck_by_its_heave() {
+        assert_eq!(seen_to(0.17, 30.0, true, 0.4).0, [Verdict::Own, Verdict::Other]);
+        assert_eq!(seen_to(0.17, 30.0, true, 0.0).0, [Verdict::Several(2); 2]);
+    }
+
     /// One deck alone that rocks by 7 deg as the radio reports, or half a period later.
     #[test]
     fn lone_deck_against_the_radio() {
@@ -434,7 +493,10 @@ mod tests {
             for n in 0..300 {
                 let t = f64::from(n) / 30.0;
                 let roll = |t: f64| 0.12 * (1.3 * t).sin();
-                decks.report(&observation(Kind::Estimate, t, [0.0; 2], [roll(t), 0.0, 0.0]));
+                decks.report(
+                    &observation(Kind::Estimate, t, [0.0; 2], [roll(t), 0.0, 0.0]),
+                    [0.0; 2],
+                );
                 let o = observation(Kind::Tag, t, [0.5, 0.0], [roll(t - later_s) + 0.03, 0.02, 0.0]);
                 let k = decks.see(&o, 7.0, Vector2::zeros(), Some([0.5, 5.7])).unwrap();
                 verdict = decks.verdict(k, &o, true);

@@ -21,7 +21,7 @@ mod sight;
 
 use super::agreement::HeightAgreement;
 use super::axis::{Axis, AxisNoise, MEAN, MeasurementRow, RATE, VISION, compass};
-use super::beacon::{BeaconTrack, Known};
+use super::beacon::{BeaconTrack, Known, Level};
 use super::checkpoint;
 use super::config::PredictorConfig;
 use super::filter::{Filter, Fused};
@@ -105,6 +105,8 @@ pub struct Predictor {
     decks: Decks,
     /// Where the vessel is by its beacon.
     beacon: Option<BeaconTrack>,
+    /// Where it was when it was known last by radio or camera.
+    last_known: Option<BeaconTrack>,
     /// Height of the origin over mean sea level, m.
     origin_sea_m: Option<f64>,
     /// What the drone identifies itself while the radio is silent.
@@ -142,6 +144,7 @@ impl Predictor {
             height: HeightAgreement::default(),
             decks: Decks::default(),
             beacon: None,
+            last_known: None,
             origin_sea_m: None,
             own: None,
             slopes: None,
@@ -221,6 +224,7 @@ impl Predictor {
             self.decks.shift(&jump);
             self.filter.iter_mut().for_each(|f| f.shift(&jump));
             self.own.iter_mut().for_each(|own| own.shift(&jump));
+            self.beacon.iter_mut().for_each(|b| b.shift(&jump));
         }
         Ok(())
     }
@@ -265,7 +269,7 @@ impl Predictor {
             return Err(RejectionReason::Duplicate);
         }
         let o = observation::estimate(e, self.clock_sd_s);
-        self.decks.report(&o);
+        self.decks.report(&o, observation::deck_height(e));
         self.fuse(&o)?;
         if self.radio_at.is_none_or(|t| e.header.at > t) {
             self.radio_at = Some(e.header.at);
@@ -464,6 +468,8 @@ impl Predictor {
         self.horizon.refresh(&oscillators);
         let axes = filter.at(&self.waves, now);
         let source = self.source(radio_age_s, vision_age_s);
+        self.remember(now, &axes, source);
+        let filter = self.filter.as_ref()?;
         let common = self.common(&axes, source);
         let clock_var = match source {
             Source::Radio | Source::Both => self.clock_sd_s.powi(2),

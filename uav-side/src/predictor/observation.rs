@@ -174,6 +174,16 @@ pub fn estimate(e: &VesselEstimate<DroneClock>, clock_sd: f64) -> Observation {
     }
 }
 
+/// Height of the deck's centre by the vessel's estimate (down, m), and its rate, m/s: with what its tilt adds.
+pub fn deck_height(e: &VesselEstimate<DroneClock>) -> [f64; 2] {
+    let [roll, pitch, yaw] = [e.eta[ROLL], e.eta[PITCH], e.eta[YAW]];
+    let dot = e.eta_dot.map(f64::from);
+    let rotation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+    let spin = rotation * body_rates(roll, pitch, Vector3::new(dot[3], dot[4], dot[5]));
+    let lever_arm = rotation * e.deck_centre();
+    [e.position().z + lever_arm.z, dot[2] + spin.cross(&lever_arm).z]
+}
+
 /// The line of sight with its height corrected for vision's rotation: `lever_arm - m x lever_arm`, third
 /// component only. North and east are the filter's, which knows the rotation's part in them.
 fn corrected(lever_arm: &Vector3<f64>, mount: &MountRotation) -> Vector3<f64> {

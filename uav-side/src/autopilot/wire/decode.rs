@@ -8,7 +8,7 @@ use super::super::message::{
     HilSensor, ImuReport, Message, OdometryReport, ParameterValue, PositionReport, PositionTarget,
     RcChannels, VelocityFrame,
 };
-use super::super::place_report::PlaceReport;
+use super::super::place_report::{AisReport, PlaceReport};
 use super::extension::{
     ACK_TO_AT, DISTANCE_INVALID, DISTANCE_QUALITY_AT, ELLIPSOID_HEIGHT_AT, RESET_COUNTER_AT,
 };
@@ -133,6 +133,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
             velocity: Some([d.vel[0], d.vel[1]].map(f64::from)).filter(|v| *v != [0.0; 2]),
             error_m: Some(f64::from(d.position_cov[0])).filter(|m| *m > 0.0 && m.is_finite()),
         }),
+        M::AIS_VESSEL(d) => Message::Ais(ais(&d)),
         M::COMMAND_LONG(d) => Message::Command(CommandLong {
             to: Address::new(d.target_system, d.target_component),
             command: d.command as u16,
@@ -249,6 +250,23 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
         },
         _ => return None,
     })
+}
+
+/// A vessel as the autopilot's AIS receiver has heard it; speed and course where both are valid.
+fn ais(d: &m::AIS_VESSEL_DATA) -> AisReport {
+    let valid = m::AisFlags::AIS_FLAGS_VALID_COG | m::AisFlags::AIS_FLAGS_VALID_VELOCITY;
+    let (sin, cos) = (f64::from(d.COG) * 0.01).to_radians().sin_cos();
+    let speed_mps = f64::from(d.velocity) * 0.01;
+    AisReport {
+        mmsi: d.MMSI,
+        place: PlaceReport {
+            latitude_deg: f64::from(d.lat) * 1e-7,
+            longitude_deg: f64::from(d.lon) * 1e-7,
+            velocity: (d.flags.contains(valid)).then(|| [speed_mps * cos, speed_mps * sin]),
+            error_m: None,
+        },
+        age_s: f64::from(d.tslc),
+    }
 }
 
 fn parameter(value: f32, kind: m::MavParamType) -> ParameterValue {

@@ -73,6 +73,20 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             d.position_cov = narrow([p.error_m.unwrap_or(0.0), 0.0, 0.0]);
             M::FOLLOW_TARGET(d)
         }
+        Message::Ais(r) => {
+            let mut d = m::AIS_VESSEL_DATA::DEFAULT;
+            d.MMSI = r.mmsi;
+            [d.lat, d.lon] = [r.place.latitude_deg, r.place.longitude_deg].map(|v| (v * 1e7).round() as i32);
+            d.tslc = r.age_s.round() as u16;
+            d.flags = m::AisFlags::empty();
+            if let Some([north, east]) = r.place.velocity {
+                d.flags = m::AisFlags::AIS_FLAGS_VALID_COG | m::AisFlags::AIS_FLAGS_VALID_VELOCITY;
+                d.velocity = (north.hypot(east) * 100.0).round() as u16;
+                let course_deg = f64::atan2(east, north).to_degrees().rem_euclid(360.0);
+                d.COG = (course_deg * 100.0).round() as u16;
+            }
+            M::AIS_VESSEL(d)
+        }
         Message::Mode { custom_mode } => M::CURRENT_MODE(m::CURRENT_MODE_DATA {
             custom_mode: *custom_mode,
             intended_custom_mode: *custom_mode,

@@ -1,9 +1,9 @@
-//! The forecast of a vessel that is known by its beacon alone.
+//! The forecast of a vessel that is known by its beacon alone, or by where it was known last.
 
 use super::*;
 
-/// The deck's level as the camera saw it last counts for so long, s: a barometer drifts by a metre meanwhile.
-const SEEN_LEVEL_S: f64 = 300.0;
+/// The deck's level as it was known last counts for so long, s: a barometer drifts by a metre meanwhile.
+const LEVEL_S: f64 = 300.0;
 
 impl Predictor {
     /// The forecast by the beacon alone: a level deck on a straight course, at the height over mean sea level that it is
@@ -15,10 +15,10 @@ impl Predictor {
     ) -> Option<DeckForecast> {
         let known = self.known_by_beacon(now)?;
         let [radio_age_s, vision_age_s] = ages;
-        let seen_z = (self.filter.as_ref().and_then(Filter::last))
-            .filter(|_| vision_age_s < SEEN_LEVEL_S)
+        let known_z = (self.filter.as_ref().and_then(Filter::last))
+            .filter(|_| radio_age_s.min(vision_age_s) < LEVEL_S)
             .map(|axes| axes[2].project(MeasurementRow::Vision).0);
-        let deck_z = match (seen_z, self.origin_sea_m) {
+        let deck_z = match (known_z, self.origin_sea_m) {
             (Some(z), _) => z,
             (None, sea_m) => sea_m? + self.track.newest()?.datum_offset[2] + self.config.deck.centre_m[2],
         };
@@ -62,9 +62,36 @@ impl Predictor {
             ..DeckForecast::default()
         })
     }
-    /// What the beacon says now.
+    /// What the beacon says now, or where the vessel went that is received no more: what is known better.
     pub(super) fn known_by_beacon(&self, now: Time<DroneClock>) -> Option<Known> {
-        self.beacon.as_ref()?.known(now, self.track.newest()?)
+        let drone = self.track.newest()?;
+        let last = self.last_known.as_ref().filter(|_| !self.is_received(now));
+        (self.beacon.iter().chain(last))
+            .filter_map(|track| track.known(now, drone))
+            .min_by(|a, b| a.sd_m.total_cmp(&b.sd_m))
+    }
+    /// Remembers where the vessel is and goes, by what is fresh of it, for when nothing is.
+    pub(super) fn remember(&mut self, now: Time<DroneClock>, axes: &[Axis; AXES], source: Source) {
+        let Some(drone) = self.track.newest().filter(|_| self.config.beacons) else {
+            return;
+        };
+        if source == Source::None {
+            return;
+        }
+        let modes = self.waves.motion(now);
+        let level = |mean: &dyn Fn(usize) -> (f64, f64)| {
+            let [north, east] = [0, 1].map(mean);
+            Level {
+                value: [north.0, east.0],
+                sd: north.1.max(east.1).max(0.0).sqrt(),
+            }
+        };
+        let place = level(&|i| {
+            let (value, variance) = axes[i].project(MeasurementRow::Vision);
+            (value + modes.value[i], variance)
+        });
+        let velocity = level(&|i| (axes[i].x[RATE], axes[i].p[RATE][RATE]));
+        self.last_known = BeaconTrack::of_vessel(now, drone, &place, &velocity);
     }
     /// Where the sea is, and the vessel's beacons where the mission permits them.
     pub(super) fn receive_beacons(&mut self, now: Time<DroneClock>, input: &PredictorIn) {

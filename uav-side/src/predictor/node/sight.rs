@@ -149,7 +149,7 @@ impl Predictor {
         let fresh = |at: Option<Time<DroneClock>>| at.is_some_and(|t| (now - t).secs() < self.config.fresh_s);
         if !self.is_received(now) {
             let beacon = self.known_by_beacon(now).filter(|_| !fresh(self.vision_at))?;
-            return beacon.apart(o).filter(|[apart, limit]| apart > limit);
+            return beacon.apart(o).filter(|[apart, limit]| !(apart <= limit));
         }
         let filter = self.filter.as_ref()?;
         let seen = o.about(&self.waves.motion(o.at));

@@ -1,0 +1,169 @@
+//! The vessel's place by its AIS transponder: sentences `!AIVDM` and `!AIVDO` of a receiver (NMEA 0183, ITU-R M.1371), as one
+//! on the drone or ashore passes them on.
+//!
+//! Position reports of class A (types 1, 2, 3) and B (18, 19) count; each needs its checksum. What is received is anybody's.
+
+use std::collections::VecDeque;
+
+use nmea_kit::ais::{AisMessage, AisParser, PositionReport};
+use nmea_kit::parse_frame;
+
+use super::place_report::{AisReport, PlaceReport};
+
+/// Longest sentence, bytes: the standard allows 82, with a logger's tags before it.
+const MAX_LINE: usize = 256;
+/// Reports that wait to be taken: more than a receiver hears in a second.
+const MAX_REPORTS: usize = 32;
+/// m/s per knot.
+const KNOT_MPS: f64 = 1852.0 / 3600.0;
+
+/// Decodes a receiver's bytes.
+#[derive(Default)]
+pub struct AisDecoder {
+    line: Vec<u8>,
+    /// The line is longer than a sentence: nothing of it counts.
+    overlong: bool,
+    parser: AisParser,
+    reports: VecDeque<AisReport>,
+}
+
+impl AisDecoder {
+    /// Takes bytes as they come; of more reports than are taken the newest wait.
+    pub fn push(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            if matches!(byte, b'\r' | b'\n') {
+                self.end_of_line();
+            } else if self.line.len() < MAX_LINE {
+                self.line.push(byte);
+            } else {
+                self.overlong = true;
+            }
+        }
+    }
+    /// The next report of any vessel.
+    pub fn next_report(&mut self) -> Option<AisReport> {
+        self.reports.pop_front()
+    }
+    fn end_of_line(&mut self) {
+        let line = core::mem::take(&mut self.line);
+        if core::mem::take(&mut self.overlong) {
+            return;
+        }
+        if let Some(report) = self.sentence(&line) {
+            if self.reports.len() == MAX_REPORTS {
+                self.reports.pop_front();
+            }
+            self.reports.push_back(report);
+        }
+    }
+    fn sentence(&mut self, line: &[u8]) -> Option<AisReport> {
+        let text = core::str::from_utf8(line).ok().filter(|t| t.is_ascii())?;
+        // Before it stand the tags of IEC 61162-450; without a checksum it may be cut off.
+        let sentence = text.get(text.find('!')?..).filter(|s| s.contains('*'))?;
+        let frame = parse_frame(sentence).ok()?;
+        match self.parser.decode(&frame)? {
+            AisMessage::Position(report) => placed(&report),
+            _ => None,
+        }
+    }
+}
+
+/// A position report as the vessel's place; None without one.
+fn placed(report: &PositionReport) -> Option<AisReport> {
+    let speed_mps = report.sog.map(|knots| f64::from(knots) * KNOT_MPS);
+    let velocity = match (speed_mps, report.cog) {
+        (Some(speed_mps), Some(course_deg)) => {
+            let (sin, cos) = f64::from(course_deg).to_radians().sin_cos();
+            Some([speed_mps * cos, speed_mps * sin])
+        }
+        // At rest there is no course.
+        (Some(0.0), None) => Some([0.0; 2]),
+        (Some(_) | None, _) => None,
+    };
+    Some(AisReport {
+        mmsi: report.mmsi,
+        place: PlaceReport {
+            latitude_deg: report.latitude?,
+            longitude_deg: report.longitude?,
+            velocity,
+            error_m: None,
+        },
+        age_s: 0.0,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn decoded(text: &str) -> Vec<AisReport> {
+        let mut decoder = AisDecoder::default();
+        decoder.push(text.as_bytes());
+        core::iter::from_fn(|| decoder.next_report()).collect()
+    }
+
+    /// Sentences as gpsd's documentation of AIVDM and its samples have them.
+    #[test]
+    fn ais_sentences_of_each_type() {
+        // Class A, type 1: 51.2296 N 4.4191 E... as others decode it; type 18; type 19.
+        for (sentence, mmsi) in [
+            ("!AIVDM,1,1,,B,177KQJ5000G?tO`K>RA1wUbN0TKH,0*5C", 477_553_000),
+            ("!AIVDM,1,1,,A,B52K>;h00Fc>jpUlNV@ikwpUoP06,0*4C", 338_087_471),
+            (
+                "!AIVDM,1,1,,B,C5N3SRgPEnJGEBT>NhWAwwo862PaLELTBJ:V00000000S0D:R220,0*0B",
+                367_059_850,
+            ),
+        ] {
+            let all = decoded(&format!("{sentence}\r\n"));
+            assert!(
+                matches!(all.as_slice(), [r] if r.mmsi == mmsi),
+                "{sentence}: {all:?}"
+            );
+        }
+        // Seattle, moored.
+        let [r] = decoded("!AIVDM,1,1,,B,177KQJ5000G?tO`K>RA1wUbN0TKH,0*5C\n")[..] else {
+            panic!()
+        };
+        assert!((r.place.latitude_deg - 47.582_833).abs() < 1e-6, "{r:?}");
+        assert!((r.place.longitude_deg + 122.345_833).abs() < 1e-6, "{r:?}");
+        assert!(r.place.velocity.is_some_and(|[n, e]| n.hypot(e) < 1e-9), "{r:?}");
+        // New York, 0.1 kn at 79.6 deg.
+        let [r] = decoded("\\s:rx*00\\!AIVDM,1,1,,A,B52K>;h00Fc>jpUlNV@ikwpUoP06,0*4C\n")[..] else {
+            panic!()
+        };
+        let [north, east] = r.place.velocity.unwrap();
+        assert!((north.hypot(east) - 0.1 * KNOT_MPS).abs() < 1e-6, "{r:?}");
+        assert!(
+            (f64::atan2(east, north).to_degrees() - 79.6).abs() < 0.01,
+            "{r:?}"
+        );
+    }
+
+    #[test]
+    fn ais_sentences_that_are_none() {
+        let sound = "!AIVDM,1,1,,B,177KQJ5000G?tO`K>RA1wUbN0TKH,0*5C";
+        for wrong in [
+            sound.replace("177", "178"),
+            sound.replace("*5C", ""),
+            sound.replace("!AIVDM", "$GPGGA"),
+            // Of a base station, and static data.
+            "!AIVDM,1,1,,A,H52N>V@T2rNVPJ2000000000000,2*29".into(),
+            "x".repeat(10_000) + sound,
+            String::new(),
+        ] {
+            assert_eq!(decoded(&format!("{wrong}\n")), [], "{wrong}");
+        }
+        // More than are taken: bounded, and the newest.
+        assert_eq!(decoded(&format!("{sound}\n").repeat(1000)).len(), MAX_REPORTS);
+    }
+
+    proptest! {
+        #[test]
+        fn arbitrary_bytes_of_an_ais_receiver(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
+            let mut decoder = AisDecoder::default();
+            decoder.push(&bytes);
+            prop_assert!(decoder.line.len() <= MAX_LINE && decoder.reports.len() <= MAX_REPORTS);
+        }
+    }
+}
