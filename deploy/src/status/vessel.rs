@@ -231,30 +231,10 @@ pub fn drone(d: &DroneStatus) -> Finding {
     let armed = if d.armed { "armed" } else { "disarmed" };
     let state = d.state.because(&d.entered);
     let found = format!("drone {number}: {state}; {armed}, battery {}", Charge(d.battery));
-    if starts_motors(d.state) {
+    if d.state.starts_motors() {
         return TOPIC.warning(found, "stand clear; alight command abort stops it");
     }
     TOPIC.fine(found)
-}
-
-/// Whoever is near a drone in this state has to get away from it.
-fn starts_motors(state: State) -> bool {
-    match state {
-        State::Countdown | State::SpinUp | State::TakeOff | State::StandDown => true,
-        State::Idle
-        | State::GetAltitude
-        | State::Search
-        | State::Approach
-        | State::Tracking
-        | State::TrackingStable
-        | State::Descent
-        | State::Flare
-        | State::Landed
-        | State::Hold
-        | State::GaveUp
-        | State::Preparing
-        | State::ClimbOut => false,
-    }
 }
 
 /// The drones, and how long ago each reported.

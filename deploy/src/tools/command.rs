@@ -41,6 +41,8 @@ pub enum Order {
     Hold,
     /// Take off from the deck, climb and hold (drone.mission.takeoff).
     Takeoff,
+    /// The drone on the deck is ready for its next sortie (drone.mission.sorties_max).
+    Ready,
     /// Say how the mission stands; commands nothing.
     Status,
     /// Where a silent vessel is: latitude and longitude, deg.
@@ -62,7 +64,7 @@ pub enum CrewOrder {
     Closed,
     /// It is free, but for drones that report from it.
     Open,
-    /// For two minutes: nobody is near the drone of `--drone`, which may take off.
+    /// Nobody is near the drone of `--drone`, which may take off: for two minutes, or until closed with `--standing`.
     Takeoff,
 }
 
@@ -74,6 +76,7 @@ impl Order {
             Order::Abort => Some(CommandKind::Abort),
             Order::Hold => Some(CommandKind::Hold),
             Order::Takeoff => Some(CommandKind::TakeOff),
+            Order::Ready => Some(CommandKind::Ready),
             Order::Status | Order::DeckAt | Order::Deck | Order::Steady | Order::Turning | Order::Helm => {
                 None
             }
@@ -101,6 +104,9 @@ pub struct CommandArgs {
     /// With `deck`: closed, open or takeoff; with `helm`: yes or no; with `deck-at`: latitude and longitude, deg
     #[arg(value_name = "WORDS", num_args = 0..=2, allow_negative_numbers = true)]
     pub words: Vec<String>,
+    /// With `deck takeoff`: for each take-off of that drone until the deck is closed, not for two minutes
+    #[arg(long)]
+    pub standing: bool,
     /// With `steady` and `deck-at`: for so long, s [default: 60, 300]; with `steady` 0: nothing is stated any more
     #[arg(long = "for", value_name = "SECONDS", value_parser = clap::value_parser!(u32).range(0..=3600))]
     pub for_s: Option<u32>,
@@ -146,6 +152,11 @@ impl CommandArgs {
 
 /// Commands, waits for the mission's answer and shows it.
 pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
+    if args.standing && args.order != Order::Deck {
+        return Err(CliError(
+            "--standing belongs to alight command deck takeoff --drone N".into(),
+        ));
+    }
     match args.order {
         Order::Deck => return deck(args, crew_order(&args.words)?),
         Order::Helm => return course(args, DeckOrder::Helm(consent(&args.words)?)),
@@ -154,6 +165,7 @@ pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
         | Order::Abort
         | Order::Hold
         | Order::Takeoff
+        | Order::Ready
         | Order::Status
         | Order::Steady
         | Order::Turning
@@ -167,7 +179,7 @@ pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
         }
         Order::Steady => return course(args, DeckOrder::Steady(args.for_s.unwrap_or(STEADY_S))),
         Order::Turning => return course(args, DeckOrder::Turning),
-        Order::Land | Order::Abort | Order::Hold | Order::Takeoff | Order::Status => {}
+        Order::Land | Order::Abort | Order::Hold | Order::Takeoff | Order::Ready | Order::Status => {}
     }
     match (&args.vessel, &args.keys) {
         (Some(endpoint), Some(keys)) => ashore::run(args, endpoint, keys),
@@ -243,7 +255,8 @@ fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
         | DeckOrder::Closed
         | DeckOrder::Open
         | DeckOrder::Clear(_)
-        | DeckOrder::TakeOff(_) => "no drone descends while she turns",
+        | DeckOrder::TakeOff(_)
+        | DeckOrder::TakeOffStanding(_) => "no drone descends while she turns",
     };
     if args.json {
         terminal::line(json!({ "taken": newest.is_some(), "deck": newest.map(|s| s.deck) }));
@@ -255,10 +268,16 @@ fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
 
 /// Whether drones may descend.
 fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
+    if args.standing && word != CrewOrder::Takeoff {
+        return Err(CliError(
+            "--standing belongs to alight command deck takeoff --drone N".into(),
+        ));
+    }
     let order = match (word, args.drone) {
         (CrewOrder::Closed, None) => DeckOrder::Closed,
         (CrewOrder::Open, None) => DeckOrder::Open,
         (CrewOrder::Open, Some(drone)) => DeckOrder::Clear(drone),
+        (CrewOrder::Takeoff, Some(drone)) if args.standing => DeckOrder::TakeOffStanding(drone),
         (CrewOrder::Takeoff, Some(drone)) => DeckOrder::TakeOff(drone),
         (CrewOrder::Takeoff, None) => {
             return Err(CliError(
@@ -284,6 +303,9 @@ fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
             CrewOrder::Open => "the deck is open",
             CrewOrder::Takeoff if closed => {
                 "the order is taken, but the deck is closed: alight command deck open"
+            }
+            CrewOrder::Takeoff if args.standing => {
+                "the deck is cleared until it is closed: keep away from the drone, which takes off whenever it is ready"
             }
             CrewOrder::Takeoff => {
                 "the deck is cleared for two minutes: keep away from the drone, its motors start 5 s after its take-off is ordered"

@@ -59,7 +59,8 @@ pub use deck::{
 };
 pub use drone::{
     AttitudeResponse, AutopilotMode, AutopilotState, DroneState, LandedState, LinkCheckpoint, Motors,
-    PLAN_STAGES, Plan, PlanStage, PredictorCheckpoint, SetPoint, SetPointKind, ShadowComparison, Solve,
+    OwnMission, PLAN_STAGES, Plan, PlanStage, PredictorCheckpoint, SetPoint, SetPointKind, ShadowComparison,
+    Solve,
 };
 pub use grant::{
     Course, DECK_CLOSED, DeckGrant, MAX_STEADY_S, OWNER_ONLY_M, PLACES, WAITING_DISTANCE_M, WaitingPlace,
@@ -87,7 +88,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 23;
+pub const MESSAGE_VERSION: u16 = 24;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]

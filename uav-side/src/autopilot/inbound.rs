@@ -132,6 +132,10 @@ impl AutopilotLink {
                 peer.streams.received(message::id::EKF_STATUS_REPORT);
                 self.heading.status(now, *flags);
             }
+            Message::MissionCurrent { total, state } => {
+                self.own_mission.current(peer.firmware, *total, *state);
+            }
+            Message::MissionItemReached { item } => self.own_mission.reached(*item),
             Message::RemoteControl(channels) => {
                 peer.streams.received(message::id::RC_CHANNELS);
                 let given = self.switch.on_channels(now, c.rc_switch, channels);

@@ -47,7 +47,7 @@ impl Order {
         let (h, kind) = (self.command.header, self.command.kind);
         let taken = |m: &MissionState| match kind {
             CommandKind::Abort => m.abort == Some([h.boot, h.sequence]),
-            CommandKind::Land | CommandKind::Hold | CommandKind::TakeOff => {
+            CommandKind::Land | CommandKind::Hold | CommandKind::TakeOff | CommandKind::Ready => {
                 m.header.at > h.at && kind.is_met(m.state, m.waiting.code)
             }
         };
@@ -69,5 +69,6 @@ pub(super) fn named(kind: CommandKind) -> (u8, &'static str) {
         CommandKind::Land => (severity::NOTICE, "a landing"),
         CommandKind::Hold => (severity::NOTICE, "a hold"),
         CommandKind::TakeOff => (severity::WARNING, "a take-off"),
+        CommandKind::Ready => (severity::WARNING, "the next sortie"),
     }
 }

@@ -4,6 +4,7 @@ use alight_shared::msg::{BatteryPlace, Reason, ReasonCode, State, WAITING_DISTAN
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector3;
 
+use super::cycles::Cycles;
 use super::limits::exceeds;
 use super::situation::{Deck, Situation};
 use crate::contingency::BELOW_M;
@@ -151,6 +152,11 @@ impl MissionPhase {
         disarmed: false,
         airborne: None,
     };
+    /// On the deck, disarmed.
+    pub(super) const STANDS: MissionPhase = MissionPhase::Landed {
+        disarmed: true,
+        airborne: None,
+    };
     /// On the way to the vessel, not detected yet.
     pub(super) const APPROACH: MissionPhase = MissionPhase::Approach { detected: None };
 
@@ -248,6 +254,8 @@ pub struct Progress {
     pub lapsed: bool,
     /// It has taken off from the deck, and not landed since: it comes back while the battery lasts.
     pub sortie: bool,
+    /// Sorties one after the other.
+    pub cycles: Cycles,
 }
 
 impl Progress {

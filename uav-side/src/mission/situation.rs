@@ -4,7 +4,8 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Course, DECK_CLOSED, DeckForecast, DeckGrant, DeckStage, DroneState,
-    HelmState, LandedState, LandingMode, Reason, ReasonCode, VesselLevel, WAITING_DISTANCE_M, WaitingPlace,
+    HelmState, LandedState, LandingMode, OwnMission, Reason, ReasonCode, VesselLevel, WAITING_DISTANCE_M,
+    WaitingPlace,
 };
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
@@ -447,6 +448,8 @@ pub struct Situation {
     pub battery_for_take_off: f64,
     /// Why a drone on a sortie turns back now.
     pub turns_back: Option<Reason>,
+    /// Whether the autopilot flies its own mission, or has flown all of it.
+    pub own_mission: OwnMission,
     /// Time until it does, s; None while that is not known.
     pub turns_in_s: Option<f64>,
     /// How likely a take-off succeeds now and soon; None while that is not known or not asked for.

@@ -99,6 +99,7 @@ pub(super) fn fair() -> Situation {
         on_ground: false,
         battery_for_take_off: 0.3,
         turns_back: None,
+        own_mission: OwnMission::None,
         turns_in_s: None,
         lift_off: None,
         risen_m: 0.0,

@@ -228,7 +228,7 @@ impl OperatorRelay {
         let taken = || repeated && command.kind.is_met(status.state, status.waiting.code);
         let met = match command.kind {
             CommandKind::Abort => echoed(),
-            CommandKind::Land | CommandKind::Hold | CommandKind::TakeOff => taken(),
+            CommandKind::Land | CommandKind::Hold | CommandKind::TakeOff | CommandKind::Ready => taken(),
         };
         status.header.drone == c.drone() && met
     }
