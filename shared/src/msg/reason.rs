@@ -230,6 +230,8 @@ pub enum ReasonCode {
     SortieBegins,
     /// All sorties are done: their number, and how many there were to be.
     SortiesDone,
+    /// Out of radio range: on its way to where the vessel should be, m, which has been silent for so long, s.
+    SeeksVessel,
     /// After a take-off: hands over to the autopilot's own mission, since, s, and for how long.
     HandsOver,
     /// Too dark for the camera to detect a tag: mean of its image, grey levels; the limit is its longest exposure, s, 0 where the
@@ -382,6 +384,10 @@ impl fmt::Display for Reason {
             ),
             ReasonCode::SortieBegins => write!(f, "ready: sortie {v:.0} of {l:.0}"),
             ReasonCode::SortiesDone => write!(f, "all sorties are done: {v:.0} (limit {l:.0})"),
+            ReasonCode::SeeksVessel => write!(
+                f,
+                "no radio for {l:.0} s: flies to where the vessel should be, {v:.0} m"
+            ),
             ReasonCode::HandsOver => write!(f, "hands over to the autopilot's own mission"),
             ReasonCode::TakeOffBattery => battery(f, " for a take-off"),
             ReasonCode::Disarmed => write!(f, "disarmed on the deck"),

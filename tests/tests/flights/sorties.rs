@@ -1,8 +1,10 @@
 //! Sorties in the simulated world: away from the deck in the autopilot's own mission, and back.
 
-use alight_shared::msg::{AutopilotMode, CommandKind, DeckOrder, ReasonCode, State};
+use alight_shared::msg::{AutopilotMode, BatteryPlace, CommandKind, DeckOrder, ReasonCode, State};
 use alight_sim::autopilots::simulated::{mode_number, own_mission_mode};
 use alight_sim::harness::rig::Rig;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
+use alight_sim::physics::vessel::Course;
 use alight_uav::autopilot::modes::Firmware;
 use nalgebra::Vector3;
 
@@ -11,7 +13,10 @@ use super::takeoff::{armed, on_deck, ordered, rests_on_deck, until};
 
 /// The autopilot of drone 0 has a mission of three places, so far away from where it is (m) and 20 m higher.
 fn upload(rig: &mut Rig, far_m: f64) {
-    if let Some(linked) = rig.world.linked(0) {
+    upload_to(rig, 0, far_m);
+}
+fn upload_to(rig: &mut Rig, k: usize, far_m: f64) {
+    if let Some(linked) = rig.world.linked(k) {
         let here = linked.autopilot.position();
         let places = [[-0.5, 0.0], [-1.0, 0.3], [-1.0, -0.1]];
         let at = |[north, east]: [f64; 2]| here + Vector3::new(north * far_m, east * far_m, -20.0);
@@ -82,7 +87,10 @@ fn own_mission_ended_by_a_person() {
 
 /// A charger aboard, which the drone has while it stands disarmed.
 fn charge(rig: &mut Rig, to: f64) {
-    if let Some(linked) = rig.world.linked(0)
+    charge_one(rig, 0, to);
+}
+fn charge_one(rig: &mut Rig, k: usize, to: f64) {
+    if let Some(linked) = rig.world.linked(k)
         && !linked.autopilot.armed()
     {
         linked.autopilot.battery = to;
@@ -192,4 +200,132 @@ fn own_mission_that_does_not_begin() {
     rig.run(20.0);
     let m = rig.mission(0);
     assert_eq!((m.sorties, m.waiting.code), ([1, 0], ReasonCode::HandOverRefused));
+}
+
+/// The radio does not reach the drone from now on for so long, s.
+fn radio_out(rig: &mut Rig, duration_s: f64) {
+    let outage = StateOutage {
+        state: State::Idle,
+        after_s: 0.0,
+        duration_s,
+    };
+    rig.world.radio_outage(0, &outage);
+}
+/// On its own mission far away from a vessel under way, out of radio range, with a battery that calls.
+fn called_out_of_range(firmware: Firmware, seed: u64) -> Rig {
+    let (mut scenario, nodes) = on_deck(0.3, firmware);
+    scenario.vessel.course = Course::Straight;
+    scenario.vessel.speed_mps = 2.0;
+    let mut rig = ordered(&scenario, &nodes, seed);
+    assert!(until(&mut rig, 60.0, State::Hold).0, "{:?}", rig.visited(0));
+    upload(&mut rig, 300.0);
+    choose(&mut rig, own_mission_mode(firmware));
+    assert!(rig.until(60.0, |r| r.world.physics().deck_distance_m(0) > 180.0));
+    radio_out(&mut rig, f64::INFINITY);
+    rig.run(20.0);
+    assert_eq!(rig.state(0), State::Idle);
+    if let Some(linked) = rig.world.linked(0) {
+        linked.autopilot.battery = 0.27;
+    }
+    let seeks = rig.until(60.0, |r| r.state(0) == State::Search);
+    let m = rig.mission(0);
+    assert!(
+        seeks && m.entered.code == ReasonCode::SeeksVessel,
+        "{:?}, {}",
+        rig.visited(0),
+        m.waiting
+    );
+    rig
+}
+
+/// Out of radio range the battery calls: the drone flies to where the vessel should be, hears her there, and lands.
+#[test]
+fn sortie_ended_out_of_radio_range() {
+    for firmware in BOTH {
+        let mut rig = called_out_of_range(firmware, 67);
+        let near = rig.until(120.0, |r| r.world.physics().deck_distance_m(0) < 60.0);
+        assert!(
+            near && rig.state(0) == State::Search,
+            "{firmware:?}: {:?}",
+            rig.visited(0)
+        );
+        radio_out(&mut rig, 0.0);
+        let (landed, met) = until(&mut rig, 200.0, State::Landed);
+        let waiting = rig.mission(0).waiting;
+        assert!(
+            landed && met.others == 0,
+            "{firmware:?}: {:?}, {waiting}",
+            rig.visited(0)
+        );
+    }
+}
+
+/// Nothing is heard there: at the battery's reserve it takes the next place of its order.
+#[test]
+fn sortie_that_does_not_hear_its_vessel() {
+    let mut rig = called_out_of_range(Firmware::Px4, 68);
+    let near = rig.until(120.0, |r| r.world.physics().deck_distance_m(0) < 30.0);
+    assert!(near, "{:?}", rig.visited(0));
+    let home = rig.until(120.0, |r| r.mission(0).low_battery == Some(BatteryPlace::Home));
+    let m = rig.mission(0);
+    assert!(
+        home && m.entered.code == ReasonCode::BatteryHome,
+        "{:?}, {}",
+        rig.visited(0),
+        m.waiting
+    );
+}
+
+/// Two drones of one vessel with a charger aboard: while one stands there, the other is away, and nobody says a word.
+#[test]
+fn two_drones_that_take_turns_on_one_deck() {
+    let scenario = Scenario {
+        sea: "slight".parse().unwrap(),
+        drones: 2,
+        ..Scenario::default()
+    };
+    let mut nodes = NodeConfigs::default();
+    nodes.drone.mission.takeoff = true;
+    nodes.drone.mission.reservation_required = true;
+    nodes.drone.mission.sorties_max = 2;
+    let mut rig = Rig::new(&scenario, &nodes, 69).unwrap();
+    (1..=2).for_each(|drone| rig.world.deck_order(DeckOrder::TakeOffStanding(drone)));
+    rig.world.command_to(0, CommandKind::Land);
+    assert!(rig.until(150.0, |r| r.state(0) == State::Landed && !is_armed(r, 0)));
+    (0..2).for_each(|k| upload_to(&mut rig, k, if k == 0 { 120.0 } else { -120.0 }));
+    // The first goes; the second, which was in the air, comes and stays.
+    rig.world.command_to(0, CommandKind::TakeOff);
+    assert!(rig.until(60.0, |r| r.mission(0).sorties == [1, 2]));
+    rig.world.command_to(1, CommandKind::Land);
+    assert!(rig.until(200.0, |r| r.state(1) == State::Landed && !is_armed(r, 1)));
+    rig.world.command_to(1, CommandKind::TakeOff);
+    let (mut landings, mut nearest_m) = ([0; 2], f64::INFINITY);
+    let mut before = [rig.state(0), rig.state(1)];
+    rig.each(900.0, |rig| {
+        for k in 0..2 {
+            charge_one(rig, k, 0.6);
+            landings[k] += u32::from(rig.state(k) == State::Landed && before[k] != State::Landed);
+            before[k] = rig.state(k);
+        }
+        nearest_m = nearest_m.min(apart_m(rig));
+        landings == [2, 2]
+    });
+    let seen = format!(
+        "{:?}, {:?}; {}, {}",
+        rig.visited(0),
+        rig.visited(1),
+        rig.mission(0).waiting,
+        rig.mission(1).waiting
+    );
+    assert_eq!(landings, [2, 2], "{seen}");
+    assert!(nearest_m > 10.0, "{nearest_m} m apart");
+}
+fn is_armed(rig: &Rig, k: usize) -> bool {
+    let drone = rig.world.drones().get(k).and_then(|d| d.autopilot());
+    drone.is_some_and(|a| a.armed())
+}
+/// Of the two drones.
+fn apart_m(rig: &Rig) -> f64 {
+    let at = |k| rig.world.physics().drone(k).map(|d| d.position.0);
+    at(0).zip(at(1)).map_or(f64::INFINITY, |(a, b)| (a - b).norm())
 }

@@ -1,7 +1,7 @@
 //! Mission: permission of what the planner may fly, with the reason why not more.
 //!
 //! Read `transition` (the state machine as a pure function), `states` (its table), `phase` (the states and what they
-//! remember), `search` (the way to a deck that is known by a beacon alone), `situation` (every quantity it judges), `height` (does a second witness
+//! remember), `search` and `seek` (the way to a deck that is known by a beacon alone, and to one that is not received), `situation` (every quantity it judges), `height` (does a second witness
 //! confirm the deck's height?), `outlook` (how likely a landing succeeds, with `staying`: does the landed
 //! drone stay?), `take_off` and `lift_off` (the way back up), `cycles` (sorties one after the other), `waiting` (is a better moment worth its cost?), then `checkpoint` (what outlives the process). This file keeps the inputs and writes the output.
 
@@ -16,6 +16,7 @@ mod outlook;
 mod phase;
 mod place;
 mod search;
+mod seek;
 mod situation;
 mod sortie;
 mod states;
@@ -27,6 +28,8 @@ mod turnaround;
 mod waiting;
 mod wind;
 
+#[cfg(test)]
+mod cycles_tests;
 #[cfg(test)]
 mod ending_tests;
 #[cfg(test)]
@@ -446,10 +449,12 @@ impl Mission {
                 .is_some_and(|s| s.motors == Motors::Stop),
             rotors_carry: autopilot.and_then(|a| rotors_carry(a, &self.drone_geometry)),
             hard_contact_mps: self.set_point.get().and_then(|s| s.hard_contact_mps),
+            deck_wanted: (self.grant.fresh(now, topics::DECK.stale_after)).is_some_and(|g| g.wanted),
             not_cleared: take_off::not_cleared(self.grant.get(), self.drone_id, now),
             on_ground: autopilot.is_some_and(|a| a.landed == LandedState::OnGround),
             battery_for_take_off: self.battery.for_take_off(c),
             turns_back: None,
+            seeks: None,
             own_mission: autopilot.map_or(OwnMission::None, |a| a.own_mission),
             turns_in_s: None,
             lift_off: None,

@@ -54,6 +54,8 @@ pub enum MissionPhase {
     },
     /// Looks for a deck that is known by a beacon alone.
     Search(Search),
+    /// Towards a vessel that is not received.
+    Seek,
     /// Over the vessel.
     Tracking {
         /// Steady since.
@@ -166,7 +168,7 @@ impl MissionPhase {
             MissionPhase::Idle => State::Idle,
             MissionPhase::GetAltitude { .. } => State::GetAltitude,
             MissionPhase::Approach { .. } => State::Approach,
-            MissionPhase::Search(_) => State::Search,
+            MissionPhase::Search(_) | MissionPhase::Seek => State::Search,
             MissionPhase::Tracking { .. } => State::Tracking,
             MissionPhase::TrackingStable => State::TrackingStable,
             MissionPhase::Descent { .. } => State::Descent,
@@ -223,7 +225,10 @@ impl MissionPhase {
     pub(super) const fn needs_data(&self) -> bool {
         self.flies()
             && !self.takes_off()
-            && !matches!(self, MissionPhase::Hold { .. } | MissionPhase::GaveUp { .. })
+            && !matches!(
+                self,
+                MissionPhase::Hold { .. } | MissionPhase::GaveUp { .. } | MissionPhase::Seek
+            )
     }
 }
 

@@ -13,7 +13,7 @@ use alight_shared::msg::{DeckForecast, DroneState, LastVessel, Reason, ReasonCod
 use nalgebra::Vector2;
 
 use super::phase::DroneTime;
-use super::situation::Situation;
+use super::situation::{Seeks, Situation};
 use super::{Mission, WIND_SD_MPS};
 
 /// Longer ways are as good as none, s.
@@ -52,13 +52,22 @@ fn vessel(forecast: &DeckForecast, drone: &DroneState) -> Option<LastVessel> {
     })
 }
 
-/// From the drone to the place of `vessel` at `now`, and its velocity, with the margin of a vessel that is not received.
-fn towards(vessel: &LastVessel, drone: &DroneState, now: DroneTime) -> (Vector2<f64>, Vector2<f64>) {
+/// From the drone to the place of `vessel` at `now`: where its last velocity has brought it.
+fn seeks(vessel: &LastVessel, drone: &DroneState, now: DroneTime) -> Seeks {
     let velocity = Vector2::from(vessel.velocity);
     let silent_s = (now - vessel.at).secs().max(0.0);
     let place: Vector<DroneNed> = drone.datum.to(&vessel.place);
     let there = place.0.xy() + drone.datum_offset().xy() + velocity * silent_s;
-    let offset = there - drone.position().xy();
+    Seeks {
+        offset: there - drone.position().xy(),
+        silent_s,
+    }
+}
+
+/// The same with the margin of a vessel that is not received, and its velocity.
+fn towards(vessel: &LastVessel, drone: &DroneState, now: DroneTime) -> (Vector2<f64>, Vector2<f64>) {
+    let velocity = Vector2::from(vessel.velocity);
+    let Seeks { offset, silent_s } = seeks(vessel, drone, now);
     let away = offset.try_normalize(1e-3).unwrap_or(Vector2::x());
     (offset + away * margin_m(velocity.norm(), silent_s), velocity)
 }
@@ -155,6 +164,7 @@ impl Mission {
         if let (Some(forecast), Some(drone), Some(_)) = (self.forecast.get(), drone, s.fresh_deck()) {
             self.last_vessel = vessel(forecast, drone).or(self.last_vessel);
         }
+        s.seeks = (self.last_vessel.as_ref().zip(drone)).map(|(last, drone)| seeks(last, drone, now));
         let known = self.progress.sortie.then(|| self.battery.energy(c)).flatten();
         let (Some(energy), Some(drone), Some(last)) = (known, drone, &self.last_vessel) else {
             return;

@@ -18,7 +18,8 @@ use super::phase::{
     moving_place, old_data, too_far,
 };
 use super::search;
-use super::situation::{ControlState, Deck, Reservation, Situation};
+use super::seek;
+use super::situation::{ControlState, Deck, Reservation, Seeks, Situation};
 use super::take_off;
 use super::turnaround;
 use super::waiting::promised;
@@ -36,6 +37,7 @@ pub(super) fn step(
         MissionPhase::GetAltitude { from } => get_altitude(from, s, c),
         MissionPhase::Approach { detected } => approach(detected, s, c),
         MissionPhase::Search(looks) => search::search(looks, s, c),
+        MissionPhase::Seek => seek::seek(progress, s, c),
         MissionPhase::Tracking { steady } => tracking(steady, progress, s, c),
         MissionPhase::TrackingStable => tracking_stable(progress, s, c),
         MissionPhase::Descent { violated, paused } => descent(violated, paused, progress, s, c),
@@ -102,10 +104,11 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
     if !progress.landing {
         return idle.stay(if progress.stopped { Operator } else { NotCommanded });
     }
-    // One that cannot fly there is not taken from whoever flies it.
     let done = (s.own_mission == OwnMission::Done).then(|| ReasonCode::MissionDone.into());
     let ends = s.turns_back.or(done).filter(|_| progress.sortie);
-    let turns_back = ends.filter(|_| old_data(s).is_none());
+    // One that is received, or may be found.
+    let may_return = old_data(s).is_none() || seek::due(progress, s).is_some();
+    let turns_back = ends.filter(|_| may_return);
     let stays_due = ends.is_some();
     if let Some(why) = order_expired(progress, s, c).filter(|_| !stays_due) {
         progress.landing = false;
@@ -129,6 +132,9 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
         } else {
             why
         });
+    }
+    if let Some(seeks) = seek::due(progress, s) {
+        return seek::sets_out(progress, &seeks, s);
     }
     if let Some(why) = old_data(s) {
         return idle.stay(why);
@@ -624,6 +630,10 @@ fn held(
     }
     if s.flight == ControlState::Unknown {
         return hold(None).stay(NotFlying);
+    }
+    let far = |seeks: &Seeks| s.turns_back.is_some() || seeks.offset.norm() > seek::FAR_M;
+    if let Some(seeks) = seek::due(progress, s).filter(far) {
+        return seek::sets_out(progress, &seeks, s);
     }
     if let Some(why) = old_data(s) {
         return hold(None).stay(why);

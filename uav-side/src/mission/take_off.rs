@@ -111,6 +111,7 @@ pub(super) fn stopped(phase: MissionPhase, s: &Situation, why: impl Into<Reason>
         | MissionPhase::GetAltitude { .. }
         | MissionPhase::Approach { .. }
         | MissionPhase::Search(_)
+        | MissionPhase::Seek
         | MissionPhase::Tracking { .. }
         | MissionPhase::TrackingStable
         | MissionPhase::Descent { .. }

@@ -31,7 +31,10 @@ pub(super) fn stands(
     let charge = s.battery.unwrap_or(0.0);
     let (charged, lasted_s) = lasting(charge >= c.battery_ready, cycles.charged, s.now);
     cycles.charged = charged;
-    if !(cycles.ready || charged.is_some() && lasted_s >= CHARGED_S) {
+    let is_charged = charged.is_some() && lasted_s >= CHARGED_S;
+    // Who waits in the air needs the deck more than this one its last per cents.
+    let gives_way = s.deck_wanted && charge >= s.battery_for_take_off;
+    if !(cycles.ready || is_charged || gives_way) {
         return phase.stay(Reason::new(NotReady, charge, c.battery_ready));
     }
     if let Some(why) = s.not_cleared {

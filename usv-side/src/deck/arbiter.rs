@@ -207,9 +207,11 @@ pub struct DeckArbiter {
     /// Owner and course of the newest grant.
     published: u32,
     stated: Course,
-    /// The drone for whose take-off the crew has cleared the deck; as published in the newest grant.
-    cleared: Option<Clearance>,
+    /// The drones for whose take-offs the crew has cleared the deck, each once; as published in the newest grant.
+    cleared: Vec<Clearance>,
     take_off: bool,
+    /// The drone that it is published for.
+    leaves: Option<u32>,
     /// By an order or by the state of the checkpoint: until the crew orders it open.
     closed: Option<Closure>,
     switch: Option<Reading>,
@@ -453,9 +455,9 @@ impl DeckArbiter {
             DeckOrder::Closed => self.closed = Some(Closure::Crew),
             DeckOrder::TakeOff(drone) => {
                 let until = Some(now + Span::from_secs(TAKE_OFF_CLEARANCE_S));
-                self.cleared = Some(Clearance { drone, until });
+                self.clear_for(Clearance { drone, until });
             }
-            DeckOrder::TakeOffStanding(drone) => self.cleared = Some(Clearance { drone, until: None }),
+            DeckOrder::TakeOffStanding(drone) => self.clear_for(Clearance { drone, until: None }),
             DeckOrder::Open => self.open(now, None),
             DeckOrder::Clear(drone) => self.open(now, Some(drone)),
             // The helm's.
@@ -532,19 +534,36 @@ impl DeckArbiter {
         assigned.map(|d| d.header.drone)
     }
 
+    /// The crew's word for one drone; it takes the place of its former one.
+    fn clear_for(&mut self, clearance: Clearance) {
+        self.cleared.retain(|c| c.drone != clearance.drone);
+        if self.cleared.len() < MAX_DRONES {
+            self.cleared.push(clearance);
+        }
+    }
     /// Whether the deck's owner may take off: it stands there, and the crew has cleared the deck for it since.
     fn clears_take_off(&mut self, now: Time<VesselClock>) -> bool {
         let open = self.closed(now).is_none();
-        let lasts = |c: &Clearance| c.until.is_none_or(|until| now <= until);
-        self.cleared = self.cleared.filter(|c| open && lasts(c));
-        let drone = self.cleared.map(|c| c.drone);
-        let stands = |d: &Drone| d.claim == Claim::OnDeck && Some(d.header.drone) == drone && !d.is_double();
-        let clears = drone.is_some() && drone == self.owner && self.drones.iter().any(stands);
-        if self.take_off && !clears {
+        self.cleared
+            .retain(|c| open && c.until.is_none_or(|until| now <= until));
+        let stands = |d: &&Drone| d.claim == Claim::OnDeck && Some(d.header.drone) == self.owner;
+        let owner = self.drones.iter().find(stands).filter(|d| !d.is_double());
+        let named = owner.map(|d| d.header.drone);
+        let clears = self.cleared.iter().find(|c| Some(c.drone) == named);
+        let clears = clears.map(|c| c.drone);
+        if let Some(left) = self.leaves.filter(|left| Some(*left) != clears) {
             // It has left: a word that does not stand was for one take-off.
-            self.cleared = self.cleared.filter(|c| c.until.is_none());
+            self.cleared.retain(|c| c.drone != left || c.until.is_none());
         }
-        clears
+        self.leaves = clears;
+        clears.is_some()
+    }
+    /// Another drone asks for the deck on which its owner stands.
+    fn is_wanted(&self, now: Time<VesselClock>) -> bool {
+        let owns = |d: &Drone| self.owner == Some(d.header.drone);
+        let stands = self.drones.iter().any(|d| owns(d) && d.claim == Claim::OnDeck);
+        let asks = |d: &Drone| d.claim == Claim::Requesting && d.flies && d.is_fresh(now) && !owns(d);
+        stands && self.drones.iter().any(asks)
     }
 
     /// The owner as drones are to know it.
@@ -625,6 +644,7 @@ impl Node for DeckArbiter {
                 course,
                 helm: input.helm,
                 take_off,
+                wanted: self.is_wanted(now),
                 occupied: self.occupied(now),
                 places: core::array::from_fn(|k| {
                     // Two with one number would both go there.
