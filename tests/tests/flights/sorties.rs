@@ -120,7 +120,7 @@ fn unattended_cycles() {
         rig.world.command(CommandKind::TakeOff);
         for sortie in 1..=2 {
             let away =
-                attended_by_a_charger(&mut rig, 120.0, |r| r.world.physics().deck_distance_m(0) > 40.0);
+                attended_by_a_charger(&mut rig, 180.0, |r| r.world.physics().deck_distance_m(0) > 40.0);
             let m = rig.mission(0);
             let seen = format!(
                 "{firmware:?}, sortie {sortie}: {:?}, {}, {}",
@@ -287,7 +287,7 @@ fn two_drones_that_take_turns_on_one_deck() {
     let mut nodes = NodeConfigs::default();
     nodes.drone.mission.takeoff = true;
     nodes.drone.mission.reservation_required = true;
-    nodes.drone.mission.sorties_max = 2;
+    nodes.drone.mission.sorties_max = 4;
     let mut rig = Rig::new(&scenario, &nodes, 69).unwrap();
     (1..=2).for_each(|drone| rig.world.deck_order(DeckOrder::TakeOffStanding(drone)));
     rig.world.command_to(0, CommandKind::Land);
@@ -295,7 +295,7 @@ fn two_drones_that_take_turns_on_one_deck() {
     (0..2).for_each(|k| upload_to(&mut rig, k, if k == 0 { 120.0 } else { -120.0 }));
     // The first goes; the second, which was in the air, comes and stays.
     rig.world.command_to(0, CommandKind::TakeOff);
-    assert!(rig.until(60.0, |r| r.mission(0).sorties == [1, 2]));
+    assert!(rig.until(60.0, |r| r.mission(0).sorties == [1, 4]));
     rig.world.command_to(1, CommandKind::Land);
     assert!(rig.until(200.0, |r| r.state(1) == State::Landed && !is_armed(r, 1)));
     rig.world.command_to(1, CommandKind::TakeOff);
@@ -308,7 +308,7 @@ fn two_drones_that_take_turns_on_one_deck() {
             before[k] = rig.state(k);
         }
         nearest_m = nearest_m.min(apart_m(rig));
-        landings == [2, 2]
+        landings.iter().all(|n| *n >= 2)
     });
     let seen = format!(
         "{:?}, {:?}; {}, {}",
@@ -317,8 +317,8 @@ fn two_drones_that_take_turns_on_one_deck() {
         rig.mission(0).waiting,
         rig.mission(1).waiting
     );
-    assert_eq!(landings, [2, 2], "{seen}");
-    assert!(nearest_m > 10.0, "{nearest_m} m apart");
+    assert!(landings.iter().all(|n| *n >= 2), "{landings:?}: {seen}");
+    assert!(nearest_m > 15.0, "{nearest_m} m apart");
 }
 fn is_armed(rig: &Rig, k: usize) -> bool {
     let drone = rig.world.drones().get(k).and_then(|d| d.autopilot());

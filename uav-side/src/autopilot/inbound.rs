@@ -228,8 +228,10 @@ impl AutopilotLink {
         {
             // PX4's next heartbeat may be a second away.
             peer.armed = false;
-        } else if matches!(command, command::ARM_DISARM | command::SET_MODE)
-            && !matches!(result, CommandResult::Accepted | CommandResult::InProgress)
+        } else if matches!(
+            command,
+            command::ARM_DISARM | command::SET_MODE | command::MISSION_START
+        ) && !matches!(result, CommandResult::Accepted | CommandResult::InProgress)
         {
             if command == command::ARM_DISARM
                 && let Some(why) = self.departure.denied(now, result)

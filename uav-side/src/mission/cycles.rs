@@ -8,7 +8,7 @@
 //!
 //! Here is what is remembered of them; `turnaround` has what the states do about it.
 
-use alight_shared::msg::ReasonCode::{ArmedAgain, HardContact, NoMoment};
+use alight_shared::msg::ReasonCode::{ArmedAgain, Disarmed, HardContact, NoMoment};
 use alight_shared::msg::{Reason, State};
 use alight_shared::time::{DroneClock, Time};
 
@@ -39,8 +39,11 @@ pub struct Cycles {
 impl Cycles {
     /// With an order to take off.
     pub(super) fn begun(self, c: &MissionConfig) -> Cycles {
+        let on = self.sorties < c.sorties_max;
         Cycles {
-            on: self.sorties < c.sorties_max,
+            on,
+            // Who orders it means this drone as it is.
+            ready: on,
             sorties: self.sorties,
             ..Cycles::default()
         }
@@ -60,13 +63,16 @@ impl Cycles {
         self.sorties = self.sorties.saturating_add(1);
         (self.ready, self.charged, self.tries) = (false, None, 0);
     }
-    /// Follows a change to the state `after`, whose reason may end them; `stood`: on the deck in a take-off until then.
-    pub(super) fn follow(&mut self, stood: bool, after: State, why: Reason) {
+    /// Follows a change from one state to another, whose reason may end them.
+    pub(super) fn follow(&mut self, before: State, after: State, why: Reason) {
+        let stands_down = before == State::StandDown;
         match after {
             State::GaveUp => self.end(why),
             State::Landed if why.code == HardContact => self.end(why),
             State::Idle if why.code == ArmedAgain => self.end(why),
-            State::Idle | State::StandDown if stood => {
+            // Somebody else has it now.
+            State::Idle if stands_down && why.code != Disarmed => self.end(why),
+            State::Idle | State::StandDown if before.is_take_off() => {
                 self.tries = self.tries.saturating_add(1);
                 if why.code != NoMoment || self.tries > MOMENTS {
                     self.end(why);

@@ -1,9 +1,9 @@
 //! Unattended cycles: what begins the next sortie, and what ends them; and the way to a vessel that is not received.
 
 use alight_shared::msg::ReasonCode::{
-    ArmedAgain, ArmingRejected, BatteryHome, ForecastStale, HandOverRefused, HandsOver, HardContact,
-    MissionDone, NoMoment, NotCleared, NotOnDeck, NotReady, Operator, OrderedBack, SeeksVessel, SortieBegins,
-    SortiesDone, TakeOffTilted,
+    ArmedAgain, ArmingRejected, BatteryHome, DoesNotRise, ForecastStale, HandOverRefused, HandsOver,
+    HardContact, MissionDone, NoMoment, NotCleared, NotOnDeck, NotReady, Operator, OrderedBack, SeeksVessel,
+    SortieBegins, SortiesDone, TakeOffTilted,
 };
 use alight_shared::msg::{AutopilotMode, BatteryPlace};
 use nalgebra::Vector2;
@@ -153,6 +153,10 @@ fn endings_of_unattended_cycles() {
         },
         ..on_sortie
     };
+    let leaves = MissionPhase::TakeOff {
+        since: at(-1.0),
+        left: false,
+    };
     let abort = Some(CommandKind::Abort);
     let flight = |f: ControlState| standing(|s| s.flight = f);
     let hard = with(|s| (s.motors_stopped, s.hard_contact_mps) = (true, Some(2.0)));
@@ -178,6 +182,13 @@ fn endings_of_unattended_cycles() {
         (spins(None), cycling(), None, standing(|_| {}), ArmingRejected),
         (MissionPhase::DESCENT, on_sortie, None, hard, HardContact),
         (hold(), handed, None, with(|_| {}), HandOverRefused),
+        (
+            leaves,
+            cycling(),
+            None,
+            flight(ControlState::OnGround),
+            DoesNotRise,
+        ),
     ] {
         let d = step(phase, progress, command, &s);
         let ended = d.progress.cycles.ended.map(|why| why.code);

@@ -4,7 +4,7 @@
 //! Interrupts first (touchdown, abort, loss of control, stale data, hold, battery, time limit), then
 //! what the state itself does, in `states`.
 
-use alight_shared::msg::{BatteryPlace, CommandKind, OwnMission, Phase, Reason, ReasonCode, State};
+use alight_shared::msg::{BatteryPlace, CommandKind, OwnMission, Phase, Reason, ReasonCode};
 
 use super::checkpoint::ends_softer;
 use super::limits::{LOST_OUTSIDE_M, RESUME_DISTANCE_M};
@@ -64,8 +64,7 @@ pub fn decide(
         progress.cycles.leave();
     }
     if let Some(why) = entered {
-        let stood = before.stands() && before.state() != State::StandDown;
-        progress.cycles.follow(stood, phase.state(), why);
+        progress.cycles.follow(before.state(), phase.state(), why);
     }
     let completes = progress.stopped && phase.state().phase() == Phase::Landing;
     let waiting = if completes {
