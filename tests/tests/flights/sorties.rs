@@ -202,7 +202,7 @@ fn own_mission_that_does_not_begin() {
     assert_eq!((m.sorties, m.waiting.code), ([1, 0], ReasonCode::HandOverRefused));
 }
 
-/// The radio does not reach the drone from now on for so long, s.
+/// The radio does not reach the drone from now on, for so long, s.
 fn radio_out(rig: &mut Rig, duration_s: f64) {
     let outage = StateOutage {
         state: State::Idle,
@@ -212,7 +212,7 @@ fn radio_out(rig: &mut Rig, duration_s: f64) {
     rig.world.radio_outage(0, &outage);
 }
 /// On its own mission far away from a vessel under way, out of radio range, with a battery that calls.
-fn called_out_of_range(firmware: Firmware, seed: u64) -> Rig {
+fn called_out_of_range(firmware: Firmware, seed: u64, silent_s: f64) -> Rig {
     let (mut scenario, nodes) = on_deck(0.3, firmware);
     scenario.vessel.course = Course::Straight;
     scenario.vessel.speed_mps = 2.0;
@@ -221,7 +221,7 @@ fn called_out_of_range(firmware: Firmware, seed: u64) -> Rig {
     upload(&mut rig, 300.0);
     choose(&mut rig, own_mission_mode(firmware));
     assert!(rig.until(60.0, |r| r.world.physics().deck_distance_m(0) > 180.0));
-    radio_out(&mut rig, f64::INFINITY);
+    radio_out(&mut rig, silent_s);
     rig.run(20.0);
     assert_eq!(rig.state(0), State::Idle);
     if let Some(linked) = rig.world.linked(0) {
@@ -242,7 +242,7 @@ fn called_out_of_range(firmware: Firmware, seed: u64) -> Rig {
 #[test]
 fn sortie_ended_out_of_radio_range() {
     for firmware in BOTH {
-        let mut rig = called_out_of_range(firmware, 67);
+        let mut rig = called_out_of_range(firmware, 67, 80.0);
         let near = rig.until(120.0, |r| r.world.physics().deck_distance_m(0) < 60.0);
         assert!(
             near && rig.state(0) == State::Search,
@@ -263,8 +263,8 @@ fn sortie_ended_out_of_radio_range() {
 /// Nothing is heard there: at the battery's reserve it takes the next place of its order.
 #[test]
 fn sortie_that_does_not_hear_its_vessel() {
-    let mut rig = called_out_of_range(Firmware::Px4, 68);
-    let near = rig.until(120.0, |r| r.world.physics().deck_distance_m(0) < 30.0);
+    let mut rig = called_out_of_range(Firmware::Px4, 68, f64::INFINITY);
+    let near = rig.until(120.0, |r| r.world.physics().deck_distance_m(0) < 40.0);
     assert!(near, "{:?}", rig.visited(0));
     let home = rig.until(120.0, |r| r.mission(0).low_battery == Some(BatteryPlace::Home));
     let m = rig.mission(0);
@@ -292,12 +292,23 @@ fn two_drones_that_take_turns_on_one_deck() {
     (1..=2).for_each(|drone| rig.world.deck_order(DeckOrder::TakeOffStanding(drone)));
     rig.world.command_to(0, CommandKind::Land);
     assert!(rig.until(150.0, |r| r.state(0) == State::Landed && !is_armed(r, 0)));
+    rig.run(2.0);
     (0..2).for_each(|k| upload_to(&mut rig, k, if k == 0 { 120.0 } else { -120.0 }));
     // The first goes; the second, which was in the air, comes and stays.
     rig.world.command_to(0, CommandKind::TakeOff);
-    assert!(rig.until(60.0, |r| r.mission(0).sorties == [1, 4]));
+    let up = rig.until(60.0, |r| r.mission(0).sorties == [1, 4]);
+    let m = rig.mission(0);
+    assert!(
+        up,
+        "{:?}, {}, {}, {:?}",
+        rig.visited(0),
+        m.entered,
+        m.waiting,
+        m.sorties
+    );
     rig.world.command_to(1, CommandKind::Land);
     assert!(rig.until(200.0, |r| r.state(1) == State::Landed && !is_armed(r, 1)));
+    rig.run(2.0);
     rig.world.command_to(1, CommandKind::TakeOff);
     let (mut landings, mut nearest_m) = ([0; 2], f64::INFINITY);
     let mut before = [rig.state(0), rig.state(1)];
