@@ -89,6 +89,13 @@ config! {
         /// `alight command takeoff` takes off from the deck: Alight chooses the autopilot's mode and arms, after somebody
         /// aboard has cleared the deck (`alight command deck takeoff`) and a countdown.
         pub takeoff: bool = false;
+        /// Sorties of unattended cycles since the drone's service started: after `alight command takeoff` the drone goes on with
+        /// the autopilot's own mission, comes back and lands, and takes off again once it is ready, while somebody aboard has
+        /// cleared the deck for that. 0: each take-off is ordered, and ends in a hold.
+        pub sorties_max: u32 = 0;
+        /// Charge from which on a drone of unattended cycles is ready by itself, 0 to 1; above 1: by `alight command ready` alone.
+        /// Chosen: what a charger reaches before it slows down.
+        pub battery_ready: f64 = 0.9, in 0.0..=1.01;
         /// Descents that may be begun.
         pub max_attempts: u32 = 10;
         /// Remaining battery below which the drone lands at the first place of `battery_order` that can be had, 0 to 1.

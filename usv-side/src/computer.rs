@@ -207,6 +207,7 @@ impl VesselComputer {
             | DeckOrder::Open
             | DeckOrder::Clear(_)
             | DeckOrder::TakeOff(_)
+            | DeckOrder::TakeOffStanding(_)
             | DeckOrder::Steady(_)
             | DeckOrder::Turning => None,
         };

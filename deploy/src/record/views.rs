@@ -398,23 +398,12 @@ impl Views {
         if entered || self.shown_state != now || due(t, SLOW_MS) {
             let (because, waiting) = (m.entered.to_string(), m.waiting.to_string());
             if entered {
-                let level = match m.state {
-                    State::Hold | State::StandDown => log::Level::Warning,
-                    State::GaveUp => log::Level::Error,
-                    State::Idle
-                    | State::GetAltitude
-                    | State::Approach
-                    | State::Search
-                    | State::Tracking
-                    | State::TrackingStable
-                    | State::Descent
-                    | State::Flare
-                    | State::Landed
-                    | State::Preparing
-                    | State::Countdown
-                    | State::SpinUp
-                    | State::TakeOff
-                    | State::ClimbOut => log::Level::Info,
+                let level = if m.state == State::GaveUp {
+                    log::Level::Error
+                } else if m.state.is_setback() {
+                    log::Level::Warning
+                } else {
+                    log::Level::Info
                 };
                 self.line(sink, t, level, format!("{}: {because}", m.state.name()));
             } else if self.shown_state != now && m.waiting.code != ReasonCode::None {

@@ -61,6 +61,7 @@ const fn name(kind: CommandKind) -> &'static str {
         CommandKind::Abort => "abort",
         CommandKind::Hold => "hold",
         CommandKind::TakeOff => "take-off",
+        CommandKind::Ready => "ready",
     }
 }
 

@@ -302,6 +302,9 @@ fn battery(s: &Situation) -> Figure {
             .mission
             .and_then(|m| m.turns_in_s)
             .map(|t| format!("turns back in {:.0} min", (t / 60.0).floor())),
+        (s.seen.mission.map(|m| m.sorties))
+            .filter(|[_, most]| *most > 0)
+            .map(|[begun, most]| format!("sortie {begun} of {most}")),
         a.battery_v.map(|v| format!("{v:.1} V")),
         a.battery_a.map(|i| format!("{i:.1} A")),
     ]

@@ -2,7 +2,7 @@
 
 use alight_shared::msg::{
     Charge, Closure, Course, CourseAdvice, DeckStatus, DroneContact, DroneStatus, EstimatorStatus, HelmEnd,
-    HelmState, State, VesselStatus, still_armed,
+    HelmState, VesselStatus, still_armed,
 };
 use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessKind;
@@ -240,31 +240,10 @@ pub fn drone(d: &DroneStatus) -> Finding {
             "stand clear; where it stays armed, disarm by remote control",
         );
     }
-    if starts_motors(d.state) {
+    if d.state.starts_motors() {
         return TOPIC.warning(found, "stand clear; alight command abort stops it");
     }
     TOPIC.fine(found)
-}
-
-/// Whoever is near a drone in this state has to get away from it.
-fn starts_motors(state: State) -> bool {
-    match state {
-        State::Countdown | State::SpinUp | State::TakeOff => true,
-        State::Idle
-        | State::GetAltitude
-        | State::Search
-        | State::Approach
-        | State::Tracking
-        | State::TrackingStable
-        | State::Descent
-        | State::Flare
-        | State::Landed
-        | State::Hold
-        | State::GaveUp
-        | State::Preparing
-        | State::ClimbOut
-        | State::StandDown => false,
-    }
 }
 
 /// The drones, and how long ago each reported.

@@ -46,6 +46,8 @@ pub enum Order {
     Hold,
     /// Take off from the deck, climb and hold (drone.mission.takeoff).
     Takeoff,
+    /// The drone on the deck is ready for its next sortie (drone.mission.sorties_max).
+    Ready,
     /// Say how the mission stands; commands nothing.
     Status,
     /// Where a silent vessel is: latitude and longitude, deg.
@@ -67,7 +69,7 @@ pub enum CrewOrder {
     Closed,
     /// It is free, but for drones that report from it.
     Open,
-    /// For two minutes: nobody is near the drone of `--drone`, which may take off.
+    /// Nobody is near the drone of `--drone`, which may take off: for two minutes, or until closed with `--standing`.
     Takeoff,
 }
 
@@ -79,6 +81,7 @@ impl Order {
             Order::Abort => Some(CommandKind::Abort),
             Order::Hold => Some(CommandKind::Hold),
             Order::Takeoff => Some(CommandKind::TakeOff),
+            Order::Ready => Some(CommandKind::Ready),
             Order::Status | Order::DeckAt | Order::Deck | Order::Steady | Order::Turning | Order::Helm => {
                 None
             }
@@ -107,6 +110,9 @@ pub struct CommandArgs {
     /// and longitude, deg
     #[arg(value_name = "WORDS", num_args = 0..=2, allow_negative_numbers = true)]
     pub words: Vec<String>,
+    /// With `deck takeoff`: for each take-off of that drone until the deck is closed, not for two minutes
+    #[arg(long)]
+    pub standing: bool,
     /// With `steady` and `deck-at`: for so long, s [default: 60, 300]; with `steady` 0: nothing is stated any more
     #[arg(long = "for", value_name = "SECONDS", value_parser = clap::value_parser!(u32).range(0..=3600))]
     pub for_s: Option<u32>,
@@ -146,6 +152,11 @@ pub struct CommandArgs {
 
 /// Commands, waits for the mission's answer and shows it.
 pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
+    if args.standing && args.order != Order::Deck {
+        return Err(CliError(
+            "--standing belongs to alight command deck takeoff --drone N".into(),
+        ));
+    }
     match args.order {
         Order::Deck => return deck(args, crew_order(&args.words)?),
         Order::Helm => return course(args, DeckOrder::Helm(consent(args)?)),
@@ -154,6 +165,7 @@ pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
         | Order::Abort
         | Order::Hold
         | Order::Takeoff
+        | Order::Ready
         | Order::Status
         | Order::Steady
         | Order::Turning
@@ -167,7 +179,7 @@ pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
         }
         Order::Steady => return course(args, DeckOrder::Steady(args.for_s.unwrap_or(STEADY_S))),
         Order::Turning => return course(args, DeckOrder::Turning),
-        Order::Land | Order::Abort | Order::Hold | Order::Takeoff | Order::Status => {}
+        Order::Land | Order::Abort | Order::Hold | Order::Takeoff | Order::Ready | Order::Status => {}
     }
     match (&args.vessel, &args.keys) {
         (Some(endpoint), Some(keys)) => ashore::run(args, endpoint, keys),
@@ -294,16 +306,23 @@ fn stated(order: DeckOrder, helm: &HelmStatus) -> String {
         | DeckOrder::Closed
         | DeckOrder::Open
         | DeckOrder::Clear(_)
-        | DeckOrder::TakeOff(_) => "no drone descends while she turns".into(),
+        | DeckOrder::TakeOff(_)
+        | DeckOrder::TakeOffStanding(_) => "no drone descends while she turns".into(),
     }
 }
 
 /// Whether drones may descend.
 fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
+    if args.standing && word != CrewOrder::Takeoff {
+        return Err(CliError(
+            "--standing belongs to alight command deck takeoff --drone N".into(),
+        ));
+    }
     let order = match (word, args.drone) {
         (CrewOrder::Closed, None) => DeckOrder::Closed,
         (CrewOrder::Open, None) => DeckOrder::Open,
         (CrewOrder::Open, Some(drone)) => DeckOrder::Clear(drone),
+        (CrewOrder::Takeoff, Some(drone)) if args.standing => DeckOrder::TakeOffStanding(drone),
         (CrewOrder::Takeoff, Some(drone)) => DeckOrder::TakeOff(drone),
         (CrewOrder::Takeoff, None) => {
             return Err(CliError(
@@ -330,7 +349,7 @@ fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
             CrewOrder::Takeoff if closed => {
                 "the order is taken, but the deck is closed: alight command deck open"
             }
-            CrewOrder::Takeoff => cleared(newest.as_ref(), args.drone),
+            CrewOrder::Takeoff => cleared(newest.as_ref(), args.drone, args.standing),
         });
         let unheard = newest.iter().flat_map(|s| s.deck.unheard.iter());
         for drone in unheard.filter(|_| word == CrewOrder::Open) {
@@ -345,13 +364,21 @@ fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
 }
 
 /// What the word for a take-off means to whoever gave it: of a drone whose take-off is ordered it may be all that it waits for.
-fn cleared(newest: Option<&VesselStatus>, drone: Option<u32>) -> &'static str {
+fn cleared(newest: Option<&VesselStatus>, drone: Option<u32>, standing: bool) -> &'static str {
     let ordered = |d: &DroneContact| Some(d.status.header.drone) == drone && d.status.state.is_take_off();
-    if newest.is_some_and(|s| s.drones.iter().any(ordered)) {
-        "the deck is cleared for two minutes: keep away NOW, the drone's take-off is ordered and its motors start in 5 s"
-    } else {
-        "the deck is cleared for two minutes: keep away from the drone NOW, its motors start 5 s after its take-off is \
-         ordered, by whomever"
+    let is_ordered = newest.is_some_and(|s| s.drones.iter().any(ordered));
+    match (is_ordered, standing) {
+        (true, _) => {
+            "the deck is cleared: keep away NOW, the drone's take-off is ordered and its motors start in 5 s"
+        }
+        (false, true) => {
+            "the deck is cleared until it is closed: keep away from the drone NOW, its motors start whenever it is ready, \
+             5 s after it says so"
+        }
+        (false, false) => {
+            "the deck is cleared for two minutes: keep away from the drone NOW, its motors start 5 s after its take-off is \
+             ordered, by whomever"
+        }
     }
 }
 
@@ -425,7 +452,7 @@ mod tests {
                 drones: Seq::filled([contact]),
                 ..VesselStatus::default()
             };
-            [Some(3), Some(2)].map(|drone| cleared(Some(&status), drone).contains("in 5 s"))
+            [Some(3), Some(2)].map(|drone| cleared(Some(&status), drone, false).contains("in 5 s"))
         };
         assert_eq!(warns(State::Preparing), [true, false]);
         assert_eq!(warns(State::Idle), [false, false]);

@@ -23,7 +23,10 @@ impl<C: Clock> OperatorCommand<C> {
     /// Whether this is a landing or take-off ordered by another sender who cannot have seen the effect of `abort`.
     pub fn is_unaware_of(&self, abort: &Header<C>) -> bool {
         let h = &self.header;
-        let begins = matches!(self.kind, CommandKind::Land | CommandKind::TakeOff);
+        let begins = matches!(
+            self.kind,
+            CommandKind::Land | CommandKind::TakeOff | CommandKind::Ready
+        );
         begins && abort.boot != h.boot && h.at < abort.at + UNAWARE_OF_ABORT
     }
 }
@@ -160,7 +163,7 @@ impl<C: Clock> CommandAdmission<C> {
                 repeated
             }
             (CommandKind::Abort, None) => false,
-            (CommandKind::Land | CommandKind::Hold | CommandKind::TakeOff, _) => self
+            (CommandKind::Land | CommandKind::Hold | CommandKind::TakeOff | CommandKind::Ready, _) => self
                 .newest
                 .is_some_and(|n| same_message(&n.header) || n.kind == command.kind && same_time(&n.header)),
         }

@@ -37,6 +37,8 @@ pub enum DeckOrder {
     /// Nobody and nothing is near this drone on the deck, nor tied to it: it may take off within
     /// [`TAKE_OFF_CLEARANCE_S`].
     TakeOff(u32),
+    /// The same until the deck is closed, for each take-off of it: whoever gives it sees to it for so long.
+    TakeOffStanding(u32),
     /// Course and speed are kept for so many seconds; 0: nothing is stated any more.
     Steady(u32),
     /// The vessel turns or may turn, until another order about her course.

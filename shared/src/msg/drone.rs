@@ -136,6 +136,20 @@ pub enum LandedState {
     InAir,
 }
 
+/// The autopilot's own mission (PX4 Mission, ArduCopter AUTO).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
+#[repr(u8)]
+#[serde(rename_all = "kebab-case")]
+pub enum OwnMission {
+    /// It flies none.
+    #[default]
+    None,
+    /// It flies it.
+    Flies,
+    /// It has flown all of it, and nobody has chosen a mode since.
+    Done,
+}
+
 /// The autopilot's state.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
@@ -167,6 +181,8 @@ pub struct AutopilotState {
     pub rejection: Reason,
     /// While a person flies and nothing is commanded: what would have been.
     pub shadow: Option<ShadowComparison>,
+    /// Whether it flies its own mission.
+    pub own_mission: OwnMission,
 }
 
 /// What a landing that only looks on would command, beside what the person who flies does.
@@ -228,8 +244,9 @@ pub struct LinkCheckpoint {
     pub hover_thrust: f64,
     /// For so long it was identified, s.
     pub hover_learned_s: f64,
-    /// It has ended the autopilot's own mission in this flight: who chooses that again has it.
-    pub ended_mission: bool,
+    /// It has ended the autopilot's own mission in this flight, by the battery, because it was done, by an order: who chooses
+    /// that again has it.
+    pub ended_missions: [bool; 3],
 }
 
 /// Checkpoint of the predictor: the camera's view of the deck against the radio's, which its successor could not

@@ -92,6 +92,8 @@ pub struct DeckGrant<C: Clock> {
     pub helm: HelmStatus,
     /// Somebody aboard has cleared the deck for a take-off of its owner.
     pub take_off: bool,
+    /// Another drone asks for the deck on which its owner stands.
+    pub wanted: bool,
 }
 
 impl<C: Clock> DeckGrant<C> {
@@ -108,7 +110,8 @@ restamped!(DeckGrant {
     places,
     course,
     helm,
-    take_off
+    take_off,
+    wanted
 });
 message!(@C DeckGrant<C>, C, |m| {
     match m.course {

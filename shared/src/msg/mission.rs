@@ -175,6 +175,28 @@ impl State {
             State::Preparing | State::Countdown | State::SpinUp | State::StandDown
         )
     }
+    /// Motors start in it, turn beside people, or have not stopped yet: whoever is near the drone has to get away from it.
+    pub const fn starts_motors(self) -> bool {
+        matches!(
+            self,
+            State::Countdown | State::SpinUp | State::TakeOff | State::StandDown
+        )
+    }
+    /// Where a take-off that was stopped on the deck leaves the drone: motors that were started for it are to stop.
+    pub const fn wants_motors_off(self) -> bool {
+        matches!(
+            self,
+            State::Idle | State::Preparing | State::Countdown | State::StandDown
+        )
+    }
+    /// The drone is on its way down to the deck, or on it after a landing.
+    pub const fn meets_deck(self) -> bool {
+        matches!(self, State::Descent | State::Flare | State::Landed)
+    }
+    /// What the mission meant to do has been stopped or has ended otherwise than meant.
+    pub const fn is_setback(self) -> bool {
+        matches!(self, State::Hold | State::GaveUp | State::StandDown)
+    }
     /// The state with why it was entered, for people: `Hold: operator's command`.
     pub fn because(self, entered: &Reason) -> String {
         let reason = entered.to_string();
@@ -316,6 +338,8 @@ pub struct MissionState {
     pub low_battery: Option<BatteryPlace>,
     /// On a sortie from the deck: time until the drone has to turn back to the vessel, s; None: on none, or not known.
     pub turns_in_s: Option<f64>,
+    /// Sorties begun since the process began, and how many there are to be; the latter 0 where no unattended cycles go on.
+    pub sorties: [u32; 2],
     /// Boot and sequence of the newest abort that it has received ...
     pub abort: Option<[u32; 2]>,
     /// ... and of the newest hold.
@@ -334,20 +358,22 @@ impl MissionState {
             State::Hold => {
                 broken_off || !matches!(self.entered.code, ReasonCode::Operator | ReasonCode::Matched)
             }
+            State::StandDown => self.entered.code != ReasonCode::Operator,
             State::Idle
             | State::GetAltitude
             | State::Approach
             | State::Search
             | State::Tracking
-            | State::TrackingStable => broken_off,
-            State::StandDown => self.entered.code != ReasonCode::Operator,
-            State::Descent
+            | State::TrackingStable
+            | State::Descent
             | State::Flare
             | State::Preparing
             | State::Countdown
             | State::SpinUp
             | State::TakeOff
-            | State::ClimbOut => false,
+            | State::ClimbOut => {
+                broken_off && !self.state.is_take_off() && self.state.phase() != Phase::Landing
+            }
         }
     }
     /// The next state waits for something that does not come by itself.
@@ -421,6 +447,12 @@ pub struct MissionCheckpoint {
     pub was_away: bool,
     /// It has taken off from the deck, and not landed since.
     pub sortie: bool,
+    /// Unattended cycles go on.
+    pub cycling: bool,
+    /// The word that the drone is ready was given for the next sortie.
+    pub ready: bool,
+    /// Why the cycles have ended.
+    pub cycles_ended: Option<Reason>,
     /// The vessel when it was known last.
     pub last_vessel: Option<LastVessel>,
 }
@@ -439,6 +471,8 @@ pub enum CommandKind {
     Hold,
     /// Take off from the deck, climb to the height of the approach and hold there.
     TakeOff,
+    /// Of unattended cycles: the drone is ready for its next sortie.
+    Ready,
 }
 
 /// A command to the mission.
@@ -533,6 +567,10 @@ impl CommandKind {
                     || waiting == ReasonCode::CompletesLanding
             }
             CommandKind::TakeOff => state.is_take_off(),
+            CommandKind::Ready => {
+                let stands = matches!(state, State::Landed | State::Idle);
+                state.is_take_off() || stands && waiting == ReasonCode::NotCleared
+            }
         }
     }
     /// A take-off that was stopped, or that an order to stop lets go on: it ends in a hold.

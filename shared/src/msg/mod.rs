@@ -59,7 +59,8 @@ pub use deck::{
 };
 pub use drone::{
     AttitudeResponse, AutopilotMode, AutopilotState, DroneState, LandedState, LinkCheckpoint, Motors,
-    PLAN_STAGES, Plan, PlanStage, PredictorCheckpoint, SetPoint, SetPointKind, ShadowComparison, Solve,
+    OwnMission, PLAN_STAGES, Plan, PlanStage, PredictorCheckpoint, SetPoint, SetPointKind, ShadowComparison,
+    Solve,
 };
 pub use grant::{
     Course, DECK_CLOSED, DeckGrant, MAX_STEADY_S, OWNER_ONLY_M, PLACES, WAITING_DISTANCE_M, WaitingPlace,

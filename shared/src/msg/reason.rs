@@ -218,6 +218,22 @@ pub enum ReasonCode {
     TakeOffBattery,
     /// A sortie ends: what is left of the battery, fraction, and what the way back to the vessel and one missed attempt take.
     TurnsBack,
+    /// A sortie ends: the autopilot has flown all of its own mission.
+    MissionDone,
+    /// A sortie ends: an operator has ordered the drone back from the autopilot's own mission.
+    OrderedBack,
+    /// The autopilot has not begun its own mission, which it was handed to: after, s, and the limit.
+    HandOverRefused,
+    /// Stands on the deck until it is ready for the next sortie: its charge, fraction, and that at which it goes by itself.
+    NotReady,
+    /// Ready for the next sortie: its number, and how many there are to be.
+    SortieBegins,
+    /// All sorties are done: their number, and how many there were to be.
+    SortiesDone,
+    /// Out of radio range: on its way to where the vessel should be, m, which has been silent for so long, s.
+    SeeksVessel,
+    /// After a take-off: hands over to the autopilot's own mission, since, s, and for how long.
+    HandsOver,
     /// Too dark for the camera to detect a tag: mean of its image, grey levels; the limit is its longest exposure, s, 0 where the
     /// drone does not set it.
     TooDark,
@@ -225,6 +241,24 @@ pub enum ReasonCode {
     SeveralAutopilots,
     /// The remote control's switch is held where it aborts.
     SwitchAborts,
+}
+
+impl ReasonCode {
+    /// What speaks against a take-off passes without a person: the sea, the vessel's course, the radio.
+    pub const fn passes(self) -> bool {
+        matches!(
+            self,
+            ReasonCode::TakeOffTilted
+                | ReasonCode::TakeOffHit
+                | ReasonCode::Infeasible
+                | ReasonCode::TooSteep
+                | ReasonCode::VesselTurns
+                | ReasonCode::HelmTurns
+                | ReasonCode::NoVessel
+                | ReasonCode::ForecastStale
+                | ReasonCode::TakeOffBattery
+        )
+    }
 }
 
 /// A reason with the figure that decided and its limit.
@@ -340,6 +374,25 @@ impl fmt::Display for Reason {
                 "stands armed for {v:.0} s: if it stays so, disarm by remote control"
             ),
             ReasonCode::TurnsBack => battery(f, ": turns back to the vessel"),
+            ReasonCode::MissionDone => write!(f, "the autopilot's mission is done: returns to the vessel"),
+            ReasonCode::OrderedBack => write!(f, "ordered back: ends the autopilot's mission"),
+            ReasonCode::HandOverRefused => write!(
+                f,
+                "the autopilot did not begin its own mission within {l:.0} s: lands, no further sortie"
+            ),
+            ReasonCode::NotReady => write!(
+                f,
+                "ready for the next sortie at {:.0} % (has {:.0} %), or by alight command ready",
+                100.0 * l,
+                100.0 * v
+            ),
+            ReasonCode::SortieBegins => write!(f, "ready: sortie {v:.0} of {l:.0}"),
+            ReasonCode::SortiesDone => write!(f, "all sorties are done: {v:.0} (limit {l:.0})"),
+            ReasonCode::SeeksVessel => write!(
+                f,
+                "no radio for {l:.0} s: flies to where the vessel should be, {v:.0} m"
+            ),
+            ReasonCode::HandsOver => write!(f, "hands over to the autopilot's own mission"),
             ReasonCode::TakeOffBattery => battery(f, " for a take-off"),
             ReasonCode::Disarmed => write!(f, "disarmed on the deck"),
             ReasonCode::NotFlying => write!(

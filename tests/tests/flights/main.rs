@@ -26,6 +26,7 @@ mod radio_link;
 mod recorded_motion;
 mod restarts;
 mod review;
+mod sorties;
 mod stated_course;
 mod storm;
 mod takeoff;

@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 use super::BOTH;
 
 /// A drone on the deck in a sea of this amplitude (m) with a period of 5 s, whose owner permits take-offs.
-fn on_deck(amplitude_m: f64, firmware: Firmware) -> (Scenario, NodeConfigs) {
+pub(super) fn on_deck(amplitude_m: f64, firmware: Firmware) -> (Scenario, NodeConfigs) {
     let mut scenario = Scenario {
         sea: SeaConfig::paper(amplitude_m, 5.0),
         ..Scenario::default()
@@ -26,7 +26,7 @@ fn on_deck(amplitude_m: f64, firmware: Firmware) -> (Scenario, NodeConfigs) {
 }
 
 /// At the start, with the order to take off and the crew's clearance.
-fn ordered(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Rig {
+pub(super) fn ordered(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Rig {
     let mut rig = Rig::new(scenario, nodes, seed).unwrap();
     rig.world.deck_order(DeckOrder::TakeOff(1));
     rig.run(1.0);
@@ -36,18 +36,18 @@ fn ordered(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Rig {
 
 /// What the drone's parts met on its way, and how far it was from the deck.
 #[derive(Debug, Default)]
-struct Contacts {
-    others: u32,
-    fastest_mps: f64,
+pub(super) struct Contacts {
+    pub(super) others: u32,
+    pub(super) fastest_mps: f64,
     fastest_in: State,
-    water: bool,
+    pub(super) water: bool,
     /// Take-offs begun, and the sum of their predicted probabilities.
     take_offs: u32,
     predicted: f64,
 }
 
 /// Until `state`, for `limit_s` at most, with what it met meanwhile.
-fn until(rig: &mut Rig, limit_s: f64, state: State) -> (bool, Contacts) {
+pub(super) fn until(rig: &mut Rig, limit_s: f64, state: State) -> (bool, Contacts) {
     let mut met = Contacts::default();
     let mut before = rig.state(0);
     rig.each(limit_s, |rig| {
@@ -126,11 +126,11 @@ fn take_off_without_clearance_or_after_its_end() {
     assert!(rests_on_deck(&rig) && !armed(&rig));
 }
 
-fn armed(rig: &Rig) -> bool {
+pub(super) fn armed(rig: &Rig) -> bool {
     rig.world.drones()[0].autopilot().is_some_and(|a| a.armed())
 }
 /// Four feet are on the deck.
-fn rests_on_deck(rig: &Rig) -> bool {
+pub(super) fn rests_on_deck(rig: &Rig) -> bool {
     let feet = rig.world.observation().feet;
     feet.iter().all(|[_, _, height]| height.abs() < 0.03)
 }

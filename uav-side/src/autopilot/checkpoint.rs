@@ -31,7 +31,10 @@ impl AutopilotLink {
         // However old: the mission's own may have been too old to count, too.
         let readable = before.filter(|m| m.header.drone == self.drone_id && m.check().is_ok());
         self.parameters.recall(readable.and_then(|m| m.mode));
-        self.mission_end.recall(readable.is_some_and(|m| m.ended_mission));
+        let ended = readable.map(|m| m.ended_missions).unwrap_or_default();
+        for (end, is_over) in self.mission_ends.iter_mut().zip(ended) {
+            end.recall(is_over);
+        }
         let Some(m) = before.filter(|m| m.commanding) else {
             return;
         };
@@ -113,7 +116,7 @@ impl AutopilotLink {
             smoothing: self.smooth.difference(),
             hover_thrust,
             hover_learned_s,
-            ended_mission: self.mission_end.is_over(),
+            ended_missions: self.mission_ends.map(|end| end.is_over()),
         })
     }
 }

@@ -132,6 +132,10 @@ impl AutopilotLink {
                 peer.streams.received(message::id::EKF_STATUS_REPORT);
                 self.heading.status(now, *flags);
             }
+            Message::MissionCurrent { total, state } => {
+                self.own_mission.current(peer.firmware, *total, *state);
+            }
+            Message::MissionItemReached { item } => self.own_mission.reached(*item),
             Message::RemoteControl(channels) => {
                 peer.streams.received(message::id::RC_CHANNELS);
                 let given = self.switch.on_channels(now, c.rc_switch, channels);
@@ -225,8 +229,10 @@ impl AutopilotLink {
         {
             // PX4's next heartbeat may be a second away.
             peer.armed = false;
-        } else if matches!(command, command::ARM_DISARM | command::SET_MODE)
-            && !matches!(result, CommandResult::Accepted | CommandResult::InProgress)
+        } else if matches!(
+            command,
+            command::ARM_DISARM | command::SET_MODE | command::MISSION_START
+        ) && !matches!(result, CommandResult::Accepted | CommandResult::InProgress)
         {
             if command == command::ARM_DISARM
                 && let Some(why) = self.departure.denied(now, result)

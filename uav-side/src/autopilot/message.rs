@@ -66,6 +66,10 @@ pub mod id {
     pub const DISTANCE_SENSOR: u32 = 132;
     /// `BATTERY_STATUS`.
     pub const BATTERY_STATUS: u32 = 147;
+    /// `MISSION_CURRENT`.
+    pub const MISSION_CURRENT: u32 = 42;
+    /// `MISSION_ITEM_REACHED`.
+    pub const MISSION_ITEM_REACHED: u32 = 46;
     /// `EKF_STATUS_REPORT` (ArduPilot).
     pub const EKF_STATUS_REPORT: u32 = alight_shared::mavlink::EKF_STATUS_REPORT.0;
     /// `ESTIMATOR_STATUS` (PX4).
@@ -115,6 +119,9 @@ pub mod command {
     pub const SET_MODE: u16 = 176;
     /// `MAV_CMD_DO_SET_HOME`: latitude and longitude, deg, and height above the sea, m, in the last three parameters.
     pub const SET_HOME: u16 = 179;
+    /// `MAV_CMD_MISSION_START`: from its beginning, with first and last item 0 (PX4 takes the first item from it; ArduCopter
+    /// begins anew after a disarm).
+    pub const MISSION_START: u16 = 300;
     /// `MAV_CMD_COMPONENT_ARM_DISARM`.
     pub const ARM_DISARM: u16 = 400;
     /// `MAV_CMD_SET_MESSAGE_INTERVAL`.
@@ -545,6 +552,18 @@ pub enum Message {
     EkfStatus {
         /// `EKF_STATUS_FLAGS`.
         flags: u16,
+    },
+    /// `MISSION_CURRENT`: how far the autopilot's own mission is.
+    MissionCurrent {
+        /// Items; 0: not stated, 65535: none.
+        total: u16,
+        /// `MISSION_STATE`: 0 not stated, 2 not started, 3 active, 4 paused, 5 complete.
+        state: u8,
+    },
+    /// `MISSION_ITEM_REACHED`.
+    MissionItemReached {
+        /// Its number.
+        item: u16,
     },
     /// `RC_CHANNELS`.
     RemoteControl(RcChannels),

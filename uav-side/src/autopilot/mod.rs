@@ -4,7 +4,7 @@
 //!
 //! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
 //! [`lapse`] (whose hold it is), `heading` (whether it is aligned), [`disarm`] (when motors are stopped), `take_off` (when they are started), this file (one step), [`inbound`] and [`outbound`] (its two
-//! halves), [`ground_station`], [`station`] and [`rc_switch`] (people at a ground station and at the remote control, and their [`orders`]), [`station_parameters`] (what a ground station sets of the mission), [`shadow`] (a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), `beacon` (the vessel's place by other systems, [`ais`] among them), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
+//! halves), [`ground_station`], [`station`] and [`rc_switch`] (people at a ground station and at the remote control, and their [`orders`]), [`station_parameters`] (what a ground station sets of the mission), [`shadow`] (a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), `beacon` (the vessel's place by other systems, [`ais`] among them), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`], [`own_mission`] (the autopilot's own mission: is it done, when it is ended and started),
 //! [`parameters`] (what a landing relies on), and [`wire`] for the bytes.
 //!
 //! Safety does not rest on this node being alive. Without its set-points PX4 leaves OFFBOARD after
@@ -29,6 +29,7 @@ pub mod message;
 pub mod modes;
 mod orders;
 mod outbound;
+pub mod own_mission;
 pub mod parameters;
 mod peer;
 pub mod place_report;
@@ -52,7 +53,8 @@ use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Command, DeckBeacon, DeckForecast, DroneState, Header, LandedState,
-    LandingMode, LinkCheckpoint, MissionState, RangeSample, Reason, ReasonCode, SetPoint, SettingsOrder,
+    LandingMode, LinkCheckpoint, MissionState, OwnMission, RangeSample, Reason, ReasonCode, SetPoint,
+    SettingsOrder,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -70,6 +72,7 @@ use ground_station::GroundReports;
 use heading::HeadingAlignment;
 use lapse::LapseMonitor;
 use message::{Address, CUSTOM_MODE, CommandLong, Frame, Heartbeat, Message, command, severity};
+use own_mission::{MissionEnd, MissionStart, OwnMissionMonitor};
 use peer::Peer;
 use rc_switch::RcSwitch;
 use station::StationOrders;
@@ -174,6 +177,7 @@ struct Timers {
     deck: Periodic<DroneClock>,
     origin: Periodic<DroneClock>,
     checkpoint: Periodic<DroneClock>,
+    own_mission: Periodic<DroneClock>,
     armed: Periodic<DroneClock>,
 }
 
@@ -253,8 +257,10 @@ pub struct AutopilotLink {
     home: Option<(DroneTime, Datum)>,
     arm_tries: u32,
     departure: TakeOffSequence,
-    /// The end of the autopilot's own mission in this flight.
-    mission_end: take_off::MissionEnd,
+    own_mission: OwnMissionMonitor,
+    /// The end of the autopilot's own mission in this flight, by the battery, because it is done, by an order.
+    mission_ends: [MissionEnd; 3],
+    mission_start: MissionStart,
     timers: Timers,
 }
 
@@ -440,6 +446,7 @@ impl AutopilotLink {
             hover_thrust: if settled { self.hover.value() } else { 0.0 },
             rejection: self.rejection(now, p),
             shadow,
+            own_mission: self.own_mission.now(),
         })
     }
     /// What forbids a landing and a take-off, by all that is known on the link.
@@ -476,9 +483,9 @@ impl AutopilotLink {
             )
     }
     /// What of the autopilot is reported at once when it changes.
-    fn mode(&self, now: DroneTime) -> Option<(AutopilotMode, bool, LandedState)> {
+    fn mode(&self, now: DroneTime) -> Option<(AutopilotMode, bool, LandedState, OwnMission)> {
         let peer = self.peer.as_ref();
-        peer.map(|p| (p.mode, p.armed, p.landed(now)))
+        peer.map(|p| (p.mode, p.armed, p.landed(now), self.own_mission.now()))
     }
 }
 
@@ -512,6 +519,7 @@ impl Node for AutopilotLink {
         let new = input.set_point.is_some_and(|s| self.set_point.offer(now, &s));
 
         self.watch_lapse(now, received);
+        self.watch_own_mission();
         let evidence = self.evidence(now, heartbeat);
         self.authority
             .step(now, &evidence, Span::from_secs(self.config.takeover_pause_s));
@@ -524,6 +532,7 @@ impl Node for AutopilotLink {
             self.arm(now, &mut out);
             self.take_off(now, &mut out);
             self.end_mission(now, &mut out);
+            self.start_mission(now, &mut out);
             self.send_home(now, &mut out);
         }
         self.report_armed(now, &mut out);
@@ -531,6 +540,7 @@ impl Node for AutopilotLink {
         self.publish_order(now, &mut out);
         self.publish_settings(now, &mut out);
         self.send_periodic(now, &mut out);
+        self.ask_own_mission(now, &mut out);
         self.publish_deck(now, &mut out);
         self.disarm_own_landing(now, &mut out);
 

@@ -49,7 +49,7 @@ impl Order {
         let taken = |m: &MissionState| match kind {
             CommandKind::Abort => m.abort == own,
             CommandKind::Hold => m.hold == own,
-            CommandKind::Land | CommandKind::TakeOff => {
+            CommandKind::Land | CommandKind::TakeOff | CommandKind::Ready => {
                 m.header.at > h.at && kind.is_met(m.state, m.waiting.code)
             }
         };
@@ -71,5 +71,6 @@ pub(super) fn named(kind: CommandKind) -> (u8, &'static str) {
         CommandKind::Land => (severity::NOTICE, "a landing"),
         CommandKind::Hold => (severity::NOTICE, "a hold"),
         CommandKind::TakeOff => (severity::WARNING, "a take-off"),
+        CommandKind::Ready => (severity::WARNING, "the next sortie"),
     }
 }

@@ -108,23 +108,7 @@ impl AutopilotLink {
             .map(|t| thrust::fraction(t, self.config.thrust_curve));
         ContactEvidence {
             // A mission that fell silent in the flare lands still: the pilot ends the landing without it.
-            landing: self.last_mission(now).is_some_and(|m| match m.state {
-                State::Descent | State::Flare | State::Landed => true,
-                State::Idle
-                | State::GetAltitude
-                | State::Approach
-                | State::Search
-                | State::Tracking
-                | State::TrackingStable
-                | State::Hold
-                | State::GaveUp
-                | State::Preparing
-                | State::Countdown
-                | State::SpinUp
-                | State::TakeOff
-                | State::ClimbOut
-                | State::StandDown => false,
-            }),
+            landing: self.last_mission(now).is_some_and(|m| m.state.meets_deck()),
             range_height: range.filter(believed).map(|r| r - self.feet_range_m()),
             range_doubted: range.is_some_and(|r| !believed(&r)),
             forecast_height,
@@ -464,7 +448,7 @@ impl AutopilotLink {
         let mission = self.last_mission(now).filter(|_| self.inhibited.is_none());
         let chosen = mission.and_then(|m| m.low_battery);
         // A descent that has begun is the quickest way down; on the deck there is nothing to divert.
-        let lands = mission.is_some_and(|m| matches!(m.state, State::Descent | State::Flare | State::Landed));
+        let lands = mission.is_some_and(|m| m.state.meets_deck());
         let lands = lands || chosen == Some(BatteryPlace::Deck);
         let (to, limit, for_s) = match chosen {
             Some(BatteryPlace::Home) => (Diversion::Return, f64::INFINITY, 0.0),

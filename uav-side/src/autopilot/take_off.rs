@@ -5,16 +5,12 @@
 //! is armed again what was armed: a link that begins in that state does neither.
 //! What the autopilot answers to a command to arm is passed on with the text that it gave for it.
 //!
-//! A sortie that has to end while the autopilot flies its own mission is taken over by the same command; a drone that a person
-//! flies is not. That is done once in a flight: whoever chooses the autopilot's mission again after it has it until the drone
-//! is disarmed.
-//!
 //! A take-off that was stopped leaves a drone that this link has armed and that has had little thrust since. It is disarmed by
 //! force, because no land detector finds the ground on a deck that moves: once its rotors give little, and something else
 //! carries it.
 
 use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::{AutopilotMode, ReasonCode, State};
+use alight_shared::msg::{AutopilotMode, State};
 use alight_shared::time::Span;
 use nalgebra::Vector3;
 
@@ -54,26 +50,6 @@ pub(super) struct TakeOffSequence {
     next: Option<DroneTime>,
     /// The autopilot's newest text of a denial.
     text: Option<(DroneTime, String)>,
-}
-
-/// The end of the autopilot's own mission, once in a flight, whichever link's.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct MissionEnd {
-    /// Commands so far.
-    sent: u32,
-    /// The autopilot has been in our mode since the first of them.
-    done: bool,
-}
-
-impl MissionEnd {
-    /// Not again in this flight.
-    pub(super) fn is_over(&self) -> bool {
-        self.done || self.sent >= MODE_TRIES
-    }
-    /// What the link before this one has done.
-    pub(super) fn recall(&mut self, is_over: bool) {
-        self.done |= is_over;
-    }
 }
 
 impl TakeOffSequence {
@@ -122,28 +98,16 @@ impl AutopilotLink {
 
     /// Chooses the mode and arms, or disarms, as the mission's state wants it.
     pub(super) fn take_off(&mut self, now: DroneTime, out: &mut AutopilotOut) {
-        let state = self.fresh_mission(now).map(|m| m.state);
-        match state {
-            Some(State::SpinUp) => self.prepare_take_off(now, out),
-            Some(State::StandDown | State::Idle | State::Preparing | State::Countdown) => {
-                self.disarm_stopped(now, out);
-            }
-            Some(
-                State::GetAltitude
-                | State::Approach
-                | State::Search
-                | State::Tracking
-                | State::TrackingStable
-                | State::Descent
-                | State::Flare
-                | State::Landed
-                | State::Hold
-                | State::GaveUp
-                | State::TakeOff
-                | State::ClimbOut,
-            ) => self.departure = TakeOffSequence::default(),
-            // It may be back.
-            None => {}
+        // One that is silent may be back.
+        let Some(state) = self.fresh_mission(now).map(|m| m.state) else {
+            return;
+        };
+        if state == State::SpinUp {
+            self.prepare_take_off(now, out);
+        } else if state.wants_motors_off() {
+            self.disarm_stopped(now, out);
+        } else {
+            self.departure = TakeOffSequence::default();
         }
     }
 
@@ -183,34 +147,6 @@ impl AutopilotLink {
             let arm = CommandLong::new(peer.address, command::ARM_DISARM, [1.0]);
             out.messages.push(Message::Command(arm));
         }
-    }
-
-    /// The drone has to turn back: the autopilot's own mission ends.
-    pub(super) fn end_mission(&mut self, now: DroneTime, out: &mut AutopilotOut) {
-        let turns = self
-            .fresh_mission(now)
-            .is_some_and(|m| m.state == State::Idle && m.waiting.code == ReasonCode::TurnsBack);
-        let Some(peer) = &self.peer else { return };
-        if !peer.armed {
-            self.mission_end = MissionEnd::default();
-            return;
-        }
-        let MissionEnd { sent, done } = &mut self.mission_end;
-        *done |= *sent > 0 && peer.mode == AutopilotMode::Offboard;
-        let may = turns && peer.flies_mission && self.control_authority().may_offer();
-        if !may || self.mission_end.is_over() || !self.timers.command.is_ready(now) {
-            return;
-        }
-        let [main, sub] = peer.firmware.offboard();
-        let mode = [f64::from(CUSTOM_MODE), main, sub];
-        let command = CommandLong::new(peer.address, command::SET_MODE, mode);
-        out.messages.push(Message::Command(command));
-        out.alarm(
-            severity::WARNING,
-            "ends the autopilot's mission: turns back to the vessel".into(),
-        );
-        self.mission_end.sent += 1;
-        self.timers.command.restart(now, PAUSE);
     }
 
     /// A drone that this link has armed for a take-off that was stopped is disarmed.

@@ -72,28 +72,19 @@ impl Known<'_> {
 
     /// What the drone does. `softer`: to complete the landing ends softer than to climb.
     pub(crate) fn action(&self, softer: impl Fn() -> bool) -> Action {
-        match self.mission.map(|m| m.state) {
-            Some(State::SpinUp | State::StandDown) if self.attitudes && !self.silent => return Action::Idle,
-            Some(State::TakeOff) if self.attitudes && self.autopilot.is_some() => return Action::Jump,
-            // Disarmed.
-            Some(State::Preparing | State::Countdown | State::SpinUp | State::StandDown | State::TakeOff) => {
-                return Action::Nothing;
-            }
-            Some(
-                State::Idle
-                | State::GetAltitude
-                | State::Approach
-                | State::Search
-                | State::Tracking
-                | State::TrackingStable
-                | State::Descent
-                | State::Flare
-                | State::Landed
-                | State::Hold
-                | State::GaveUp
-                | State::ClimbOut,
-            )
-            | None => {}
+        if let Some(state) = self.mission.map(|m| m.state)
+            && (state.stands_for_take_off() || state == State::TakeOff)
+        {
+            let stands = matches!(state, State::SpinUp | State::StandDown) && !self.silent;
+            let jumps = state == State::TakeOff && self.autopilot.is_some();
+            return if stands && self.attitudes {
+                Action::Idle
+            } else if jumps && self.attitudes {
+                Action::Jump
+            } else {
+                // Disarmed.
+                Action::Nothing
+            };
         }
         let (Some(autopilot), Some(mission)) = (self.autopilot, self.mission) else {
             return Action::Nothing;

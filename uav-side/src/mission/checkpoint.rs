@@ -8,6 +8,7 @@ use alight_shared::msg::{Command, MissionCheckpoint, Phase, Reason, ReasonCode, 
 use alight_shared::time::Span;
 use alight_shared::topics;
 
+use super::cycles::Cycles;
 use super::limits::{AWAY_M, CLIMB_S, HEAVE_M, LOST_OUTSIDE_M, RESUME_DISTANCE_M, STEADY_HEIGHT_M};
 use super::phase::{DroneTime, HoldCause, MissionPhase, Progress, climbing_out, gave_up, holding};
 use super::situation::{ControlState, Deck, Situation};
@@ -188,6 +189,13 @@ pub(super) fn progress(m: &MissionCheckpoint) -> Progress {
         overruled: false,
         lapsed: false,
         sortie: m.sortie,
+        cycles: Cycles {
+            on: m.cycling,
+            sorties: m.state.sorties[0],
+            ended: m.cycles_ended,
+            ready: m.ready,
+            ..Cycles::default()
+        },
     }
 }
 

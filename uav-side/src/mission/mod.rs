@@ -1,13 +1,14 @@
 //! Mission: permission of what the planner may fly, with the reason why not more.
 //!
 //! Read `transition` (the state machine as a pure function), `states` (its table), `phase` (the states and what they
-//! remember), `search` (the way to a deck that is known by a beacon alone), `situation` (every quantity it judges), `height` (does a second witness
+//! remember), `search` and `seek` (the way to a deck that is known by a beacon alone, and to one that is not received), `situation` (every quantity it judges), `height` (does a second witness
 //! confirm the deck's height?), `outlook` (how likely a landing succeeds, with `staying`: does the landed
-//! drone stay?), `take_off` and `lift_off` (the way back up), `waiting` (is a better moment worth its cost?), then `checkpoint` (what outlives the process). This file keeps the inputs and writes the output.
+//! drone stay?), `take_off` and `lift_off` (the way back up), `cycles` (sorties one after the other), `waiting` (is a better moment worth its cost?), then `checkpoint` (what outlives the process). This file keeps the inputs and writes the output.
 
 mod air;
 mod battery;
 mod checkpoint;
+mod cycles;
 mod height;
 mod lift_off;
 mod limits;
@@ -15,6 +16,7 @@ mod outlook;
 mod phase;
 mod place;
 mod search;
+mod seek;
 mod situation;
 mod sortie;
 mod states;
@@ -22,9 +24,12 @@ mod swing;
 mod take_off;
 mod tilt;
 mod transition;
+mod turnaround;
 mod waiting;
 mod wind;
 
+#[cfg(test)]
+mod cycles_tests;
 #[cfg(test)]
 mod ending_tests;
 #[cfg(test)]
@@ -53,8 +58,8 @@ use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::landing::{Odds, Slopes, Stand, Staying};
 use alight_shared::msg::{
     AutopilotState, CameraLight, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header,
-    LandedState, LastVessel, MissionCheckpoint, MissionSettings, MissionState, Motors, Phase, Plan,
-    RangeSample, Reason, ReasonCode, SetPoint, SettingsOrder, Solve, State, VesselLevel,
+    LandedState, LastVessel, MissionCheckpoint, MissionSettings, MissionState, Motors, OwnMission, Phase,
+    Plan, RangeSample, Reason, ReasonCode, SetPoint, SettingsOrder, Solve, State, VesselLevel,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -444,10 +449,13 @@ impl Mission {
                 .is_some_and(|s| s.motors == Motors::Stop),
             rotors_carry: autopilot.and_then(|a| rotors_carry(a, &self.drone_geometry)),
             hard_contact_mps: self.set_point.get().and_then(|s| s.hard_contact_mps),
+            deck_wanted: (self.grant.fresh(now, topics::DECK.stale_after)).is_some_and(|g| g.wanted),
             not_cleared: take_off::not_cleared(self.grant.get(), self.drone_id, now),
             on_ground: autopilot.is_some_and(|a| a.landed == LandedState::OnGround),
             battery_for_take_off: self.battery.for_take_off(c),
             turns_back: None,
+            seeks: None,
+            own_mission: autopilot.map_or(OwnMission::None, |a| a.own_mission),
             turns_in_s: None,
             lift_off: None,
             risen_m: self.rise.risen_m(),
@@ -649,6 +657,9 @@ impl Mission {
             mean_deck_z: self.mean_deck_z.value(),
             was_away: self.was_away,
             sortie: self.progress.sortie,
+            cycling: self.progress.cycles.on,
+            ready: self.progress.cycles.ready,
+            cycles_ended: self.progress.cycles.ended,
             last_vessel: self.last_vessel,
         }
     }
@@ -700,6 +711,7 @@ impl Mission {
                 .map(|(wind, _)| wind.into()),
             low_battery: self.progress.low_battery,
             turns_in_s: s.turns_in_s,
+            sorties: self.progress.cycles.count(c),
             abort: self.commands.abort().map(|h| [h.boot, h.sequence]),
             hold: self.commands.hold(),
         }

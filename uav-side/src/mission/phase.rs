@@ -4,6 +4,7 @@ use alight_shared::msg::{BatteryPlace, Reason, ReasonCode, State, WAITING_DISTAN
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector3;
 
+use super::cycles::Cycles;
 use super::limits::exceeds;
 use super::situation::{Deck, Situation};
 use crate::contingency::BELOW_M;
@@ -53,6 +54,8 @@ pub enum MissionPhase {
     },
     /// Looks for a deck that is known by a beacon alone.
     Search(Search),
+    /// Towards a vessel that is not received.
+    Seek,
     /// Over the vessel.
     Tracking {
         /// Steady since.
@@ -153,6 +156,11 @@ impl MissionPhase {
         disarmed: false,
         airborne: None,
     };
+    /// On the deck, disarmed.
+    pub(super) const STANDS: MissionPhase = MissionPhase::Landed {
+        disarmed: true,
+        airborne: None,
+    };
     /// On the way to the vessel, not detected yet.
     pub(super) const APPROACH: MissionPhase = MissionPhase::Approach { detected: None };
 
@@ -162,7 +170,7 @@ impl MissionPhase {
             MissionPhase::Idle => State::Idle,
             MissionPhase::GetAltitude { .. } => State::GetAltitude,
             MissionPhase::Approach { .. } => State::Approach,
-            MissionPhase::Search(_) => State::Search,
+            MissionPhase::Search(_) | MissionPhase::Seek => State::Search,
             MissionPhase::Tracking { .. } => State::Tracking,
             MissionPhase::TrackingStable => State::TrackingStable,
             MissionPhase::Descent { .. } => State::Descent,
@@ -219,7 +227,10 @@ impl MissionPhase {
     pub(super) const fn needs_data(&self) -> bool {
         self.flies()
             && !self.takes_off()
-            && !matches!(self, MissionPhase::Hold { .. } | MissionPhase::GaveUp { .. })
+            && !matches!(
+                self,
+                MissionPhase::Hold { .. } | MissionPhase::GaveUp { .. } | MissionPhase::Seek
+            )
     }
 }
 
@@ -250,6 +261,8 @@ pub struct Progress {
     pub lapsed: bool,
     /// It has taken off from the deck, and not landed since: it comes back while the battery lasts.
     pub sortie: bool,
+    /// Sorties one after the other.
+    pub cycles: Cycles,
 }
 
 impl Progress {

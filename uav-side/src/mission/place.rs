@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use super::phase::{MissionPhase, hold_height, moving_place, stands_aside};
 use super::search;
+use super::seek;
 use super::situation::Situation;
 use crate::mission_config::MissionConfig;
 
@@ -73,6 +74,10 @@ impl Place {
                     offset: s.waiting_offset().filter(|_| waits),
                     ..here
                 }
+            }
+            MissionPhase::Seek => {
+                let (at, yaw) = seek::place(s, c);
+                Place { at, yaw, ..here }
             }
             MissionPhase::Search(looks) => Place {
                 height_m: search::height_m(c),

@@ -4,7 +4,8 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Course, DECK_CLOSED, DeckForecast, DeckGrant, DeckStage, DroneState,
-    HelmState, LandedState, LandingMode, Reason, ReasonCode, VesselLevel, WAITING_DISTANCE_M, WaitingPlace,
+    HelmState, LandedState, LandingMode, OwnMission, Reason, ReasonCode, VesselLevel, WAITING_DISTANCE_M,
+    WaitingPlace,
 };
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
@@ -365,6 +366,15 @@ pub fn angle_from_vertical(roll: f64, pitch: f64) -> f64 {
     (roll.cos() * pitch.cos()).clamp(-1.0, 1.0).acos()
 }
 
+/// A vessel that was received, where its last velocity has brought it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seeks {
+    /// From the drone, north and east, m.
+    pub offset: Vector2<f64>,
+    /// Not received for so long, s.
+    pub silent_s: f64,
+}
+
 /// The situation that a transition judges.
 #[derive(Clone, Copy, Debug)]
 pub struct Situation {
@@ -437,14 +447,20 @@ pub struct Situation {
     pub rotors_carry: Option<bool>,
     /// The hardest contact that the pilot has noticed, when it was hard, m/s.
     pub hard_contact_mps: Option<f64>,
+    /// Another drone asks for the deck on which this one stands.
+    pub deck_wanted: bool,
     /// Why the vessel does not let the drone take off; None: it does.
     pub not_cleared: Option<Reason>,
     /// The autopilot reports the ground.
     pub on_ground: bool,
     /// The charge that a take-off needs, 0 to 1.
     pub battery_for_take_off: f64,
+    /// Where a vessel should be that was received before.
+    pub seeks: Option<Seeks>,
     /// Why a drone on a sortie turns back now.
     pub turns_back: Option<Reason>,
+    /// Whether the autopilot flies its own mission, or has flown all of it.
+    pub own_mission: OwnMission,
     /// Time until it does, s; None while that is not known.
     pub turns_in_s: Option<f64>,
     /// How likely a take-off succeeds now and soon; None while that is not known or not asked for.

@@ -8,12 +8,13 @@
 //! Out of radio range the vessel is where its last velocity has brought it, to a margin that grows with the time since, and the
 //! way is that much longer.
 
+use alight_shared::estimation::low_pass_gain;
 use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::msg::{DeckForecast, DroneState, LastVessel, Reason, ReasonCode};
 use nalgebra::Vector2;
 
 use super::phase::DroneTime;
-use super::situation::Situation;
+use super::situation::{Seeks, Situation};
 use super::{Mission, WIND_SD_MPS};
 
 /// Longer ways are as good as none, s.
@@ -25,6 +26,10 @@ const STEPS: u32 = 16;
 /// besides, as in a turn; as a beacon's between its messages.
 const WALK_MPS: f64 = 0.02;
 const SPEED_WALK: f64 = 0.1;
+/// Time constant of the vessel's velocity, s: three periods of the longest waves that move a small boat; and one that was known
+/// longer ago than this begins anew.
+const STEADY_S: f64 = 20.0;
+const KNOWN_S: f64 = 10.0;
 /// Standard deviations of its place that count.
 const MARGIN_SD: f64 = 2.0;
 /// No vessel is further from where it was expected than one that turns round at once, or drifts at this speed, m/s.
@@ -52,13 +57,37 @@ fn vessel(forecast: &DeckForecast, drone: &DroneState) -> Option<LastVessel> {
     })
 }
 
-/// From the drone to the place of `vessel` at `now`, and its velocity, with the margin of a vessel that is not received.
-fn towards(vessel: &LastVessel, drone: &DroneState, now: DroneTime) -> (Vector2<f64>, Vector2<f64>) {
+/// Her way without the waves', of which a forecast of seconds has no mean: a low-pass of the forecasts' mean velocities over the
+/// longest waves' periods. `before`: as known until now.
+fn steadied(before: Option<&LastVessel>, now: LastVessel) -> LastVessel {
+    let Some((before, dt)) = before.map(|b| (b, (now.at - b.at).secs())) else {
+        return now;
+    };
+    if !(0.0..=KNOWN_S).contains(&dt) {
+        return now;
+    }
+    let gain = low_pass_gain(dt, STEADY_S);
+    let velocity =
+        core::array::from_fn(|k| before.velocity[k] + gain * (now.velocity[k] - before.velocity[k]));
+    LastVessel { velocity, ..now }
+}
+
+/// From the drone to the place of `vessel` at `now`: where its last velocity has brought it.
+fn seeks(vessel: &LastVessel, drone: &DroneState, now: DroneTime) -> Seeks {
     let velocity = Vector2::from(vessel.velocity);
     let silent_s = (now - vessel.at).secs().max(0.0);
     let place: Vector<DroneNed> = drone.datum.to(&vessel.place);
     let there = place.0.xy() + drone.datum_offset().xy() + velocity * silent_s;
-    let offset = there - drone.position().xy();
+    Seeks {
+        offset: there - drone.position().xy(),
+        silent_s,
+    }
+}
+
+/// The same with the margin of a vessel that is not received, and its velocity.
+fn towards(vessel: &LastVessel, drone: &DroneState, now: DroneTime) -> (Vector2<f64>, Vector2<f64>) {
+    let velocity = Vector2::from(vessel.velocity);
+    let Seeks { offset, silent_s } = seeks(vessel, drone, now);
     let away = offset.try_normalize(1e-3).unwrap_or(Vector2::x());
     (offset + away * margin_m(velocity.norm(), silent_s), velocity)
 }
@@ -153,8 +182,10 @@ impl Mission {
     pub(super) fn judge_sortie(&mut self, now: DroneTime, s: &mut Situation) {
         let (c, drone) = (&self.config, self.drone.get());
         if let (Some(forecast), Some(drone), Some(_)) = (self.forecast.get(), drone, s.fresh_deck()) {
-            self.last_vessel = vessel(forecast, drone).or(self.last_vessel);
+            let newest = vessel(forecast, drone).map(|v| steadied(self.last_vessel.as_ref(), v));
+            self.last_vessel = newest.or(self.last_vessel);
         }
+        s.seeks = (self.last_vessel.as_ref().zip(drone)).map(|(last, drone)| seeks(last, drone, now));
         let known = self.progress.sortie.then(|| self.battery.energy(c)).flatten();
         let (Some(energy), Some(drone), Some(last)) = (known, drone, &self.last_vessel) else {
             return;
@@ -231,6 +262,26 @@ mod tests {
             let more_m = offset.x - (1000.0 + 2.0 * silent_s);
             assert!(margin.contains(&(more_m + 0.01)), "{more_m} m after {silent_s} s");
             assert!(offset.y.abs() < 0.01 && (velocity - Vector2::new(2.0, 0.0)).norm() < 1e-9);
+        }
+    }
+
+    /// At 2 m/s in waves that move her by 0.7 m/s: her way is known to a tenth of that, and a new one within a minute.
+    #[test]
+    fn way_of_a_vessel_in_waves() {
+        let mut last: Option<LastVessel> = None;
+        for k in 0..12_000 {
+            let t = 0.01 * f64::from(k);
+            let way = if t < 60.0 { 2.0 } else { -1.0 };
+            let now = LastVessel {
+                at: Time::from_secs(t),
+                velocity: [way + 0.7 * (1.2 * t).sin(), 0.0],
+                ..LastVessel::default()
+            };
+            last = Some(steadied(last.as_ref(), now));
+            if k == 5_999 || k == 11_999 {
+                let error = (last.unwrap().velocity[0] - way).abs();
+                assert!(error < 0.25, "{error} m/s at {t} s");
+            }
         }
     }
 

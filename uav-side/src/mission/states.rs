@@ -6,7 +6,7 @@ use alight_shared::msg::ReasonCode::{
     NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, Operator, Permitted, Recovered, Steady,
     Swings, TagsInSight, TiltExcess, TooFar, TooFast, TooNear, VesselTurns, VisionLost,
 };
-use alight_shared::msg::{Course, PLACES, Reason, ReasonCode, VesselLevel};
+use alight_shared::msg::{Course, OwnMission, PLACES, Reason, ReasonCode, VesselLevel};
 use nalgebra::Vector3;
 
 use super::limits::{
@@ -18,8 +18,10 @@ use super::phase::{
     moving_place, old_data, too_far,
 };
 use super::search;
-use super::situation::{ControlState, Deck, Reservation, Situation};
+use super::seek;
+use super::situation::{ControlState, Deck, Reservation, Seeks, Situation};
 use super::take_off;
+use super::turnaround;
 use super::waiting::promised;
 use crate::mission_config::MissionConfig;
 
@@ -35,6 +37,7 @@ pub(super) fn step(
         MissionPhase::GetAltitude { from } => get_altitude(from, s, c),
         MissionPhase::Approach { detected } => approach(detected, s, c),
         MissionPhase::Search(looks) => search::search(looks, s, c),
+        MissionPhase::Seek => seek::seek(progress, s, c),
         MissionPhase::Tracking { steady } => tracking(steady, progress, s, c),
         MissionPhase::TrackingStable => tracking_stable(progress, s, c),
         MissionPhase::Descent { violated, paused } => descent(violated, paused, progress, s, c),
@@ -95,19 +98,28 @@ fn stopped_low(progress: &Progress, s: &Situation) -> Option<Reason> {
 /// Idle: waits for command, flight and the vessel's state by radio.
 fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition {
     let idle = MissionPhase::Idle;
+    if progress.cycles.on && !progress.sortie && s.flight == ControlState::Disarmed {
+        return turnaround::stands(idle, progress, s, c);
+    }
     if !progress.landing {
         return idle.stay(if progress.stopped { Operator } else { NotCommanded });
     }
-    // One that cannot fly there is not taken from whoever flies it.
-    let turns_back = (s.turns_back).filter(|_| progress.sortie && old_data(s).is_none());
-    let stays_due = progress.sortie && s.turns_back.is_some();
+    let done = (s.own_mission == OwnMission::Done).then(|| ReasonCode::MissionDone.into());
+    let ends = s.turns_back.or(done).filter(|_| progress.sortie);
+    // One that is received, or may be found.
+    let may_return = old_data(s).is_none() || seek::due(progress, s).is_some();
+    let turns_back = ends.filter(|_| may_return);
+    let stays_due = ends.is_some();
     if let Some(why) = order_expired(progress, s, c).filter(|_| !stays_due) {
         progress.landing = false;
         return idle.enter(why);
     }
     if s.flight != ControlState::Ours {
-        let missing = s.turns_back.filter(|_| progress.sortie).and_then(|_| old_data(s));
-        let why = turns_back.or(s.rejection).or(missing);
+        let missing = ends.and_then(|_| old_data(s));
+        // In unattended cycles nobody is there to give the mode.
+        let recalled = progress.cycles.on && s.own_mission == OwnMission::Flies && old_data(s).is_none();
+        let recalled = recalled.then(|| ReasonCode::OrderedBack.into());
+        let why = turns_back.or(recalled).or(s.rejection).or(missing);
         return idle.stay(why.unwrap_or(NotFlying.into()));
     }
     if let Some(why) = s.rejection {
@@ -120,6 +132,9 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
         } else {
             why
         });
+    }
+    if let Some(seeks) = seek::due(progress, s) {
+        return seek::sets_out(progress, &seeks, s);
     }
     if let Some(why) = old_data(s) {
         return idle.stay(why);
@@ -584,7 +599,11 @@ fn landed(
         return MissionPhase::Idle.enter(ArmedAgain);
     }
     let disarmed = disarmed || s.flight == ControlState::Disarmed;
-    MissionPhase::Landed { disarmed, airborne }.stay(Reason::default())
+    let landed = MissionPhase::Landed { disarmed, airborne };
+    if disarmed && progress.cycles.on {
+        return turnaround::stands(landed, progress, s, c);
+    }
+    landed.stay(progress.cycles.ended.filter(|_| disarmed).unwrap_or_default())
 }
 
 /// The drone is above a deck that it sees.
@@ -597,17 +616,24 @@ fn held(
     cause: HoldCause,
     hold: impl Fn(Option<DroneTime>) -> MissionPhase,
     fresh: Option<DroneTime>,
-    progress: &Progress,
+    progress: &mut Progress,
     s: &Situation,
     c: &MissionConfig,
 ) -> Transition {
     if cause == HoldCause::Operator && !progress.landing {
+        if let Some(next) = turnaround::hands_over(hold(None), progress, s, c) {
+            return next;
+        }
         let waits = if progress.stopped { Operator } else { NotCommanded };
         let why = stopped_low(progress, s).unwrap_or(waits.into());
         return hold(None).stay(why);
     }
     if s.flight == ControlState::Unknown {
         return hold(None).stay(NotFlying);
+    }
+    let far = |seeks: &Seeks| s.turns_back.is_some() || seeks.offset.norm() > seek::FAR_M;
+    if let Some(seeks) = seek::due(progress, s).filter(far) {
+        return seek::sets_out(progress, &seeks, s);
     }
     if let Some(why) = old_data(s) {
         return hold(None).stay(why);

@@ -16,13 +16,13 @@ use alight_shared::msg::{Course, DeckGrant, LandingMode, Reason};
 use alight_shared::time::DroneClock;
 use alight_shared::topics;
 
-use super::Mission;
 use super::lift_off::Jump;
 use super::limits::{HEIGHT_TOLERANCE_M, ORDER_WAITS_S, exceeds};
 use super::phase::{
     DroneTime, HoldCause, MissionPhase, Progress, Transition, climbing_out, holding, moving_place, old_data,
 };
 use super::situation::{ControlState, Promise, Situation};
+use super::{Mission, turnaround};
 use crate::lift_off::{LEAVES_WITHIN_S, LEFT_M, LIES_BELOW_M, Rise};
 use crate::mission_config::MissionConfig;
 
@@ -89,6 +89,7 @@ pub(super) fn commanded(
     }
     *progress = Progress {
         started: s.now,
+        cycles: progress.cycles.begun(c),
         ..Progress::default()
     };
     Some(MissionPhase::Preparing.enter(TakeOffCommanded))
@@ -114,6 +115,7 @@ pub(super) fn stopped(phase: MissionPhase, s: &Situation, why: impl Into<Reason>
         | MissionPhase::GetAltitude { .. }
         | MissionPhase::Approach { .. }
         | MissionPhase::Search(_)
+        | MissionPhase::Seek
         | MissionPhase::Tracking { .. }
         | MissionPhase::TrackingStable
         | MissionPhase::Descent { .. }
@@ -209,11 +211,12 @@ fn taken_over(s: &Situation) -> Option<Transition> {
 }
 
 /// Preparing: until every check passes and the forecast shows a moment.
-pub(super) fn preparing(progress: &Progress, s: &Situation, c: &MissionConfig) -> Transition {
+pub(super) fn preparing(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition {
     if let Some(ended) = taken_over(s) {
         return ended;
     }
-    if let Some(why) = exceeds(OrderExpired, (s.now - progress.started).secs(), ORDER_WAITS_S) {
+    let expired = || exceeds(OrderExpired, (s.now - progress.started).secs(), ORDER_WAITS_S);
+    if let Some(why) = expired().filter(|_| !progress.cycles.on) {
         return MissionPhase::Idle.enter(why);
     }
     let unlikely = || match &s.lift_off {
@@ -221,6 +224,7 @@ pub(super) fn preparing(progress: &Progress, s: &Situation, c: &MissionConfig) -
         None => Some(s.no_deck()),
     };
     match unprepared(s, c).or_else(unlikely) {
+        Some(why) if progress.cycles.on => turnaround::unprepared(progress, s, why),
         Some(why) => MissionPhase::Preparing.stay(why),
         None => MissionPhase::Countdown { since: s.now }.enter(Reason::new(Counting, COUNTDOWN_S, 0.0)),
     }
@@ -331,7 +335,7 @@ pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionC
 /// to as well, and answers each of them.
 pub(super) fn climb_out(
     phase: MissionPhase,
-    progress: &Progress,
+    progress: &mut Progress,
     s: &Situation,
     c: &MissionConfig,
 ) -> Transition {
@@ -364,7 +368,10 @@ pub(super) fn climb_out(
     };
     let ends = ends.or_else(|| exceeds(TooLong, (s.now - since).secs(), CLIMB_OUT_S));
     match ends.filter(|_| !lapsed) {
-        Some(why) => holding(HoldCause::Operator, s, c).enter(why),
+        Some(why) => {
+            progress.cycles.handing = Some(s.now);
+            holding(HoldCause::Operator, s, c).enter(why)
+        }
         None => MissionPhase::ClimbOut {
             since,
             at,

@@ -4,7 +4,7 @@
 //! Interrupts first (touchdown, abort, loss of control, stale data, hold, battery, time limit), then
 //! what the state itself does, in `states`.
 
-use alight_shared::msg::{BatteryPlace, CommandKind, Phase, Reason, ReasonCode};
+use alight_shared::msg::{BatteryPlace, CommandKind, OwnMission, Phase, Reason, ReasonCode};
 
 use super::checkpoint::ends_softer;
 use super::limits::{LOST_OUTSIDE_M, RESUME_DISTANCE_M};
@@ -36,7 +36,7 @@ pub fn decide(
     s: &Situation,
     c: &MissionConfig,
 ) -> Decision {
-    let mut progress = progress;
+    let (mut progress, before) = (progress, phase);
     let transition = interrupt(phase, &mut progress, command, s, c)
         .unwrap_or_else(|| states::step(phase, &mut progress, s, c));
     let (phase, entered, waiting) = match transition {
@@ -59,7 +59,13 @@ pub fn decide(
         progress.low_battery = None;
     }
     // Whoever takes the drone from here on takes one that has left the deck.
-    progress.sortie |= phase.has_left();
+    if phase.has_left() && !progress.sortie {
+        progress.sortie = true;
+        progress.cycles.leave();
+    }
+    if let Some(why) = entered {
+        progress.cycles.follow(before.state(), phase.state(), why);
+    }
     let completes = progress.stopped && phase.state().phase() == Phase::Landing;
     let waiting = if completes {
         ReasonCode::CompletesLanding.into()
@@ -232,7 +238,8 @@ fn after_lapse(progress: &mut Progress, s: &Situation) {
     }
 }
 
-/// The end of a sortie by what is left of the battery: the drone lands as if that had been ordered. Where a person flies, or the
+/// The end of a sortie by what is left of the battery, or because the autopilot's own mission is done: the drone lands as if
+/// that had been ordered. Where a person flies, or the
 /// autopilot its own mission, the order waits for the drone; who stopped a landing is asked first, as for any low battery.
 fn turn_back(
     phase: MissionPhase,
@@ -240,11 +247,12 @@ fn turn_back(
     s: &Situation,
     c: &MissionConfig,
 ) -> Option<Transition> {
-    let why = s
-        .turns_back
-        .filter(|_| progress.sortie && !progress.landing && !progress.stopped)?;
     let waits = phase.waits_for_operator();
-    if !(waits || phase == MissionPhase::Idle) {
+    let idles = phase == MissionPhase::Idle;
+    let done = (s.own_mission == OwnMission::Done && idles).then(|| ReasonCode::MissionDone.into());
+    let why =
+        (s.turns_back.or(done)).filter(|_| progress.sortie && !progress.landing && !progress.stopped)?;
+    if !(waits || idles) {
         return None;
     }
     (progress.landing, progress.started, progress.attempts) = (true, s.now, 0);
@@ -265,7 +273,13 @@ fn interrupt(
     c: &MissionConfig,
 ) -> Option<Transition> {
     progress.overruled &= s.motors_stopped;
-    progress.sortie &= s.flight != ControlState::Disarmed;
+    if s.flight == ControlState::Disarmed && progress.sortie {
+        progress.sortie = false;
+        // Elsewhere than on the deck, as far as this mission has seen it.
+        if !matches!(phase, MissionPhase::Landed { .. }) {
+            progress.cycles.end(ReasonCode::NotOnDeck.into());
+        }
+    }
     after_lapse(progress, s);
     if phase.flies() && s.motors_stopped && !progress.overruled {
         let touchdown = hard_contact(s).unwrap_or(ReasonCode::Touchdown.into());
@@ -325,6 +339,7 @@ fn commanded(
             let completes = completes(phase, progress, s, c);
             // On a sortie, before it lands, and in a take-off there is no landing that is stopped.
             let away = phase.waits_for_operator() || phase == MissionPhase::Idle;
+            progress.cycles.end(ReasonCode::Operator.into());
             let lands = progress.landing || !(phase.takes_off() || progress.sortie && away);
             progress.landing = false;
             progress.stopped |= lands;
@@ -370,6 +385,10 @@ fn commanded(
             gives_up.then(|| holding(HoldCause::Data, s, c).enter(ReasonCode::Commanded))
         }
         CommandKind::TakeOff => take_off::commanded(phase, progress, s, c),
+        CommandKind::Ready => {
+            progress.cycles.ready |= progress.cycles.on && s.flight == ControlState::Disarmed;
+            None
+        }
     }
 }
 

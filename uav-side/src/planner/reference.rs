@@ -219,6 +219,11 @@ impl ReferenceGenerator {
             Some(_) if mean_z.is_some() => (Goal::Above, c.navigation),
             Some(_) | None => (goal, weights),
         };
+        // Towards a vessel that is not received.
+        let goal = match (mission.state, mean_z) {
+            (Mode::Search, None) => Goal::Hold,
+            (_, Some(_) | None) => goal,
+        };
         if goal != Goal::Hold && mean_z.is_none() {
             // The deck should be known and is not: stay here.
             let here = [state::NORTH, state::EAST, state::DOWN, state::PSI].map(|i| start[i]);

@@ -109,6 +109,12 @@ impl fmt::Display for VesselEvent {
             VesselEvent::DeckOrder(DeckOrder::TakeOff(drone)) => {
                 write!(f, "crew order: deck cleared for the take-off of drone {drone}")
             }
+            VesselEvent::DeckOrder(DeckOrder::TakeOffStanding(drone)) => {
+                write!(
+                    f,
+                    "crew order: deck cleared for take-offs of drone {drone} until it is closed"
+                )
+            }
             VesselEvent::DeckOrder(DeckOrder::Closed) => write!(f, "crew order: deck closed"),
             VesselEvent::DeckOrder(DeckOrder::Open) => write!(f, "crew order: deck open"),
             VesselEvent::DeckOrder(DeckOrder::Clear(drone)) => {

@@ -22,7 +22,8 @@
 //! deck that is no drone's weight. They free it of nobody, and one that is not read any more closes it.
 //!
 //! A drone that stands on the deck takes off only while somebody aboard has cleared the deck for that
-//! ([`DeckOrder::TakeOff`]): for a while, for that drone, and until the deck is closed.
+//! ([`DeckOrder::TakeOff`]): for a while, for that drone, and until the deck is closed; or for each of its take-offs until
+//! then ([`DeckOrder::TakeOffStanding`]), which does not outlive this process.
 //!
 //! With the deck it publishes what the helm intends ([`Course`]), and it knows whether a drone wants a steady course.
 
@@ -62,6 +63,14 @@ const MIN_ALTERNATIONS: u32 = 2;
 /// A battery below this is low for a drone that waits, 0 to 1: half as much again as the mission's reserve, so that the
 /// crew has time to look.
 const LOW_BATTERY: f64 = 0.3;
+
+/// The crew's word that a drone may take off.
+#[derive(Clone, Copy, Debug)]
+struct Clearance {
+    drone: u32,
+    /// None: until the deck is closed.
+    until: Option<Time<VesselClock>>,
+}
 
 #[derive(Clone, Copy, Debug)]
 struct Drone {
@@ -206,9 +215,11 @@ pub struct DeckArbiter {
     /// Owner and course of the newest grant.
     published: u32,
     stated: Course,
-    /// The drone for whose take-off the crew has cleared the deck, and when; as published in the newest grant.
-    cleared: Option<(u32, Time<VesselClock>)>,
+    /// The drones for whose take-offs the crew has cleared the deck, each once; as published in the newest grant.
+    cleared: Vec<Clearance>,
     take_off: bool,
+    /// The drone that it is published for.
+    leaves: Option<u32>,
     /// By an order or by the state of the checkpoint: until the crew orders it open.
     closed: Option<Closure>,
     switch: Option<Reading>,
@@ -456,7 +467,11 @@ impl DeckArbiter {
             DeckOrder::Steady(for_s) => self.course.order_steady(now, for_s),
             DeckOrder::Turning => self.course.order_turning(),
             DeckOrder::Closed => self.closed = Some(Closure::Crew),
-            DeckOrder::TakeOff(drone) => self.cleared = Some((drone, now)),
+            DeckOrder::TakeOff(drone) => {
+                let until = Some(now + Span::from_secs(TAKE_OFF_CLEARANCE_S));
+                self.clear_for(Clearance { drone, until });
+            }
+            DeckOrder::TakeOffStanding(drone) => self.clear_for(Clearance { drone, until: None }),
             DeckOrder::Open => self.open(now, None),
             DeckOrder::Clear(drone) => self.open(now, Some(drone)),
             // The helm's.
@@ -533,19 +548,36 @@ impl DeckArbiter {
         assigned.map(|d| d.header.drone)
     }
 
+    /// The crew's word for one drone; it takes the place of its former one.
+    fn clear_for(&mut self, clearance: Clearance) {
+        self.cleared.retain(|c| c.drone != clearance.drone);
+        if self.cleared.len() < MAX_DRONES {
+            self.cleared.push(clearance);
+        }
+    }
     /// Whether the deck's owner may take off: it stands there, and the crew has cleared the deck for it since.
     fn clears_take_off(&mut self, now: Time<VesselClock>) -> bool {
         let open = self.closed(now).is_none();
-        let lasts = |at: Time<VesselClock>| (now - at).secs() <= TAKE_OFF_CLEARANCE_S;
-        self.cleared = self.cleared.filter(|(_, at)| open && lasts(*at));
-        let drone = self.cleared.map(|(drone, _)| drone);
-        let stands = |d: &Drone| d.claim == Claim::OnDeck && Some(d.header.drone) == drone && !d.is_double();
-        let clears = drone.is_some() && drone == self.owner && self.drones.iter().any(stands);
-        if self.take_off && !clears {
-            // It has left: the word was for one take-off.
-            self.cleared = None;
+        self.cleared
+            .retain(|c| open && c.until.is_none_or(|until| now <= until));
+        let stands = |d: &&Drone| d.claim == Claim::OnDeck && Some(d.header.drone) == self.owner;
+        let owner = self.drones.iter().find(stands).filter(|d| !d.is_double());
+        let named = owner.map(|d| d.header.drone);
+        let clears = self.cleared.iter().find(|c| Some(c.drone) == named);
+        let clears = clears.map(|c| c.drone);
+        if let Some(left) = self.leaves.filter(|left| Some(*left) != clears) {
+            // It has left: a word that does not stand was for one take-off.
+            self.cleared.retain(|c| c.drone != left || c.until.is_none());
         }
-        clears
+        self.leaves = clears;
+        clears.is_some()
+    }
+    /// Another drone asks for the deck on which its owner stands.
+    fn is_wanted(&self, now: Time<VesselClock>) -> bool {
+        let owns = |d: &Drone| self.owner == Some(d.header.drone);
+        let stands = self.drones.iter().any(|d| owns(d) && d.claim == Claim::OnDeck);
+        let asks = |d: &Drone| d.claim == Claim::Requesting && d.flies && d.is_fresh(now) && !owns(d);
+        stands && self.drones.iter().any(asks)
     }
 
     /// The owner as drones are to know it.
@@ -627,6 +659,7 @@ impl Node for DeckArbiter {
                 course,
                 helm: input.helm,
                 take_off,
+                wanted: self.is_wanted(now),
                 occupied: self.occupied(now),
                 places: core::array::from_fn(|k| {
                     // Two with one number would both go there.

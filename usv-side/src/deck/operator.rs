@@ -229,7 +229,7 @@ impl OperatorRelay {
         let met = match command.kind {
             CommandKind::Abort => echoed(status.abort),
             CommandKind::Hold => echoed(status.hold),
-            CommandKind::Land | CommandKind::TakeOff => taken(),
+            CommandKind::Land | CommandKind::TakeOff | CommandKind::Ready => taken(),
         };
         status.header.drone == c.drone() && met
     }

@@ -12,7 +12,8 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use super::attitude::{AttitudeTarget, RateLoop, rate_set_point};
 use super::estimator::{Errors, Estimate};
 use super::mixer::Mixer;
-use super::modes::mode_number;
+use super::modes::{mode_number, own_mission};
+use super::own_mission::OwnFlight;
 use super::shaping::InputShaping;
 use crate::physics::drone::{AutopilotConfig, Frame, MAX_ROTORS, PlantState};
 
@@ -135,6 +136,8 @@ pub(super) struct Flight {
     in_force: AttitudeTarget,
     /// ArduCopter's.
     shaping: InputShaping,
+    /// Its own mission.
+    pub(super) own: OwnFlight,
 }
 
 impl Flight {
@@ -193,6 +196,7 @@ impl Flight {
             delayed: VecDeque::new(),
             in_force: target,
             shaping: InputShaping::at(estimate.attitude),
+            own: OwnFlight::default(),
         }
     }
 
@@ -247,6 +251,9 @@ impl Flight {
             // It holds until the first set-point.
             self.received = None;
         }
+        if mode == own_mission(self.firmware()) && mode != self.mode && self.own.is_complete() {
+            self.own.begin_anew();
+        }
         self.chosen = mode;
         self.enter(mode, estimate);
         true
@@ -260,6 +267,9 @@ impl Flight {
         }
         self.armed = armed;
         if !armed {
+            if self.firmware() == Firmware::ArduCopter {
+                self.own.begin_anew();
+            }
             self.landed = LandedState::OnGround;
             self.rate_loop.reset();
             self.integral = Vector3::zeros();
@@ -417,6 +427,7 @@ impl Flight {
     fn move_hold(&mut self, estimate: &Estimate, now: Time<TrueTime>, dt: f64) {
         self.hold.velocity = Vector3::zeros();
         match self.kind() {
+            AutopilotMode::Other if self.flies_own_mission() => self.fly_own_mission(estimate, dt),
             AutopilotMode::Offboard | AutopilotMode::Other | AutopilotMode::Hold => {}
             AutopilotMode::Land => {
                 self.towards_target(now, dt);
@@ -436,6 +447,20 @@ impl Flight {
                     self.hold.position += self.hold.velocity * dt;
                 }
             }
+        }
+    }
+    /// In the mode of its own mission.
+    pub(super) fn flies_own_mission(&self) -> bool {
+        self.mode == own_mission(self.firmware())
+    }
+    fn fly_own_mission(&mut self, estimate: &Estimate, dt: f64) {
+        let firmware = self.firmware();
+        let at = &mut self.hold.position;
+        self.hold.velocity = self.own.fly(firmware, at, &estimate.position, dt);
+        if self.own.is_complete() && firmware == Firmware::Px4 {
+            let hold = mode_number(firmware, AutopilotMode::Hold);
+            self.chosen = hold;
+            self.enter(hold, estimate);
         }
     }
     /// Above the landing target while it comes, as precision landings go: at a speed in proportion to the distance.

@@ -13,6 +13,7 @@ mod estimator;
 mod flight;
 mod mixer;
 mod modes;
+mod own_mission;
 mod protocol;
 mod shaping;
 
@@ -41,7 +42,7 @@ use flight::Flight;
 use protocol::Stream;
 
 pub use mixer::Mixer;
-pub use modes::mode_number;
+pub use modes::{mode_number, own_mission as own_mission_mode};
 
 /// Period of estimator, position control and reports.
 const OUTER: Span = Span::from_millis(10);
@@ -124,6 +125,8 @@ pub struct SimulatedAutopilot {
     force: (Vector3<f64>, f64),
     streams: Vec<Stream>,
     reported_mode: Option<(Time<TrueTime>, u32)>,
+    /// The mission's state as PX4 has sent it, and when.
+    reported_mission: Option<(Time<TrueTime>, u8)>,
     outbox: Vec<Message>,
     decoder: Decoder,
     encoder: Encoder,
@@ -192,6 +195,7 @@ impl SimulatedAutopilot {
             force: (Vector3::zeros(), 0.0),
             streams: protocol::first_streams(),
             reported_mode: None,
+            reported_mission: None,
             outbox: Vec::new(),
             decoder: Decoder::default(),
             encoder: Encoder::default(),
@@ -291,6 +295,10 @@ impl SimulatedAutopilot {
         self.report();
     }
 
+    /// Its own mission: places in its own NED, m.
+    pub fn upload(&mut self, items: Vec<Vector3<f64>>) {
+        self.flight.own.upload(items);
+    }
     /// A person moves the switch. True when the mode was entered.
     pub fn choose(&mut self, mode: u32) -> bool {
         if !self.is_aligned() && self.firmware().mode(mode) == AutopilotMode::Offboard {

@@ -3,6 +3,14 @@
 use alight_shared::msg::AutopilotMode;
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 
+/// The firmware's number of the mode that flies its own mission.
+pub const fn own_mission(firmware: Firmware) -> u32 {
+    match firmware {
+        Firmware::Px4 => px4_mode(4, 4),
+        Firmware::ArduCopter => 3,
+    }
+}
+
 /// The firmware's number of a mode; `Other` is the position mode in which a person flies.
 pub const fn mode_number(firmware: Firmware, mode: AutopilotMode) -> u32 {
     match (firmware, mode) {

@@ -16,12 +16,14 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::alignment::flags;
 use super::flight::Reference;
-use super::modes::mode_number;
+use super::modes::{mode_number, own_mission};
 use super::{MAX_COMMANDS, SimulatedAutopilot};
 use crate::physics::drone::{AutopilotConfig, LossAction};
 
 /// CURRENT_MODE is sent at this period while the mode stays.
 const MODE_PERIOD: Span = Span::from_millis(500);
+/// PX4 sends MISSION_CURRENT at this period.
+const MISSION_PERIOD: Span = Span::from_millis(1000);
 /// PX4's parameters that are integers.
 const INTEGERS: [&str; 8] = [
     "COM_OBL_RC_ACT",
@@ -168,6 +170,7 @@ impl SimulatedAutopilot {
                     let ellipsoid_m = both.map_or(0.0, |g| sea_m + g);
                     self.outbox.push(match c.parameters[0] as u32 {
                         id::GPS_RAW_INT => Message::GnssHeights { sea_m, ellipsoid_m },
+                        id::MISSION_CURRENT => self.mission_current(),
                         _ => {
                             let now = self.now;
                             self.unaligned.iter_mut().for_each(|u| u.origin_reported(now));
@@ -329,6 +332,14 @@ impl SimulatedAutopilot {
                 }
             }
             command::REQUEST_MESSAGE => CommandResult::Accepted,
+            command::MISSION_START => {
+                if self.flight.own.is_empty() {
+                    return CommandResult::Denied;
+                }
+                self.flight.own.begin_anew();
+                self.choose(own_mission(self.firmware()));
+                CommandResult::Accepted
+            }
             command::SET_HOME => {
                 self.home = Some(Datum::new(p[4], p[5], p[6]));
                 CommandResult::Accepted
@@ -374,8 +385,30 @@ impl SimulatedAutopilot {
         }
     }
 
+    fn mission_current(&self) -> Message {
+        let (total, state) = self.flight.own.report(self.flight.flies_own_mission());
+        Message::MissionCurrent { total, state }
+    }
+    /// How far its own mission is: items that were reached, and unasked, of PX4, its state once a second and when it changes.
+    fn report_own_mission(&mut self) {
+        if self.flight.own.is_empty() {
+            return;
+        }
+        let reached = self.flight.own.reached();
+        self.outbox
+            .extend(reached.map(|item| Message::MissionItemReached { item }));
+        let (_, state) = self.flight.own.report(self.flight.flies_own_mission());
+        let recent = |(at, reported)| reported == state && self.now - at < MISSION_PERIOD;
+        if self.firmware() == Firmware::Px4 && !self.reported_mission.is_some_and(recent) {
+            self.reported_mission = Some((self.now, state));
+            let message = self.mission_current();
+            self.outbox.push(message);
+        }
+    }
+
     /// What is due of its streams.
     pub(super) fn report(&mut self) {
+        self.report_own_mission();
         for k in 0..self.streams.len() {
             let Some(stream) = self.streams.get_mut(k).filter(|s| self.now >= s.due) else {
                 continue;

@@ -202,6 +202,8 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
         | Message::GnssHeights { .. }
         | Message::EstimatorStatus { .. }
         | Message::EkfStatus { .. }
+        | Message::MissionCurrent { .. }
+        | Message::MissionItemReached { .. }
         | Message::LandingTarget(_)
         | Message::TargetRelative(_)
         | Message::TargetAbsolute(_)

@@ -41,6 +41,8 @@ const TARGET_FRAME_AT: usize = 29;
 const TARGET_PLACE_AT: usize = 30;
 const TARGET_IS_VALID_AT: usize = 59;
 const LIST_AT: usize = 20;
+const MISSION_TOTAL_AT: usize = 2;
+const MISSION_STATE_AT: usize = 4;
 /// `target_system` of `COMMAND_ACK`; the component follows.
 pub(super) const ACK_TO_AT: usize = 8;
 
@@ -181,6 +183,12 @@ pub(super) fn ekf_status(flags: u16) -> Vec<u8> {
     Row::default().floats(&[0.1; 5]).bytes(&flags.to_le_bytes()).0
 }
 
+/// `MISSION_CURRENT`: the item, not used; then the extension: items, state, mode (not used).
+pub(super) fn mission_current(total: u16, state: u8) -> Vec<u8> {
+    let row = Row::default().bytes(&[0; 2]).bytes(&total.to_le_bytes());
+    row.bytes(&[state, 0]).0
+}
+
 /// Messages whose extension is their content, and ArduPilot's own.
 pub(super) fn read(number: u32, payload: Fields<'_>) -> Option<Message> {
     match number {
@@ -191,6 +199,11 @@ pub(super) fn read(number: u32, payload: Fields<'_>) -> Option<Message> {
         id::EKF_STATUS_REPORT => Some(Message::EkfStatus {
             flags: payload.u16(EKF_FLAGS_AT),
         }),
+        id::MISSION_CURRENT => Some(Message::MissionCurrent {
+            total: payload.u16(MISSION_TOTAL_AT),
+            state: payload.u8(MISSION_STATE_AT),
+        }),
+        id::MISSION_ITEM_REACHED => Some(Message::MissionItemReached { item: payload.u16(0) }),
         149 => read_landing_target(payload).map(Message::LandingTarget),
         350 => {
             let name = payload.0.get(10..20)?;

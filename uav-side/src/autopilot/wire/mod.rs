@@ -103,6 +103,10 @@ fn outgoing(message: &Message) -> Option<Outgoing> {
             let (id, crc) = mavlink::EKF_STATUS_REPORT;
             Outgoing::new(id, crc, extension::ekf_status(*flags))
         }
+        Message::MissionCurrent { total, state } => {
+            Outgoing::new(42, 28, extension::mission_current(*total, *state))
+        }
+        Message::MissionItemReached { item } => Outgoing::new(46, 11, item.to_le_bytes().to_vec()),
         other => Outgoing::from(&encode::encode(other)?),
     })
 }

@@ -1,0 +1,89 @@
+//! The firmware's own mission (PX4 Mission, ArduCopter AUTO): places that it flies to in their order.
+//!
+//! PX4 goes to its Hold after the last one and reports the mission as complete until it is started again; ArduCopter stays in
+//! AUTO, hovers there, and begins anew after a disarm.
+
+use alight_uav::autopilot::modes::Firmware;
+use alight_uav::autopilot::own_mission::COMPLETE;
+use nalgebra::Vector3;
+
+/// Speed between places, m/s.
+const SPEED_MPS: f64 = 5.0;
+/// Within this distance a place is reached, m.
+const REACHED_M: f64 = 2.0;
+
+/// The mission, and how far it has come.
+#[derive(Clone, Debug, Default)]
+pub(super) struct OwnFlight {
+    /// Its own NED, m.
+    items: Vec<Vector3<f64>>,
+    next: usize,
+    /// The newest one that was reached, until that was reported.
+    reached: Option<u16>,
+}
+
+impl OwnFlight {
+    pub(super) fn upload(&mut self, items: Vec<Vector3<f64>>) {
+        *self = OwnFlight {
+            items,
+            ..OwnFlight::default()
+        };
+    }
+    pub(super) fn is_empty(&self) -> bool {
+        self.items.is_empty()
+    }
+    pub(super) fn begin_anew(&mut self) {
+        self.next = 0;
+    }
+    pub(super) fn is_complete(&self) -> bool {
+        !self.items.is_empty() && self.next >= self.items.len()
+    }
+    /// Moves `hold`, towards which the drone at `position` flies; the velocity of that.
+    pub(super) fn fly(
+        &mut self,
+        firmware: Firmware,
+        hold: &mut Vector3<f64>,
+        position: &Vector3<f64>,
+        dt: f64,
+    ) -> Vector3<f64> {
+        let Some(to) = self.items.get(self.next) else {
+            return Vector3::zeros();
+        };
+        let away = to - *hold;
+        let step = SPEED_MPS * dt;
+        let velocity = away
+            .try_normalize(step)
+            .map_or(Vector3::zeros(), |d| d * SPEED_MPS);
+        *hold = if away.norm() <= step {
+            *to
+        } else {
+            *hold + velocity * dt
+        };
+        if (to - position).norm() < REACHED_M {
+            // ArduCopter's first item is home.
+            let number = self.next + usize::from(firmware == Firmware::ArduCopter);
+            self.reached = u16::try_from(number).ok();
+            self.next += 1;
+        }
+        velocity
+    }
+    /// The item that was reached since the last call.
+    pub(super) fn reached(&mut self) -> Option<u16> {
+        self.reached.take()
+    }
+    /// `MISSION_CURRENT`: items, and the state; `flies`: in the mission's mode.
+    pub(super) fn report(&self, flies: bool) -> (u16, u8) {
+        let total = match self.items.len() {
+            0 => u16::MAX,
+            n => u16::try_from(n).unwrap_or(u16::MAX),
+        };
+        let state = match (self.is_complete(), flies, self.next) {
+            _ if self.items.is_empty() => 1,
+            (true, _, _) => COMPLETE,
+            (false, true, _) => 3,
+            (false, false, 0) => 2,
+            (false, false, _) => 4,
+        };
+        (total, state)
+    }
+}

@@ -1,0 +1,342 @@
+//! Sorties in the simulated world: away from the deck in the autopilot's own mission, and back.
+
+use alight_shared::msg::{AutopilotMode, BatteryPlace, CommandKind, DeckOrder, ReasonCode, State};
+use alight_sim::autopilots::simulated::{mode_number, own_mission_mode};
+use alight_sim::harness::rig::Rig;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
+use alight_sim::physics::vessel::Course;
+use alight_uav::autopilot::modes::Firmware;
+use nalgebra::Vector3;
+
+use super::BOTH;
+use super::takeoff::{armed, on_deck, ordered, rests_on_deck, until};
+
+/// The autopilot of drone 0 has a mission of three places, so far away from where it is (m) and 20 m higher.
+fn upload(rig: &mut Rig, far_m: f64) {
+    upload_to(rig, 0, far_m);
+}
+fn upload_to(rig: &mut Rig, k: usize, far_m: f64) {
+    if let Some(linked) = rig.world.linked(k) {
+        let here = linked.autopilot.position();
+        let places = [[-0.5, 0.0], [-1.0, 0.3], [-1.0, -0.1]];
+        let at = |[north, east]: [f64; 2]| here + Vector3::new(north * far_m, east * far_m, -20.0);
+        linked.autopilot.upload(places.map(at).to_vec());
+    }
+}
+/// A person at the remote control chooses a mode.
+fn choose(rig: &mut Rig, mode: u32) {
+    if let Some(linked) = rig.world.linked(0) {
+        assert!(linked.autopilot.choose(mode));
+    }
+}
+/// In its hold after the take-off, with a mission uploaded and chosen.
+fn on_its_mission(firmware: Firmware, seed: u64, far_m: f64) -> Rig {
+    let (scenario, nodes) = on_deck(0.3, firmware);
+    let mut rig = ordered(&scenario, &nodes, seed);
+    let (up, _) = until(&mut rig, 60.0, State::Hold);
+    assert!(up, "{firmware:?}: {:?}", rig.visited(0));
+    upload(&mut rig, far_m);
+    choose(&mut rig, own_mission_mode(firmware));
+    assert!(rig.until(10.0, |r| r.state(0) == State::Idle));
+    rig
+}
+
+/// The autopilot has flown its mission: the drone comes back and lands, and nobody had to say so.
+#[test]
+fn sortie_ended_by_its_own_mission() {
+    for firmware in BOTH {
+        let mut rig = on_its_mission(firmware, 62, 60.0);
+        let farthest = rig.until(60.0, |r| r.world.physics().deck_distance_m(0) > 50.0);
+        assert!(farthest && rig.state(0) == State::Idle, "{firmware:?}");
+        let done = rig.until(60.0, |r| r.mission(0).waiting.code == ReasonCode::MissionDone);
+        assert!(done, "{firmware:?}: {:?}", rig.mission(0).waiting);
+        let (landed, met) = until(&mut rig, 200.0, State::Landed);
+        let waiting = rig.mission(0).waiting;
+        assert!(landed, "{firmware:?}: {:?}, {waiting}", rig.visited(0));
+        assert!(met.others == 0 && !met.water, "{met:?}");
+    }
+}
+
+/// A person stops the mission, or takes the drone when it is done: Alight commands nothing.
+#[test]
+fn own_mission_ended_by_a_person() {
+    let firmware = Firmware::Px4;
+    let hold = mode_number(firmware, AutopilotMode::Hold);
+    let mut rig = on_its_mission(firmware, 63, 60.0);
+    rig.run(5.0);
+    choose(&mut rig, hold);
+    rig.run(20.0);
+    assert_eq!(rig.mission(0).waiting.code, ReasonCode::NotCommanded);
+    assert!(rig.world.linked(0).is_some_and(|l| l.autopilot.chosen() == hold));
+    // It goes on; the person takes the drone as soon as it comes back, and gives the mission again.
+    choose(&mut rig, own_mission_mode(firmware));
+    assert!(
+        rig.until(90.0, |r| r.state(0) == State::GetAltitude),
+        "{:?}",
+        rig.visited(0)
+    );
+    let person = mode_number(firmware, AutopilotMode::Other);
+    choose(&mut rig, person);
+    rig.run(5.0);
+    choose(&mut rig, own_mission_mode(firmware));
+    rig.run(90.0);
+    assert_eq!(rig.state(0), State::Idle, "{:?}", rig.visited(0));
+    let mode = rig.world.linked(0).map(|l| l.autopilot.chosen());
+    assert_eq!(mode, Some(hold), "done again, and left where it is");
+}
+
+/// A charger aboard, which the drone has while it stands disarmed.
+fn charge(rig: &mut Rig, to: f64) {
+    charge_one(rig, 0, to);
+}
+fn charge_one(rig: &mut Rig, k: usize, to: f64) {
+    if let Some(linked) = rig.world.linked(k)
+        && !linked.autopilot.armed()
+    {
+        linked.autopilot.battery = to;
+    }
+}
+/// With a charger aboard until `done`, for `limit_s` at most; whether it was done.
+fn attended_by_a_charger(rig: &mut Rig, limit_s: f64, done: impl Fn(&Rig) -> bool) -> bool {
+    let mut ended = false;
+    rig.each(limit_s, |rig| {
+        charge(rig, 1.0);
+        ended = done(rig);
+        ended
+    });
+    ended
+}
+
+/// From one order on: two sorties of the autopilot's own mission, a charger between them, nobody aboard.
+#[test]
+fn unattended_cycles() {
+    for firmware in BOTH {
+        let (scenario, mut nodes) = on_deck(0.4, firmware);
+        nodes.drone.mission.sorties_max = 2;
+        let mut rig = Rig::new(&scenario, &nodes, 64).unwrap();
+        upload(&mut rig, 50.0);
+        rig.world.deck_order(DeckOrder::TakeOffStanding(1));
+        rig.run(1.0);
+        rig.world.command(CommandKind::TakeOff);
+        for sortie in 1..=2 {
+            let away =
+                attended_by_a_charger(&mut rig, 180.0, |r| r.world.physics().deck_distance_m(0) > 40.0);
+            let m = rig.mission(0);
+            let seen = format!(
+                "{firmware:?}, sortie {sortie}: {:?}, {}, {}",
+                rig.visited(0),
+                m.entered,
+                m.waiting
+            );
+            assert!(
+                away && m.state == State::Idle && m.sorties == [sortie, 2],
+                "{seen}"
+            );
+            let (landed, met) = until(&mut rig, 200.0, State::Landed);
+            assert!(
+                landed && met.others == 0 && met.fastest_mps < 1.0,
+                "{seen}, {met:?}"
+            );
+        }
+        let over = |r: &Rig| r.mission(0).waiting.code == ReasonCode::SortiesDone;
+        assert!(
+            attended_by_a_charger(&mut rig, 20.0, over),
+            "{}",
+            rig.mission(0).waiting
+        );
+        attended_by_a_charger(&mut rig, 60.0, |_| false);
+        assert!(rig.state(0) == State::Landed && rests_on_deck(&rig) && !armed(&rig));
+    }
+}
+
+/// Without a charger it waits for the word that it is ready, and without the crew's standing word for theirs; an abort ends it.
+#[test]
+fn next_sortie_waits_for_people() {
+    let (scenario, mut nodes) = on_deck(0.3, Firmware::Px4);
+    nodes.drone.mission.sorties_max = 5;
+    let mut rig = Rig::new(&scenario, &nodes, 65).unwrap();
+    upload(&mut rig, 30.0);
+    if let Some(linked) = rig.world.linked(0) {
+        linked.autopilot.battery = 0.8;
+    }
+    rig.world.deck_order(DeckOrder::TakeOff(1));
+    rig.run(1.0);
+    rig.world.command(CommandKind::TakeOff);
+    let (landed, _) = until(&mut rig, 300.0, State::Landed);
+    assert!(landed, "{:?}, {}", rig.visited(0), rig.mission(0).waiting);
+    rig.run(60.0);
+    assert_eq!(rig.mission(0).waiting.code, ReasonCode::NotReady);
+    rig.world.command(CommandKind::Ready);
+    rig.run(5.0);
+    assert_eq!(rig.mission(0).waiting.code, ReasonCode::NotCleared);
+    rig.world.deck_order(DeckOrder::TakeOff(1));
+    let up = rig.until(60.0, |r| r.mission(0).sorties == [2, 5]);
+    assert!(up, "{:?}, {}", rig.visited(0), rig.mission(0).waiting);
+    let (landed, _) = until(&mut rig, 300.0, State::Landed);
+    assert!(landed && rig.until(10.0, |r| !armed(r)));
+    rig.world.command(CommandKind::Abort);
+    rig.run(3.0);
+    let m = rig.mission(0);
+    assert_eq!((m.sorties, m.waiting.code), ([2, 0], ReasonCode::Operator));
+    rig.world.command(CommandKind::Ready);
+    rig.world.deck_order(DeckOrder::TakeOff(1));
+    rig.run(20.0);
+    assert_eq!(rig.state(0), State::Landed);
+}
+
+/// The autopilot has no mission, or does not begin it: the drone lands again, and says why.
+#[test]
+fn own_mission_that_does_not_begin() {
+    let (scenario, mut nodes) = on_deck(0.3, Firmware::ArduCopter);
+    nodes.drone.mission.sorties_max = 3;
+    let mut rig = ordered(&scenario, &nodes, 66);
+    let (landed, met) = until(&mut rig, 200.0, State::Landed);
+    assert!(
+        landed && met.others == 0,
+        "{:?}, {}",
+        rig.visited(0),
+        rig.mission(0).waiting
+    );
+    rig.run(20.0);
+    let m = rig.mission(0);
+    assert_eq!((m.sorties, m.waiting.code), ([1, 0], ReasonCode::HandOverRefused));
+}
+
+/// The radio does not reach the drone from now on, for so long, s.
+fn radio_out(rig: &mut Rig, duration_s: f64) {
+    let outage = StateOutage {
+        state: State::Idle,
+        after_s: 0.0,
+        duration_s,
+    };
+    rig.world.radio_outage(0, &outage);
+}
+/// On its own mission far away from a vessel under way, out of radio range, with a battery that calls.
+fn called_out_of_range(firmware: Firmware, seed: u64, silent_s: f64) -> Rig {
+    let (mut scenario, nodes) = on_deck(0.3, firmware);
+    scenario.vessel.course = Course::Straight;
+    scenario.vessel.speed_mps = 2.0;
+    let mut rig = ordered(&scenario, &nodes, seed);
+    assert!(until(&mut rig, 60.0, State::Hold).0, "{:?}", rig.visited(0));
+    upload(&mut rig, 300.0);
+    choose(&mut rig, own_mission_mode(firmware));
+    assert!(rig.until(60.0, |r| r.world.physics().deck_distance_m(0) > 180.0));
+    radio_out(&mut rig, silent_s);
+    rig.run(20.0);
+    assert_eq!(rig.state(0), State::Idle);
+    if let Some(linked) = rig.world.linked(0) {
+        linked.autopilot.battery = 0.27;
+    }
+    let seeks = rig.until(60.0, |r| r.state(0) == State::Search);
+    let m = rig.mission(0);
+    assert!(
+        seeks && m.entered.code == ReasonCode::SeeksVessel,
+        "{:?}, {}",
+        rig.visited(0),
+        m.waiting
+    );
+    rig
+}
+
+/// Out of radio range the battery calls: the drone flies to where the vessel should be, hears her there, and lands.
+#[test]
+fn sortie_ended_out_of_radio_range() {
+    for firmware in BOTH {
+        let mut rig = called_out_of_range(firmware, 67, 80.0);
+        let near = rig.until(120.0, |r| r.world.physics().deck_distance_m(0) < 60.0);
+        assert!(
+            near && rig.state(0) == State::Search,
+            "{firmware:?}: {:?}",
+            rig.visited(0)
+        );
+        radio_out(&mut rig, 0.0);
+        let (landed, met) = until(&mut rig, 200.0, State::Landed);
+        let waiting = rig.mission(0).waiting;
+        assert!(
+            landed && met.others == 0,
+            "{firmware:?}: {:?}, {waiting}",
+            rig.visited(0)
+        );
+    }
+}
+
+/// Nothing is heard there: at the battery's reserve it takes the next place of its order.
+#[test]
+fn sortie_that_does_not_hear_its_vessel() {
+    let mut rig = called_out_of_range(Firmware::Px4, 68, f64::INFINITY);
+    let near = rig.until(120.0, |r| r.world.physics().deck_distance_m(0) < 40.0);
+    assert!(near, "{:?}", rig.visited(0));
+    let home = rig.until(120.0, |r| r.mission(0).low_battery == Some(BatteryPlace::Home));
+    let m = rig.mission(0);
+    assert!(
+        home && m.entered.code == ReasonCode::BatteryHome,
+        "{:?}, {}",
+        rig.visited(0),
+        m.waiting
+    );
+}
+
+/// Two drones of one vessel with a charger aboard: while one stands there, the other is away, and nobody says a word.
+#[test]
+fn two_drones_that_take_turns_on_one_deck() {
+    let scenario = Scenario {
+        sea: "slight".parse().unwrap(),
+        drones: 2,
+        ..Scenario::default()
+    };
+    let mut nodes = NodeConfigs::default();
+    nodes.drone.mission.takeoff = true;
+    nodes.drone.mission.reservation_required = true;
+    nodes.drone.mission.sorties_max = 4;
+    let mut rig = Rig::new(&scenario, &nodes, 69).unwrap();
+    (1..=2).for_each(|drone| rig.world.deck_order(DeckOrder::TakeOffStanding(drone)));
+    rig.world.command_to(0, CommandKind::Land);
+    assert!(rig.until(150.0, |r| r.state(0) == State::Landed && !is_armed(r, 0)));
+    rig.run(2.0);
+    (0..2).for_each(|k| upload_to(&mut rig, k, if k == 0 { 120.0 } else { -120.0 }));
+    // The first goes; the second, which was in the air, comes and stays.
+    rig.world.command_to(0, CommandKind::TakeOff);
+    let up = rig.until(60.0, |r| r.mission(0).sorties == [1, 4]);
+    let m = rig.mission(0);
+    assert!(
+        up,
+        "{:?}, {}, {}, {:?}",
+        rig.visited(0),
+        m.entered,
+        m.waiting,
+        m.sorties
+    );
+    rig.world.command_to(1, CommandKind::Land);
+    assert!(rig.until(200.0, |r| r.state(1) == State::Landed && !is_armed(r, 1)));
+    rig.run(2.0);
+    rig.world.command_to(1, CommandKind::TakeOff);
+    let (mut landings, mut nearest_m) = ([0; 2], f64::INFINITY);
+    let mut before = [rig.state(0), rig.state(1)];
+    rig.each(900.0, |rig| {
+        for k in 0..2 {
+            charge_one(rig, k, 0.6);
+            landings[k] += u32::from(rig.state(k) == State::Landed && before[k] != State::Landed);
+            before[k] = rig.state(k);
+        }
+        nearest_m = nearest_m.min(apart_m(rig));
+        landings.iter().all(|n| *n >= 2)
+    });
+    let seen = format!(
+        "{:?}, {:?}; {}, {}",
+        rig.visited(0),
+        rig.visited(1),
+        rig.mission(0).waiting,
+        rig.mission(1).waiting
+    );
+    assert!(landings.iter().all(|n| *n >= 2), "{landings:?}: {seen}");
+    assert!(nearest_m > 15.0, "{nearest_m} m apart");
+}
+fn is_armed(rig: &Rig, k: usize) -> bool {
+    let drone = rig.world.drones().get(k).and_then(|d| d.autopilot());
+    drone.is_some_and(|a| a.armed())
+}
+/// Of the two drones.
+fn apart_m(rig: &Rig) -> f64 {
+    let at = |k| rig.world.physics().drone(k).map(|d| d.position.0);
+    at(0).zip(at(1)).map_or(f64::INFINITY, |(a, b)| (a - b).norm())
+}

@@ -1,0 +1,254 @@
+//! The autopilot's own mission (PX4 Mission, ArduCopter AUTO): whether it flies it, and whether that is done.
+//!
+//! It is done where the firmware says so (`MISSION_STATE_COMPLETE` of `MISSION_CURRENT`), or, of a firmware that states no
+//! state, where the last item is reached (`MISSION_ITEM_REACHED`). PX4 goes to its Hold then, ArduCopter stays in AUTO. A Hold
+//! in the midst of a mission is a person's: the mission is not complete. Whoever chooses any other mode has the drone, whatever
+//! the mission was.
+//!
+//! PX4 reports a mission of the flight before as complete until it is started again: it counts once it has been seen under way.
+//!
+//! A sortie that has to end, by the battery, because this mission is done or by an order, is taken over by the command that chooses the mode
+//! of a take-off; a drone that a person flies is not. That is done once in a flight for each reason: whoever chooses the
+//! autopilot's mission again after it has it until the drone is disarmed.
+//!
+//! A sortie of unattended cycles is handed to it by `MAV_CMD_MISSION_START`, which begins it anew with either firmware.
+//!
+//! Sources: PX4 `MavlinkMissionManager::send_mission_current`, its `Commander` (Mission to Loiter when finished); ArduPilot
+//! `GCS_MAVLINK::send_mission_current`, `ModeAuto::exit_mission`.
+
+use alight_shared::msg::{AutopilotMode, OwnMission, ReasonCode, State};
+use alight_shared::time::Span;
+
+use super::message::{CUSTOM_MODE, CommandLong, Message, command, id, severity};
+use super::modes::Firmware;
+use super::{AutopilotLink, AutopilotOut, DroneTime};
+
+/// Period of requests for the state of ArduCopter's mission while it flies that.
+const ASK: Span = Span::from_millis(1000);
+/// Between two commands, and how many at most.
+const PAUSE: Span = Span::from_millis(1000);
+const TRIES: u32 = 3;
+
+/// `MISSION_STATE_COMPLETE`.
+pub const COMPLETE: u8 = 5;
+/// `total` of a mission without items.
+const NO_ITEMS: u16 = u16::MAX;
+
+/// What it reports of its mission, in this flight.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct OwnMissionMonitor {
+    /// `MISSION_STATE`; 0: the firmware states none.
+    state: u8,
+    /// Number of the last item; None: not stated.
+    last: Option<u16>,
+    /// The last item has been reached since the mission was under way.
+    reached_last: bool,
+    /// It has been under way.
+    began: bool,
+    /// The mode has been the mission's, or the Hold after it, since it was under way.
+    own: bool,
+    now: OwnMission,
+}
+
+/// The end of the autopilot's own mission, once in a flight, whichever link's.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct MissionEnd {
+    /// Commands so far.
+    sent: u32,
+    /// The autopilot has been in our mode since the first of them.
+    done: bool,
+}
+
+impl MissionEnd {
+    /// Not again in this flight.
+    pub(super) fn is_over(&self) -> bool {
+        self.done || self.sent >= TRIES
+    }
+    /// What the link before this one has done.
+    pub(super) fn recall(&mut self, is_over: bool) {
+        self.done |= is_over;
+    }
+}
+
+/// Its start, by the mission's wish.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct MissionStart {
+    /// Commands since the wish began.
+    sent: u32,
+}
+
+impl OwnMissionMonitor {
+    /// `MISSION_CURRENT`. PX4 numbers items from 0; ArduPilot's first is home, which it does not count.
+    pub(super) fn current(&mut self, firmware: Firmware, total: u16, state: u8) {
+        self.state = state;
+        let known = !matches!(total, 0 | NO_ITEMS);
+        self.last = known.then_some(match firmware {
+            Firmware::Px4 => total.saturating_sub(1),
+            Firmware::ArduCopter => total,
+        });
+    }
+    /// `MISSION_ITEM_REACHED`.
+    pub(super) fn reached(&mut self, item: u16) {
+        self.reached_last = self.began && self.last.is_some_and(|last| item >= last);
+    }
+    fn is_complete(&self) -> bool {
+        match self.state {
+            0 => self.reached_last,
+            state => state == COMPLETE,
+        }
+    }
+    /// With its newest mode. A disarm ends the flight.
+    fn step(&mut self, armed: bool, flies: bool, mode: AutopilotMode) -> OwnMission {
+        if !armed {
+            (self.began, self.own, self.reached_last) = (false, false, false);
+        }
+        if armed && flies && !self.is_complete() {
+            self.began = true;
+        }
+        self.own = armed && (flies || self.own && mode == AutopilotMode::Hold);
+        self.now = match (self.own, self.began && self.is_complete()) {
+            (true, true) => OwnMission::Done,
+            (true, false) if flies => OwnMission::Flies,
+            (true | false, _) => OwnMission::None,
+        };
+        self.now
+    }
+    /// As of the last step.
+    pub(super) fn now(&self) -> OwnMission {
+        self.now
+    }
+}
+
+impl AutopilotLink {
+    /// Whether it flies its own mission, and whether that is done.
+    pub(super) fn watch_own_mission(&mut self) {
+        if let Some(p) = &self.peer {
+            self.own_mission.step(p.armed, p.flies_mission, p.mode);
+        }
+    }
+
+    /// ArduCopter is asked how far its mission is. PX4 says so unasked, and takes no such request.
+    pub(super) fn ask_own_mission(&mut self, now: DroneTime, out: &mut AutopilotOut) {
+        let Some(peer) = &self.peer else { return };
+        let asks = peer.flies_mission && peer.firmware == Firmware::ArduCopter;
+        if asks && self.timers.own_mission.is_due_spaced(now, ASK) {
+            let which = [f64::from(id::MISSION_CURRENT)];
+            let request = CommandLong::new(peer.address, command::REQUEST_MESSAGE, which);
+            out.messages.push(Message::Command(request));
+        }
+    }
+
+    /// The drone is to come back: the autopilot's own mission ends.
+    pub(super) fn end_mission(&mut self, now: DroneTime, out: &mut AutopilotOut) {
+        let idle = self.fresh_mission(now).filter(|m| m.state == State::Idle);
+        let (which, text) = match idle.map(|m| m.waiting.code) {
+            Some(ReasonCode::TurnsBack) => (0, "ends the autopilot's mission: turns back to the vessel"),
+            Some(ReasonCode::OrderedBack) => (2, "ends the autopilot's mission: ordered back"),
+            Some(ReasonCode::MissionDone) => (1, "the autopilot's mission is done: returns to the vessel"),
+            Some(_) | None => (usize::MAX, ""),
+        };
+        let Some(peer) = &self.peer else { return };
+        if !peer.armed {
+            self.mission_ends = Default::default();
+            return;
+        }
+        let ours = peer.mode == AutopilotMode::Offboard;
+        for end in &mut self.mission_ends {
+            end.done |= end.sent > 0 && ours;
+        }
+        let may = self.own_mission.now() != OwnMission::None && self.control_authority().may_offer();
+        let Some(end) = self.mission_ends.get_mut(which).filter(|_| may) else {
+            return;
+        };
+        if end.is_over() || !self.timers.command.is_ready(now) {
+            return;
+        }
+        end.sent += 1;
+        let [main, sub] = peer.firmware.offboard();
+        let mode = [f64::from(CUSTOM_MODE), main, sub];
+        let command = CommandLong::new(peer.address, command::SET_MODE, mode);
+        out.messages.push(Message::Command(command));
+        out.alarm(severity::WARNING, text.into());
+        self.timers.command.restart(now, PAUSE);
+    }
+
+    /// A sortie of unattended cycles goes on with the autopilot's own mission, from its beginning.
+    pub(super) fn start_mission(&mut self, now: DroneTime, out: &mut AutopilotOut) {
+        let wanted = self
+            .fresh_mission(now)
+            .is_some_and(|m| m.state == State::Hold && m.waiting.code == ReasonCode::HandsOver);
+        let Some(peer) = &self.peer else { return };
+        if !wanted {
+            self.mission_start = MissionStart::default();
+            return;
+        }
+        let may = self.control_authority().commands() && self.mission_start.sent < TRIES;
+        if !may || !self.timers.command.is_ready(now) {
+            return;
+        }
+        self.mission_start.sent += 1;
+        let start = CommandLong::new(peer.address, command::MISSION_START, [0.0, 0.0]);
+        out.messages.push(Message::Command(start));
+        out.alarm(
+            severity::NOTICE,
+            "hands over to the autopilot's own mission".into(),
+        );
+        self.timers.command.restart(now, PAUSE);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ACTIVE: u8 = 3;
+    const PAUSED: u8 = 4;
+
+    fn armed(m: &mut OwnMissionMonitor, mode: Option<AutopilotMode>) -> OwnMission {
+        m.step(true, mode.is_none(), mode.unwrap_or(AutopilotMode::Other))
+    }
+
+    #[test]
+    fn mission_done_and_held_by_px4_or_by_a_person() {
+        let hold = Some(AutopilotMode::Hold);
+        let mut m = OwnMissionMonitor::default();
+        m.current(Firmware::Px4, 4, ACTIVE);
+        assert_eq!(armed(&mut m, None), OwnMission::Flies);
+        // A person stops it, and lets it go on.
+        m.current(Firmware::Px4, 4, PAUSED);
+        assert_eq!(armed(&mut m, hold), OwnMission::None);
+        m.current(Firmware::Px4, 4, ACTIVE);
+        assert_eq!(armed(&mut m, None), OwnMission::Flies);
+        m.current(Firmware::Px4, 4, COMPLETE);
+        assert_eq!(armed(&mut m, hold), OwnMission::Done);
+        // A person takes it, and holds it: it is theirs.
+        assert_eq!(armed(&mut m, Some(AutopilotMode::Other)), OwnMission::None);
+        assert_eq!(armed(&mut m, hold), OwnMission::None);
+        assert_eq!(m.step(false, false, AutopilotMode::Hold), OwnMission::None);
+        // In the next flight it is reported as complete until it begins anew.
+        assert_eq!(armed(&mut m, None), OwnMission::Flies);
+        m.current(Firmware::Px4, 4, ACTIVE);
+        assert_eq!(armed(&mut m, None), OwnMission::Flies);
+        m.current(Firmware::Px4, 4, COMPLETE);
+        assert_eq!(armed(&mut m, None), OwnMission::Done);
+    }
+
+    #[test]
+    fn last_item_of_a_firmware_without_a_state() {
+        for (firmware, last) in [(Firmware::Px4, 3), (Firmware::ArduCopter, 4)] {
+            let mut m = OwnMissionMonitor::default();
+            m.current(firmware, 4, 0);
+            assert_eq!(armed(&mut m, None), OwnMission::Flies);
+            m.reached(last - 1);
+            assert_eq!(armed(&mut m, None), OwnMission::Flies, "{firmware:?}");
+            m.reached(last);
+            assert_eq!(armed(&mut m, None), OwnMission::Done, "{firmware:?}");
+        }
+        // Without a number of items nothing is the last one.
+        let mut m = OwnMissionMonitor::default();
+        m.current(Firmware::ArduCopter, 0, 0);
+        armed(&mut m, None);
+        m.reached(9);
+        assert_eq!(armed(&mut m, None), OwnMission::Flies);
+    }
+}

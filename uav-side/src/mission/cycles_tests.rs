@@ -1,0 +1,331 @@
+//! Unattended cycles: what begins the next sortie, and what ends them; and the way to a vessel that is not received.
+
+use alight_shared::msg::ReasonCode::{
+    ArmedAgain, ArmingRejected, BatteryHome, DoesNotRise, ForecastStale, HandOverRefused, HandsOver,
+    HardContact, MissionDone, NoMoment, NotCleared, NotOnDeck, NotReady, Operator, OrderedBack, SeeksVessel,
+    SortieBegins, SortiesDone, TakeOffTilted,
+};
+use alight_shared::msg::{AutopilotMode, BatteryPlace};
+use nalgebra::Vector2;
+
+use super::cycles::Cycles;
+use super::lift_off::{LiftOff, Moments};
+use super::situation::Seeks;
+use super::tests::{at, config, with};
+use super::*;
+
+fn permits() -> MissionConfig {
+    MissionConfig {
+        takeoff: true,
+        sorties_max: 3,
+        ..config()
+    }
+}
+/// In cycles of which one sortie has begun.
+fn cycling() -> Progress {
+    Progress {
+        started: at(9.0),
+        cycles: Cycles {
+            on: true,
+            sorties: 1,
+            ..Cycles::default()
+        },
+        ..Progress::default()
+    }
+}
+/// A drone that stands disarmed on its deck, cleared and with every check passed.
+fn standing(change: impl FnOnce(&mut Situation)) -> Situation {
+    let sure = LiftOff {
+        along: 1.0,
+        clear: 1.0,
+    };
+    let mut s = with(|s| {
+        (s.flight, s.on_ground) = (ControlState::Disarmed, true);
+        s.lift_off = Some(Moments {
+            now: sure,
+            later: None,
+        });
+    });
+    change(&mut s);
+    s
+}
+fn step(phase: MissionPhase, progress: Progress, command: Option<CommandKind>, s: &Situation) -> Decision {
+    decide(phase, progress, command, s, &permits())
+}
+fn landed() -> MissionPhase {
+    MissionPhase::Landed {
+        disarmed: true,
+        airborne: None,
+    }
+}
+fn hold() -> MissionPhase {
+    MissionPhase::Hold {
+        cause: phase::HoldCause::Operator,
+        at: nalgebra::Vector3::new(0.0, 0.0, -16.3),
+        yaw: 0.0,
+        fresh: None,
+    }
+}
+
+#[test]
+fn next_sortie_by_charge_or_by_word() {
+    // Charged for 30 s.
+    let d = step(landed(), cycling(), None, &standing(|_| {}));
+    assert_eq!((d.phase, d.waiting.code), (landed(), NotReady));
+    let later = standing(|s| s.now = at(39.0));
+    assert_eq!(step(landed(), d.progress, None, &later).waiting.code, NotReady);
+    let later = standing(|s| s.now = at(41.0));
+    let d = step(landed(), d.progress, None, &later);
+    assert_eq!(
+        (d.phase, d.entered.unwrap().code),
+        (MissionPhase::Preparing, SortieBegins)
+    );
+    assert_eq!((d.progress.started, d.progress.cycles.on), (at(41.0), true));
+    // By the word, once the crew has cleared the deck.
+    let low = |s: &mut Situation| (s.battery, s.not_cleared) = (Some(0.5), Some(NotCleared.into()));
+    let d = step(landed(), cycling(), Some(CommandKind::Ready), &standing(low));
+    assert_eq!(d.waiting.code, NotCleared);
+    let cleared = standing(|s| s.battery = Some(0.5));
+    let d = step(landed(), d.progress, None, &cleared);
+    assert_eq!(d.entered.unwrap().code, SortieBegins);
+    // The word is for nothing else.
+    let d = step(
+        landed(),
+        Progress::default(),
+        Some(CommandKind::Ready),
+        &standing(|_| {}),
+    );
+    assert_eq!(d.phase, landed());
+}
+
+#[test]
+fn preparation_of_the_next_sortie() {
+    let waits = |s: &Situation| {
+        let d = step(MissionPhase::Preparing, cycling(), None, s);
+        (
+            d.phase.state(),
+            d.entered.unwrap_or(d.waiting).code,
+            d.progress.cycles.ended,
+        )
+    };
+    // The word from aboard is taken back.
+    let s = standing(|s| s.not_cleared = Some(NotCleared.into()));
+    assert_eq!(waits(&s), (State::Landed, NotCleared, None));
+    // The sea is waited for, however long; what does not pass is not.
+    let steep = |s: &mut Situation| {
+        s.now = at(500.0);
+        s.lift_off.iter_mut().for_each(|m| m.now.along = 0.4);
+    };
+    assert_eq!(waits(&standing(steep)), (State::Preparing, TakeOffTilted, None));
+    let slid = |s: &mut Situation| {
+        s.now = at(500.0);
+        s.deck.iter_mut().for_each(|d| d.distance_m = 6.0);
+    };
+    let (state, why, ended) = waits(&standing(slid));
+    assert_eq!(
+        (state, why, ended.unwrap().code),
+        (State::Idle, NotOnDeck, NotOnDeck)
+    );
+}
+
+#[test]
+fn endings_of_unattended_cycles() {
+    let away = ControlState::OtherControl(AutopilotMode::Other);
+    let on_sortie = Progress {
+        sortie: true,
+        ..cycling()
+    };
+    let third = Progress {
+        cycles: Cycles {
+            sorties: 3,
+            ..cycling().cycles
+        },
+        ..cycling()
+    };
+    let spins = |armed| MissionPhase::SpinUp {
+        since: at(-1.0),
+        armed,
+    };
+    let handed = Progress {
+        cycles: Cycles {
+            handing: Some(at(1.0)),
+            ..cycling().cycles
+        },
+        ..on_sortie
+    };
+    let leaves = MissionPhase::TakeOff {
+        since: at(-1.0),
+        left: false,
+    };
+    let abort = Some(CommandKind::Abort);
+    let flight = |f: ControlState| standing(|s| s.flight = f);
+    let hard = with(|s| (s.motors_stopped, s.hard_contact_mps) = (true, Some(2.0)));
+    for (phase, progress, command, s, expected) in [
+        (landed(), cycling(), abort, standing(|_| {}), Operator),
+        (
+            MissionPhase::Preparing,
+            cycling(),
+            abort,
+            standing(|_| {}),
+            Operator,
+        ),
+        (MissionPhase::Idle, on_sortie, abort, flight(away), Operator),
+        (
+            landed(),
+            cycling(),
+            None,
+            flight(ControlState::OnGround),
+            ArmedAgain,
+        ),
+        (landed(), third, None, standing(|_| {}), SortiesDone),
+        (MissionPhase::Idle, on_sortie, None, standing(|_| {}), NotOnDeck),
+        (spins(None), cycling(), None, standing(|_| {}), ArmingRejected),
+        (MissionPhase::DESCENT, on_sortie, None, hard, HardContact),
+        (hold(), handed, None, with(|_| {}), HandOverRefused),
+        (
+            leaves,
+            cycling(),
+            None,
+            flight(ControlState::OnGround),
+            DoesNotRise,
+        ),
+    ] {
+        let d = step(phase, progress, command, &s);
+        let ended = d.progress.cycles.ended.map(|why| why.code);
+        assert_eq!(
+            (d.progress.cycles.on, ended),
+            (false, Some(expected)),
+            "{phase:?}"
+        );
+    }
+    // It lands where its mission does not begin, and is handed over before.
+    let d = step(hold(), handed, None, &with(|_| {}));
+    assert!(d.progress.landing && d.phase.state() == State::Hold);
+    let soon = with(|s| s.now = at(3.0));
+    assert_eq!(step(hold(), handed, None, &soon).waiting.code, HandsOver);
+    // No moment came: again, three times.
+    let none = standing(|s| {
+        s.flight = ControlState::OnGround;
+        s.lift_off.iter_mut().for_each(|m| m.now.along = 0.4);
+    });
+    let mut progress = cycling();
+    for tries in 1..=4 {
+        let d = step(spins(Some(at(0.0))), progress, None, &none);
+        assert_eq!(d.entered.unwrap().code, NoMoment);
+        assert_eq!(d.progress.cycles.on, tries <= 3);
+        progress = d.progress;
+    }
+}
+
+#[test]
+fn sortie_that_ends_by_its_mission_or_an_order() {
+    let on_sortie = Progress {
+        sortie: true,
+        ..cycling()
+    };
+    let flown = |own_mission| {
+        with(|s| {
+            s.flight = ControlState::OtherControl(AutopilotMode::Other);
+            s.own_mission = own_mission;
+        })
+    };
+    let d = step(MissionPhase::Idle, on_sortie, None, &flown(OwnMission::Done));
+    assert_eq!((d.entered.unwrap().code, d.progress.landing), (MissionDone, true));
+    let d = step(MissionPhase::Idle, d.progress, None, &flown(OwnMission::Done));
+    assert_eq!(d.waiting.code, MissionDone);
+    // A person has the drone meanwhile: it is asked for no more.
+    let d = step(MissionPhase::Idle, d.progress, None, &flown(OwnMission::None));
+    assert_eq!(d.waiting.code, ReasonCode::NotFlying);
+    // On no sortie it is nobody's call.
+    let d = step(
+        MissionPhase::Idle,
+        Progress::default(),
+        None,
+        &flown(OwnMission::Done),
+    );
+    assert_eq!((d.entered, d.progress.landing), (None, false));
+    // An order ends the mission of a cycle; of a single sortie a person gives the mode.
+    let land = Some(CommandKind::Land);
+    for (progress, expected) in [
+        (on_sortie, OrderedBack),
+        (
+            Progress {
+                cycles: Cycles::default(),
+                ..on_sortie
+            },
+            ReasonCode::NotFlying,
+        ),
+    ] {
+        let d = step(MissionPhase::Idle, progress, land, &flown(OwnMission::Flies));
+        assert_eq!(d.waiting.code, expected);
+    }
+}
+
+#[test]
+fn way_to_a_vessel_that_is_not_received() {
+    let seeks = Seeks {
+        offset: Vector2::new(600.0, -200.0),
+        silent_s: 90.0,
+    };
+    let silent = |change: fn(&mut Situation)| {
+        let mut s = with(|s| {
+            (s.forecast_age_s, s.seeks) = (90.0, Some(seeks));
+            s.turns_back = Some(Reason::new(ReasonCode::TurnsBack, 0.3, 0.31));
+        });
+        change(&mut s);
+        s
+    };
+    let called = Progress {
+        sortie: true,
+        landing: true,
+        started: at(9.0),
+        ..Progress::default()
+    };
+    let others = silent(|s| s.flight = ControlState::OtherControl(AutopilotMode::Other));
+    assert_eq!(
+        step(MissionPhase::Idle, called, None, &others).waiting.code,
+        ReasonCode::TurnsBack
+    );
+    for phase in [MissionPhase::Idle, hold()] {
+        let d = step(phase, called, None, &silent(|_| {}));
+        assert_eq!(
+            (d.phase, d.entered.unwrap().code),
+            (MissionPhase::Seek, SeeksVessel)
+        );
+    }
+    // At the approach height, its nose towards the place.
+    let place = Place::of(MissionPhase::Seek, &silent(|_| {}), &permits());
+    assert!((place.at - nalgebra::Vector3::new(600.0, -200.0, -16.3)).norm() < 1e-9);
+    assert!((place.yaw - (-200.0_f64).atan2(600.0)).abs() < 1e-9);
+    // Unheard, until the reserve is reached; heard, as any landing.
+    let d = step(MissionPhase::Seek, called, None, &silent(|_| {}));
+    assert_eq!((d.phase, d.waiting.code), (MissionPhase::Seek, SeeksVessel));
+    let d = step(
+        MissionPhase::Seek,
+        called,
+        None,
+        &silent(|s| s.battery = Some(0.19)),
+    );
+    assert_eq!(
+        (d.entered.unwrap().code, d.progress.low_battery),
+        (BatteryHome, Some(BatteryPlace::Home))
+    );
+    let d = step(MissionPhase::Seek, called, None, &with(|_| {}));
+    assert_eq!(d.phase.state(), State::GetAltitude);
+    // Nobody seeks without a sortie, nor one that is too far away.
+    let stays = Progress {
+        sortie: false,
+        ..called
+    };
+    assert_eq!(
+        step(MissionPhase::Idle, stays, None, &silent(|_| {}))
+            .waiting
+            .code,
+        ForecastStale
+    );
+    let far = silent(|s| s.seeks.iter_mut().for_each(|k| k.offset.x = 6e3));
+    assert_eq!(
+        step(MissionPhase::Idle, called, None, &far).waiting.code,
+        ForecastStale
+    );
+}

@@ -1,0 +1,84 @@
+//! Turnaround of unattended cycles ([`super::cycles`]): from the deck to the next take-off, and from the climb out to the
+//! autopilot's own mission.
+
+use alight_shared::msg::Reason;
+use alight_shared::msg::ReasonCode::{HandOverRefused, HandsOver, NotReady, SortieBegins, SortiesDone};
+
+use super::limits::ORDER_WAITS_S;
+use super::phase::{HoldCause, MissionPhase, Progress, Transition, holding, lasting};
+use super::situation::{ControlState, Situation};
+use crate::mission_config::MissionConfig;
+
+/// A charge counts as that of a drone that is ready once it has lasted so long, s: a gauge settles after a flight.
+const CHARGED_S: f64 = 30.0;
+/// The autopilot is in its own mission within this time, s: three commands a second apart, and their answers.
+const HAND_OVER_S: f64 = 8.0;
+
+/// A drone whose cycles go on stands disarmed on the deck in `phase`: until it is ready, and may go.
+pub(super) fn stands(
+    phase: MissionPhase,
+    progress: &mut Progress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Transition {
+    let cycles = &mut progress.cycles;
+    let (begun, most) = (f64::from(cycles.sorties), f64::from(c.sorties_max));
+    if cycles.sorties >= c.sorties_max {
+        let why = Reason::new(SortiesDone, begun, most);
+        cycles.end(why);
+        return phase.stay(why);
+    }
+    let charge = s.battery.unwrap_or(0.0);
+    let (charged, lasted_s) = lasting(charge >= c.battery_ready, cycles.charged, s.now);
+    cycles.charged = charged;
+    let is_charged = charged.is_some() && lasted_s >= CHARGED_S;
+    // Who waits in the air needs the deck more than this one its last per cents.
+    let gives_way = s.deck_wanted && charge >= s.battery_for_take_off;
+    if !(cycles.ready || is_charged || gives_way) {
+        return phase.stay(Reason::new(NotReady, charge, c.battery_ready));
+    }
+    if let Some(why) = s.not_cleared {
+        return phase.stay(why);
+    }
+    let cycles = *cycles;
+    *progress = Progress {
+        started: s.now,
+        cycles,
+        ..Progress::default()
+    };
+    MissionPhase::Preparing.enter(Reason::new(SortieBegins, begun + 1.0, most))
+}
+
+/// A drone that stands on the deck and is not cleared any more, or is not fit for a sortie; `why`: what speaks against it now.
+/// What passes by itself is waited for.
+pub(super) fn unprepared(progress: &mut Progress, s: &Situation, why: Reason) -> Transition {
+    if s.not_cleared.is_some() {
+        return MissionPhase::STANDS.enter(why);
+    }
+    if why.code.passes() {
+        progress.started = s.now;
+    }
+    let waited_s = (s.now - progress.started).secs();
+    if waited_s > ORDER_WAITS_S {
+        return MissionPhase::Idle.enter(why);
+    }
+    MissionPhase::Preparing.stay(why)
+}
+
+/// In the hold after the climb out: to the autopilot's own mission, or back to the deck where it does not begin that.
+pub(super) fn hands_over(
+    hold: MissionPhase,
+    progress: &mut Progress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Option<Transition> {
+    let since = progress.cycles.handing.filter(|_| progress.cycles.on)?;
+    let lasted_s = (s.now - since).secs();
+    if lasted_s <= HAND_OVER_S || s.flight != ControlState::Ours {
+        return Some(hold.stay(Reason::new(HandsOver, lasted_s, HAND_OVER_S)));
+    }
+    let why = Reason::new(HandOverRefused, lasted_s, HAND_OVER_S);
+    progress.cycles.end(why);
+    (progress.landing, progress.started, progress.attempts) = (true, s.now, 0);
+    Some(holding(HoldCause::Data, s, c).enter(why))
+}
