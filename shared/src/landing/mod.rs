@@ -13,7 +13,7 @@ mod wind;
 pub use contact::{BLIND_S, CONTACT_MPS, Contact, Margins, REACTION_S, alignment_mps};
 pub use odds::{Limit, MAX_ODDS, Odds};
 pub use staying::{Slopes, Stand, Staying, needed_hold_n};
-pub use wind::{DRAG_PER_M, LINEAR_MPS, TURBULENCE, WindPush, drag, wind_during_alignment};
+pub use wind::{DRAG_PER_M, LINEAR_MPS, TURBULENCE, WindPush, beyond_aligned, drag, wind_during_alignment};
 
 /// The limits of a good contact (trials are judged by the same): speeds, m/s, and angle, rad.
 pub const MAX_MPS: f64 = 1.0;

@@ -16,6 +16,11 @@
 //! - later no forecast reaches. Waves like those of the last two minutes move it to and fro: by `(d(b) - d(-b)) / 2` in the
 //!   mean of a window, with the variance `((d(b) + d(-b)) / 4)²`.
 //!
+//! In a strong wind a drone does not come to rest where it meets the deck: it is blown along as it aligns, and blown on while its
+//! rotors still carry a part of it, to the speed `v = t_a w + t_p (w + g s - p mu g)+` along the wind; then friction stops it within
+//!
+//! `d = v² / (2 g (mu - |b| - s))`, at most `v t_w`.
+//!
 //! All is averaged over the friction (Gauss and Hermite, three nodes).
 
 use core::f64::consts::TAU;
@@ -23,7 +28,7 @@ use core::f64::consts::TAU;
 use nalgebra::Vector2;
 
 use super::normal::{below, norm};
-use super::wind::WindPush;
+use super::wind::{WindPush, beyond_aligned};
 use crate::estimation::moments;
 use crate::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use crate::msg::{DeckForecast, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, SLOPE_WINDOW_S};
@@ -55,6 +60,15 @@ const JUST_NOW_S: f64 = 4.0;
 const UNKNOWN_SD: f64 = 0.08;
 /// The spread that any slope has: the measured ones' step, and the deck's roughness.
 const LEAST_SD: f64 = 0.02;
+/// At the contact a drone goes along the deck at the speed that the wind's acceleration in flight gives in so long, s.
+const BLOWN_S: f64 = 0.1;
+/// Its thrust is taken off within this time, s, and meanwhile the deck carries this part of its weight.
+const PRESS_S: f64 = 0.25;
+const PRESSED: f64 = 0.55;
+/// Speed of the contact squared, over its mean squared: landings in 9 to 12 m/s of wind.
+const SPEED_SQUARE: f64 = 1.25;
+/// A slope that the friction does not overcome passes within this time, s: half of a wave.
+const SLIDES_S: f64 = 1.0;
 /// Time for which a landed drone has to stay without a hand that holds it, s.
 const STAY_S: f64 = 60.0;
 
@@ -202,6 +216,8 @@ pub struct Slopes {
     /// Of the wind.
     push: Vector2<f64>,
     gust: f64,
+    /// The wind's acceleration in flight, m/s²; 0 of one with which an aligned drone is wholly blown along.
+    in_flight_mps2: f64,
     /// Of trim and heel.
     trim: f64,
     /// Of the wind, trim and heel.
@@ -246,6 +262,7 @@ impl Slopes {
             trim: mean.norm(),
             bias,
             push,
+            in_flight_mps2: in_flight(wind),
         }
     }
     /// In a sea of which no single wave is predicted: the steepest slope of each window of [`SLOPE_WINDOW_S`], the newest
@@ -260,6 +277,7 @@ impl Slopes {
             bias: mean - push,
             gust: wind.gust_sd * STANDING / GRAVITY,
             push,
+            in_flight_mps2: in_flight(wind),
         }
     }
     /// That it stays within the edge: of the waves until it is at rest, and of those of the minute after.
@@ -267,8 +285,10 @@ impl Slopes {
         let (first, of_first) = self.until_rest(friction);
         let (after, of_after) = self.after(friction);
         let along = self.bias.try_normalize(0.0).unwrap_or_default();
-        let moved = (first + along * after).norm();
-        let sd = norm(&[of_first, of_after, LEAST_SD]);
+        let slides = self.slides_at_contact(friction);
+        let moved = (first + along * (after + slides)).norm();
+        // It may be none, or twice as far.
+        let sd = norm(&[of_first, of_after, slides, LEAST_SD]);
         let within = below((edge_m - moved) / sd) - below((-edge_m - moved) / sd);
         let again = self.holds_as_just_now(friction);
         // One that is no number stays none.
@@ -294,6 +314,23 @@ impl Slopes {
             variance += of * of;
         }
         (moved, variance.sqrt())
+    }
+    /// How far the wind moves it from where it meets the deck, m.
+    fn slides_at_contact(&self, friction: f64) -> f64 {
+        let wind = self.in_flight_mps2;
+        if wind == 0.0 {
+            return 0.0;
+        }
+        let near = (TIME_TO_REST_S / WAVE_S / 2.0) as usize;
+        let slope = match self.predicted.get(..near).unwrap_or(&self.predicted) {
+            [] if self.measured.is_empty() => 0.0,
+            [] => moments(&self.measured).0,
+            waves => waves.iter().map(|(slope, ..)| slope).sum::<f64>() / waves.len() as f64,
+        };
+        let pressed = (wind + GRAVITY * (slope - PRESSED * friction)).max(0.0);
+        let speed = BLOWN_S * wind + PRESS_S * pressed;
+        let braked = GRAVITY * (friction - self.push.norm() - slope).max(0.0);
+        (0.5 * SPEED_SQUARE * speed * speed / braked).min(SLIDES_S * speed)
     }
     /// By how much a wave of this slope, which is known to `sd`, moves the drone, and how far that is off, m.
     fn wave(&self, friction: f64, slope: f64, push: f64, sd: f64) -> (f64, f64) {
@@ -330,6 +367,15 @@ impl Slopes {
             square += windows * (0.25 * (on + back)).powi(2);
         }
         (mean, square.sqrt())
+    }
+}
+
+/// The acceleration of a strong wind in flight, m/s²; 0 of another.
+fn in_flight(wind: &WindPush) -> f64 {
+    if beyond_aligned(&wind.mean) > 0.0 {
+        wind.mean.norm()
+    } else {
+        0.0
     }
 }
 
@@ -375,6 +421,18 @@ mod tests {
         assert!(steeper.clone().zip(steeper.skip(1)).all(|(a, b)| a >= b - 1e-9));
         // A wind that adds to it.
         assert!(p(0.08, 3.0) < p(0.08, 0.0));
+        // On a level deck a strong one moves a drone where it meets the deck, and far on a slippery one.
+        let slides = |wind: f64, friction: f64| {
+            let wind = WindPush {
+                mean: Vector2::new(0.0, wind),
+                gust_sd: 0.0,
+            };
+            Slopes::in_sea(peaks(0.03), Vector2::zeros(), &wind).slides_at_contact(friction)
+        };
+        assert_eq!(slides(1.0, 0.4), 0.0);
+        assert!((0.01..0.1).contains(&slides(2.0, 0.4)), "{}", slides(2.0, 0.4));
+        assert!(slides(4.0, 0.4) > 2.0 * slides(3.0, 0.4));
+        assert!(slides(3.0, 0.25) > 2.0 * slides(3.0, 0.4));
     }
 
     #[test]

@@ -56,6 +56,12 @@ pub fn wind_during_alignment(wind: &Vector2<f64>) -> Vector2<f64> {
     wind * ((ALIGNED_MPS2 + ALIGNED_FRACTION * (whole - ALIGNED_MPS2)) / whole)
 }
 
+/// By how much `wind` (m/s²) is stronger than what an aligned drone is wholly blown along with, m/s²: in such a wind leaning and
+/// aligning are worlds apart.
+pub fn beyond_aligned(wind: &Vector2<f64>) -> f64 {
+    (wind.norm() - ALIGNED_MPS2).max(0.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -65,6 +71,8 @@ mod tests {
         let of = |d: f64| wind_during_alignment(&Vector2::new(0.0, d)).y;
         assert_eq!((of(0.7), of(-1.2)), (0.7, -1.2));
         assert!((of(1.201) - 1.2006).abs() < 1e-9 && (of(3.2) - 2.4).abs() < 1e-9);
+        let beyond = |d: f64| beyond_aligned(&Vector2::new(0.0, d));
+        assert!(beyond(-1.2) == 0.0 && (beyond(-3.2) - 2.0).abs() < 1e-9);
     }
 
     #[test]

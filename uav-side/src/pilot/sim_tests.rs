@@ -402,6 +402,39 @@ fn hard_contact_by_speed_and_impact() {
     assert_eq!(met(2.6, 0.05, 1.0), None, "nothing was met");
 }
 
+/// A drone that takes its lean off in a strong wind, low over the deck: the air carries more and more of it.
+#[test]
+fn excess_of_the_air_and_of_a_deck() {
+    // Whether a contact is suspected 0.5 s after the excess (m/s²) began.
+    let suspected = |excess: &dyn Fn(f64) -> f64| {
+        let mut d = TouchdownDetector::new(0.22);
+        let mut found = false;
+        for k in 0..150 {
+            let t = 0.01 * f64::from(k);
+            let now = Time::from_secs(10.0 + t);
+            d.range(now, 0.30);
+            let evidence = Evidence {
+                permitted: true,
+                force: Some(GRAVITY + excess(t - 1.0)),
+                own_thrust: Some(GRAVITY),
+                reported_thrust: Some(GRAVITY),
+                hover_thrust: GRAVITY,
+                clearance: Some(0.08),
+                normal_speed: Some(-0.3),
+                ..Evidence::default()
+            };
+            d.step(now, 0.01, &evidence);
+            found |= d.contact() != Contact::Clear;
+        }
+        found
+    };
+    let air = |t: f64| 1.9 * (t / 0.4).clamp(0.0, 1.0);
+    assert!(!suspected(&air));
+    let deck = |t: f64| if t > 0.3 { 2.5 } else { 0.0 };
+    assert!(suspected(&deck));
+    assert!(suspected(&|t| air(t) + deck(t)));
+}
+
 #[test]
 fn touchdown_after_a_bounce() {
     for k in 0..6 {
