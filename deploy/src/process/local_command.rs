@@ -54,7 +54,7 @@ impl LocalCommand {
             None => true,
             Some(CommandKind::Abort) => echoed(m.abort),
             Some(CommandKind::Hold) => echoed(m.hold),
-            Some(k @ (CommandKind::Land | CommandKind::TakeOff)) => {
+            Some(k @ (CommandKind::Land | CommandKind::TakeOff | CommandKind::Ready)) => {
                 m.header.at >= self.header.at && k.is_met(m.state, m.waiting.code)
             }
         }

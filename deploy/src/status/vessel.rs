@@ -2,7 +2,7 @@
 
 use alight_shared::msg::{
     Charge, Closure, Course, CourseAdvice, DeckStatus, DroneContact, DroneStatus, EstimatorStatus, HelmEnd,
-    HelmState, VesselStatus, still_armed,
+    HelmState, State, VesselStatus, still_armed,
 };
 use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessKind;

@@ -407,7 +407,7 @@ impl DeckArbiter {
             return;
         }
         let ends = before.is_some_and(|d| ends_take_off(d.state, status.state));
-        self.cleared = self.cleared.filter(|(drone, _)| !(ends && *drone == h.drone));
+        self.cleared.retain(|c| !(ends && c.drone == h.drone));
         let former = before.map_or(Claim::Away, |d| d.claim);
         let begins = before.is_none_or(|d| d.header.boot != h.boot);
         let shows = if former >= Claim::Landing {

@@ -262,7 +262,7 @@ fn ais(d: &m::AIS_VESSEL_DATA) -> AisReport {
         place: PlaceReport {
             latitude_deg: f64::from(d.lat) * 1e-7,
             longitude_deg: f64::from(d.lon) * 1e-7,
-            velocity: (d.flags.contains(valid)).then(|| [speed_mps * cos, speed_mps * sin]),
+            velocity: (d.flags.contains(valid)).then_some([speed_mps * cos, speed_mps * sin]),
             error_m: None,
         },
         age_s: f64::from(d.tslc),
