@@ -46,7 +46,7 @@ pub enum Order {
     Hold,
     /// Take off from the deck, climb and hold (drone.mission.takeoff).
     Takeoff,
-    /// The drone on the deck is ready for its next sortie (drone.mission.sorties_max).
+    /// Unattended cycles: ready for the next sortie.
     Ready,
     /// Say how the mission stands; commands nothing.
     Status,

@@ -129,3 +129,35 @@ fn demand_of_the_helm_by_the_decks_owner() {
     rig.run(&[(1, State::Approach)], 1.0);
     assert_eq!((rig.arbiter.owner(), wants(&rig)), (None, Demand::Comes));
 }
+
+/// Words that stand for two drones, each for its take-offs, until the deck is closed; and who waits for the deck.
+#[test]
+fn standing_clearance_of_two_drones() {
+    let mut rig = Rig::new();
+    rig.order(DeckOrder::TakeOffStanding(1));
+    rig.order(DeckOrder::TakeOffStanding(2));
+    let cleared = |rig: &Rig| rig.arbiter.take_off;
+    let there = State::Landed;
+    for (here, comes) in [(1, 2), (2, 1), (1, 2)] {
+        assert_eq!(rig.run(&[(here, there)], TAKE_OFF_CLEARANCE_S + 1.0), here);
+        assert!(cleared(&rig), "drone {here}, after hours as well");
+        // The other one asks: the deck is wanted, and given once it is free.
+        assert!(!rig.arbiter.is_wanted(Time::from_secs(rig.t_s)));
+        rig.run(&[(here, there), (comes, State::Approach)], 1.0);
+        assert!(rig.arbiter.is_wanted(Time::from_secs(rig.t_s)));
+        rig.run(&[(here, State::TakeOff), (comes, State::Approach)], 3.0);
+        assert!(!cleared(&rig));
+        let owner = rig.run(&[(here, State::Hold), (comes, State::Approach)], 20.0);
+        assert_eq!(owner, comes);
+        assert!(
+            !rig.arbiter.is_wanted(Time::from_secs(rig.t_s)),
+            "nobody stands there"
+        );
+    }
+    rig.run(&[(2, State::Landed), (1, State::Hold)], 2.0);
+    assert!(cleared(&rig));
+    assert!(!rig.order(DeckOrder::Closed).take_off);
+    rig.order(DeckOrder::Open);
+    rig.run(&[(2, State::Landed)], 2.0);
+    assert!(!cleared(&rig), "closed once, it stands no more");
+}
