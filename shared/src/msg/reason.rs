@@ -221,6 +221,9 @@ pub enum ReasonCode {
     /// Too dark for the camera to detect a tag: mean of its image, grey levels; the limit is its longest exposure, s, 0 where the
     /// drone does not set it.
     TooDark,
+    /// A light blinds the camera: part of its image, %, that is at its brightest while no tag is detected; the limit is how much a
+    /// glint has.
+    Glare,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -390,6 +393,11 @@ impl fmt::Display for Reason {
             ReasonCode::TooDark => write!(
                 f,
                 "too dark to see the tags (image mean {v:.0} of 255, exposed by the camera itself): light the deck or its tags"
+            ),
+            ReasonCode::Glare => write!(
+                f,
+                "blinded: no tag is seen, and {v:.1} % of the image is at its brightest (limit {l:.1} %): dim or screen the \
+                 lamp"
             ),
             ReasonCode::VisionLost => write!(f, "deck not seen for {v:.2} s (limit {l:.2})"),
             ReasonCode::TooFar => write!(f, "{v:.2} m beside the deck (limit {l:.2} m)"),
