@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use alight_shared::config::{self, Check as _, Keys};
 use alight_shared::geometry::DeckGeometry;
-use alight_shared::msg::{CameraLight, Reason, ReasonCode, Seq, TagPose, UvdarFix};
+use alight_shared::msg::{CameraLight, Reason, Seq, TagPose, UvdarFix};
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
@@ -285,12 +285,11 @@ impl LightRecord {
             let _full = lights.try_send((number, light));
         }
     }
-    /// The light was reported: why it is too dark, where it has become so.
+    /// The light was reported: why it is too dark or too bright, where it has become so.
     fn reported(&mut self, light: CameraLight) -> Option<Reason> {
-        let was_dark = self.report.is_some_and(|r| r.dark);
+        let before = self.report.and_then(|r| r.hides_tags()).map(|r| r.code);
         self.report = Some(light);
-        let exposure_s = light.exposure_s.unwrap_or(0.0);
-        (light.dark && !was_dark).then(|| Reason::new(ReasonCode::TooDark, light.mean, exposure_s))
+        light.hides_tags().filter(|why| Some(why.code) != before)
     }
     fn metrics(&self, now: Time<DroneClock>) -> impl Iterator<Item = Metric> {
         let setting = self.exposed.map(|e| e.setting).map(|s| {

@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use super::drone::is_unit;
 use super::{
-    Header, MAX_ACCELERATION_MPS2, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, SLOPE_WINDOWS,
-    Seq, VesselLevel, deviations, positive, within,
+    Header, MAX_ACCELERATION_MPS2, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, Reason,
+    ReasonCode, SLOPE_WINDOWS, Seq, VesselLevel, deviations, positive, within,
 };
 use crate::surroundings::Surroundings;
 use crate::time::{DroneClock, Span};
@@ -59,6 +59,21 @@ pub struct CameraLight {
     /// No tag can be decoded in it: nothing is bright enough, and exposure and gain, where they are the drone's, are at their
     /// limits.
     pub dark: bool,
+    /// A light blinds the camera: the part of the image that is at its brightest, 0 to 1, where no tag is decoded and it is more
+    /// than [`MIN_GLARE`]; else None.
+    pub glare: Option<f64>,
+}
+
+/// A part of the image, 0 to 1, that glints on water or a wet deck do not bring to the limit: 0.1 % by day in rendered images.
+pub const MIN_GLARE: f64 = 0.003;
+
+impl CameraLight {
+    /// Why a camera in this light detects no tag, where it is the light.
+    pub fn hides_tags(&self) -> Option<Reason> {
+        let dark = Reason::new(ReasonCode::TooDark, self.mean, self.exposure_s.unwrap_or(0.0));
+        let glare = |part: f64| Reason::new(ReasonCode::Glare, 100.0 * part, 100.0 * MIN_GLARE);
+        self.dark.then_some(dark).or(self.glare.map(glare))
+    }
 }
 
 /// A reading of the belly rangefinder.
@@ -273,6 +288,7 @@ message!(UvdarFix, DroneClock, |m| {
 message!(CameraLight, DroneClock, |m| {
     (0.0..=255.0).contains(&m.mean) => "mean",
     m.exposure_s.is_none_or(|s| (0.0..=10.0).contains(&s)) => "exposure_s",
+    m.glare.is_none_or(|part| (0.0..=1.0).contains(&part)) => "glare",
 });
 message!(RangeSample, DroneClock, |m| {
     (0.0..=1e3).contains(&m.range_m) => "range_m",

@@ -54,7 +54,7 @@ pub use aboard::{
 };
 pub use beacon::{BeaconSource, DeckBeacon, MAX_BEACON_LASTS_S, MAX_BEACON_MPS, MIN_BEACON_SD_M};
 pub use deck::{
-    CameraLight, DeckForecast, DeckStage, FORECAST_STAGES, LinkState, PREDICTED_SLOPE_STEP_S,
+    CameraLight, DeckForecast, DeckStage, FORECAST_STAGES, LinkState, MIN_GLARE, PREDICTED_SLOPE_STEP_S,
     PREDICTED_SLOPES, RangeSample, SILENT_S, Source, TagPose, UvdarFix,
 };
 pub use drone::{

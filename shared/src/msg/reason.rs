@@ -241,6 +241,9 @@ pub enum ReasonCode {
     SeveralAutopilots,
     /// The remote control's switch is held where it aborts.
     SwitchAborts,
+    /// A light blinds the camera: part of its image, %, that is at its brightest while no tag is detected; the limit is how much a
+    /// glint has.
+    Glare,
 }
 
 impl ReasonCode {
@@ -447,6 +450,11 @@ impl fmt::Display for Reason {
             ReasonCode::TooDark => write!(
                 f,
                 "too dark to see the tags (image mean {v:.0} of 255, exposed by the camera itself): light the deck or its tags"
+            ),
+            ReasonCode::Glare => write!(
+                f,
+                "blinded: no tag is seen, and {v:.1} % of the image is at its brightest (limit {l:.1} %): dim or screen the \
+                 lamp"
             ),
             ReasonCode::VisionLost => write!(f, "deck not seen for {v:.2} s (limit {l:.2})"),
             ReasonCode::TooFar => write!(f, "{v:.2} m beside the deck (limit {l:.2} m)"),

@@ -30,7 +30,7 @@
 use alight_shared::config;
 use alight_shared::frames::{Deck, Tag};
 use alight_shared::geometry::DeckGeometry;
-use alight_shared::msg::{CameraLight, TagPose};
+use alight_shared::msg::{CameraLight, MIN_GLARE, TagPose};
 use alight_shared::tags::{DeckTag, Tags};
 use alight_shared::time::{Time, TrueTime};
 use alight_uav::camera::metering::Setting;
@@ -178,8 +178,26 @@ impl TagDetector {
             mean: grey(0.25 * night.scene_lux()),
             exposure_s: Some(setting.exposure_s),
             dark: night.at_limit(&setting, self.config.exposure_s) && !lamp && brightest < MIN_MARGIN,
+            glare: self.glare(night, &setting, &sights, self.lamp(view, deck)),
             ..CameraLight::default()
         })
+    }
+    /// The part of the image that the lamp at `lamp` (camera's axes, m) brings to its limit, where its veil leaves no tag that can be
+    /// decoded: a circle about it, out to the angle with `pi VEIL E / angle²` of 255 grey levels.
+    fn glare(
+        &self,
+        night: &NightConfig,
+        setting: &Setting,
+        sights: &[Sight],
+        lamp: Vector3<f64>,
+    ) -> Option<f64> {
+        let lost = sights.iter().all(|s| self.image(s, setting).chance < MIN_CHANCE);
+        let grey_at_1_rad = night.lamp_lux(lamp.norm()) * veil(1.0) * night.grey_per_lux(setting);
+        let radius_px = self.lens.focal_px * (grey_at_1_rad / 255.0).sqrt();
+        let circle_px2 = core::f64::consts::PI * radius_px * radius_px;
+        let part = (circle_px2 / (self.config.width_px * self.config.height_px)).min(1.0);
+        let in_image = lamp.z > 0.0 && self.lens.project(lamp).is_some_and(|px| self.lens.holds(px));
+        (lost && in_image && part > MIN_GLARE).then_some(part)
     }
     /// The lamp in the camera's axes, m.
     fn lamp(&self, view: &View, deck: &RigidState<Deck>) -> Vector3<f64> {
@@ -338,6 +356,8 @@ impl TagDetector {
 /// Half of the contrast with which half of the tags are decoded, grey levels, and the logistic spread of the chance about it.
 const MIN_MARGIN: f64 = 16.0;
 const MARGIN_SPREAD: f64 = 0.5;
+/// A tag that is decoded in no more of the images is none.
+const MIN_CHANCE: f64 = 0.05;
 /// Contrast over noise with which half of the tags of 1 px are decoded, the power of the width with which that falls, and how
 /// steeply the chance rises about it.
 const NOISE_LIMIT: f64 = 7.0;

@@ -119,11 +119,14 @@ fn deck_that_is_not_at_its_beacon() {
     assert!(f.reasons.contains(&ReasonCode::NotFound), "{:?}", f.reasons);
 }
 
-/// A vessel on a hull of a table that is received until the mission enters `state`, and never again.
+/// A vessel on a hull of a table, 150 m away and without ultraviolet markers, that is received until the mission enters `state`, and
+/// never again.
 fn lost_from(state: State, hull: &str, least_vessel: VesselLevel) -> (Scenario, NodeConfigs) {
     let (mut scenario, mut nodes) = (Scenario::default(), nodes(least_vessel));
     scenario.sea = "jonswap:0.5,5".parse().unwrap();
     scenario.install_hull(&mut nodes, hull).unwrap();
+    scenario.start.distance_m = [150.0, 150.0];
+    scenario.sensors.uvdar.max_range_m = 0.0;
     scenario.radio_outage = Some(StateOutage {
         state,
         after_s: 0.0,

@@ -3,6 +3,7 @@
 use nalgebra::Vector2;
 
 use super::image::GreyImage;
+use alight_shared::msg::MIN_GLARE;
 
 /// The tag's square is sampled so often along each side: four times a cell.
 const SAMPLES: usize = 32;
@@ -53,6 +54,9 @@ impl TagLight {
 /// wherever it lies.
 const TILE_PX: usize = 6;
 
+/// Sum of a square that is at its brightest all over.
+const MOST: u32 = (TILE_PX * TILE_PX) as u32 * u8::MAX as u32;
+
 /// By how much the detector's sharpening raises a decision margin (its `decode_sharpening` is 0.25).
 const SHARPENING: f64 = 1.25;
 
@@ -63,13 +67,15 @@ pub struct ImageLight {
     pub mean: f64,
     /// Mean of its brightest square of [`TILE_PX`], grey levels.
     pub brightest: f64,
+    /// Part of these squares that are at grey level 255 all over, 0 to 1.
+    pub saturated: f64,
 }
 
 impl ImageLight {
     /// The light of this image.
     pub fn of(image: &GreyImage) -> ImageLight {
         let columns = image.width() / TILE_PX;
-        let (mut sums, mut brightest) = (vec![0_u32; columns], 0);
+        let (mut sums, mut brightest, mut saturated) = (vec![0_u32; columns], 0, 0);
         let rows: Vec<&[u8]> = image.pixels().chunks_exact(image.width()).collect();
         for tiles in rows.chunks_exact(TILE_PX) {
             sums.fill(0);
@@ -79,11 +85,18 @@ impl ImageLight {
                 }
             }
             brightest = sums.iter().copied().fold(brightest, u32::max);
+            saturated += sums.iter().filter(|sum| **sum == MOST).count();
         }
+        let tiles = columns * (image.height() / TILE_PX);
         ImageLight {
             mean: mean_level(image),
             brightest: f64::from(brightest) / (TILE_PX * TILE_PX) as f64,
+            saturated: saturated as f64 / tiles.max(1) as f64,
         }
+    }
+    /// How much of it is at its brightest, 0 to 1, where that is more than glints have.
+    pub fn glare(&self) -> Option<f64> {
+        Some(self.saturated).filter(|part| *part > MIN_GLARE)
     }
     /// Whether no tag in the image can be decoded with a decision margin of `min_margin`, grey levels. The margin is half of what
     /// white and black differ by, sharpened by a quarter; a tag with its white margin is half white (52 of 100 cells or more), so
@@ -167,6 +180,9 @@ mod tests {
             assert!(at(28, place).is_dark(20.0), "{place}: {:?}", at(28, place));
         }
         assert!(at(255, 40).mean < 3.0);
+        // Two of 300 squares at their brightest, where they fall on the grid: a lamp; a single one is, too, in so small an image.
+        assert_eq!(at(255, 42).saturated, 2.0 / 300.0);
+        assert!(at(255, 42).glare().is_some() && at(254, 42).glare().is_none());
         // Noise of a sensor at full gain is no tag.
         let noise = (0..120 * 90_u32).map(|k| ((k.wrapping_mul(2_654_435_761) >> 24) / 13) as u8);
         assert!(ImageLight::of(&GreyImage::new(120, 90, noise.collect()).unwrap()).is_dark(20.0));

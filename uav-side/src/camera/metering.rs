@@ -317,6 +317,7 @@ mod tests {
                     Light::Image(ImageLight {
                         mean: water,
                         brightest: f64::from(tag.white),
+                        ..ImageLight::default()
                     })
                 },
             ));
@@ -442,6 +443,7 @@ mod tests {
                 Light::Image(ImageLight {
                     mean: 2.0 + 0.01 * level,
                     brightest: if lamp { 255.0 } else { level },
+                    ..ImageLight::default()
                 })
             };
             sensor.metering.step(number, number, &seen);
@@ -499,6 +501,7 @@ mod tests {
         let water = Light::Image(ImageLight {
             mean: 15.0,
             brightest: 60.0,
+            ..ImageLight::default()
         });
         assert!((10..15).all(|image| metering.step(image, image, &water).is_none()));
         let next = metering.step(15, 15, &water).unwrap();

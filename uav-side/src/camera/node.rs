@@ -204,6 +204,7 @@ impl CameraNode {
             mean: mean_level(&frame.image),
             exposure_s: exposed.map(|e| e.setting.exposure_s),
             dark: at_limit && unseen && self.newest.image.is_dark(self.tag.min_margin),
+            glare: self.newest.image.glare().filter(|_| unseen),
         })
     }
     /// The corners of the deck's tags in one image.
@@ -397,8 +398,10 @@ mod tests {
             (3, 3, Some(false), false),
             (4, 3, None, true),
             (5, 40, Some(true), false),
+            (6, 255, Some(true), false),
         ] {
             let light = look(500 * k, level, at_limit).unwrap();
+            assert_eq!(light.glare.is_some(), level == 255, "{light:?}");
             assert_eq!(
                 (light.dark, light.header.sequence),
                 (dark, k as u32 - 2),

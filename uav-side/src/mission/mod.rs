@@ -436,8 +436,7 @@ impl Mission {
             dark: self
                 .light
                 .fresh(now, topics::CAMERA_LIGHT.stale_after)
-                .filter(|light| light.dark)
-                .map(|light| Reason::new(ReasonCode::TooDark, light.mean, light.exposure_s.unwrap_or(0.0))),
+                .and_then(CameraLight::hides_tags),
             place: self
                 .grant
                 .get()

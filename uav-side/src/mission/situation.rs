@@ -437,7 +437,7 @@ pub struct Situation {
     pub course: Course,
     /// The steady course that she turns to.
     pub promise: Option<Promise>,
-    /// Too dark for the camera to detect a tag.
+    /// Too dark for the camera to detect a tag, or a light blinds it.
     pub dark: Option<Reason>,
     /// Where it waits for the deck; None: nowhere, or it reserves none.
     pub place: Option<WaitingPlace>,

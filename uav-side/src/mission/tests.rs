@@ -2,13 +2,13 @@
 
 use alight_shared::msg::ReasonCode::{
     ArmedAgain, AtBeacon, AutopilotParameter, BeaconVague, Commanded, CourseEnds, DeckGrantStale,
-    DeckReserved, Descending, Deviated, FlareHeight, Flaring, ForecastStale, HeightReached, InSight,
+    DeckReserved, Descending, Deviated, FlareHeight, Flaring, ForecastStale, Glare, HeightReached, InSight,
     Infeasible, KnownByBeacon, LikelyBeside, LikelyFast, LikelyHard, LikelySlides, LikelyTilted, Missed,
     NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, OriginMoved,
     Permitted, Recovered, Searching, SeveralDecks, Steady, Swings, TagsInSight, TiltExcess, TooDark, TooFar,
     TooFast, TooSteep, Touchdown, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
 };
-use alight_shared::msg::{AutopilotMode, BatteryPlace, Course, DECK_CLOSED};
+use alight_shared::msg::{AutopilotMode, BatteryPlace, CameraLight, Course, DECK_CLOSED};
 use nalgebra::{Vector2, Vector3};
 
 use Does::{Enter, Stay};
@@ -372,6 +372,17 @@ fn approach_conditions() {
         dark: Some(Reason::new(TooDark, 3.0, 0.004)),
         ..with_deck(|d| (d.vision_age_s, d.distance_m) = (f64::INFINITY, distance_m))
     };
+    let lamp = CameraLight {
+        glare: Some(0.014),
+        ..CameraLight::default()
+    };
+    let blinded = Situation {
+        dark: lamp.hides_tags(),
+        ..dark(0.1)
+    };
+    let words = blinded.dark.unwrap().to_string();
+    assert!(words.starts_with("blinded") && words.contains("1.4 %"), "{words}");
+    assert_eq!(CameraLight::default().hides_tags(), None);
     waits(&d, GetAltitude, OffHeight);
     goes(&step(climb, &high), Approach, HeightReached);
     let rows = [
@@ -382,6 +393,7 @@ fn approach_conditions() {
         // Above the deck it is dark; beside it nothing is expected in the image.
         (dark(0.1), 5.0, Stay(Approach, TooDark)),
         (dark(20.0), 5.0, Stay(Approach, NoVision)),
+        (blinded, 5.0, Stay(Approach, Glare)),
         // Neither vision nor radio.
         (blind, 1.0, Enter(Hold, NoVessel)),
     ];

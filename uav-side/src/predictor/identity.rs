@@ -3,14 +3,18 @@
 //! Each place at which tags are seen again and again is a deck. One alone is taken, unless it rocks otherwise than the radio
 //! reports: the last sum is that of [`BLOCK`] samples then, and chi-square distributed where they are of one deck. Of several the vessel's own is, in this order,
 //! the one that was followed before they were several (continuity of place: without the radio), and the one that is more
-//! likely than any other by a factor of [`MARGIN`]'s exponential, with the negative logarithm of a deck's likelihood
+//! likely than any other by a factor of [`MARGIN`]'s exponential, with the logarithm of the ratio of the likelihoods of decks 1 and 2
 //!
 //! ```text
-//! L = 1/2 (apart / sd)²  +  1/2 (mean yaw / sd)²  +  1/2 sum over time of |tilt - mean|² / R + (height - level)² / S
+//! L = 1/2 ((apart2 / sd)² - (apart1 / sd)²)  +  1/2 ((yaw2 / sd)² - (yaw1 / sd)²)
+//!     + sum over tilt about north, about east and height of  n/2 ln((s1 + s2)² / (4 s1 s2)),  negative where s1 > s2
 //! ```
 //!
+//! The last are the ratios for normal figures of unknown variances `s`, of which the own deck's is the smaller one: they grow with the
+//! samples `n` only where the decks move apart, however much both err, and not by chance. A variance is that about the mean.
+//!
 //! `apart` is its distance from where radio or beacon places the vessel; `yaw`, `tilt` and `height` are what the camera sees less
-//! what the radio reports of the same time, `R` and `S` the variances of that, and `level` its low-pass: the drone's own height
+//! what the radio reports of the same time, the latter about its low-pass: the drone's own height
 //! drifts. From the height of an approach the height tells more than the tilt, which is seen to ten degrees there. Boats that lie side by side head alike, and still rock apart:
 //! a wave reaches one before the other. What the camera's mount adds is the same for both, and in the mean. Until then none
 //! is followed, and the reason is given.
@@ -47,6 +51,8 @@ const CONFIRMED: u32 = 5;
 const MEMORY_S: f64 = 30.0;
 /// Without the radio a deck that was alone for so long is the one that is followed, s.
 const FOLLOWED_S: f64 = 2.0;
+/// A mean square in units of the stated variance is no smaller than this: by chance, or stated too large.
+const LEAST_VARIANCE: f64 = 0.05;
 /// Samples of the tilt are taken so far apart, s: errors of successive images are not independent. So many of each deck are
 /// compared at least: half a wave.
 const SAMPLE_S: f64 = 0.2;
@@ -86,7 +92,8 @@ struct Report {
 struct Residual {
     n: f64,
     mean: Vector3<f64>,
-    squares: f64,
+    /// Of tilt about north and about east, and of the height.
+    squares: [f64; 3],
     sampled: Option<Time<DroneClock>>,
 }
 
@@ -98,13 +105,21 @@ impl Residual {
         let before = r - self.mean;
         self.mean += before / self.n;
         let after = r - self.mean;
-        let squares = (0..2).map(|i| before[i] * after[i] / tilt_variance[i]);
-        self.squares += squares.sum::<f64>().min(MAX_SAMPLE);
+        for i in 0..2 {
+            self.squares[i] += (before[i] * after[i] / tilt_variance[i]).min(MAX_SAMPLE);
+        }
     }
-    /// Of as many samples as `n`.
-    fn cost(&self, n: f64) -> f64 {
-        let yaw = self.mean.z / YAW_SD_RAD;
-        0.5 * (yaw * yaw + self.squares * n / self.n.max(1.0))
+    /// Logarithm of the ratio of the likelihoods that this is the own deck's and that the other is.
+    fn over(&self, other: &Residual) -> f64 {
+        let yaw = |r: &Residual| (r.mean.z / YAW_SD_RAD).powi(2);
+        let n = self.n.min(other.n);
+        let variance = |r: &Residual, i: usize| (r.squares[i] / r.n.max(1.0)).max(LEAST_VARIANCE);
+        let motion = (0..3).map(|i| {
+            let (own, others) = (variance(self, i), variance(other, i));
+            let ratio = (own + others).powi(2) / (4.0 * own * others);
+            (0.5 * n * ratio.ln()).copysign(others - own)
+        });
+        0.5 * (yaw(other) - yaw(self)) + motion.sum::<f64>()
     }
 }
 
@@ -121,8 +136,8 @@ struct Deck {
     apart_sd: Option<f64>,
     /// While others are in sight.
     residual: Residual,
-    /// The height as seen less the radio's, low-pass, while others are in sight.
-    level: Option<f64>,
+    /// The height as seen less the radio's, low-pass, while others are in sight, and of how many samples.
+    level: Option<(f64, f64)>,
     /// Always, of the newest block of samples.
     block: Residual,
     /// By the last whole block it rocks otherwise than the radio reports.
@@ -134,7 +149,8 @@ impl Deck {
     fn judge(&mut self, at: Time<DroneClock>, r: Vector3<f64>, tilt_variance: [f64; 2]) {
         self.block.take(at, r, tilt_variance);
         if self.block.n >= BLOCK {
-            self.rocks_apart = self.block.squares > MAX_SQUARES;
+            let [north, east, _] = self.block.squares;
+            self.rocks_apart = !(north + east <= MAX_SQUARES);
             self.block = Residual {
                 sampled: Some(at),
                 ..Residual::default()
@@ -150,15 +166,14 @@ impl Deck {
         height: (f64, f64),
     ) {
         let (height, variance) = height;
-        let before = self.residual.sampled;
+        let dt = (self.residual.sampled).map_or(0.0, |before| (at - before).secs());
         self.residual.take(at, r, tilt_variance);
-        let (Some(level), Some(before)) = (self.level, before) else {
-            self.level = Some(height);
-            return;
-        };
-        let off = height - level;
-        self.level = Some(level + low_pass_gain((at - before).secs(), LEVEL_TIME_S) * off);
-        self.residual.squares += (off * off / variance).min(MAX_SAMPLE);
+        let (level, n) = self.level.map_or((height, 1.0), |(level, n)| (level, n + 1.0));
+        // The mean at first: one sample is no level.
+        let gain = low_pass_gain(dt, LEVEL_TIME_S).max(1.0 / n);
+        let (before, after) = (height - level, (height - level) * (1.0 - gain));
+        self.level = Some((height - after, n));
+        self.residual.squares[2] += (before * after / variance).min(MAX_SAMPLE);
     }
     /// It lies where the vessel may be.
     fn is_admissible(&self) -> bool {
@@ -173,10 +188,12 @@ impl Deck {
         let two = other.together >= CONFIRMED || (other.place - self.place).norm() > APART_M;
         in_one_image || other.counts() && two
     }
-    /// Negative logarithm of its likelihood by `n` samples of its tilt.
-    fn cost(&self, n: f64) -> f64 {
-        let apart = self.apart_sd.unwrap_or(0.0);
-        0.5 * apart * apart + self.residual.cost(n)
+    /// It is the own one rather than the other.
+    fn is_clear_of(&self, other: &Deck) -> bool {
+        let apart = |d: &Deck| d.apart_sd.unwrap_or(0.0).powi(2);
+        let place = 0.5 * (apart(other) - apart(self));
+        let enough = self.residual.n.min(other.residual.n) >= MIN_SAMPLES;
+        enough && place + self.residual.over(&other.residual) >= MARGIN
     }
 }
 
@@ -357,18 +374,15 @@ impl Decks {
     }
     /// The own deck, if that can be said.
     fn decide(&self, now: Time<DroneClock>, radio: bool) -> Option<usize> {
-        let counts = || self.decks.iter().enumerate().filter(|(_, d)| d.counts());
-        // By as many looks at each: every one costs.
-        let n = counts().map(|(_, d)| d.residual.n).fold(f64::INFINITY, f64::min);
-        let (best, deck) = counts().min_by(|a, b| a.1.cost(n).total_cmp(&b.1.cost(n)))?;
-        if self.rivals_of(best).next().is_none() {
-            // With the radio a second one may still come into view where the vessel is.
-            let followed = (now - deck.since).secs() >= FOLLOWED_S;
-            return (followed && !radio).then_some(best);
-        }
-        let cost = deck.cost(n);
-        let clear = n >= MIN_SAMPLES && (self.rivals_of(best)).all(|d| d.cost(n) - cost >= MARGIN);
-        clear.then_some(best)
+        let clear = |(k, deck): &(usize, &Deck)| {
+            if self.rivals_of(*k).next().is_none() {
+                // With the radio a second one may still come into view where the vessel is.
+                return (now - deck.since).secs() >= FOLLOWED_S && !radio;
+            }
+            self.rivals_of(*k).all(|other| deck.is_clear_of(other))
+        };
+        let counts = self.decks.iter().enumerate().filter(|(_, d)| d.counts());
+        counts.filter(clear).map(|(k, _)| k).next()
     }
     /// Forgets what was not seen for long.
     fn forget(&mut self, now: Time<DroneClock>) {
