@@ -180,9 +180,14 @@ mod tests {
             assert!(at(28, place).is_dark(20.0), "{place}: {:?}", at(28, place));
         }
         assert!(at(255, 40).mean < 3.0);
-        // Two of 300 squares at their brightest, where they fall on the grid: a lamp; a single one is, too, in so small an image.
-        assert_eq!(at(255, 42).saturated, 2.0 / 300.0);
-        assert!(at(255, 42).glare().is_some() && at(254, 42).glare().is_none());
+        // Two of 300 squares at their brightest: a lamp.
+        let lamp = |level: u8| {
+            let lit = |k: usize| (42..54).contains(&(k % 120)) && (42..48).contains(&(k / 120));
+            let pixels = (0..120 * 90).map(|k| if lit(k) { level } else { 0 });
+            ImageLight::of(&GreyImage::new(120, 90, pixels.collect()).unwrap())
+        };
+        assert_eq!((lamp(255).saturated, lamp(254).saturated), (2.0 / 300.0, 0.0));
+        assert!(lamp(255).glare().is_some() && lamp(254).glare().is_none());
         // Noise of a sensor at full gain is no tag.
         let noise = (0..120 * 90_u32).map(|k| ((k.wrapping_mul(2_654_435_761) >> 24) / 13) as u8);
         assert!(ImageLight::of(&GreyImage::new(120, 90, noise.collect()).unwrap()).is_dark(20.0));
