@@ -293,7 +293,8 @@ fn two_drones_that_take_turns_on_one_deck() {
     rig.world.command_to(0, CommandKind::Land);
     assert!(rig.until(150.0, |r| r.state(0) == State::Landed && !is_armed(r, 0)));
     rig.run(2.0);
-    (0..2).for_each(|k| upload_to(&mut rig, k, if k == 0 { 120.0 } else { -120.0 }));
+    // Each on the side of the place at which it waits: nothing keeps two missions of autopilots apart.
+    (0..2).for_each(|k| upload_to(&mut rig, k, if k == 0 { -120.0 } else { 120.0 }));
     // The first goes; the second, which was in the air, comes and stays.
     rig.world.command_to(0, CommandKind::TakeOff);
     let up = rig.until(60.0, |r| r.mission(0).sorties == [1, 4]);
@@ -310,6 +311,7 @@ fn two_drones_that_take_turns_on_one_deck() {
     assert!(rig.until(200.0, |r| r.state(1) == State::Landed && !is_armed(r, 1)));
     rig.run(2.0);
     rig.world.command_to(1, CommandKind::TakeOff);
+    // Apart while Alight flies both: in its own mission each goes where that leads.
     let (mut landings, mut nearest_m) = ([0; 2], f64::INFINITY);
     let mut before = [rig.state(0), rig.state(1)];
     rig.each(900.0, |rig| {
@@ -318,7 +320,9 @@ fn two_drones_that_take_turns_on_one_deck() {
             landings[k] += u32::from(rig.state(k) == State::Landed && before[k] != State::Landed);
             before[k] = rig.state(k);
         }
-        nearest_m = nearest_m.min(apart_m(rig));
+        if (0..2).all(|k| rig.state(k) != State::Idle) {
+            nearest_m = nearest_m.min(apart_m(rig));
+        }
         landings.iter().all(|n| *n >= 2)
     });
     let seen = format!(
