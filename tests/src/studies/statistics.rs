@@ -223,7 +223,7 @@ pub struct Summary {
 }
 
 /// Bounds of the bins of likelihood.
-const BINS: [f64; 6] = [0.0, 0.5, 0.8, 0.95, 0.99, 1.0];
+const BINS: [f64; 7] = [0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0];
 
 /// Descents that were thought about as likely to succeed.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -18,7 +18,7 @@ use core::f64::consts::FRAC_1_SQRT_2;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::landing::normal::larger;
 use alight_shared::landing::{
-    BLIND_S, CONTACT_MPS, Contact, Margins, Odds, REACTION_S, Staying, alignment_mps,
+    BLIND_S, CONTACT_MPS, Contact, Margins, Odds, REACTION_S, Staying, alignment_mps, wind_during_alignment,
 };
 use alight_shared::msg::{AttitudeResponse, DeckForecast, DeckStage};
 use alight_shared::time::{DroneClock, Span, Time};
@@ -93,7 +93,8 @@ impl Outlook<'_> {
         let reaction_s = self.reaction_s();
         let [ax, ay, az] = reacted.acceleration_sd.map(|sd| reaction_s * sd);
         // Both to and fro: of what an aligned drone is parted by, the plan allows for the part that is foreseen.
-        let apart = Vector3::from(contact.acceleration).xy() - aligned_acceleration(contact) - wind.mean;
+        let blown = wind_during_alignment(&wind.mean);
+        let apart = Vector3::from(contact.acceleration).xy() - aligned_acceleration(contact) - blown;
         let [roll, pitch, _] = reacted.euler_sd;
         let contact = Contact {
             speed_mps: self.contact_mps(),

@@ -420,7 +420,7 @@ fn excess_of_the_air_and_of_a_deck() {
                 reported_thrust: Some(GRAVITY),
                 hover_thrust: GRAVITY,
                 clearance: Some(0.08),
-                normal_speed: Some(-0.3),
+                normal_speed: Some(-0.1),
                 ..Evidence::default()
             };
             d.step(now, 0.01, &evidence);

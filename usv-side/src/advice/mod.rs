@@ -22,7 +22,7 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::landing::{
     BLIND_S, CONTACT_MPS, Contact, FRICTION, Margins, REACTION_S, Slopes, Stand, Staying,
-    WAITING_COST_PER_MIN, WindPush, alignment_mps,
+    WAITING_COST_PER_MIN, WindPush, alignment_mps, wind_during_alignment,
 };
 use alight_shared::motion_model::{MotionModel, MotionSample};
 use alight_shared::msg::{CourseAdvice, SLOPE_STEP, SLOPE_WINDOWS, Seq};
@@ -341,6 +341,7 @@ impl Advisor {
         let stand = Stand::on(&self.deck, &self.drone, FRICTION);
         let [of_heave, of_tilt] = now.unforeseen;
         let one_axis = core::f64::consts::FRAC_1_SQRT_2;
+        let blown = wind_during_alignment(&wind.mean).norm();
         let contact = Contact {
             speed_mps: CONTACT_MPS,
             turn_mps: 0.0,
@@ -349,7 +350,7 @@ impl Advisor {
                 REACTION_S * of_tilt * one_axis * sd(PUSH),
                 REACTION_S * of_heave * sd(LIFT),
             ],
-            parted_mps: alignment_mps((GRAVITY * course.slope_sd).hypot(wind.mean.norm())),
+            parted_mps: alignment_mps((GRAVITY * course.slope_sd).hypot(blown)),
             tilt_sd_rad: of_tilt * one_axis * course.tilt_rad(),
             offset_m: Vector2::zeros(),
             place_sd_m: PLACE_SD_M,
