@@ -176,7 +176,13 @@ fn wants_steady(status: &DroneStatus) -> bool {
 /// Between these two states of a drone its take-off ended: whoever goes to it then meets no second one by the word for the first.
 /// One whose countdown is stopped by a check goes on.
 fn ends_take_off(before: State, now: State) -> bool {
-    before.is_take_off() && !now.is_take_off() || now == State::StandDown && before != now
+    before.is_take_off() && !now.is_take_off() || stops_take_off(before, now)
+}
+/// Between these two states of a drone its take-off was stopped on the deck: somebody may walk up to it, and a word that stands
+/// is to be given anew.
+fn stops_take_off(before: State, now: State) -> bool {
+    let counted = matches!(before, State::Countdown | State::SpinUp) && !now.is_take_off();
+    counted || now == State::StandDown && before != now
 }
 
 /// What arrived since the last step.
@@ -406,8 +412,12 @@ impl DeckArbiter {
             self.rejected = self.rejected.saturating_add(1);
             return;
         }
-        let ends = before.is_some_and(|d| ends_take_off(d.state, status.state));
-        self.cleared.retain(|c| !(ends && c.drone == h.drone));
+        let ends = |c: &Clearance, before: State| match c.until {
+            Some(_) => ends_take_off(before, status.state),
+            None => stops_take_off(before, status.state),
+        };
+        self.cleared
+            .retain(|c| c.drone != h.drone || !before.is_some_and(|d| ends(c, d.state)));
         let former = before.map_or(Claim::Away, |d| d.claim);
         let begins = before.is_none_or(|d| d.header.boot != h.boot);
         let shows = if former >= Claim::Landing {

@@ -54,6 +54,29 @@ fn clearance_after_a_stopped_take_off() {
     assert!(cleared(State::Countdown, State::Preparing));
 }
 
+/// It outlasts take-offs, and a preparation that came to nothing; not one that was stopped on the deck.
+#[test]
+fn standing_clearance_after_the_end_of_a_take_off() {
+    let stands = |states: &[State]| {
+        let mut rig = Rig::new();
+        rig.run(&[(1, State::Landed)], 2.0);
+        assert!(rig.order(DeckOrder::TakeOffStanding(1)).take_off);
+        for state in states.iter().chain(&[State::Landed]) {
+            rig.run(&[(1, *state)], 2.0);
+        }
+        rig.arbiter.take_off
+    };
+    assert!(stands(&[
+        State::SpinUp,
+        State::TakeOff,
+        State::ClimbOut,
+        State::Hold
+    ]));
+    assert!(stands(&[State::Preparing]));
+    assert!(!stands(&[State::SpinUp, State::StandDown]));
+    assert!(!stands(&[State::Countdown, State::Idle]));
+}
+
 #[test]
 fn demand_of_the_helm_by_states() {
     let wants = |rig: &Rig| rig.arbiter.demand(Time::from_secs(rig.t_s));
