@@ -44,14 +44,6 @@ const MAX_LATERAL_OFFSET_M: f64 = 1.0;
 /// has not closed by then the plan takes for given and meets the deck from there. Longer than the pilot's loop, that two
 /// loops do not close the same gap; shorter than the second from the full descent to the contact.
 const YIELDS_S: f64 = 0.3;
-/// An offset that a gust has left is made up for by leaning to one side and to the other by no more than this, m/s² (6 deg):
-/// a drone that hurries to the deck's centre meets the deck tilted ...
-const MAKES_UP_MPS2: f64 = 1.0;
-/// ... but for this much, which the contact's weights close softly, m; and no more than this is given up, m: half of what the
-/// default deck has on either side of the feet.
-const MADE_UP_M: f64 = 0.15;
-const MAX_GIVEN_UP_M: f64 = 0.35;
-
 /// The law of `alight`: references and weights of a landing, and the wind that they allow for.
 #[derive(Clone, Debug)]
 pub struct Rendezvous {
@@ -76,8 +68,6 @@ struct Way {
     floor: f64,
     /// Where the feet meet the deck, from its centre, NED, m.
     lateral_offset: Vector2<f64>,
-    /// The part of that which is not made up for any more, NED, m.
-    given_up: Vector2<f64>,
     /// Mean height of the deck, NED z, m.
     mean_z: f64,
     /// The wind that the drone is blown along with, m/s².
@@ -215,7 +205,6 @@ impl Rendezvous {
             },
             floor,
             lateral_offset,
-            given_up: given_up(&lateral_offset, if lifted_m > 0.0 { f64::INFINITY } else { left }),
             mean_z,
             wind,
             lifted_m,
@@ -312,7 +301,7 @@ impl Rendezvous {
             (n.xy() / (-n.z).max(0.3), 1.0)
         };
         for i in 0..2 {
-            r[i] = deck.position[i] + self.feet * n[i] + way.given_up[i];
+            r[i] = deck.position[i] + self.feet * n[i];
             r[6 + i] = deck.velocity[i] + turn[i];
         }
         r[9] = gain * spin.x;
@@ -349,14 +338,6 @@ impl Rendezvous {
     }
 }
 
-/// The part of `offset` (m) that is not made up for in the time `left` (s): beyond `o_0 + a t² / 4`, speeding up and braking
-/// with `a` for half of it each.
-fn given_up(offset: &Vector2<f64>, left: f64) -> Vector2<f64> {
-    let made_up = MADE_UP_M + 0.25 * MAKES_UP_MPS2 * left.max(0.0).powi(2);
-    let beyond = (offset.norm() - made_up).clamp(0.0, MAX_GIVEN_UP_M);
-    offset * (beyond / offset.norm().max(MADE_UP_M))
-}
-
 /// The attitude whose thrust gives the planned accelerations: `state`'s tilt is horizontal
 /// acceleration per g, of which `wind` (m/s²) gives a part; `down` is the vertical acceleration
 /// (NED, m/s²). Gives (phi, theta) about north
@@ -371,23 +352,4 @@ pub fn true_tilt(state: &State, down: f64, wind: &Vector2<f64>) -> (f64, f64, f6
     let up = Vector3::new(x, y, -1.0).normalize();
     let (phi, theta) = (up.y.asin(), (-up.x).atan2(-up.z));
     (phi, theta, GRAVITY / lift * up.z * up.z)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn offset_given_up_late_in_a_landing() {
-        let of = |m: f64, left: f64| given_up(&Vector2::new(0.0, -m), left).norm();
-        // High above the deck, or little off it, everything is made up for.
-        assert_eq!(
-            (of(0.5, 2.0), of(0.14, 0.0), of(0.9, f64::INFINITY)),
-            (0.0, 0.0, 0.0)
-        );
-        assert!((of(0.4, 0.0) - 0.25).abs() < 1e-9 && of(0.4, 0.6) < of(0.4, 0.3));
-        // The feet stay within the deck.
-        assert!((of(0.9, 0.0) - MAX_GIVEN_UP_M).abs() < 1e-9);
-        assert_eq!(given_up(&Vector2::zeros(), 0.1), Vector2::zeros());
-    }
 }
