@@ -1,12 +1,13 @@
 //! States with their data, and the next steps of a state.
 
-use alight_shared::msg::{BatteryPlace, Reason, ReasonCode, State, WAITING_DISTANCE_M};
+use alight_shared::msg::{BatteryPlace, KeptStation, Reason, ReasonCode, State, WAITING_DISTANCE_M};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector3;
 
 use super::cycles::Cycles;
 use super::limits::exceeds;
 use super::situation::{Deck, Situation};
+use super::station::Refused;
 use crate::contingency::BELOW_M;
 use crate::mission_config::MissionConfig;
 use crate::surroundings::WITH_DECK_M;
@@ -20,6 +21,8 @@ pub enum HoldCause {
     Operator,
     /// Data were old; ends when they are fresh again.
     Data,
+    /// On a station that an operator has ordered.
+    Station(KeptStation),
 }
 
 /// How far the search has come.
@@ -218,10 +221,20 @@ impl MissionPhase {
         matches!(
             self,
             MissionPhase::Hold {
-                cause: HoldCause::Operator,
+                cause: HoldCause::Operator | HoldCause::Station(_),
                 ..
             }
         )
+    }
+    /// The station that it keeps.
+    pub(super) const fn station(&self) -> Option<KeptStation> {
+        match self {
+            MissionPhase::Hold {
+                cause: HoldCause::Station(kept),
+                ..
+            } => Some(*kept),
+            _ => None,
+        }
     }
     /// Whether the mission still intends to land and depends on fresh data.
     pub(super) const fn needs_data(&self) -> bool {
@@ -263,6 +276,8 @@ pub struct Progress {
     pub sortie: bool,
     /// Sorties one after the other.
     pub cycles: Cycles,
+    /// The order for a station that was refused last.
+    pub refused: Option<Refused>,
 }
 
 impl Progress {
