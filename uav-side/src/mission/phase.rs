@@ -7,7 +7,6 @@ use nalgebra::Vector3;
 use super::cycles::Cycles;
 use super::limits::exceeds;
 use super::situation::{Deck, Situation};
-use super::station::Refused;
 use crate::contingency::BELOW_M;
 use crate::mission_config::MissionConfig;
 use crate::surroundings::WITH_DECK_M;
@@ -244,6 +243,23 @@ impl MissionPhase {
                 self,
                 MissionPhase::Hold { .. } | MissionPhase::GaveUp { .. } | MissionPhase::Seek
             )
+    }
+}
+
+/// Why an order was refused is shown for so long, s: until the vessel has given the order up, and a report after that.
+const SHOWN_S: f64 = 15.0;
+
+/// An order for a station that was refused.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Refused {
+    pub(super) at: DroneTime,
+    pub(super) why: Reason,
+}
+
+impl Refused {
+    /// Why, while that is shown.
+    pub(super) fn shown(&self, now: DroneTime) -> Option<Reason> {
+        ((now - self.at).secs() <= SHOWN_S).then_some(self.why)
     }
 }
 

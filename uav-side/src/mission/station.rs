@@ -14,7 +14,7 @@ use nalgebra::Vector3;
 
 use super::limits::exceeds;
 use super::phase::{
-    DroneTime, HoldCause, MissionPhase, Progress, Transition, holding, moving_place, old_data, too_far,
+    HoldCause, MissionPhase, Progress, Refused, Transition, holding, moving_place, old_data, too_far,
 };
 use super::situation::{ControlState, Reservation, Situation};
 use crate::mission_config::MissionConfig;
@@ -22,23 +22,6 @@ use crate::mission_config::MissionConfig;
 /// A station keeps so far from the height of another drone's waiting place, m: what two heights by GNSS differ by, three
 /// times, and a drone.
 const APART_M: f64 = 5.0;
-/// Why an order was refused is shown for so long, s: until the vessel has given the order up, and a report after that.
-const SHOWN_S: f64 = 15.0;
-
-/// An order for a station that was refused.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Refused {
-    at: DroneTime,
-    why: Reason,
-}
-
-impl Refused {
-    /// Why, while that is shown.
-    pub(super) fn shown(&self, now: DroneTime) -> Option<Reason> {
-        ((now - self.at).secs() <= SHOWN_S).then_some(self.why)
-    }
-}
-
 /// Why the place cannot be kept, by the vessel's surroundings and other drones.
 fn impossible(station: &Station, s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let height_m = f64::from(station.height_m);
