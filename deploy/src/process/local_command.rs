@@ -54,9 +54,9 @@ impl LocalCommand {
             None => true,
             Some(CommandKind::Abort) => echoed(m.abort),
             Some(CommandKind::Hold) => echoed(m.hold),
-            Some(k @ (CommandKind::Land | CommandKind::TakeOff | CommandKind::Ready)) => {
-                m.header.at >= self.header.at && k.is_met(m.state, m.waiting.code)
-            }
+            Some(
+                k @ (CommandKind::Land | CommandKind::TakeOff | CommandKind::Ready | CommandKind::Station(_)),
+            ) => m.header.at >= self.header.at && k.is_met(m.state, m.waiting.code),
         }
     }
     /// Whether nothing more is waited for.
@@ -69,7 +69,7 @@ impl LocalCommand {
 pub fn answer(drone: u32, mission: &MissionState, taken: bool) -> Vec<String> {
     let mut lines = vec![
         format!("drone {drone}: {}", mission.state.because(&mission.entered)),
-        format!("waiting: {}", mission.waiting),
+        format!("waiting: {}", mission.waits()),
     ];
     if !taken {
         lines.push(format!("the mission of drone {drone} did not take the command"));

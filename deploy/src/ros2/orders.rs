@@ -62,6 +62,7 @@ const fn name(kind: CommandKind) -> &'static str {
         CommandKind::Hold => "hold",
         CommandKind::TakeOff => "take-off",
         CommandKind::Ready => "ready",
+        CommandKind::Station(_) => "station",
     }
 }
 

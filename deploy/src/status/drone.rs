@@ -188,7 +188,7 @@ pub fn state(s: &Situation) -> Option<StateView> {
         does: m.state.does(),
         since_s,
         entered: m.entered.to_string(),
-        waiting: m.waiting.to_string(),
+        waiting: m.waits(),
         stages: go::stages(m.state),
         stale: s.seen.mission.is_old(s.now_ns),
     })

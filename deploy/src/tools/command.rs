@@ -4,6 +4,7 @@
 
 mod ashore;
 mod beacon;
+mod station;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -48,6 +49,8 @@ pub enum Order {
     Takeoff,
     /// Unattended cycles: ready for the next sortie.
     Ready,
+    /// Keep a place beside the vessel for a while (--height, --ahead, --right, --for).
+    Station,
     /// Say how the mission stands; commands nothing.
     Status,
     /// Where a silent vessel is: latitude and longitude, deg.
@@ -73,19 +76,20 @@ pub enum CrewOrder {
     Takeoff,
 }
 
-impl Order {
+impl CommandArgs {
     /// What is commanded, if anything.
-    const fn kind(self) -> Option<CommandKind> {
-        match self {
+    fn kind(&self) -> Result<Option<CommandKind>, CliError> {
+        Ok(match self.order {
             Order::Land => Some(CommandKind::Land),
             Order::Abort => Some(CommandKind::Abort),
             Order::Hold => Some(CommandKind::Hold),
             Order::Takeoff => Some(CommandKind::TakeOff),
             Order::Ready => Some(CommandKind::Ready),
+            Order::Station => Some(CommandKind::Station(station::ordered(self)?)),
             Order::Status | Order::DeckAt | Order::Deck | Order::Steady | Order::Turning | Order::Helm => {
                 None
             }
-        }
+        })
     }
 }
 
@@ -95,6 +99,7 @@ impl Order {
     after_help = "Run it as the user that runs Alight: sudo -u alight alight command abort\n\
 From ashore: alight command abort --drone 2 --vessel quic/192.168.7.1:7447 --keys keys/operator-1\n\
 A simulated landing: alight command abort --instance land\n\
+Beside the vessel: alight command station --height 20 --right -30 --for 15\n\
 Where a silent vessel is: alight command deck-at 59.3456 18.1234 --error 10\n\
 On the vessel: sudo -u alight alight command deck closed\n  \
 sudo -u alight alight command deck open --drone 2   (which is not above it)\n  \
@@ -113,9 +118,13 @@ pub struct CommandArgs {
     /// With `deck takeoff`: for each take-off of that drone until the deck is closed, not for two minutes
     #[arg(long)]
     pub standing: bool,
-    /// With `steady` and `deck-at`: for so long, s [default: 60, 300]; with `steady` 0: nothing is stated any more
-    #[arg(long = "for", value_name = "SECONDS", value_parser = clap::value_parser!(u32).range(0..=3600))]
+    /// With `steady` and `deck-at`: for so long, s [default: 60, 300]; with `steady` 0: nothing is stated any more; with
+    /// `station`: for so long, MINUTES [default: 10]
+    #[arg(long = "for", value_name = "TIME", value_parser = clap::value_parser!(u32).range(0..=3600))]
     pub for_s: Option<u32>,
+    /// Where a station is
+    #[command(flatten)]
+    pub station: station::StationArgs,
     /// With `deck-at`: the vessel's course, deg from north, and its speed, m/s [default: it lies still]
     #[arg(long, value_name = "DEG", requires = "speed")]
     pub course: Option<f64>,
@@ -157,6 +166,7 @@ pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
             "--standing belongs to alight command deck takeoff --drone N".into(),
         ));
     }
+    station::check(args)?;
     match args.order {
         Order::Deck => return deck(args, crew_order(&args.words)?),
         Order::Helm => return course(args, DeckOrder::Helm(consent(args)?)),
@@ -166,6 +176,7 @@ pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
         | Order::Hold
         | Order::Takeoff
         | Order::Ready
+        | Order::Station
         | Order::Status
         | Order::Steady
         | Order::Turning
@@ -179,7 +190,13 @@ pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
         }
         Order::Steady => return course(args, DeckOrder::Steady(args.for_s.unwrap_or(STEADY_S))),
         Order::Turning => return course(args, DeckOrder::Turning),
-        Order::Land | Order::Abort | Order::Hold | Order::Takeoff | Order::Ready | Order::Status => {}
+        Order::Land
+        | Order::Abort
+        | Order::Hold
+        | Order::Takeoff
+        | Order::Ready
+        | Order::Station
+        | Order::Status => {}
     }
     match (&args.vessel, &args.keys) {
         (Some(endpoint), Some(keys)) => ashore::run(args, endpoint, keys),
@@ -406,7 +423,7 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
     let memory = join(name, "alight-drone", "name a landing's with --instance")?;
     let mut missions: Subscriber<MissionState> = memory.subscriber()?;
     let mut commands: Publisher<Command> = memory.publisher()?;
-    let mut command = LocalCommand::new(&computer, args.order.kind(), steady_ns());
+    let mut command = LocalCommand::new(&computer, args.kind()?, steady_ns());
     let mut newest: Option<MissionState> = None;
     while !command.is_over(steady_ns()) {
         let now: Time<DroneClock> = computer.clock.now();

@@ -25,7 +25,7 @@ impl<C: Clock> OperatorCommand<C> {
         let h = &self.header;
         let begins = matches!(
             self.kind,
-            CommandKind::Land | CommandKind::TakeOff | CommandKind::Ready
+            CommandKind::Land | CommandKind::TakeOff | CommandKind::Ready | CommandKind::Station(_)
         );
         begins && abort.boot != h.boot && h.at < abort.at + UNAWARE_OF_ABORT
     }
@@ -163,7 +163,14 @@ impl<C: Clock> CommandAdmission<C> {
                 repeated
             }
             (CommandKind::Abort, None) => false,
-            (CommandKind::Land | CommandKind::Hold | CommandKind::TakeOff | CommandKind::Ready, _) => self
+            (
+                CommandKind::Land
+                | CommandKind::Hold
+                | CommandKind::TakeOff
+                | CommandKind::Ready
+                | CommandKind::Station(_),
+                _,
+            ) => self
                 .newest
                 .is_some_and(|n| same_message(&n.header) || n.kind == command.kind && same_time(&n.header)),
         }

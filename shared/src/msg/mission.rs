@@ -7,8 +7,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    DeckForecast, DroneState, FRACTION, Header, LandedState, MAX_POSITION_M, MAX_SPEED_MPS, Reason,
-    ReasonCode, within,
+    DeckForecast, DroneState, FRACTION, Header, KeptStation, LandedState, MAX_POSITION_M, MAX_SPEED_MPS,
+    Reason, ReasonCode, Station, within,
 };
 use crate::geodesy::Datum;
 use crate::time::{Clock, DroneClock, Time, VesselClock};
@@ -318,6 +318,8 @@ pub struct MissionState {
     pub with_deck: bool,
     /// Waits beside the deck: there, from the deck's centre, north and east, m.
     pub waiting_offset: Option<[f64; 2]>,
+    /// The station that it keeps.
+    pub station: Option<KeptStation>,
     /// What an operator may have changed.
     pub settings: MissionSettings,
     /// They may be changed: the drone is disarmed, and neither a landing nor a take-off is ordered.
@@ -356,7 +358,14 @@ impl MissionState {
             State::GaveUp => true,
             State::Landed => self.entered.code == ReasonCode::HardContact,
             State::Hold => {
-                broken_off || !matches!(self.entered.code, ReasonCode::Operator | ReasonCode::Matched)
+                let meant = matches!(
+                    self.entered.code,
+                    ReasonCode::Operator
+                        | ReasonCode::Matched
+                        | ReasonCode::OnStation
+                        | ReasonCode::StationOver
+                );
+                broken_off || !meant
             }
             State::StandDown => self.entered.code != ReasonCode::Operator,
             State::Idle
@@ -473,6 +482,8 @@ pub enum CommandKind {
     TakeOff,
     /// Of unattended cycles: the drone is ready for its next sortie.
     Ready,
+    /// Keep this place beside the vessel for a while.
+    Station(Station),
 }
 
 /// A command to the mission.
@@ -490,7 +501,9 @@ pub struct OperatorCommand<C: Clock> {
     pub kind: CommandKind,
 }
 
-message!(@C OperatorCommand<C>, C, |m| {});
+message!(@C OperatorCommand<C>, C, |m| {
+    m.kind.is_sane() => "kind",
+});
 restamped!(OperatorCommand { kind });
 
 /// How far an operator's command has come at the vessel.
@@ -530,13 +543,24 @@ pub struct CommandReceipt {
 message!(CommandReceipt, VesselClock, |m| {});
 
 impl CommandKind {
+    /// What it names is within bounds.
+    fn is_sane(self) -> bool {
+        match self {
+            CommandKind::Station(station) => station.is_sane(),
+            CommandKind::Land
+            | CommandKind::Abort
+            | CommandKind::Hold
+            | CommandKind::TakeOff
+            | CommandKind::Ready => true,
+        }
+    }
     /// Whether a mission that stands so, and waits for this, has done what was commanded.
     pub fn is_met(self, state: State, waiting: ReasonCode) -> bool {
+        let asked = !matches!(waiting, ReasonCode::NotCommanded | ReasonCode::Operator);
         match self {
             // A mission that was commanded and waits for something else has received it.
             CommandKind::Land => match state {
-                State::Idle => !matches!(waiting, ReasonCode::NotCommanded | ReasonCode::Operator),
-                State::Hold => !matches!(waiting, ReasonCode::NotCommanded | ReasonCode::Operator),
+                State::Idle | State::Hold => asked && !waiting.is_of_station(),
                 State::GaveUp
                 | State::Preparing
                 | State::Countdown
@@ -567,6 +591,7 @@ impl CommandKind {
                     || waiting == ReasonCode::CompletesLanding
             }
             CommandKind::TakeOff => state.is_take_off(),
+            CommandKind::Station(_) => state == State::Hold && waiting == ReasonCode::OnStation,
             CommandKind::Ready => {
                 let stands = matches!(state, State::Landed | State::Idle);
                 state.is_take_off() || stands && waiting == ReasonCode::NotCleared
@@ -685,6 +710,7 @@ message!(DroneStatus, DroneClock, |m| {
 message!(MissionState, DroneClock, |m| {
     within(&m.hold_position, MAX_POSITION_M) && within([&m.hold_yaw], 50.0) => "hold_position",
     within(m.waiting_offset.iter().flatten(), MAX_POSITION_M) => "waiting_offset",
+    m.station.is_none_or(|kept| kept.station.is_sane()) => "station",
     m.settings.is_sane() => "settings",
     m.lowest_clearance_m.is_none_or(|c| (0.0..=1e3).contains(&c)) => "lowest_clearance_m",
     (0.0..=10.0).contains(&m.commit_clearance_m) => "commit_clearance_m",

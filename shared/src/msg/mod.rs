@@ -44,6 +44,7 @@ mod mission;
 mod reason;
 mod sensors;
 mod seq;
+mod station;
 mod text;
 pub mod vessel;
 
@@ -76,6 +77,7 @@ pub use mission::{
 pub use reason::{Reason, ReasonCode};
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use seq::Seq;
+pub use station::{KeptStation, MAX_STATION_HEIGHT_M, MAX_STATION_M, MAX_STATION_MIN, Station};
 pub use text::Text;
 pub use vessel::{
     CourseAdvice, MAX_MODES, PREDICTION_STAGES, PredictedStage, SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS,

@@ -244,6 +244,18 @@ pub enum ReasonCode {
     /// A light blinds the camera: part of its image, %, that is at its brightest while no tag is detected; the limit is how much a
     /// glint has.
     Glare,
+    /// Keeps a place beside the vessel that an operator has named, or is on its way there: the time left, s, and how far from it, m.
+    OnStation,
+    /// The time on the station is over.
+    StationOver,
+    /// A station has to be at least as high as an approach: its height, m, and the least.
+    StationTooLow,
+    /// A station is over the deck of another drone, or of nobody: its horizontal distance from the deck's centre, m, and the least.
+    StationTooNear,
+    /// A station is at another drone's height: that one's, m, and how far it has to be from it.
+    StationTaken,
+    /// No station is taken from here: the drone takes off, is on its way down, stands or looks for the vessel.
+    StationNotNow,
 }
 
 impl ReasonCode {
@@ -260,6 +272,18 @@ impl ReasonCode {
                 | ReasonCode::NoVessel
                 | ReasonCode::ForecastStale
                 | ReasonCode::TakeOffBattery
+        )
+    }
+    /// Says of a station that it is kept, or why not.
+    pub const fn is_of_station(self) -> bool {
+        matches!(
+            self,
+            ReasonCode::OnStation
+                | ReasonCode::StationOver
+                | ReasonCode::StationTooLow
+                | ReasonCode::StationTooNear
+                | ReasonCode::StationTaken
+                | ReasonCode::StationNotNow
         )
     }
 }
@@ -296,6 +320,9 @@ impl From<ReasonCode> for Reason {
         Reason::plain(code)
     }
 }
+
+/// Nearer to its station a drone keeps it, m: what it is off in wind and waves.
+const NEAR_STATION_M: f64 = 5.0;
 
 /// A take-off that is not likely enough, for people.
 fn likely_take_off(f: &mut fmt::Formatter<'_>, p: f64, needed: f64, costs: &str) -> fmt::Result {
@@ -396,6 +423,33 @@ impl fmt::Display for Reason {
                 "no radio for {l:.0} s: flies to where the vessel should be, {v:.0} m"
             ),
             ReasonCode::HandsOver => write!(f, "hands over to the autopilot's own mission"),
+            ReasonCode::OnStation if l <= NEAR_STATION_M => {
+                write!(f, "keeps its station, {:.0} min left", (v / 60.0).ceil())
+            }
+            ReasonCode::OnStation => {
+                write!(f, "{l:.0} m from its station, {:.0} min left", (v / 60.0).ceil())
+            }
+            ReasonCode::StationOver => write!(f, "the time on the station is over"),
+            ReasonCode::StationTooLow => {
+                write!(
+                    f,
+                    "no station {v:.0} m up: {l:.0} m at least, the height of the approach"
+                )
+            }
+            ReasonCode::StationTooNear => {
+                write!(
+                    f,
+                    "no station {v:.0} m from a deck that is not its own: {l:.0} m at least"
+                )
+            }
+            ReasonCode::StationTaken => write!(
+                f,
+                "another drone waits {v:.0} m up: a station has to be {l:.0} m higher or lower"
+            ),
+            ReasonCode::StationNotNow => write!(
+                f,
+                "no station from here: it takes off, descends, stands or looks for the vessel"
+            ),
             ReasonCode::TakeOffBattery => battery(f, " for a take-off"),
             ReasonCode::Disarmed => write!(f, "disarmed on the deck"),
             ReasonCode::NotFlying => write!(

@@ -28,6 +28,7 @@ mod restarts;
 mod review;
 mod sorties;
 mod stated_course;
+mod station;
 mod storm;
 mod takeoff;
 mod under_way;

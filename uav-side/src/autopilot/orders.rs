@@ -49,7 +49,7 @@ impl Order {
         let taken = |m: &MissionState| match kind {
             CommandKind::Abort => m.abort == own,
             CommandKind::Hold => m.hold == own,
-            CommandKind::Land | CommandKind::TakeOff | CommandKind::Ready => {
+            CommandKind::Land | CommandKind::TakeOff | CommandKind::Ready | CommandKind::Station(_) => {
                 m.header.at > h.at && kind.is_met(m.state, m.waiting.code)
             }
         };
@@ -72,5 +72,6 @@ pub(super) fn named(kind: CommandKind) -> (u8, &'static str) {
         CommandKind::Hold => (severity::NOTICE, "a hold"),
         CommandKind::TakeOff => (severity::WARNING, "a take-off"),
         CommandKind::Ready => (severity::WARNING, "the next sortie"),
+        CommandKind::Station(_) => (severity::NOTICE, "a station"),
     }
 }

@@ -149,10 +149,10 @@ fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionC
         },
         State::Hold => {
             // After a take-off it waits for an order, too.
-            let cause = if m.stopped || m.sortie && !m.landing {
-                HoldCause::Operator
-            } else {
-                HoldCause::Data
+            let cause = match m.state.station {
+                Some(kept) => HoldCause::Station(kept),
+                None if m.stopped || m.sortie && !m.landing => HoldCause::Operator,
+                None => HoldCause::Data,
             };
             if same_frame {
                 MissionPhase::Hold {
@@ -196,6 +196,7 @@ pub(super) fn progress(m: &MissionCheckpoint) -> Progress {
             ready: m.ready,
             ..Cycles::default()
         },
+        refused: None,
     }
 }
 

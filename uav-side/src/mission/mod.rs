@@ -20,6 +20,7 @@ mod seek;
 mod situation;
 mod sortie;
 mod states;
+mod station;
 mod swing;
 mod take_off;
 mod tilt;
@@ -43,6 +44,8 @@ mod promise_tests;
 #[cfg(test)]
 mod settings_tests;
 #[cfg(test)]
+mod station_tests;
+#[cfg(test)]
 mod staying_tests;
 #[cfg(test)]
 mod take_off_tests;
@@ -58,8 +61,8 @@ use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::landing::{Odds, Slopes, Stand, Staying};
 use alight_shared::msg::{
     AutopilotState, CameraLight, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header,
-    LandedState, LastVessel, MissionCheckpoint, MissionSettings, MissionState, Motors, OwnMission, Phase,
-    Plan, RangeSample, Reason, ReasonCode, SetPoint, SettingsOrder, Solve, State, VesselLevel,
+    LandedState, LastVessel, MissionCheckpoint, MissionSettings, MissionState, Motors, OwnMission, PLACES,
+    Phase, Plan, RangeSample, Reason, ReasonCode, SetPoint, SettingsOrder, Solve, State, VesselLevel,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -442,6 +445,10 @@ impl Mission {
                 .get()
                 .filter(|_| c.reservation_required)
                 .and_then(|g| g.place(self.drone_id)),
+            others: (self.grant.get()).map_or([0; PLACES], |g| {
+                g.places
+                    .map(|drone| if drone == self.drone_id { 0 } else { drone })
+            }),
             motors_stopped: self
                 .set_point
                 .fresh(now, topics::SET_POINT.stale_after)
@@ -693,6 +700,7 @@ impl Mission {
             hold_yaw: place.yaw,
             with_deck: place.with_deck,
             waiting_offset: place.offset,
+            station: self.phase.station(),
             settings: self.settings,
             settable: self.is_settable(s),
             least_vessel: c.least_vessel,

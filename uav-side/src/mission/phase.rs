@@ -1,6 +1,6 @@
 //! States with their data, and the next steps of a state.
 
-use alight_shared::msg::{BatteryPlace, Reason, ReasonCode, State, WAITING_DISTANCE_M};
+use alight_shared::msg::{BatteryPlace, KeptStation, Reason, ReasonCode, State, WAITING_DISTANCE_M};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector3;
 
@@ -20,6 +20,8 @@ pub enum HoldCause {
     Operator,
     /// Data were old; ends when they are fresh again.
     Data,
+    /// On a station that an operator has ordered.
+    Station(KeptStation),
 }
 
 /// How far the search has come.
@@ -218,10 +220,20 @@ impl MissionPhase {
         matches!(
             self,
             MissionPhase::Hold {
-                cause: HoldCause::Operator,
+                cause: HoldCause::Operator | HoldCause::Station(_),
                 ..
             }
         )
+    }
+    /// The station that it keeps.
+    pub(super) const fn station(&self) -> Option<KeptStation> {
+        match self {
+            MissionPhase::Hold {
+                cause: HoldCause::Station(kept),
+                ..
+            } => Some(*kept),
+            _ => None,
+        }
     }
     /// Whether the mission still intends to land and depends on fresh data.
     pub(super) const fn needs_data(&self) -> bool {
@@ -231,6 +243,23 @@ impl MissionPhase {
                 self,
                 MissionPhase::Hold { .. } | MissionPhase::GaveUp { .. } | MissionPhase::Seek
             )
+    }
+}
+
+/// Why an order was refused is shown for so long, s: until the vessel has given the order up, and a report after that.
+const SHOWN_S: f64 = 15.0;
+
+/// An order for a station that was refused.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Refused {
+    pub(super) at: DroneTime,
+    pub(super) why: Reason,
+}
+
+impl Refused {
+    /// Why, while that is shown.
+    pub(super) fn shown(&self, now: DroneTime) -> Option<Reason> {
+        ((now - self.at).secs() <= SHOWN_S).then_some(self.why)
     }
 }
 
@@ -263,6 +292,8 @@ pub struct Progress {
     pub sortie: bool,
     /// Sorties one after the other.
     pub cycles: Cycles,
+    /// The order for a station that was refused last.
+    pub refused: Option<Refused>,
 }
 
 impl Progress {

@@ -2,10 +2,11 @@
 
 use nalgebra::Vector3;
 
-use super::phase::{MissionPhase, hold_height, moving_place, stands_aside};
+use super::phase::{HoldCause, MissionPhase, hold_height, moving_place, stands_aside};
 use super::search;
 use super::seek;
 use super::situation::Situation;
+use super::station;
 use crate::mission_config::MissionConfig;
 
 /// The place that the mission asks for.
@@ -53,6 +54,16 @@ impl Place {
                     ..here
                 }
             }
+            MissionPhase::Hold {
+                at,
+                yaw,
+                cause: HoldCause::Station(kept),
+                ..
+            } => Place {
+                height_m: f64::from(kept.station.height_m),
+                offset: station::offset(&kept, &at, s),
+                ..held(at, yaw, false)
+            },
             MissionPhase::Hold { at, yaw, .. } => Place {
                 height_m: hold_height(s, c),
                 ..held(at, yaw, false)

@@ -4,8 +4,8 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Course, DECK_CLOSED, DeckForecast, DeckGrant, DeckStage, DroneState,
-    HelmState, LandedState, LandingMode, OwnMission, Reason, ReasonCode, VesselLevel, WAITING_DISTANCE_M,
-    WaitingPlace,
+    HelmState, LandedState, LandingMode, OwnMission, PLACES, Reason, ReasonCode, VesselLevel,
+    WAITING_DISTANCE_M, WaitingPlace,
 };
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
@@ -207,6 +207,8 @@ pub struct Deck {
     pub escapes: bool,
     /// Direction to the deck's centre from north towards east, rad.
     pub bearing_rad: f64,
+    /// The vessel's mean heading, rad.
+    pub heading_rad: f64,
     /// Centre of the feet in the deck's plane: along and across, m.
     pub feet: Vector2<f64>,
     /// Speed at which the drone comes nearer to the deck, m/s.
@@ -294,6 +296,7 @@ impl Deck {
             ring_m: ring_m(&forecast.surroundings, drone),
             escapes: forecast.surroundings.escape.is_some(),
             bearing_rad: (-r.y).atan2(-r.x),
+            heading_rad: forecast.mean_heading,
             feet: feet.xy(),
             relative_speed_mps: v.x.hypot(v.y),
             radio_age_s: forecast.radio_age_s,
@@ -320,6 +323,15 @@ impl Deck {
                 .then(|| Ends::predict(now, forecast, &own.position, &own.velocity, drone))
                 .flatten(),
         })
+    }
+    /// Where the drone goes on its way to the place at this distance (m) and bearing (rad, from north) from the deck's centre,
+    /// NED, m: around the deck, an eighth of a half turn at a time.
+    pub fn round(&self, distance_m: f64, bearing_rad: f64) -> [f64; 2] {
+        const STEP_RAD: f64 = core::f64::consts::PI / 8.0;
+        let own = wrap_angle(self.bearing_rad + core::f64::consts::PI);
+        let from = (own / STEP_RAD).round() * STEP_RAD;
+        let bearing = from + wrap_angle(bearing_rad - from).clamp(-STEP_RAD, STEP_RAD);
+        [distance_m * bearing.cos(), distance_m * bearing.sin()]
     }
     /// What no likelihood overrules: the deck moves or tilts more than drone and planner follow; `slack` widens the limits.
     pub fn infeasible(&self, c: &MissionConfig, slack: f64) -> Option<Reason> {
@@ -441,6 +453,8 @@ pub struct Situation {
     pub dark: Option<Reason>,
     /// Where it waits for the deck; None: nowhere, or it reserves none.
     pub place: Option<WaitingPlace>,
+    /// The other drones that have the waiting places, from the lowest on; 0: free, or its own.
+    pub others: [u32; PLACES],
     /// The pilot has stopped the motors.
     pub motors_stopped: bool,
     /// The rotors carry the drone, by the thrust that the autopilot reports; None where it has not reported it lately.
@@ -548,18 +562,16 @@ impl Situation {
     pub fn waits(&self, c: &MissionConfig) -> Option<Reason> {
         self.reservation.rejection().filter(|_| c.reservation_required)
     }
-    /// Where it goes to wait, or stays while it has no place, from the deck's centre, NED, m. The way there leads around
-    /// the deck: an eighth of a half turn at a time.
+    /// Where it goes to wait ([`Deck::round`]), or stays while it has no place, from the deck's centre, NED, m.
     pub fn waiting_offset(&self) -> Option<[f64; 2]> {
-        const STEP_RAD: f64 = core::f64::consts::PI / 8.0;
         let deck = self.fresh_deck()?;
-        let own = wrap_angle(deck.bearing_rad + core::f64::consts::PI);
-        let (distance_m, bearing) = self.place.map_or((deck.distance_m, own), |place| {
-            let from = (own / STEP_RAD).round() * STEP_RAD;
-            let turn = wrap_angle(place.bearing_rad - from).clamp(-STEP_RAD, STEP_RAD);
-            (WAITING_DISTANCE_M, from + turn)
-        });
-        Some([distance_m * bearing.cos(), distance_m * bearing.sin()])
+        Some(match self.place {
+            Some(place) => deck.round(WAITING_DISTANCE_M, place.bearing_rad),
+            None => {
+                let own = wrap_angle(deck.bearing_rad + core::f64::consts::PI);
+                [deck.distance_m * own.cos(), deck.distance_m * own.sin()]
+            }
+        })
     }
     /// Why no order to land or to take off counts: a person at the remote control holds the drone back.
     pub fn held_back(&self) -> Option<Reason> {

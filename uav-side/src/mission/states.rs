@@ -20,6 +20,7 @@ use super::phase::{
 use super::search;
 use super::seek;
 use super::situation::{ControlState, Deck, Reservation, Seeks, Situation};
+use super::station;
 use super::take_off;
 use super::turnaround;
 use super::waiting::promised;
@@ -49,7 +50,10 @@ pub(super) fn step(
             yaw,
             fresh,
         } => {
-            let at = held_place(&at, s, false);
+            let at = match cause {
+                HoldCause::Station(kept) => station::held_place(&kept, &at, s),
+                HoldCause::Operator | HoldCause::Data => held_place(&at, s, false),
+            };
             let hold = |fresh| MissionPhase::Hold {
                 cause,
                 at,
@@ -620,6 +624,9 @@ fn held(
     s: &Situation,
     c: &MissionConfig,
 ) -> Transition {
+    if let HoldCause::Station(kept) = cause {
+        return station::keeps(hold(None), &kept, s, c);
+    }
     if cause == HoldCause::Operator && !progress.landing {
         if let Some(next) = turnaround::hands_over(hold(None), progress, s, c) {
             return next;

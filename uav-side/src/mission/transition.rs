@@ -11,6 +11,7 @@ use super::limits::{LOST_OUTSIDE_M, RESUME_DISTANCE_M};
 use super::phase::{HoldCause, MissionPhase, Progress, Transition, gave_up, holding, old_data};
 use super::situation::{ControlState, Deck, Reservation, Situation};
 use super::states;
+use super::station;
 use super::take_off;
 use crate::contingency::HARD_MPS;
 use crate::mission_config::MissionConfig;
@@ -67,10 +68,13 @@ pub fn decide(
         progress.cycles.follow(before.state(), phase.state(), why);
     }
     let completes = progress.stopped && phase.state().phase() == Phase::Landing;
+    let refused = (progress.refused)
+        .and_then(|refused| refused.shown(s.now))
+        .filter(|_| waiting.code != ReasonCode::HandsOver);
     let waiting = if completes {
         ReasonCode::CompletesLanding.into()
     } else {
-        waiting
+        refused.unwrap_or(waiting)
     };
     Decision {
         phase,
@@ -333,6 +337,7 @@ fn commanded(
     c: &MissionConfig,
 ) -> Option<Transition> {
     let gives_up = matches!(phase, MissionPhase::GaveUp { .. });
+    progress.refused = None;
     match command {
         CommandKind::Abort | CommandKind::Hold => {
             let aborts = command == CommandKind::Abort;
@@ -382,9 +387,11 @@ fn commanded(
             progress.deck_declined = false;
             progress.ordered_below = s.battery.filter(|b| *b < s.battery_reserve);
             progress.low_battery = progress.ordered_below.map(|_| BatteryPlace::Deck);
-            gives_up.then(|| holding(HoldCause::Data, s, c).enter(ReasonCode::Commanded))
+            let anew = gives_up || phase.station().is_some();
+            anew.then(|| holding(HoldCause::Data, s, c).enter(ReasonCode::Commanded))
         }
         CommandKind::TakeOff => take_off::commanded(phase, progress, s, c),
+        CommandKind::Station(station) => station::commanded(phase, progress, station, s, c),
         CommandKind::Ready => {
             progress.cycles.ready |= progress.cycles.on && s.flight == ControlState::Disarmed;
             None

@@ -6,7 +6,7 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{DeckForecast, DeckStage, MissionState, State as Mode};
 use alight_shared::time::{DroneClock, Span, Time};
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Rotation2, Vector2, Vector3};
 
 use super::config::{PlannerConfig, Shaping};
 use super::governor::{Motion, Pace, ReferenceGovernor};
@@ -32,6 +32,12 @@ const MEAN_HEIGHT_S: f64 = 8.0;
 const HEADING_FROM_M: f64 = 2.0;
 /// The minimum altitude does not bind inside the deck's outline widened by this, m.
 const OUTLINE_MARGIN_M: f64 = 0.5;
+
+/// How fast the place of a station turns about the deck's centre with the vessel's mean heading, rad/s; 0 of any other place.
+fn station_turns_radps(view: &View) -> f64 {
+    let forecast = view.forecast.as_ref().filter(|_| view.mission.station.is_some());
+    forecast.map_or(0.0, |f| f.mean_heading_rate)
+}
 
 /// The deck that the references are made for, and what they want of it.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -247,7 +253,9 @@ impl ReferenceGenerator {
             q.start[state::NORTH] - deck.position[0],
             q.start[state::EAST] - deck.position[1],
         );
-        if q.goal != Goal::Above || forecast.surroundings.is_open() || from.norm() < NEAR_DECK_M {
+        // A station is as high as an approach, and the mission leads round the vessel to it.
+        let stays = q.view.mission.station.is_some();
+        if q.goal != Goal::Above || stays || forecast.surroundings.is_open() || from.norm() < NEAR_DECK_M {
             return None;
         }
         let (around, heading) = (&forecast.surroundings, forecast.mean_heading);
@@ -268,6 +276,7 @@ impl ReferenceGenerator {
         let (feet, step_s) = (self.drone.feet_below_m, self.config.step_s);
         let (round, out) = (self.way_round(q), self.escape(q));
         let aside = round.unwrap_or_else(|| q.view.mission.waiting_offset.unwrap_or_default().into());
+        let turns_radps = station_turns_radps(q.view);
         // The target at stage k (0 = now), and tilt with its rate.
         let target = |k: usize| match (q.goal, q.reference.deck.get(k)) {
             (Goal::Hold, _) | (_, None) => (Motion::new([q.hold[0], q.hold[1]], [0.0; 2]), [0.0; 4]),
@@ -281,7 +290,10 @@ impl ReferenceGenerator {
             }
             (Goal::Above | Goal::Sink, Some(d)) => {
                 let ([x, y, _], [vx, vy, _]) = (d.position, d.velocity);
-                (Motion::new([x + aside.x, y + aside.y], [vx, vy]), [0.0; 4])
+                let aside = Rotation2::new(turns_radps * step_s * k as f64) * aside;
+                let around = turns_radps * Vector2::new(-aside.y, aside.x);
+                let velocity = [vx + around.x, vy + around.y];
+                (Motion::new([x + aside.x, y + aside.y], velocity), [0.0; 4])
             }
             (Goal::Touch, Some(d)) => {
                 // The full pose: the foot plane's centre over the deck's centre.

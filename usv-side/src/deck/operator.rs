@@ -229,7 +229,9 @@ impl OperatorRelay {
         let met = match command.kind {
             CommandKind::Abort => echoed(status.abort),
             CommandKind::Hold => echoed(status.hold),
-            CommandKind::Land | CommandKind::TakeOff | CommandKind::Ready => taken(),
+            CommandKind::Land | CommandKind::TakeOff | CommandKind::Ready | CommandKind::Station(_) => {
+                taken()
+            }
         };
         status.header.drone == c.drone() && met
     }

@@ -226,7 +226,7 @@ pub fn run(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliE
     let received = [&topics::DRONES, &topics::RECEIPTS, &topics::DECK];
     let received = received.map(|topic| vessel_key(args.vessel_id, topic.name));
     let mut radio = Radio::open(&config, publications, Vec::from(received))?;
-    let kind = args.order.kind();
+    let kind = args.kind()?;
     let mut ashore = Ashore {
         order: OperatorCommand {
             header: Header::new(

@@ -1,0 +1,145 @@
+//! A station: a place beside the vessel that a drone keeps for a while, named by an operator.
+
+use core::fmt;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::{MissionState, ReasonCode};
+use crate::time::{DroneClock, Time};
+
+/// Highest station over the deck's mean level, m.
+pub const MAX_STATION_HEIGHT_M: u8 = 50;
+/// No station is further from the deck's centre, horizontally, m.
+pub const MAX_STATION_M: i8 = 60;
+/// No station is kept for longer, min.
+pub const MAX_STATION_MIN: u8 = 30;
+
+/// A place relative to the vessel. Whole metres and minutes: an order is then equal to its repetition, and never not a number.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
+#[repr(C)]
+pub struct Station {
+    /// Ahead of the deck's centre in the vessel's mean heading, m; negative: astern.
+    pub ahead_m: i8,
+    /// To starboard of it, m; negative: to port.
+    pub right_m: i8,
+    /// Above the deck's mean level, m.
+    pub height_m: u8,
+    /// From the order on, min.
+    pub for_min: u8,
+}
+
+impl Station {
+    /// Within the bounds of every vessel.
+    pub fn is_sane(&self) -> bool {
+        self.distance_m() <= f64::from(MAX_STATION_M)
+            && (1..=MAX_STATION_HEIGHT_M).contains(&self.height_m)
+            && (1..=MAX_STATION_MIN).contains(&self.for_min)
+    }
+    /// Horizontal distance from the deck's centre, m.
+    pub fn distance_m(&self) -> f64 {
+        f64::from(self.ahead_m).hypot(f64::from(self.right_m))
+    }
+    /// Bearing from the deck's centre, from the bow clockwise, rad.
+    pub fn bearing_rad(&self) -> f64 {
+        f64::from(self.right_m).atan2(f64::from(self.ahead_m))
+    }
+}
+
+impl fmt::Display for Station {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} m up", self.height_m)?;
+        let mut side = |m: i8, one: &str, other: &str| match m {
+            0 => Ok(()),
+            1.. => write!(f, ", {m} m {one}"),
+            i8::MIN..=-1 => write!(f, ", {} m {other}", m.unsigned_abs()),
+        };
+        side(self.ahead_m, "ahead", "astern")?;
+        side(self.right_m, "to starboard", "to port")
+    }
+}
+
+impl MissionState {
+    /// What it waits for, for people; of a station also where it is.
+    pub fn waits(&self) -> String {
+        let waiting = self.waiting.to_string();
+        let kept = self
+            .station
+            .filter(|_| self.waiting.code == ReasonCode::OnStation);
+        match (kept, waiting.split_once(',')) {
+            (Some(kept), Some((does, left))) => format!("{does} {},{left}", kept.station),
+            (_, _) => waiting,
+        }
+    }
+}
+
+/// A station that is kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
+#[repr(C)]
+pub struct KeptStation {
+    /// Where.
+    pub station: Station,
+    /// Until then.
+    pub until: Time<DroneClock>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Reason;
+    use super::*;
+
+    const ABEAM: Station = Station {
+        ahead_m: 0,
+        right_m: 20,
+        height_m: 15,
+        for_min: 10,
+    };
+
+    #[test]
+    fn station_in_words() {
+        assert_eq!(ABEAM.to_string(), "15 m up, 20 m to starboard");
+        let astern = Station {
+            ahead_m: -30,
+            right_m: -5,
+            ..ABEAM
+        };
+        assert_eq!(astern.to_string(), "15 m up, 30 m astern, 5 m to port");
+    }
+
+    #[test]
+    fn station_in_a_status() {
+        let state = |off_m| MissionState {
+            station: Some(KeptStation {
+                station: ABEAM,
+                until: Time::EPOCH,
+            }),
+            waiting: Reason::new(ReasonCode::OnStation, 700.0, off_m),
+            ..MissionState::default()
+        };
+        let near = "keeps its station 15 m up, 20 m to starboard, 12 min left";
+        assert_eq!(state(1.0).waits(), near);
+        let far = "40 m from its station 15 m up, 20 m to starboard, 12 min left";
+        assert_eq!(state(40.0).waits(), far);
+    }
+
+    #[test]
+    fn bounds_of_a_station() {
+        assert!(ABEAM.is_sane());
+        for changed in [
+            Station { ahead_m: 59, ..ABEAM },
+            Station {
+                right_m: -61,
+                ..ABEAM
+            },
+            Station {
+                height_m: 51,
+                ..ABEAM
+            },
+            Station { height_m: 0, ..ABEAM },
+            Station { for_min: 31, ..ABEAM },
+            Station { for_min: 0, ..ABEAM },
+        ] {
+            assert!(!changed.is_sane(), "{changed:?}");
+        }
+    }
+}

@@ -1,0 +1,56 @@
+//! Stations beside a vessel that turns, in the simulated world.
+
+use alight_shared::msg::{CommandKind, ReasonCode, State, Station};
+use alight_sim::harness::rig::Rig;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::physics::vessel::Course;
+use nalgebra::Vector3;
+
+use super::takeoff::until;
+
+/// Above the deck and abeam.
+const ABEAM: Station = Station {
+    ahead_m: 0,
+    right_m: 20,
+    height_m: 15,
+    for_min: 10,
+};
+
+/// How far the drone is from its station by the true deck and heading, m; the deck's heave is no part of it.
+fn off_m(rig: &Rig) -> f64 {
+    let physics = rig.world.physics();
+    let (deck, drone) = (physics.deck(), physics.drone(0).unwrap());
+    let yaw = deck.euler().z + ABEAM.bearing_rad();
+    let place = Vector3::new(yaw.cos(), yaw.sin(), 0.0) * ABEAM.distance_m();
+    (drone.position.0 - deck.position.0 - place).xy().norm()
+}
+
+/// Around a square at 2 m/s in Moderate and wind: the drone keeps its place for a minute, and lands when that is ordered.
+#[test]
+fn station_beside_a_vessel_that_turns() {
+    let mut scenario = Scenario::default();
+    scenario.vessel.course = Course::Square;
+    scenario.drone.wind.mean_mps = 5.0;
+    let mut rig = Rig::new(&scenario, &NodeConfigs::default(), 81).unwrap();
+    rig.run(5.0);
+    rig.world.command(CommandKind::Station(ABEAM));
+    let there = rig.until(90.0, |r| off_m(r) < 2.0 && r.state(0) == State::Hold);
+    assert!(there, "{:.1} m off, {}", off_m(&rig), rig.mission(0).waiting);
+    rig.run(5.0);
+    let mut off = Vec::new();
+    rig.each(60.0, |rig| {
+        off.push(off_m(rig));
+        rig.mission(0).waiting.code != ReasonCode::OnStation
+    });
+    let kept = rig.mission(0).waiting;
+    assert_eq!(kept.code, ReasonCode::OnStation, "{kept}");
+    off.sort_by(f64::total_cmp);
+    let part = |p: f64| off.get((p * off.len() as f64) as usize).copied().unwrap_or(0.0);
+    let seen = [0.5, 0.75, 0.9, 0.999].map(part);
+    println!("off its station, quantiles 0.5, 0.75, 0.9, 0.999: {seen:.2?} m");
+    assert!(part(0.9) < 3.0, "{seen:.2?} m off");
+    rig.world.command(CommandKind::Land);
+    let (landed, met) = until(&mut rig, 200.0, State::Landed);
+    assert!(landed, "{:?}, {}", rig.visited(0), rig.mission(0).waiting);
+    assert!(met.others == 0 && !met.water, "{met:?}");
+}

@@ -1,0 +1,159 @@
+//! A station beside the vessel: a waiting place that an operator names, in the frame of the vessel's mean heading, for a while.
+//!
+//! It is a hold ([`HoldCause::Station`]): what ends a hold ends it, and it is as high as an approach, so that it is clear of all
+//! keep-out volumes, and kept apart from the heights of other drones where the deck is shared.
+
+use alight_shared::frames::wrap_angle;
+use alight_shared::msg::ReasonCode::{
+    BatteryLow, NoVessel, NotFlying, OnStation, Operator, StationNotNow, StationOver, StationTaken,
+    StationTooLow, StationTooNear,
+};
+use alight_shared::msg::{KeptStation, OWNER_ONLY_M, PLACES, Phase, Reason, Station, WaitingPlace};
+use alight_shared::time::Span;
+use nalgebra::Vector3;
+
+use super::limits::exceeds;
+use super::phase::{
+    HoldCause, MissionPhase, Progress, Refused, Transition, holding, moving_place, old_data, too_far,
+};
+use super::situation::{ControlState, Reservation, Situation};
+use crate::mission_config::MissionConfig;
+
+/// A station keeps so far from the height of another drone's waiting place, m: what two heights by GNSS differ by, three
+/// times, and a drone.
+const APART_M: f64 = 5.0;
+/// Why the place cannot be kept, by the vessel's surroundings and other drones.
+fn impossible(station: &Station, s: &Situation, c: &MissionConfig) -> Option<Reason> {
+    let height_m = f64::from(station.height_m);
+    if height_m < c.approach_height_m {
+        return Some(Reason::new(StationTooLow, height_m, c.approach_height_m));
+    }
+    let shared = c.reservation_required;
+    let owned = matches!(s.reservation, Reservation::Ours | Reservation::NotNeeded);
+    if !owned && station.distance_m() < OWNER_ONLY_M {
+        return Some(Reason::new(StationTooNear, station.distance_m(), OWNER_ONLY_M));
+    }
+    let others = (0..PLACES as u8).zip(s.others).filter(|(_, drone)| *drone != 0);
+    others
+        .map(|(number, _)| c.approach_height_m + WaitingPlace::of(number).above_m)
+        .find(|other_m| shared && (other_m - height_m).abs() < APART_M)
+        .map(|other_m| Reason::new(StationTaken, other_m, APART_M))
+}
+
+/// The vessel is not received any more, and not seen.
+fn lost(s: &Situation, c: &MissionConfig) -> Option<Reason> {
+    let silent_s = match s.fresh_deck() {
+        Some(deck) if deck.vision_age_s <= c.vision_lost_s => 0.0,
+        Some(deck) => deck.radio_age_s,
+        None => s.forecast_age_s.max(s.odometry_age_s),
+    };
+    exceeds(NoVessel, silent_s, c.radio_lost_s).map(|_| NoVessel.into())
+}
+
+/// Why an order for a station is refused in `phase`.
+fn refused(
+    phase: MissionPhase,
+    station: &Station,
+    progress: &Progress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Option<Reason> {
+    let searches = matches!(phase, MissionPhase::Search(_) | MissionPhase::Seek);
+    let waits = phase == MissionPhase::Idle;
+    let lands = phase.state().phase() == Phase::Landing;
+    if waits && s.flight != ControlState::Ours {
+        return Some(NotFlying.into());
+    }
+    if !(phase.flies() || waits) || phase.takes_off() || lands || searches {
+        return Some(StationNotNow.into());
+    }
+    let low = s.battery.filter(|b| *b < s.battery_reserve);
+    (s.rejection)
+        .or_else(|| low.map(|b| Reason::new(BatteryLow, b, s.battery_reserve)))
+        .or(s.turns_back.filter(|_| progress.sortie))
+        .or_else(|| old_data(s))
+        .or_else(|| s.fresh_deck().and_then(too_far))
+        .or_else(|| {
+            let radio_age_s = s.fresh_deck().map_or(f64::INFINITY, |d| d.radio_age_s);
+            exceeds(NoVessel, radio_age_s, c.radio_fresh_s).map(|_| NoVessel.into())
+        })
+        .or_else(|| impossible(station, s, c))
+}
+
+/// An operator orders a station: to it, or on with what the drone does, and why.
+pub(super) fn commanded(
+    phase: MissionPhase,
+    progress: &mut Progress,
+    station: Station,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Option<Transition> {
+    if let Some(why) = refused(phase, &station, progress, s, c) {
+        progress.refused = Some(Refused { at: s.now, why });
+        return None;
+    }
+    progress.cycles.end(Operator.into());
+    (progress.landing, progress.stopped) = (false, false);
+    (progress.ordered_below, progress.low_battery) = (None, None);
+    let kept = KeptStation {
+        station,
+        until: s.now + Span::from_secs(60.0 * f64::from(station.for_min)),
+    };
+    let mut next = holding(HoldCause::Station(kept), s, c);
+    // From over the vessel straight up first.
+    if let (MissionPhase::Hold { at, .. }, Some(mean)) = (&mut next, s.mean_deck_z) {
+        at.z = at.z.min(mean - f64::from(station.height_m));
+    }
+    Some(next.enter(waiting(&kept, s)))
+}
+
+/// How far the drone is from its station, m, and how long it keeps it yet.
+fn waiting(kept: &KeptStation, s: &Situation) -> Reason {
+    let left_s = (kept.until - s.now).secs().max(0.0);
+    let off_m = s.fresh_deck().map_or(0.0, |deck| {
+        // From the deck's centre.
+        let own = Vector3::new(-deck.bearing_rad.cos(), -deck.bearing_rad.sin(), 0.0) * deck.distance_m;
+        let bearing = deck.heading_rad + kept.station.bearing_rad();
+        let there = Vector3::new(bearing.cos(), bearing.sin(), 0.0) * kept.station.distance_m();
+        let height_m = (s.mean_deck_z.zip(s.own)).map_or(0.0, |(mean, own)| mean - own.position.z);
+        (there - own + Vector3::z() * (f64::from(kept.station.height_m) - height_m)).norm()
+    });
+    Reason::new(OnStation, left_s, off_m)
+}
+
+/// On its station in `phase`: until the time is over, the place impossible, or the vessel lost. What an order, the battery or a
+/// mode end is ended before.
+pub(super) fn keeps(phase: MissionPhase, kept: &KeptStation, s: &Situation, c: &MissionConfig) -> Transition {
+    let over = (s.now >= kept.until).then(|| StationOver.into());
+    let ends = over
+        .or_else(|| lost(s, c))
+        .or_else(|| impossible(&kept.station, s, c));
+    if let Some(why) = ends {
+        return holding(HoldCause::Operator, s, c).enter(why);
+    }
+    phase.stay(old_data(s).unwrap_or_else(|| waiting(kept, s)))
+}
+
+/// The station from the deck's centre, NED, m, round the deck; None: low over the vessel it climbs first, and without the
+/// vessel it stays.
+pub(super) fn offset(kept: &KeptStation, at: &Vector3<f64>, s: &Situation) -> Option<[f64; 2]> {
+    let deck = s.fresh_deck().filter(|_| !moving_place(at, s, false).0)?;
+    let bearing = wrap_angle(deck.heading_rad + kept.station.bearing_rad());
+    let distance_m = kept.station.distance_m();
+    Some(if distance_m < OWNER_ONLY_M {
+        [distance_m * bearing.cos(), distance_m * bearing.sin()]
+    } else {
+        deck.round(distance_m, bearing)
+    })
+}
+
+/// The place `at` where the drone would stay without the vessel, on its way to the station.
+pub(super) fn held_place(kept: &KeptStation, at: &Vector3<f64>, s: &Situation) -> Vector3<f64> {
+    match (offset(kept, at, s), s.own) {
+        (Some(_), Some(own)) => {
+            let z = (s.mean_deck_z).map_or(at.z, |mean| mean - f64::from(kept.station.height_m));
+            Vector3::new(own.position.x, own.position.y, s.no_lower(z))
+        }
+        (Some(_) | None, _) => moving_place(at, s, false).1,
+    }
+}

@@ -1,0 +1,247 @@
+//! Stations beside the vessel: which orders are taken, and what ends them.
+
+use alight_shared::msg::ReasonCode::{
+    BatteryDeck, BatteryLow, Commanded, ForecastStale, NoVessel, NotCommanded, NotFlying, OnStation,
+    Operator, StationNotNow, StationOver, StationTaken, StationTooLow, StationTooNear, TurnsBack,
+};
+use alight_shared::msg::{AutopilotMode, Station};
+use nalgebra::Vector3;
+
+use super::phase::{HoldCause, gave_up, holding};
+use super::tests::{COMMITTED, DESCENT, TRACKING, at, commanded, config, step, with};
+use super::*;
+
+/// To starboard, abeam.
+const ABEAM: Station = Station {
+    ahead_m: 0,
+    right_m: 20,
+    height_m: 15,
+    for_min: 10,
+};
+const ORDER: CommandKind = CommandKind::Station(ABEAM);
+
+/// A drone over its vessel, which heads east.
+fn flying(change: impl FnOnce(&mut Situation)) -> Situation {
+    with(|s| {
+        if let Some(deck) = &mut s.deck {
+            deck.heading_rad = core::f64::consts::FRAC_PI_2;
+        }
+        change(s);
+    })
+}
+fn radio_age(s: &mut Situation, age_s: f64) {
+    if let Some(deck) = &mut s.deck {
+        (deck.radio_age_s, deck.vision_age_s) = (age_s, 1e3);
+    }
+}
+/// On the station of [`ABEAM`].
+fn on_station() -> Decision {
+    let d = commanded(TRACKING, ORDER, &flying(|_| ()));
+    assert_eq!(d.entered.map(|why| why.code), Some(OnStation));
+    d
+}
+
+#[test]
+fn station_is_taken_in_the_air() {
+    let hold = holding(HoldCause::Data, &flying(|_| ()), &config());
+    let gave_up = gave_up(&flying(|_| ()), &config());
+    for phase in [
+        MissionPhase::Idle,
+        TRACKING,
+        hold,
+        gave_up,
+        MissionPhase::APPROACH,
+    ] {
+        let d = commanded(phase, ORDER, &flying(|_| ()));
+        let kept = d.phase.station().unwrap();
+        assert_eq!(kept.station, ABEAM, "{phase:?}");
+        assert_eq!((kept.until - flying(|_| ()).now).secs(), 600.0);
+        assert!(!d.progress.landing && !d.progress.stopped, "{phase:?}");
+        assert!(ORDER.is_met(State::Hold, step(&d, &flying(|_| ())).waiting.code));
+    }
+}
+
+#[test]
+fn station_in_the_frame_of_the_heading() {
+    let d = on_station();
+    // Low over the vessel it climbs first.
+    let place = Place::of(d.phase, &flying(|_| ()), &config());
+    assert!(place.with_deck && place.offset.is_none(), "{place:?}");
+    let high = |s: &mut Situation| s.own.as_mut().unwrap().position.z = -16.3;
+    // To starboard of a vessel that heads east is south, and the way there leads round her from where the drone is.
+    let beside = flying(|s| {
+        high(s);
+        let deck = s.deck.as_mut().unwrap();
+        (deck.distance_m, deck.bearing_rad) = (20.0, 0.0);
+    });
+    let place = Place::of(d.phase, &beside, &config());
+    let [north, east] = place.offset.unwrap();
+    assert!((north + 20.0).abs() < 1e-9 && east.abs() < 1e-9, "{place:?}");
+    assert!(!place.with_deck && place.height_m == 15.0, "{place:?}");
+    assert!(
+        step(&d, &beside).waiting.limit < 0.1,
+        "{}",
+        step(&d, &beside).waiting
+    );
+}
+
+#[test]
+fn station_refused_with_its_reason() {
+    type Case = (MissionPhase, Station, fn(&mut Situation), ReasonCode);
+    let low = Station {
+        height_m: 14,
+        ..ABEAM
+    };
+    let near = Station { right_m: 14, ..ABEAM };
+    let cases: [Case; 12] = [
+        (
+            MissionPhase::Idle,
+            ABEAM,
+            |s| s.flight = ControlState::Disarmed,
+            NotFlying,
+        ),
+        (DESCENT, ABEAM, |_| (), StationNotNow),
+        (COMMITTED, ABEAM, |_| (), StationNotNow),
+        (MissionPhase::LANDED, ABEAM, |_| (), StationNotNow),
+        (MissionPhase::Preparing, ABEAM, |_| (), StationNotNow),
+        (MissionPhase::Seek, ABEAM, |_| (), StationNotNow),
+        (TRACKING, low, |_| (), StationTooLow),
+        (
+            TRACKING,
+            near,
+            |s| s.reservation = Reservation::Others(2),
+            StationTooNear,
+        ),
+        (
+            TRACKING,
+            ABEAM,
+            |s| s.others = [0, 0, 0, 0, 0, 0, 0, 2],
+            StationTaken,
+        ),
+        (TRACKING, ABEAM, |s| s.battery = Some(0.1), BatteryLow),
+        (TRACKING, ABEAM, |s| radio_age(s, 2.0), NoVessel),
+        (TRACKING, ABEAM, |s| radio_age(s, f64::NAN), NoVessel),
+    ];
+    let shared = MissionConfig {
+        reservation_required: true,
+        ..config()
+    };
+    for (phase, station, change, why) in cases {
+        let mut s = flying(change);
+        // The eighth place is at 71 m, the first at 15 m.
+        s.others.reverse();
+        let order = CommandKind::Station(station);
+        let d = decide(phase, Progress::default(), Some(order), &s, &shared);
+        assert!(d.phase.station().is_none(), "{phase:?}, {why:?}");
+        let refused = d.progress.refused.and_then(|refused| refused.shown(s.now));
+        assert_eq!(refused.map(|r| r.code), Some(why), "{phase:?}");
+    }
+}
+
+#[test]
+fn refusal_is_shown_and_forgotten() {
+    let low = CommandKind::Station(Station { height_m: 5, ..ABEAM });
+    let hold = holding(HoldCause::Operator, &flying(|_| ()), &config());
+    let d = decide(hold, Progress::default(), Some(low), &flying(|_| ()), &config());
+    assert_eq!((d.phase.station(), d.waiting.code), (None, StationTooLow));
+    assert!(!CommandKind::Land.is_met(State::Hold, d.waiting.code));
+    let later = flying(|s| s.now += Span::from_secs(16.0));
+    assert_eq!(step(&d, &later).waiting.code, NotCommanded);
+    let again = commanded(&d, CommandKind::Hold, &flying(|_| ()));
+    assert_eq!(again.progress.refused, None);
+}
+
+#[test]
+fn own_deck_may_be_kept_from_above() {
+    let above = CommandKind::Station(Station { right_m: 0, ..ABEAM });
+    let d = commanded(TRACKING, above, &flying(|_| ()));
+    assert!(d.phase.station().is_some());
+    // Without a deck of its own it leaves.
+    let d = step(&d, &flying(|s| s.reservation = Reservation::Others(2)));
+    assert_eq!(d.entered.map(|why| why.code), Some(StationTooNear));
+}
+
+#[test]
+fn station_ended_by_time_vessel_or_mode() {
+    type Case = (fn(&mut Situation), Option<ReasonCode>);
+    let cases: [Case; 6] = [
+        (|s| s.now += Span::from_secs(599.0), None),
+        (|s| s.now += Span::from_secs(601.0), Some(StationOver)),
+        (|s| radio_age(s, 4.9), None),
+        (|s| radio_age(s, 5.1), Some(NoVessel)),
+        (|s| s.forecast_age_s = 1.0, None),
+        (|s| s.forecast_age_s = 6.0, Some(NoVessel)),
+    ];
+    for (change, ends) in cases {
+        let d = step(&on_station(), &flying(change));
+        assert_eq!(d.entered.map(|why| why.code), ends);
+        assert_eq!(d.phase.station().is_none(), ends.is_some());
+        assert_eq!(d.phase.state(), State::Hold);
+    }
+    let stale = step(&on_station(), &flying(|s| s.forecast_age_s = 1.0));
+    assert_eq!(stale.waiting.code, ForecastStale);
+    let taken = flying(|s| s.flight = ControlState::OtherControl(AutopilotMode::Other));
+    assert_eq!(step(&on_station(), &taken).phase, MissionPhase::Idle);
+}
+
+#[test]
+fn station_ended_by_an_order() {
+    let s = flying(|_| ());
+    let lands = commanded(&on_station(), CommandKind::Land, &s);
+    assert_eq!(lands.entered.map(|why| why.code), Some(Commanded));
+    assert!(lands.progress.landing && lands.phase.station().is_none());
+    for (order, state) in [
+        (CommandKind::Hold, State::Hold),
+        (CommandKind::Abort, State::GaveUp),
+    ] {
+        let d = commanded(&on_station(), order, &s);
+        assert_eq!(d.entered.map(|why| why.code), Some(Operator));
+        assert_eq!((d.phase.state(), d.phase.station()), (state, None));
+    }
+    let other = Station {
+        right_m: -30,
+        ..ABEAM
+    };
+    let d = commanded(&on_station(), CommandKind::Station(other), &s);
+    assert_eq!(d.phase.station().map(|kept| kept.station), Some(other));
+    // One that is refused leaves it where it is.
+    let low = CommandKind::Station(Station { height_m: 3, ..ABEAM });
+    let d = commanded(&on_station(), low, &s);
+    assert_eq!(
+        (d.phase.station().map(|kept| kept.station), d.entered),
+        (Some(ABEAM), None)
+    );
+}
+
+#[test]
+fn station_ended_by_the_battery() {
+    let mut d = on_station();
+    d.progress.sortie = true;
+    let called = flying(|s| s.turns_back = Some(TurnsBack.into()));
+    let d = step(&d, &called);
+    assert_eq!(d.entered.map(|why| why.code), Some(TurnsBack));
+    assert!(d.progress.landing && d.phase.station().is_none());
+    let low = flying(|s| s.battery = Some(0.9 * s.battery_reserve));
+    let d = step(&on_station(), &low);
+    assert_eq!(d.entered.map(|why| why.code), Some(BatteryDeck));
+    assert!(d.progress.landing && d.phase.station().is_none());
+}
+
+#[test]
+fn station_outlives_the_process() {
+    let kept = on_station().phase.station();
+    let m = MissionCheckpoint {
+        state: MissionState {
+            state: State::Hold,
+            station: kept,
+            hold_position: Vector3::new(1.0, 2.0, -16.3).into(),
+            ..MissionState::default()
+        },
+        ..MissionCheckpoint::default()
+    };
+    for same_frame in [true, false] {
+        let s = flying(|s| s.now = at(10.0));
+        let (phase, _) = checkpoint::restored(&m, same_frame, &s, &config());
+        assert_eq!(phase.station(), kept);
+    }
+}
