@@ -11,7 +11,8 @@
 //! ```
 //!
 //! The last are the ratios for normal figures of unknown variances `s`, of which the own deck's is the smaller one: they grow with the
-//! samples `n` only where the decks move apart, however much both err, and not by chance. A variance is that about the mean.
+//! independent samples `n` only where the decks move apart, however much both err, and not by chance. A variance is that about
+//! the mean.
 //!
 //! `apart` is its distance from where radio or beacon places the vessel; `yaw`, `tilt` and `height` are what the camera sees less
 //! what the radio reports of the same time, the latter about its low-pass: the drone's own height
@@ -56,6 +57,9 @@ const LEAST_VARIANCE: f64 = 0.05;
 /// Samples of the tilt are taken so far apart, s: errors of successive images are not independent. So many of each deck are
 /// compared at least: half a wave.
 const SAMPLE_S: f64 = 0.2;
+/// Errors of the same sign last for so long, s, as do tags seen from one side and a quarter of a wave: so far apart two samples
+/// count as two.
+const INDEPENDENT_S: f64 = 1.5;
 const MIN_SAMPLES: f64 = 15.0;
 /// A tilt that differs by more is no deck's on which a drone lands, but of a tag that was solved for its other minimum, rad.
 const MAX_TILT_RAD: f64 = 0.3;
@@ -112,7 +116,7 @@ impl Residual {
     /// Logarithm of the ratio of the likelihoods that this is the own deck's and that the other is.
     fn over(&self, other: &Residual) -> f64 {
         let yaw = |r: &Residual| (r.mean.z / YAW_SD_RAD).powi(2);
-        let n = self.n.min(other.n);
+        let n = self.n.min(other.n) * SAMPLE_S / INDEPENDENT_S;
         let variance = |r: &Residual, i: usize| (r.squares[i] / r.n.max(1.0)).max(LEAST_VARIANCE);
         let motion = (0..3).map(|i| {
             let (own, others) = (variance(self, i), variance(other, i));
