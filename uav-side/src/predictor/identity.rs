@@ -57,9 +57,11 @@ const LEAST_VARIANCE: f64 = 0.05;
 /// Samples of the tilt are taken so far apart, s: errors of successive images are not independent. So many of each deck are
 /// compared at least: half a wave.
 const SAMPLE_S: f64 = 0.2;
-/// Errors of the same sign last for so long, s, as do tags seen from one side and a quarter of a wave: so far apart two samples
-/// count as two.
-const INDEPENDENT_S: f64 = 1.5;
+/// Errors of the same sign last for so long, s, as do tags seen from one side and half a wave: so far apart two samples count as
+/// two.
+const INDEPENDENT_S: f64 = 3.0;
+/// No motion may speak so much against the deck that the others speak for, as a logarithm: they are of one hull.
+const AGAINST: f64 = -1.0;
 const MIN_SAMPLES: f64 = 15.0;
 /// A tilt that differs by more is no deck's on which a drone lands, but of a tag that was solved for its other minimum, rad.
 const MAX_TILT_RAD: f64 = 0.3;
@@ -113,17 +115,21 @@ impl Residual {
             self.squares[i] += (before[i] * after[i] / tilt_variance[i]).min(MAX_SAMPLE);
         }
     }
-    /// Logarithm of the ratio of the likelihoods that this is the own deck's and that the other is.
+    /// Logarithm of the ratio of the likelihoods that this is the own deck's and that the other is; none where one motion
+    /// contradicts the others.
     fn over(&self, other: &Residual) -> f64 {
         let yaw = |r: &Residual| (r.mean.z / YAW_SD_RAD).powi(2);
         let n = self.n.min(other.n) * SAMPLE_S / INDEPENDENT_S;
         let variance = |r: &Residual, i: usize| (r.squares[i] / r.n.max(1.0)).max(LEAST_VARIANCE);
-        let motion = (0..3).map(|i| {
+        let motion: [f64; 3] = core::array::from_fn(|i| {
             let (own, others) = (variance(self, i), variance(other, i));
             let ratio = (own + others).powi(2) / (4.0 * own * others);
             (0.5 * n * ratio.ln()).copysign(others - own)
         });
-        0.5 * (yaw(other) - yaw(self)) + motion.sum::<f64>()
+        if motion.iter().any(|m| !(*m >= AGAINST)) {
+            return f64::NEG_INFINITY;
+        }
+        0.5 * (yaw(other) - yaw(self)) + motion.iter().sum::<f64>()
     }
 }
 
@@ -488,7 +494,7 @@ mod tests {
 
     #[test]
     fn own_deck_by_its_rocking() {
-        assert_eq!(side_by_side(30.0, true, 0.4).0, [Verdict::Own, Verdict::Other]);
+        assert_eq!(side_by_side(90.0, true, 0.4).0, [Verdict::Own, Verdict::Other]);
         // In a calm, or where both rock as one, nothing tells them apart.
         let (verdicts, decks) = side_by_side(30.0, true, 0.0);
         assert_eq!(verdicts, [Verdict::Several(2); 2]);
@@ -498,7 +504,7 @@ mod tests {
     /// From 15 m a tag's tilt is seen to ten degrees: the height tells them apart.
     #[test]
     fn own_deck_by_its_heave() {
-        assert_eq!(seen_to(0.17, 30.0, true, 0.4).0, [Verdict::Own, Verdict::Other]);
+        assert_eq!(seen_to(0.17, 360.0, true, 0.4).0, [Verdict::Own, Verdict::Other]);
         assert_eq!(seen_to(0.17, 30.0, true, 0.0).0, [Verdict::Several(2); 2]);
     }
 
