@@ -167,27 +167,18 @@ pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
         ));
     }
     station::check(args)?;
+    let has_words = matches!(args.order, Order::Deck | Order::Helm | Order::DeckAt);
+    if !has_words && !args.words.is_empty() {
+        return Err(CliError(format!(
+            "{}: closed, open and takeoff belong to `alight command deck`, yes and no to `alight command helm`, places to \
+             `alight command deck-at`",
+            args.words.join(" ")
+        )));
+    }
     match args.order {
         Order::Deck => return deck(args, crew_order(&args.words)?),
         Order::Helm => return course(args, DeckOrder::Helm(consent(args)?)),
         Order::DeckAt => return beacon::run(args),
-        Order::Land
-        | Order::Abort
-        | Order::Hold
-        | Order::Takeoff
-        | Order::Ready
-        | Order::Station
-        | Order::Status
-        | Order::Steady
-        | Order::Turning
-            if !args.words.is_empty() =>
-        {
-            return Err(CliError(format!(
-                "{}: closed, open and takeoff belong to `alight command deck`, yes and no to `alight command helm`, places to \
-                 `alight command deck-at`",
-                args.words.join(" ")
-            )));
-        }
         Order::Steady => return course(args, DeckOrder::Steady(args.for_s.unwrap_or(STEADY_S))),
         Order::Turning => return course(args, DeckOrder::Turning),
         Order::Land

@@ -65,35 +65,15 @@ impl Cycles {
     }
     /// Follows a change from one state to another, whose reason may end them.
     pub(super) fn follow(&mut self, before: State, after: State, why: Reason) {
-        let stands_down = before == State::StandDown;
-        match after {
-            State::GaveUp => self.end(why),
-            State::Landed if why.code == HardContact => self.end(why),
-            State::Idle if why.code == ArmedAgain => self.end(why),
-            // Somebody else has it now.
-            State::Idle if stands_down && why.code != Disarmed => self.end(why),
-            State::Idle | State::StandDown if before.is_take_off() => {
-                self.tries = self.tries.saturating_add(1);
-                if why.code != NoMoment || self.tries > MOMENTS {
-                    self.end(why);
-                }
-            }
-            State::Idle
-            | State::StandDown
-            | State::Landed
-            | State::GetAltitude
-            | State::Approach
-            | State::Search
-            | State::Tracking
-            | State::TrackingStable
-            | State::Descent
-            | State::Flare
-            | State::Hold
-            | State::Preparing
-            | State::Countdown
-            | State::SpinUp
-            | State::TakeOff
-            | State::ClimbOut => {}
+        // Somebody else has it now.
+        let is_anothers = before == State::StandDown && why.code != Disarmed;
+        let ends = after == State::GaveUp
+            || after == State::Landed && why.code == HardContact
+            || after == State::Idle && (why.code == ArmedAgain || is_anothers);
+        let stops = matches!(after, State::Idle | State::StandDown) && before.is_take_off();
+        self.tries = self.tries.saturating_add(u32::from(stops && !ends));
+        if ends || stops && (why.code != NoMoment || self.tries > MOMENTS) {
+            self.end(why);
         }
         if after != State::Hold {
             self.handing = None;

@@ -35,26 +35,13 @@ impl DeckArbiter {
     /// What a drone on the deck wants: a better course while it prepares its take-off, and from the countdown on none but the
     /// one that is.
     fn on_deck(d: &Drone, fresh: bool, lasts: bool) -> Demand {
-        match d.state {
-            State::Preparing if fresh => Demand::Comes,
-            State::Countdown | State::SpinUp | State::TakeOff if lasts => Demand::Descends,
-            State::Idle
-            | State::GetAltitude
-            | State::Approach
-            | State::Tracking
-            | State::TrackingStable
-            | State::Descent
-            | State::Flare
-            | State::Landed
-            | State::Hold
-            | State::GaveUp
-            | State::Search
-            | State::Preparing
-            | State::Countdown
-            | State::SpinUp
-            | State::TakeOff
-            | State::ClimbOut
-            | State::StandDown => Demand::Stands,
+        let leaves = matches!(d.state, State::Countdown | State::SpinUp | State::TakeOff);
+        if d.state == State::Preparing && fresh {
+            Demand::Comes
+        } else if leaves && lasts {
+            Demand::Descends
+        } else {
+            Demand::Stands
         }
     }
     /// The helm states by order or switch that the vessel turns or may turn.
@@ -65,45 +52,11 @@ impl DeckArbiter {
 
 /// It goes down or takes off, as far as is known. One that broke off may keep its claim near the deck, and needs no course.
 fn is_on_its_way(state: State) -> bool {
-    match state {
-        State::Descent
-        | State::Flare
-        | State::Countdown
-        | State::SpinUp
-        | State::TakeOff
-        | State::ClimbOut => true,
-        State::Idle
-        | State::GetAltitude
-        | State::Approach
-        | State::Tracking
-        | State::TrackingStable
-        | State::Landed
-        | State::Hold
-        | State::GaveUp
-        | State::Search
-        | State::Preparing
-        | State::StandDown => false,
-    }
+    let leaves = state.is_take_off() && state != State::Preparing;
+    leaves || matches!(state, State::Descent | State::Flare)
 }
 
 /// A descent begins from this state.
 fn may_begin(state: State) -> bool {
-    match state {
-        State::Tracking | State::TrackingStable => true,
-        State::Idle
-        | State::GetAltitude
-        | State::Approach
-        | State::Descent
-        | State::Flare
-        | State::Landed
-        | State::Hold
-        | State::GaveUp
-        | State::Search
-        | State::Preparing
-        | State::Countdown
-        | State::SpinUp
-        | State::TakeOff
-        | State::ClimbOut
-        | State::StandDown => false,
-    }
+    matches!(state, State::Tracking | State::TrackingStable)
 }
