@@ -199,7 +199,7 @@ pub struct AutopilotLink {
     began: Option<DroneTime>,
 
     peer: Option<Peer>,
-    /// Another vehicle's autopilot was heard: when last, and its system.
+    /// Another vehicle's autopilot was received: when last, and its system.
     other: Option<(DroneTime, u8)>,
     /// The vessel's place as AIS reported it last.
     ais: Option<place_report::PlaceReport>,
