@@ -20,12 +20,12 @@ const ROUND: Duration = Duration::from_millis(20);
 
 /// What is known of the boat's autopilot; None where no helm is configured. Next to a process that runs, as that reports it:
 /// its link is not another reader's.
-pub fn of(v: &VesselComputer, seen: Option<&Snapshot>) -> Option<HelmCheck> {
+pub fn of(v: &VesselComputer, snapshot: Option<&Snapshot>) -> Option<HelmCheck> {
     let helm = &v.vessel.helm;
-    let report = match (helm.output, seen) {
+    let report = match (helm.output, snapshot) {
         (HelmOutput::None, _) => return None,
-        (_, Some(seen)) => {
-            let status = (*seen.vessel)?;
+        (_, Some(snapshot)) => {
+            let status = (*snapshot.vessel)?;
             status
                 .deck
                 .helm_error
@@ -165,15 +165,15 @@ mod tests {
     #[test]
     fn helm_check_beside_a_running_vessel() {
         let v = computer(HelmOutput::Mavlink, "serial:///dev/ttyUSB1:57600");
-        let mut seen = Snapshot::default();
-        assert_eq!(of(&v, Some(&seen)), None, "nothing is reported yet");
-        seen.vessel = VesselStatus::default().into();
-        assert_eq!(of(&v, Some(&seen)).unwrap().report, Ok(HelmReport::Held));
+        let mut snapshot = Snapshot::default();
+        assert_eq!(of(&v, Some(&snapshot)), None, "nothing is reported yet");
+        snapshot.vessel = VesselStatus::default().into();
+        assert_eq!(of(&v, Some(&snapshot)).unwrap().report, Ok(HelmReport::Held));
         let mut status = VesselStatus::default();
         status.deck.helm_error = Some("no heartbeat of a boat's autopilot comes".into());
-        seen.vessel = status.into();
+        snapshot.vessel = status.into();
         assert!(
-            judge(&of(&v, Some(&seen)).unwrap())
+            judge(&of(&v, Some(&snapshot)).unwrap())
                 .found
                 .contains("no heartbeat")
         );
