@@ -90,7 +90,7 @@ config! {
         /// aboard has cleared the deck (`alight command deck takeoff`) and a countdown.
         pub takeoff: bool = false;
         /// Sorties of unattended cycles since the drone's service started: after `alight command takeoff` the drone goes on with
-        /// the autopilot's own mission, comes back and lands, and takes off again once it is ready, while somebody aboard has
+        /// the autopilot's own mission, comes back and lands, and takes off again once it is ready, while the crew has
         /// cleared the deck for that. 0: each take-off is ordered, and ends in a hold.
         pub sorties_max: u32 = 0;
         /// Charge from which on a drone of unattended cycles is ready by itself, 0 to 1; above 1: by `alight command ready` alone.

@@ -1,7 +1,7 @@
 //! The link to a real autopilot as a process, in place of the simulated one: bytes of the link to the node and
 //! back, the node's output to the topics that predictor, mission, planner and pilot read. Its checkpoint goes
 //! to the supervisor, which republishes it to a link that begins. Sentences of an AIS receiver come by a link of their own, and
-//! are frames of nobody's to the node. Its metrics: uncertainty of the autopilot's
+//! are frames without a sender to the node. Its metrics: uncertainty of the autopilot's
 //! clock (s), samples rejected, resets of its clock, hover thrust, set-points sent, times the link was
 //! reopened, datagrams of others than the autopilot, frames by their signatures.
 

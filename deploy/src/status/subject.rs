@@ -128,7 +128,7 @@ pub fn commanded_vessel(config: Option<&Path>, instance: Option<&str>) -> Result
     let file = Instance::new(name)?.directory().join("vessel.toml");
     if !file.exists() {
         return Err(CliError(format!(
-            "the processes {name} have no vessel's configuration beside their memory: name it with --config"
+            "the processes {name} have no vessel's configuration next to their memory: name it with --config"
         )));
     }
     let mut vessel: VesselComputer = config::load(&file)?;

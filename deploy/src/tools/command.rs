@@ -49,7 +49,7 @@ pub enum Order {
     Takeoff,
     /// Unattended cycles: ready for the next sortie.
     Ready,
-    /// Keep a place beside the vessel for a while (--height, --ahead, --right, --for).
+    /// Keep a place next to the vessel for a while (--height, --ahead, --right, --for).
     Station,
     /// Say how the mission stands; commands nothing.
     Status,
@@ -72,7 +72,7 @@ pub enum CrewOrder {
     Closed,
     /// It is free, but for drones that report from it.
     Open,
-    /// Nobody is near the drone of `--drone`, which may take off: for two minutes, or until closed with `--standing`.
+    /// The crew is clear of the drone of `--drone`, which may take off: for two minutes, or until closed with `--standing`.
     Takeoff,
 }
 
@@ -99,7 +99,7 @@ impl CommandArgs {
     after_help = "Run it as the user that runs Alight: sudo -u alight alight command abort\n\
 From ashore: alight command abort --drone 2 --vessel quic/192.168.7.1:7447 --keys keys/operator-1\n\
 A simulated landing: alight command abort --instance land\n\
-Beside the vessel: alight command station --height 20 --right -30 --for 15\n\
+Next to the vessel: alight command station --height 20 --right -30 --for 15\n\
 Where a silent vessel is: alight command deck-at 59.3456 18.1234 --error 10\n\
 On the vessel: sudo -u alight alight command deck closed\n  \
 sudo -u alight alight command deck open --drone 2   (which is not above it)\n  \
@@ -203,12 +203,12 @@ fn crew_order(words: &[String]) -> Result<CrewOrder, CliError> {
     };
     order.ok_or_else(|| CliError("alight command deck: closed, open or takeoff has to follow".into()))
 }
-/// The words behind `helm`: whether the computer may steer. A yes is to the course that is asked now.
+/// The arguments of `helm`: whether the computer may steer. A yes is to the course that is asked now.
 fn consent(args: &CommandArgs) -> Result<HelmAnswer, CliError> {
     let named = match args.words.as_slice() {
-        [word] if word == "no" => return Ok(HelmAnswer::No),
-        [word] if word == "yes" => None,
-        [word, heading] if word == "yes" => Some(heading.as_str()),
+        [answer] if answer == "no" => return Ok(HelmAnswer::No),
+        [answer] if answer == "yes" => None,
+        [answer, heading] if answer == "yes" => Some(heading.as_str()),
         _ => {
             return Err(CliError(
                 "alight command helm: yes, and the heading that was read, or no has to follow".into(),
@@ -225,12 +225,12 @@ fn consent(args: &CommandArgs) -> Result<HelmAnswer, CliError> {
         }
         if steady_ns() > deadline_ns || !memory.wait(POLL_PERIOD) {
             return Err(CliError(
-                "the vessel's process does not say what it asks: systemctl status alight-vessel".into(),
+                "the vessel's process does not report what it asks: systemctl status alight-vessel".into(),
             ));
         }
     }
 }
-/// The course that is asked; another heading than the one that a person has read is another question.
+/// The course that is asked; another heading than the one that the skipper has read is another question.
 fn question(helm: &HelmStatus, named: Option<&str>) -> Result<AskedCourse, CliError> {
     let Some(asked) = helm.asked() else {
         return Err(CliError(format!(
@@ -371,7 +371,7 @@ fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
     ))
 }
 
-/// What the word for a take-off means to whoever gave it: of a drone whose take-off is ordered it may be all that it waits for.
+/// What the clearance for a take-off means to the crew: of a drone whose take-off is ordered it may be all that it waits for.
 fn cleared(newest: Option<&VesselStatus>, drone: Option<u32>, standing: bool) -> &'static str {
     let ordered = |d: &DroneContact| Some(d.status.header.drone) == drone && d.status.state.is_take_off();
     let is_ordered = newest.is_some_and(|s| s.drones.iter().any(ordered));
@@ -381,7 +381,7 @@ fn cleared(newest: Option<&VesselStatus>, drone: Option<u32>, standing: bool) ->
         }
         (false, true) => {
             "the deck is cleared until it is closed: keep away from the drone NOW, its motors start whenever it is ready, \
-             5 s after it says so"
+             5 s after it reports so"
         }
         (false, false) => {
             "the deck is cleared for two minutes: keep away from the drone NOW, its motors start 5 s after its take-off is \
@@ -450,7 +450,7 @@ mod tests {
     use super::*;
     use alight_shared::msg::{Seq, State};
 
-    /// The crew's word may be what a take-off that is ordered waits for.
+    /// The crew's clearance may be what a take-off that is ordered waits for.
     #[test]
     fn warning_by_the_state_of_a_cleared_drone() {
         let warns = |state| {

@@ -37,7 +37,7 @@ use crate::vessel::status::{Errors, StatusReport};
 
 /// A process without sensor readings wakes this often.
 const MAX_WAIT: Duration = Duration::from_millis(10);
-/// A boat that is steered when the process is asked to end is given back within this, ns: until a report of her autopilot
+/// A boat that is steered when the process is asked to end is given back within this, ns: until a report of its autopilot
 /// shows it. A later start knows what was before, for a while.
 const GIVE_BACK_NS: i64 = 3_500_000_000;
 /// With real sensors, time between two summaries of their measurements, ns.
@@ -154,7 +154,7 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// The process was asked to end, when `asked_ns` says, and gives no boat back any more.
+/// The process was asked to end, at `asked_ns`, and gives no boat back any more.
 fn is_over(process: &Process<alight_usv::VesselComputer>, asked_ns: &mut Option<i64>) -> bool {
     if !process.ended() {
         return false;

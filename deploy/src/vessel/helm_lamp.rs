@@ -77,7 +77,7 @@ fn level(lamp: Lamp, before: bool) -> bool {
     }
 }
 
-/// Shows what was sent last until nobody sends any more, then puts the lamp out.
+/// Shows what was sent last until the sender has ended, then puts the lamp out.
 fn drive(path: &str, levels: &Receiver<Lamp>, error: &Mutex<Option<String>>) {
     let mut line = DigitalLine::new(path);
     let (mut lamp, mut lit, mut ended, mut before) = (Lamp::Out, false, false, None);

@@ -9,7 +9,7 @@
 //! | place, m | the present offset that is left | the pilot's, the forecast's, drift without sight, gusts |
 //!
 //! with the speeds `u` that the deck gains unforeseen within the drone's reaction, and the deck's acceleration `m` that an
-//! aligned drone does not have. The part `w_s` (m/s²) of a strong wind (of more than 6 m/s) is what a drone leans against until it
+//! aligned drone does not have. The part `w_s` (m/s²) of a strong wind (of more than 6 m/s) is what a drone tilts against until it
 //! aligns. The lowest of its feet meets the deck by `h_f = k_f s w_s / g` before the others (`s`: from their middle to each), while the
 //! drone still brakes with `a_b`, and before it is aligned.
 
@@ -44,7 +44,7 @@ const TILT_PER_GUST: f64 = 0.25;
 const PLACE_PER_GUST_S2: f64 = 0.15;
 /// What is left of the bank at the contact, a part of what was planned, and by how much a turn of `w_s / g` is unfinished then, a
 /// part of it, standard deviation of one axis: 48 landings begun at random moments in 12 m/s (push of 2 to 4.4 m/s²), by the
-/// greatest likelihood of their angles.
+/// maximum likelihood of their angles.
 const BANK_LEFT: f64 = 0.5;
 const UNFINISHED: f64 = 0.25;
 /// Twice the braking of the last half metre (2.5 m/s²) times the height of the middle of the feet when the lowest touches, of

@@ -44,11 +44,11 @@ pub fn below(z: f64) -> f64 {
     0.5 + half.copysign(z)
 }
 
-/// The larger of two figures; NaN where one is, which `f64::max` would hide.
+/// The larger of two values; NaN where one is, which `f64::max` would hide.
 pub fn larger(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b { a } else { b }
 }
-/// The smaller of two figures; NaN where one is.
+/// The smaller of two values; NaN where one is.
 pub fn smaller(a: f64, b: f64) -> f64 {
     if a.is_nan() || a < b { a } else { b }
 }

@@ -56,8 +56,8 @@ pub fn wind_during_alignment(wind: &Vector2<f64>) -> Vector2<f64> {
     wind * ((ALIGNED_MPS2 + ALIGNED_FRACTION * (whole - ALIGNED_MPS2)) / whole)
 }
 
-/// By how much `wind` (m/s²) is stronger than what an aligned drone is wholly blown along with, m/s²: in such a wind leaning and
-/// aligning are worlds apart.
+/// By how much `wind` (m/s²) is stronger than what an aligned drone is wholly blown along with, m/s²: in such a wind tilted and
+/// aligned attitudes differ much.
 pub fn beyond_aligned(wind: &Vector2<f64>) -> f64 {
     (wind.norm() - ALIGNED_MPS2).max(0.0)
 }

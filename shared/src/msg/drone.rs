@@ -146,7 +146,7 @@ pub enum OwnMission {
     None,
     /// It flies it.
     Flies,
-    /// It has flown all of it, and nobody has chosen a mode since.
+    /// It has flown all of it, and no other mode was chosen since.
     Done,
 }
 

@@ -70,7 +70,7 @@ pub enum HelmEnd {
     Descent,
     /// The drone that comes has not landed for too long.
     TooLong,
-    /// The boat's autopilot has not taken its former mode back, or nobody knows whether it has.
+    /// The boat's autopilot has not taken its former mode back, or it is unknown whether it has.
     NotGivenBack,
     /// The boat was not steady on the course in time.
     NotSettled,
@@ -92,7 +92,7 @@ impl fmt::Display for HelmEnd {
             HelmEnd::Descent => "a drone descends or takes off on the course that is",
             HelmEnd::TooLong => "the drone has not landed for too long",
             HelmEnd::NotGivenBack => "the former mode was not taken back by the boat's autopilot",
-            HelmEnd::NotSettled => "the boat does not settle on the course",
+            HelmEnd::NotSettled => "the boat is not steady on the course",
         })
     }
 }

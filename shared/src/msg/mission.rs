@@ -175,7 +175,7 @@ impl State {
             State::Preparing | State::Countdown | State::SpinUp | State::StandDown
         )
     }
-    /// Motors start in it, turn beside people, or have not stopped yet: whoever is near the drone has to get away from it.
+    /// Motors start in it, turn next to the crew, or have not stopped yet: whoever is near the drone has to get away from it.
     pub const fn starts_motors(self) -> bool {
         matches!(
             self,
@@ -458,7 +458,7 @@ pub struct MissionCheckpoint {
     pub sortie: bool,
     /// Unattended cycles go on.
     pub cycling: bool,
-    /// The word that the drone is ready was given for the next sortie.
+    /// The order that the drone is ready was given for the next sortie.
     pub ready: bool,
     /// Why the cycles have ended.
     pub cycles_ended: Option<Reason>,
@@ -482,7 +482,7 @@ pub enum CommandKind {
     TakeOff,
     /// Of unattended cycles: the drone is ready for its next sortie.
     Ready,
-    /// Keep this place beside the vessel for a while.
+    /// Keep this place next to the vessel for a while.
     Station(Station),
 }
 

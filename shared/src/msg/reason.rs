@@ -237,20 +237,20 @@ pub enum ReasonCode {
     /// Too dark for the camera to detect a tag: mean of its image, grey levels; the limit is its longest exposure, s, 0 where the
     /// drone does not set it.
     TooDark,
-    /// Autopilots of two vehicles are heard on the link: the system that is listened to, and the other.
+    /// Autopilots of two vehicles are received on the link: the system that is followed, and the other.
     SeveralAutopilots,
     /// The remote control's switch is held where it aborts.
     SwitchAborts,
     /// A light blinds the camera: part of its image, %, that is at its brightest while no tag is detected; the limit is how much a
     /// glint has.
     Glare,
-    /// Keeps a place beside the vessel that an operator has named, or is on its way there: the time left, s, and how far from it, m.
+    /// Keeps a place next to the vessel that an operator has named, or is on its way there: the time left, s, and how far from it, m.
     OnStation,
     /// The time on the station is over.
     StationOver,
-    /// A station has to be at least as high as an approach: its height, m, and the least.
+    /// A station has to be at least as high as an approach: its height, m, and the minimum.
     StationTooLow,
-    /// A station is over the deck of another drone, or of nobody: its horizontal distance from the deck's centre, m, and the least.
+    /// A station is over the deck of another drone, or of none: its horizontal distance from the deck's centre, m, and the minimum.
     StationTooNear,
     /// A station is at another drone's height: that one's, m, and how far it has to be from it.
     StationTaken,
@@ -259,7 +259,7 @@ pub enum ReasonCode {
 }
 
 impl ReasonCode {
-    /// What speaks against a take-off passes without a person: the sea, the vessel's course, the radio.
+    /// What speaks against a take-off passes without the crew: the sea, the vessel's course, the radio.
     pub const fn passes(self) -> bool {
         matches!(
             self,
@@ -274,7 +274,7 @@ impl ReasonCode {
                 | ReasonCode::TakeOffBattery
         )
     }
-    /// Says of a station that it is kept, or why not.
+    /// Reports of a station that it is kept, or why not.
     pub const fn is_of_station(self) -> bool {
         matches!(
             self,
@@ -507,7 +507,7 @@ impl fmt::Display for Reason {
             ),
             ReasonCode::Glare => write!(
                 f,
-                "blinded: no tag is seen, and {v:.1} % of the image is at its brightest (limit {l:.1} %): dim or screen the \
+                "blinded: no tag detected, and {v:.1} % of the image is at its brightest (limit {l:.1} %): dim or screen the \
                  lamp"
             ),
             ReasonCode::VisionLost => write!(f, "deck not seen for {v:.2} s (limit {l:.2})"),
@@ -618,10 +618,9 @@ impl fmt::Display for Reason {
             ReasonCode::SwitchAborts => {
                 write!(f, "the remote control's switch stands on abort")
             }
-            ReasonCode::SeveralAutopilots => write!(
-                f,
-                "autopilots of two vehicles are heard, {v:.0} and {l:.0}: set autopilot.vehicle"
-            ),
+            ReasonCode::SeveralAutopilots => {
+                write!(f, "autopilots {v:.0} and {l:.0} received: set autopilot.vehicle")
+            }
             ReasonCode::OriginMoved if v == 0.0 => {
                 write!(f, "the autopilot's estimate of position or heading has jumped")
             }

@@ -1,4 +1,4 @@
-//! A station: a place beside the vessel that a drone keeps for a while, named by an operator.
+//! A station: a place next to the vessel that a drone keeps for a while, named by an operator.
 
 use core::fmt;
 
@@ -60,7 +60,7 @@ impl fmt::Display for Station {
 }
 
 impl MissionState {
-    /// What it waits for, for people; of a station also where it is.
+    /// What it waits for, as text; of a station also where it is.
     pub fn waits(&self) -> String {
         let waiting = self.waiting.to_string();
         let kept = self

@@ -356,7 +356,7 @@ impl TagDetector {
 /// Half of the contrast with which half of the tags are decoded, grey levels, and the logistic spread of the chance about it.
 const MIN_MARGIN: f64 = 16.0;
 const MARGIN_SPREAD: f64 = 0.5;
-/// A tag that is decoded in no more of the images is none.
+/// A tag that is decoded in no more of the images counts as lost.
 const MIN_CHANCE: f64 = 0.05;
 /// Contrast over noise with which half of the tags of 1 px are decoded, the power of the width with which that falls, and how
 /// steeply the chance rises about it.

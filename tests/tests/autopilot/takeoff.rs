@@ -193,7 +193,7 @@ fn mission_chosen_again_after_the_turn_back() {
             p.run(5.0);
             assert_eq!(p.linked.autopilot.mode(), own_mission, "{firmware:?}");
         }
-        // Nor is it taken by a link that is started anew meanwhile.
+        // Nor is it taken by a link that is restarted meanwhile.
         p.restart_link(0.2);
         p.run(5.0);
         assert_eq!(p.linked.autopilot.mode(), own_mission, "{firmware:?}");
@@ -201,7 +201,7 @@ fn mission_chosen_again_after_the_turn_back() {
     }
 }
 
-/// What a person may have ended meanwhile is not begun again: by a link that is started anew, or after a disarm.
+/// What the pilot may have ended meanwhile is not begun again: by a link that is restarted, or after a disarm.
 #[test]
 fn arming_that_a_person_may_have_ended() {
     for firmware in BOTH {

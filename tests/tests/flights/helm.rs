@@ -62,7 +62,7 @@ fn off_deg(a: f64, b: f64) -> f64 {
     wrap_angle((a - b).to_radians()).to_degrees().abs()
 }
 /// The skipper agrees to what he is asked.
-fn say_yes(rig: &mut Rig) {
+fn agree(rig: &mut Rig) {
     let asked = rig.world.helm().asked();
     let yes = asked.map(|course| DeckOrder::Helm(HelmAnswer::Yes(course)));
     yes.into_iter().for_each(|yes| rig.world.deck_order(yes));
@@ -70,7 +70,7 @@ fn say_yes(rig: &mut Rig) {
 /// Asked, and agreed by the skipper, in which the drone had no part yet.
 fn agreed(seed: u64) -> (Rig, f64) {
     let (mut rig, heading_deg) = asked(seed);
-    say_yes(&mut rig);
+    agree(&mut rig);
     assert!(until(&mut rig, 1.0, HelmState::Agreed));
     (rig, heading_deg)
 }
@@ -183,7 +183,7 @@ fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Outcome {
         if helm(rig) == HelmState::Asked {
             asked += TICK.secs();
             if asked > 3.0 {
-                say_yes(rig);
+                agree(rig);
             }
         }
         over = judge.observe(&rig.world.observation(), half_deck);

@@ -23,7 +23,7 @@ fn upload_to(rig: &mut Rig, k: usize, far_m: f64) {
         linked.autopilot.upload(places.map(at).to_vec());
     }
 }
-/// A person at the remote control chooses a mode.
+/// The pilot at the remote control chooses a mode.
 fn choose(rig: &mut Rig, mode: u32) {
     if let Some(linked) = rig.world.linked(0) {
         assert!(linked.autopilot.choose(mode));
@@ -41,7 +41,7 @@ fn on_its_mission(firmware: Firmware, seed: u64, far_m: f64) -> Rig {
     rig
 }
 
-/// The autopilot has flown its mission: the drone comes back and lands, and nobody had to say so.
+/// The autopilot has flown its mission: the drone comes back and lands without an order.
 #[test]
 fn sortie_ended_by_its_own_mission() {
     for firmware in BOTH {
@@ -57,7 +57,7 @@ fn sortie_ended_by_its_own_mission() {
     }
 }
 
-/// A person stops the mission, or takes the drone when it is done: Alight commands nothing.
+/// The pilot stops the mission, or takes the drone when it is done: Alight commands nothing.
 #[test]
 fn own_mission_ended_by_a_person() {
     let firmware = Firmware::Px4;
@@ -68,15 +68,15 @@ fn own_mission_ended_by_a_person() {
     rig.run(20.0);
     assert_eq!(rig.mission(0).waiting.code, ReasonCode::NotCommanded);
     assert!(rig.world.linked(0).is_some_and(|l| l.autopilot.chosen() == hold));
-    // It goes on; the person takes the drone as soon as it comes back, and gives the mission again.
+    // It goes on; the pilot takes the drone as soon as it comes back, and gives the mission again.
     choose(&mut rig, own_mission_mode(firmware));
     assert!(
         rig.until(90.0, |r| r.state(0) == State::GetAltitude),
         "{:?}",
         rig.visited(0)
     );
-    let person = mode_number(firmware, AutopilotMode::Other);
-    choose(&mut rig, person);
+    let pilot = mode_number(firmware, AutopilotMode::Other);
+    choose(&mut rig, pilot);
     rig.run(5.0);
     choose(&mut rig, own_mission_mode(firmware));
     rig.run(90.0);
@@ -107,7 +107,7 @@ fn attended_by_a_charger(rig: &mut Rig, limit_s: f64, done: impl Fn(&Rig) -> boo
     ended
 }
 
-/// From one order on: two sorties of the autopilot's own mission, a charger between them, nobody aboard.
+/// From one order on: two sorties of the autopilot's own mission, a charger between them, no crew aboard.
 #[test]
 fn unattended_cycles() {
     for firmware in BOTH {
@@ -122,7 +122,7 @@ fn unattended_cycles() {
             let away =
                 attended_by_a_charger(&mut rig, 180.0, |r| r.world.physics().deck_distance_m(0) > 40.0);
             let m = rig.mission(0);
-            let seen = format!(
+            let context = format!(
                 "{firmware:?}, sortie {sortie}: {:?}, {}, {}",
                 rig.visited(0),
                 m.entered,
@@ -130,12 +130,12 @@ fn unattended_cycles() {
             );
             assert!(
                 away && m.state == State::Idle && m.sorties == [sortie, 2],
-                "{seen}"
+                "{context}"
             );
             let (landed, met) = until(&mut rig, 200.0, State::Landed);
             assert!(
                 landed && met.others == 0 && met.fastest_mps < 1.0,
-                "{seen}, {met:?}"
+                "{context}, {met:?}"
             );
         }
         let over = |r: &Rig| r.mission(0).waiting.code == ReasonCode::SortiesDone;
@@ -149,7 +149,7 @@ fn unattended_cycles() {
     }
 }
 
-/// Without a charger it waits for the word that it is ready, and without the crew's standing word for theirs; an abort ends it.
+/// Without a charger it waits for the order that it is ready, and without the crew's standing clearance for that; an abort ends it.
 #[test]
 fn next_sortie_waits_for_people() {
     let (scenario, mut nodes) = on_deck(0.3, Firmware::Px4);
@@ -184,7 +184,7 @@ fn next_sortie_waits_for_people() {
     assert_eq!(rig.state(0), State::Landed);
 }
 
-/// The autopilot has no mission, or does not begin it: the drone lands again, and says why.
+/// The autopilot has no mission, or does not begin it: the drone lands again, and reports why.
 #[test]
 fn own_mission_that_does_not_begin() {
     let (scenario, mut nodes) = on_deck(0.3, Firmware::ArduCopter);
@@ -238,7 +238,7 @@ fn called_out_of_range(firmware: Firmware, seed: u64, silent_s: f64) -> Rig {
     rig
 }
 
-/// Out of radio range the battery calls: the drone flies to where the vessel should be, hears her there, and lands.
+/// Out of radio range the battery calls: the drone flies to where the vessel should be, receives it there, and lands.
 #[test]
 fn sortie_ended_out_of_radio_range() {
     for firmware in BOTH {
@@ -260,7 +260,7 @@ fn sortie_ended_out_of_radio_range() {
     }
 }
 
-/// Nothing is heard there: at the battery's reserve it takes the next place of its order.
+/// Nothing is received there: at the battery's reserve it takes the next place of its order.
 #[test]
 fn sortie_that_does_not_hear_its_vessel() {
     let mut rig = called_out_of_range(Firmware::Px4, 68, f64::INFINITY);
@@ -276,7 +276,7 @@ fn sortie_that_does_not_hear_its_vessel() {
     );
 }
 
-/// Two drones of one vessel with a charger aboard: while one stands there, the other is away, and nobody says a word.
+/// Two drones of one vessel with a charger aboard: while one stands there, the other is away, without any order.
 #[test]
 fn two_drones_that_take_turns_on_one_deck() {
     let scenario = Scenario {
@@ -325,14 +325,14 @@ fn two_drones_that_take_turns_on_one_deck() {
         }
         landings.iter().all(|n| *n >= 2)
     });
-    let seen = format!(
+    let context = format!(
         "{:?}, {:?}; {}, {}",
         rig.visited(0),
         rig.visited(1),
         rig.mission(0).waiting,
         rig.mission(1).waiting
     );
-    assert!(landings.iter().all(|n| *n >= 2), "{landings:?}: {seen}");
+    assert!(landings.iter().all(|n| *n >= 2), "{landings:?}: {context}");
     assert!(nearest_m > 15.0, "{nearest_m} m apart");
 }
 fn is_armed(rig: &Rig, k: usize) -> bool {

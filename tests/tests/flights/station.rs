@@ -1,4 +1,4 @@
-//! Stations beside a vessel that turns, in the simulated world.
+//! Stations next to a vessel that turns, in the simulated world.
 
 use alight_shared::msg::{CommandKind, ReasonCode, State, Station};
 use alight_sim::harness::rig::Rig;
@@ -46,9 +46,9 @@ fn station_beside_a_vessel_that_turns() {
     assert_eq!(kept.code, ReasonCode::OnStation, "{kept}");
     off.sort_by(f64::total_cmp);
     let part = |p: f64| off.get((p * off.len() as f64) as usize).copied().unwrap_or(0.0);
-    let seen = [0.5, 0.75, 0.9, 0.999].map(part);
-    println!("off its station, quantiles 0.5, 0.75, 0.9, 0.999: {seen:.2?} m");
-    assert!(part(0.9) < 3.0, "{seen:.2?} m off");
+    let quantiles = [0.5, 0.75, 0.9, 0.999].map(part);
+    println!("off its station, quantiles 0.5, 0.75, 0.9, 0.999: {quantiles:.2?} m");
+    assert!(part(0.9) < 3.0, "{quantiles:.2?} m off");
     rig.world.command(CommandKind::Land);
     let (landed, met) = until(&mut rig, 200.0, State::Landed);
     assert!(landed, "{:?}, {}", rig.visited(0), rig.mission(0).waiting);

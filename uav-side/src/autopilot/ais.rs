@@ -12,7 +12,7 @@ use super::place_report::{AisReport, PlaceReport};
 
 /// Longest sentence, bytes: the standard allows 82, with a logger's tags before it.
 const MAX_LINE: usize = 256;
-/// Reports that wait to be taken: more than a receiver hears in a second.
+/// Reports that wait to be taken: more than a receiver receives in a second.
 const MAX_REPORTS: usize = 32;
 /// m/s per knot.
 const KNOT_MPS: f64 = 1852.0 / 3600.0;

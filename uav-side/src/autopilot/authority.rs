@@ -29,7 +29,7 @@ pub enum ControlAuthority {
     Searching,
     /// Its heartbeats have ceased.
     LinkLost,
-    /// Another vehicle's autopilot is heard as well, and nothing says which of them is ours.
+    /// Another vehicle's autopilot is received as well, and which of them is ours is not configured.
     SeveralAutopilots,
     /// It answers no TIMESYNC: its samples cannot be dated.
     NoClock,
@@ -97,7 +97,7 @@ impl fmt::Display for ControlAuthority {
             ControlAuthority::Searching => "no heartbeat of a multirotor's autopilot; check link and address",
             ControlAuthority::LinkLost => "the autopilot's heartbeats have ceased",
             ControlAuthority::SeveralAutopilots => {
-                "autopilots of two vehicles are heard: set autopilot.vehicle to the number of the own one"
+                "autopilots of two vehicles are received: set autopilot.vehicle to the number of the own one"
             }
             ControlAuthority::NoClock => "the autopilot answers no TIMESYNC",
             ControlAuthority::NoOrigin => "the autopilot has not reported its origin (GPS_GLOBAL_ORIGIN)",
@@ -131,7 +131,7 @@ pub(crate) struct Evidence {
     pub(crate) found: bool,
     /// Its heartbeats arrive.
     pub(crate) alive: bool,
-    /// Another vehicle's autopilot is heard as well.
+    /// Another vehicle's autopilot is received as well.
     pub(crate) several: bool,
     /// Its clock is known.
     pub(crate) clock: bool,
@@ -159,7 +159,7 @@ pub(crate) struct AuthorityStateMachine {
     control_authority: ControlAuthority,
     since: DroneTime,
     confirmations: u32,
-    /// Our set-points were followed since, and nobody has taken it: what is flown is not left where it is because a second
+    /// Our set-points were followed since, and no pilot has taken over: what is flown is not left where it is because a second
     /// autopilot comes into reach.
     flown: bool,
     /// The permission is used up until the mode is left.
@@ -357,12 +357,12 @@ mod tests {
             ..several
         };
         assert_eq!(run(&mut a, 160, &[hold]), [ControlAuthority::Standby { mode }]);
-        // A person's mode ends it.
-        let person = Evidence {
+        // The pilot's mode ends it.
+        let pilot = Evidence {
             mode: AutopilotMode::Other,
             ..several
         };
-        let s = run(&mut a, 180, &[person, several, several]);
+        let s = run(&mut a, 180, &[pilot, several, several]);
         assert_eq!(s[2], ControlAuthority::SeveralAutopilots);
     }
 

@@ -28,7 +28,7 @@ const AIS_LATE_S: f64 = 2.0;
 const AIS_VELOCITY_SD_MPS: f64 = 0.3;
 /// It counts for so long, s: class B of a vessel below 2 kn reports every three minutes. Its place grows vague meanwhile.
 const AIS_LASTS_S: f64 = 200.0;
-/// The same report that comes again is none, unless it was heard so lately, s.
+/// The same report that comes again is not taken, unless it was received so recently, s.
 const AIS_REPEATED_S: f64 = 2.0;
 
 impl AutopilotLink {
@@ -74,7 +74,7 @@ impl AutopilotLink {
             lasts_s: LASTS_S,
         })
     }
-    /// A report of the configured vessel by AIS, of the time at which it was heard. An autopilot repeats what it has heard.
+    /// A report of the configured vessel by AIS, of the time at which it was received. An autopilot repeats what it has received.
     fn beacon_by_ais(&mut self, now: DroneTime, report: &AisReport) -> Option<DeckBeacon> {
         let wanted = report.mmsi != 0 && report.mmsi == self.config.beacon_mmsi;
         let old = !(report.age_s <= AIS_LASTS_S);
@@ -193,7 +193,7 @@ mod tests {
             "{}",
             m.place_sd_m
         );
-        // What the autopilot repeats, another vessel, one without a fix, or nobody configured.
+        // What the autopilot repeats, another vessel, one without a fix, or none configured.
         let of = |change: fn(&mut AisReport)| {
             let mut r = report;
             change(&mut r);

@@ -25,7 +25,7 @@ const ORIGIN_MOVED_M: f64 = 0.05;
 const JUMPED_M: f64 = 1.0;
 /// Time constant of the specific force in the evidence for a disarm, s.
 const SPECIFIC_FORCE_TIME_S: f64 = 0.03;
-/// Another autopilot is accepted when the first was silent for this long, and counts as heard for so long, s.
+/// Another autopilot is accepted when the first was silent for this long, and counts as received for so long, s.
 const OTHER_AFTER_S: f64 = 10.0;
 
 impl AutopilotLink {
@@ -334,7 +334,7 @@ impl AutopilotLink {
         from.component == message::AUTOPILOT_COMPONENT && (wanted == 0 || wanted == from.system)
     }
 
-    /// The system of another vehicle's autopilot that was heard lately, where none is configured.
+    /// The system of another vehicle's autopilot that was received recently, where none is configured.
     pub(super) fn other_autopilot(&self, now: DroneTime) -> Option<u8> {
         let (own, (at, system)) = (self.peer.as_ref()?.address.system, self.other?);
         let lately = (now - at).secs() <= OTHER_AFTER_S;

@@ -120,7 +120,7 @@ pub mod command {
     /// `MAV_CMD_DO_SET_HOME`: latitude and longitude, deg, and height above the sea, m, in the last three parameters.
     pub const SET_HOME: u16 = 179;
     /// `MAV_CMD_MISSION_START`: from its beginning, with first and last item 0 (PX4 takes the first item from it; ArduCopter
-    /// begins anew after a disarm).
+    /// begins again after a disarm).
     pub const MISSION_START: u16 = 300;
     /// `MAV_CMD_COMPONENT_ARM_DISARM`.
     pub const ARM_DISARM: u16 = 400;

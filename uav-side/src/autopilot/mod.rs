@@ -4,7 +4,7 @@
 //!
 //! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
 //! [`lapse`] (whose hold it is), `heading` (whether it is aligned), [`disarm`] (when motors are stopped), `take_off` (when they are started), this file (one step), [`inbound`] and [`outbound`] (its two
-//! halves), [`ground_station`], [`station`] and [`rc_switch`] (people at a ground station and at the remote control, and their [`orders`]), [`station_parameters`] (what a ground station sets of the mission), [`shadow`] (a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), `beacon` (the vessel's place by other systems, [`ais`] among them), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`], [`own_mission`] (the autopilot's own mission: is it done, when it is ended and started),
+//! halves), [`ground_station`], [`station`] and [`rc_switch`] (operators at a ground station and at the remote control, and their [`orders`]), [`station_parameters`] (what a ground station sets of the mission), [`shadow`] (a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), `beacon` (the vessel's place by other systems, [`ais`] among them), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`], [`own_mission`] (the autopilot's own mission: is it done, when it is ended and started),
 //! [`parameters`] (what a landing relies on), and [`wire`] for the bytes.
 //!
 //! Safety does not rest on this node being alive. Without its set-points PX4 leaves OFFBOARD after
@@ -199,7 +199,7 @@ pub struct AutopilotLink {
     began: Option<DroneTime>,
 
     peer: Option<Peer>,
-    /// Another vehicle's autopilot was heard: when last, and its system.
+    /// Another vehicle's autopilot was received: when last, and its system.
     other: Option<(DroneTime, u8)>,
     /// The vessel's place as AIS reported it last.
     ais: Option<place_report::PlaceReport>,

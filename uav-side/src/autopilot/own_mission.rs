@@ -1,17 +1,17 @@
 //! The autopilot's own mission (PX4 Mission, ArduCopter AUTO): whether it flies it, and whether that is done.
 //!
-//! It is done where the firmware says so (`MISSION_STATE_COMPLETE` of `MISSION_CURRENT`), or, of a firmware that states no
+//! It is done where the firmware reports it (`MISSION_STATE_COMPLETE` of `MISSION_CURRENT`), or, of a firmware that states no
 //! state, where the last item is reached (`MISSION_ITEM_REACHED`). PX4 goes to its Hold then, ArduCopter stays in AUTO. A Hold
-//! in the midst of a mission is a person's: the mission is not complete. Whoever chooses any other mode has the drone, whatever
+//! in the midst of a mission is the pilot's: the mission is not complete. Whoever chooses any other mode has the drone, whatever
 //! the mission was.
 //!
-//! PX4 reports a mission of the flight before as complete until it is started again: it counts once it has been seen under way.
+//! PX4 reports a mission of the flight before as complete until it is started again: it counts once it was reported under way.
 //!
 //! A sortie that has to end, by the battery, because this mission is done or by an order, is taken over by the command that chooses the mode
-//! of a take-off; a drone that a person flies is not. That is done once in a flight for each reason: whoever chooses the
+//! of a take-off; a drone that a pilot flies is not. That is done once in a flight for each reason: whoever chooses the
 //! autopilot's mission again after it has it until the drone is disarmed.
 //!
-//! A sortie of unattended cycles is handed to it by `MAV_CMD_MISSION_START`, which begins it anew with either firmware.
+//! A sortie of unattended cycles is handed to it by `MAV_CMD_MISSION_START`, which restarts it with either firmware.
 //!
 //! Sources: PX4 `MavlinkMissionManager::send_mission_current`, its `Commander` (Mission to Loiter when finished); ArduPilot
 //! `GCS_MAVLINK::send_mission_current`, `ModeAuto::exit_mission`.
@@ -127,7 +127,7 @@ impl AutopilotLink {
         }
     }
 
-    /// ArduCopter is asked how far its mission is. PX4 says so unasked, and takes no such request.
+    /// ArduCopter is asked how far its mission is. PX4 reports it unasked, and takes no such request.
     pub(super) fn ask_own_mission(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let Some(peer) = &self.peer else { return };
         let asks = peer.flies_mission && peer.firmware == Firmware::ArduCopter;
@@ -214,18 +214,18 @@ mod tests {
         let mut m = OwnMissionMonitor::default();
         m.current(Firmware::Px4, 4, ACTIVE);
         assert_eq!(armed(&mut m, None), OwnMission::Flies);
-        // A person stops it, and lets it go on.
+        // The pilot stops it, and lets it go on.
         m.current(Firmware::Px4, 4, PAUSED);
         assert_eq!(armed(&mut m, hold), OwnMission::None);
         m.current(Firmware::Px4, 4, ACTIVE);
         assert_eq!(armed(&mut m, None), OwnMission::Flies);
         m.current(Firmware::Px4, 4, COMPLETE);
         assert_eq!(armed(&mut m, hold), OwnMission::Done);
-        // A person takes it, and holds it: it is theirs.
+        // The pilot takes it, and holds it: no mission is done.
         assert_eq!(armed(&mut m, Some(AutopilotMode::Other)), OwnMission::None);
         assert_eq!(armed(&mut m, hold), OwnMission::None);
         assert_eq!(m.step(false, false, AutopilotMode::Hold), OwnMission::None);
-        // In the next flight it is reported as complete until it begins anew.
+        // In the next flight it is reported as complete until it begins again.
         assert_eq!(armed(&mut m, None), OwnMission::Flies);
         m.current(Firmware::Px4, 4, ACTIVE);
         assert_eq!(armed(&mut m, None), OwnMission::Flies);

@@ -22,6 +22,6 @@ pub struct AisReport {
     pub mmsi: u32,
     /// Where it is.
     pub place: PlaceReport,
-    /// Time since the receiver has heard it, s.
+    /// Time since the receiver received it, s.
     pub age_s: f64,
 }

@@ -141,8 +141,8 @@ impl RcSwitch {
     pub(super) fn bars(&self) -> bool {
         self.position == Some(Position::Low) || self.given.is_some_and(|o| o.kind() == CommandKind::Abort)
     }
-    /// It is held where it aborts: whoever orders a landing or a take-off, a person holds the drone back. One that is being moved
-    /// away holds nothing back, so that what it commands then is not refused.
+    /// It is held where it aborts: whoever orders a landing or a take-off, the pilot holds the drone back. One that is being moved
+    /// away holds nothing back, so that what it commands then is not rejected.
     pub(super) fn is_held_on_abort(&self) -> bool {
         let low = |p: Position| p == Position::Low;
         self.position.is_some_and(low) && self.candidate.is_none_or(|c| low(c.position))

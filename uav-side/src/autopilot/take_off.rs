@@ -1,7 +1,7 @@
 //! The mode and the arming of a take-off, and the disarm of one that was stopped on the deck.
 //!
 //! While the mission is in [`State::SpinUp`] the link chooses OFFBOARD (GUIDED) and arms: an operator has ordered the take-off,
-//! the crew has cleared the deck, and the countdown is over. A mode that somebody else chooses after that is not chosen again, nor
+//! the crew has cleared the deck, and the countdown is over. A mode that the pilot chooses after that is not chosen again, nor
 //! is armed again what was armed: a link that begins in that state does neither.
 //! What the autopilot answers to a command to arm is passed on with the text that it gave for it.
 //!
@@ -113,7 +113,7 @@ impl AutopilotLink {
 
     fn prepare_take_off(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let authority = self.control_authority();
-        // A link before this one may have been in our mode, or have armed, and a person have ended that.
+        // A link before this one may have been in our mode, or have armed, and the pilot have ended that.
         let succeeds = self.fresh_mission(now).map(|m| m.since) < self.began;
         let Some(peer) = &self.peer else { return };
         let d = &mut self.departure;
@@ -121,7 +121,7 @@ impl AutopilotLink {
         let ours = peer.mode == AutopilotMode::Offboard;
         d.was_ours |= ours;
         if peer.armed {
-            // A later disarm is the will of a person, or the autopilot's own.
+            // A later disarm is the will of the pilot, or the autopilot's own.
             d.arms = ARM_TRIES;
         }
         if peer.armed || succeeds {

@@ -119,8 +119,8 @@ fn stands(s: &Situation, c: &MissionConfig) -> bool {
         return false;
     };
     let rises = deck.sinking_mps < -RISES_MPS;
-    let seen = deck.vision_age_s <= c.vision_fresh_s && deck.clearance_m < LEFT_M;
-    !rises && (s.on_ground || seen)
+    let detected = deck.vision_age_s <= c.vision_fresh_s && deck.clearance_m < LEFT_M;
+    !rises && (s.on_ground || detected)
 }
 /// To complete the landing is softer than to climb, and the deck is beneath.
 pub(super) fn ends_softer(d: &Deck, s: &Situation) -> bool {
@@ -196,7 +196,7 @@ pub(super) fn progress(m: &MissionCheckpoint) -> Progress {
             ready: m.ready,
             ..Cycles::default()
         },
-        refused: None,
+        rejected: None,
     }
 }
 

@@ -26,7 +26,7 @@ pub struct Cycles {
     pub(super) sorties: u32,
     /// Why they have ended.
     pub(super) ended: Option<Reason>,
-    /// The word that the drone is ready was given for the next sortie.
+    /// The order that the drone is ready was given for the next sortie.
     pub(super) ready: bool,
     /// The charge has been high enough since.
     pub(super) charged: Option<Time<DroneClock>>,

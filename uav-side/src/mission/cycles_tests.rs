@@ -81,14 +81,14 @@ fn next_sortie_by_charge_or_by_word() {
         (MissionPhase::Preparing, SortieBegins)
     );
     assert_eq!((d.progress.started, d.progress.cycles.on), (at(41.0), true));
-    // By the word, once the crew has cleared the deck.
+    // By the order, once the crew has cleared the deck.
     let low = |s: &mut Situation| (s.battery, s.not_cleared) = (Some(0.5), Some(NotCleared.into()));
     let d = step(landed(), cycling(), Some(CommandKind::Ready), &standing(low));
     assert_eq!(d.waiting.code, NotCleared);
     let cleared = standing(|s| s.battery = Some(0.5));
     let d = step(landed(), d.progress, None, &cleared);
     assert_eq!(d.entered.unwrap().code, SortieBegins);
-    // The word is for nothing else.
+    // The order is for nothing else.
     let d = step(
         landed(),
         Progress::default(),
@@ -108,7 +108,7 @@ fn preparation_of_the_next_sortie() {
             d.progress.cycles.ended,
         )
     };
-    // The word from aboard is taken back.
+    // The clearance from aboard is taken back.
     let s = standing(|s| s.not_cleared = Some(NotCleared.into()));
     assert_eq!(waits(&s), (State::Landed, NotCleared, None));
     // The sea is waited for, however long; what does not pass is not.
@@ -233,10 +233,10 @@ fn sortie_that_ends_by_its_mission_or_an_order() {
     assert_eq!((d.entered.unwrap().code, d.progress.landing), (MissionDone, true));
     let d = step(MissionPhase::Idle, d.progress, None, &flown(OwnMission::Done));
     assert_eq!(d.waiting.code, MissionDone);
-    // A person has the drone meanwhile: it is asked for no more.
+    // The pilot has the drone meanwhile: it is asked for no more.
     let d = step(MissionPhase::Idle, d.progress, None, &flown(OwnMission::None));
     assert_eq!(d.waiting.code, ReasonCode::NotFlying);
-    // On no sortie it is nobody's call.
+    // Without a sortie no return is due.
     let d = step(
         MissionPhase::Idle,
         Progress::default(),
@@ -244,7 +244,7 @@ fn sortie_that_ends_by_its_mission_or_an_order() {
         &flown(OwnMission::Done),
     );
     assert_eq!((d.entered, d.progress.landing), (None, false));
-    // An order ends the mission of a cycle; of a single sortie a person gives the mode.
+    // An order ends the mission of a cycle; of a single sortie the pilot gives the mode.
     let land = Some(CommandKind::Land);
     for (progress, expected) in [
         (on_sortie, OrderedBack),
@@ -297,7 +297,7 @@ fn way_to_a_vessel_that_is_not_received() {
     let place = Place::of(MissionPhase::Seek, &silent(|_| {}), &permits());
     assert!((place.at - nalgebra::Vector3::new(600.0, -200.0, -16.3)).norm() < 1e-9);
     assert!((place.yaw - (-200.0_f64).atan2(600.0)).abs() < 1e-9);
-    // Unheard, until the reserve is reached; heard, as any landing.
+    // Not received, until the reserve is reached; received, as any landing.
     let d = step(MissionPhase::Seek, called, None, &silent(|_| {}));
     assert_eq!((d.phase, d.waiting.code), (MissionPhase::Seek, SeeksVessel));
     let d = step(
@@ -312,7 +312,7 @@ fn way_to_a_vessel_that_is_not_received() {
     );
     let d = step(MissionPhase::Seek, called, None, &with(|_| {}));
     assert_eq!(d.phase.state(), State::GetAltitude);
-    // Nobody seeks without a sortie, nor one that is too far away.
+    // No vessel is sought without a sortie, nor one that is too far away.
     let stays = Progress {
         sortie: false,
         ..called

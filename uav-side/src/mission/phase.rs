@@ -140,7 +140,7 @@ pub enum MissionPhase {
     StandDown {
         /// Since.
         since: DroneTime,
-        /// Not seen armed since: why the take-off was stopped.
+        /// Not reported armed since: why the take-off was stopped.
         unarmed: Option<Reason>,
     },
 }
@@ -246,17 +246,17 @@ impl MissionPhase {
     }
 }
 
-/// Why an order was refused is shown for so long, s: until the vessel has given the order up, and a report after that.
+/// Why an order was rejected is shown for so long, s: until the vessel has given the order up, and a report after that.
 const SHOWN_S: f64 = 15.0;
 
-/// An order for a station that was refused.
+/// An order for a station that was rejected.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Refused {
+pub struct RejectedOrder {
     pub(super) at: DroneTime,
     pub(super) why: Reason,
 }
 
-impl Refused {
+impl RejectedOrder {
     /// Why, while that is shown.
     pub(super) fn shown(&self, now: DroneTime) -> Option<Reason> {
         ((now - self.at).secs() <= SHOWN_S).then_some(self.why)
@@ -292,8 +292,8 @@ pub struct Progress {
     pub sortie: bool,
     /// Sorties one after the other.
     pub cycles: Cycles,
-    /// The order for a station that was refused last.
-    pub refused: Option<Refused>,
+    /// The order for a station that was rejected last.
+    pub rejected: Option<RejectedOrder>,
 }
 
 impl Progress {

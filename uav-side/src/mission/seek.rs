@@ -1,8 +1,8 @@
 //! The way back to a vessel that is not received: to where its last velocity has brought it, until it is.
 //!
 //! Only a drone on a sortie flies it, and only once it has to come back. The place is `p + u t` after the time `t` since the vessel
-//! was received; how far from there she may be is in what the way is taken to cost ([`super::sortie`]). With the radio back the
-//! landing begins as any. With nothing heard the battery's reserve sends the drone to the next place of `battery_order`.
+//! was received; how far from there it may be is in what the way is taken to cost ([`super::sortie`]). With the radio back the
+//! landing begins as any. With nothing received the battery's reserve sends the drone to the next place of `battery_order`.
 
 use alight_shared::msg::{Reason, ReasonCode};
 use nalgebra::{Vector2, Vector3};
@@ -39,8 +39,8 @@ pub(super) fn seek(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
     if s.fresh_deck().is_some() {
         progress.started = s.now;
         let from = s.own.map_or([0.0; 2], |own| own.position.xy().into());
-        let heard = Reason::new(ReasonCode::Recovered, 0.0, c.radio_fresh_s);
-        return MissionPhase::GetAltitude { from }.enter(heard);
+        let received = Reason::new(ReasonCode::Recovered, 0.0, c.radio_fresh_s);
+        return MissionPhase::GetAltitude { from }.enter(received);
     }
     match &s.seeks {
         Some(seeks) => MissionPhase::Seek.stay(reason(seeks)),

@@ -573,7 +573,7 @@ impl Situation {
             }
         })
     }
-    /// Why no order to land or to take off counts: a person at the remote control holds the drone back.
+    /// Why no order to land or to take off counts: the pilot at the remote control holds the drone back.
     pub fn held_back(&self) -> Option<Reason> {
         self.rejection.filter(|why| why.code == ReasonCode::SwitchAborts)
     }

@@ -27,7 +27,7 @@ const STEPS: u32 = 16;
 const WALK_MPS: f64 = 0.02;
 const SPEED_WALK: f64 = 0.1;
 /// Time constant of the vessel's velocity, s: three periods of the longest waves that move a small boat; and one that was known
-/// longer ago than this begins anew.
+/// longer ago than this begins again.
 const STEADY_S: f64 = 20.0;
 const KNOWN_S: f64 = 10.0;
 /// Standard deviations of its place that count.
@@ -57,7 +57,7 @@ fn vessel(forecast: &DeckForecast, drone: &DroneState) -> Option<LastVessel> {
     })
 }
 
-/// Her way without the waves', of which a forecast of seconds has no mean: a low-pass of the forecasts' mean velocities over the
+/// Its way without the waves', of which a forecast of seconds has no mean: a low-pass of the forecasts' mean velocities over the
 /// longest waves' periods. `before`: as known until now.
 fn steadied(before: Option<&LastVessel>, now: LastVessel) -> LastVessel {
     let Some((before, dt)) = before.map(|b| (b, (now.at - b.at).secs())) else {
@@ -265,7 +265,7 @@ mod tests {
         }
     }
 
-    /// At 2 m/s in waves that move her by 0.7 m/s: her way is known to a tenth of that, and a new one within a minute.
+    /// At 2 m/s in waves that move it by 0.7 m/s: its way is known to a tenth of that, and a new one within a minute.
     #[test]
     fn way_of_a_vessel_in_waves() {
         let mut last: Option<LastVessel> = None;

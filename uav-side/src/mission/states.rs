@@ -120,7 +120,7 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
     }
     if s.flight != ControlState::Ours {
         let missing = ends.and_then(|_| old_data(s));
-        // In unattended cycles nobody is there to give the mode.
+        // In unattended cycles no pilot is there to give the mode.
         let recalled = progress.cycles.on && s.own_mission == OwnMission::Flies && old_data(s).is_none();
         let recalled = recalled.then(|| ReasonCode::OrderedBack.into());
         let why = turns_back.or(recalled).or(s.rejection).or(missing);

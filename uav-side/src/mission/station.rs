@@ -1,4 +1,4 @@
-//! A station beside the vessel: a waiting place that an operator names, in the frame of the vessel's mean heading, for a while.
+//! A station next to the vessel: a waiting place that an operator names, in the frame of the vessel's mean heading, for a while.
 //!
 //! It is a hold ([`HoldCause::Station`]): what ends a hold ends it, and it is as high as an approach, so that it is clear of all
 //! keep-out volumes, and kept apart from the heights of other drones where the deck is shared.
@@ -14,7 +14,7 @@ use nalgebra::Vector3;
 
 use super::limits::exceeds;
 use super::phase::{
-    HoldCause, MissionPhase, Progress, Refused, Transition, holding, moving_place, old_data, too_far,
+    HoldCause, MissionPhase, Progress, RejectedOrder, Transition, holding, moving_place, old_data, too_far,
 };
 use super::situation::{ControlState, Reservation, Situation};
 use crate::mission_config::MissionConfig;
@@ -40,7 +40,7 @@ fn impossible(station: &Station, s: &Situation, c: &MissionConfig) -> Option<Rea
         .map(|other_m| Reason::new(StationTaken, other_m, APART_M))
 }
 
-/// The vessel is not received any more, and not seen.
+/// The vessel is not received any more, and not detected.
 fn lost(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let silent_s = match s.fresh_deck() {
         Some(deck) if deck.vision_age_s <= c.vision_lost_s => 0.0,
@@ -50,8 +50,8 @@ fn lost(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     exceeds(NoVessel, silent_s, c.radio_lost_s).map(|_| NoVessel.into())
 }
 
-/// Why an order for a station is refused in `phase`.
-fn refused(
+/// Why an order for a station is rejected in `phase`.
+fn rejected(
     phase: MissionPhase,
     station: &Station,
     progress: &Progress,
@@ -88,8 +88,8 @@ pub(super) fn commanded(
     s: &Situation,
     c: &MissionConfig,
 ) -> Option<Transition> {
-    if let Some(why) = refused(phase, &station, progress, s, c) {
-        progress.refused = Some(Refused { at: s.now, why });
+    if let Some(why) = rejected(phase, &station, progress, s, c) {
+        progress.rejected = Some(RejectedOrder { at: s.now, why });
         return None;
     }
     progress.cycles.end(Operator.into());

@@ -1,4 +1,4 @@
-//! Stations beside the vessel: which orders are taken, and what ends them.
+//! Stations next to the vessel: which orders are taken, and what ends them.
 
 use alight_shared::msg::ReasonCode::{
     BatteryDeck, BatteryLow, Commanded, ForecastStale, NoVessel, NotCommanded, NotFlying, OnStation,
@@ -68,20 +68,20 @@ fn station_in_the_frame_of_the_heading() {
     let place = Place::of(d.phase, &flying(|_| ()), &config());
     assert!(place.with_deck && place.offset.is_none(), "{place:?}");
     let high = |s: &mut Situation| s.own.as_mut().unwrap().position.z = -16.3;
-    // To starboard of a vessel that heads east is south, and the way there leads round her from where the drone is.
-    let beside = flying(|s| {
+    // To starboard of a vessel that heads east is south, and the way there leads round it from where the drone is.
+    let abeam = flying(|s| {
         high(s);
         let deck = s.deck.as_mut().unwrap();
         (deck.distance_m, deck.bearing_rad) = (20.0, 0.0);
     });
-    let place = Place::of(d.phase, &beside, &config());
+    let place = Place::of(d.phase, &abeam, &config());
     let [north, east] = place.offset.unwrap();
     assert!((north + 20.0).abs() < 1e-9 && east.abs() < 1e-9, "{place:?}");
     assert!(!place.with_deck && place.height_m == 15.0, "{place:?}");
     assert!(
-        step(&d, &beside).waiting.limit < 0.1,
+        step(&d, &abeam).waiting.limit < 0.1,
         "{}",
-        step(&d, &beside).waiting
+        step(&d, &abeam).waiting
     );
 }
 
@@ -133,8 +133,8 @@ fn station_refused_with_its_reason() {
         let order = CommandKind::Station(station);
         let d = decide(phase, Progress::default(), Some(order), &s, &shared);
         assert!(d.phase.station().is_none(), "{phase:?}, {why:?}");
-        let refused = d.progress.refused.and_then(|refused| refused.shown(s.now));
-        assert_eq!(refused.map(|r| r.code), Some(why), "{phase:?}");
+        let rejected = d.progress.rejected.and_then(|order| order.shown(s.now));
+        assert_eq!(rejected.map(|r| r.code), Some(why), "{phase:?}");
     }
 }
 
@@ -148,7 +148,7 @@ fn refusal_is_shown_and_forgotten() {
     let later = flying(|s| s.now += Span::from_secs(16.0));
     assert_eq!(step(&d, &later).waiting.code, NotCommanded);
     let again = commanded(&d, CommandKind::Hold, &flying(|_| ()));
-    assert_eq!(again.progress.refused, None);
+    assert_eq!(again.progress.rejected, None);
 }
 
 #[test]
@@ -204,7 +204,7 @@ fn station_ended_by_an_order() {
     };
     let d = commanded(&on_station(), CommandKind::Station(other), &s);
     assert_eq!(d.phase.station().map(|kept| kept.station), Some(other));
-    // One that is refused leaves it where it is.
+    // One that is rejected leaves it where it is.
     let low = CommandKind::Station(Station { height_m: 3, ..ABEAM });
     let d = commanded(&on_station(), low, &s);
     assert_eq!(

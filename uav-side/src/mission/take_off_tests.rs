@@ -471,7 +471,7 @@ fn successor_of_a_mission_that_takes_off() {
     assert_eq!(on_deck(f64::INFINITY, true, 0.0), State::StandDown);
     assert_eq!(on_deck(f64::INFINITY, false, 0.0), State::ClimbOut);
     assert_eq!(on_deck(0.05, true, -2.0), State::ClimbOut);
-    // Its report is old where nothing tells of the deck, or wrong where the feet had left it.
+    // Its report is old where nothing reports the deck, or wrong where the feet had left it.
     let mut s = low(0.05, true, 0.0);
     assert_eq!(restored_in(State::TakeOff, true, &s).0, State::ClimbOut);
     s.deck = None;

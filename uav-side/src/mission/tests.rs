@@ -382,8 +382,8 @@ fn approach_conditions() {
         dark: lamp.hides_tags(),
         ..dark(0.1)
     };
-    let words = blinded.dark.unwrap().to_string();
-    assert!(words.starts_with("blinded") && words.contains("1.4 %"), "{words}");
+    let text = blinded.dark.unwrap().to_string();
+    assert!(text.starts_with("blinded") && text.contains("1.4 %"), "{text}");
     assert_eq!(CameraLight::default().hides_tags(), None);
     waits(&d, GetAltitude, OffHeight);
     goes(&step(climb, &high), Approach, HeightReached);

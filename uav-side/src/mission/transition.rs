@@ -68,13 +68,13 @@ pub fn decide(
         progress.cycles.follow(before.state(), phase.state(), why);
     }
     let completes = progress.stopped && phase.state().phase() == Phase::Landing;
-    let refused = (progress.refused)
-        .and_then(|refused| refused.shown(s.now))
+    let rejected = (progress.rejected)
+        .and_then(|order| order.shown(s.now))
         .filter(|_| waiting.code != ReasonCode::HandsOver);
     let waiting = if completes {
         ReasonCode::CompletesLanding.into()
     } else {
-        refused.unwrap_or(waiting)
+        rejected.unwrap_or(waiting)
     };
     Decision {
         phase,
@@ -243,7 +243,7 @@ fn after_lapse(progress: &mut Progress, s: &Situation) {
 }
 
 /// The end of a sortie by what is left of the battery, or because the autopilot's own mission is done: the drone lands as if
-/// that had been ordered. Where a person flies, or the
+/// that had been ordered. Where the pilot flies, or the
 /// autopilot its own mission, the order waits for the drone; who stopped a landing is asked first, as for any low battery.
 fn turn_back(
     phase: MissionPhase,
@@ -279,7 +279,7 @@ fn interrupt(
     progress.overruled &= s.motors_stopped;
     if s.flight == ControlState::Disarmed && progress.sortie {
         progress.sortie = false;
-        // Elsewhere than on the deck, as far as this mission has seen it.
+        // Elsewhere than on the deck, as far as this mission has observed.
         if !matches!(phase, MissionPhase::Landed { .. }) {
             progress.cycles.end(ReasonCode::NotOnDeck.into());
         }
@@ -337,7 +337,7 @@ fn commanded(
     c: &MissionConfig,
 ) -> Option<Transition> {
     let gives_up = matches!(phase, MissionPhase::GaveUp { .. });
-    progress.refused = None;
+    progress.rejected = None;
     match command {
         CommandKind::Abort | CommandKind::Hold => {
             let aborts = command == CommandKind::Abort;
@@ -376,7 +376,7 @@ fn commanded(
                 return None;
             }
             if let Some(why) = s.held_back() {
-                // A landing that is completed in any case is not refused.
+                // A landing that is completed in any case is not rejected.
                 return (!stopped).then(|| phase.enter(why));
             }
             progress.landing = true;
@@ -387,8 +387,8 @@ fn commanded(
             progress.deck_declined = false;
             progress.ordered_below = s.battery.filter(|b| *b < s.battery_reserve);
             progress.low_battery = progress.ordered_below.map(|_| BatteryPlace::Deck);
-            let anew = gives_up || phase.station().is_some();
-            anew.then(|| holding(HoldCause::Data, s, c).enter(ReasonCode::Commanded))
+            let restarts = gives_up || phase.station().is_some();
+            restarts.then(|| holding(HoldCause::Data, s, c).enter(ReasonCode::Commanded))
         }
         CommandKind::TakeOff => take_off::commanded(phase, progress, s, c),
         CommandKind::Station(station) => station::commanded(phase, progress, station, s, c),

@@ -9,7 +9,7 @@ use super::phase::{HoldCause, MissionPhase, Progress, Transition, holding, lasti
 use super::situation::{ControlState, Situation};
 use crate::mission_config::MissionConfig;
 
-/// A charge counts as that of a drone that is ready once it has lasted so long, s: a gauge settles after a flight.
+/// A charge counts as that of a drone that is ready once it has lasted so long, s: a gauge recovers after a flight.
 const CHARGED_S: f64 = 30.0;
 /// The autopilot is in its own mission within this time, s: three commands a second apart, and their answers.
 const HAND_OVER_S: f64 = 8.0;

@@ -402,7 +402,7 @@ fn hard_contact_by_speed_and_impact() {
     assert_eq!(met(2.6, 0.05, 1.0), None, "nothing was met");
 }
 
-/// A drone that takes its lean off in a strong wind, low over the deck: the air carries more and more of it.
+/// A drone that levels its tilt in a strong wind, low over the deck: the air carries more and more of it.
 #[test]
 fn excess_of_the_air_and_of_a_deck() {
     // Whether a contact is suspected 0.5 s after the excess (m/s²) began.

@@ -8,7 +8,7 @@
 //! A drone in the air begins to fall instead, shows no excess, and the suspicion is dropped.
 //!
 //! Air carries, too: its cushion over the deck, drag on the way down, and in wind the drag along the rotors' axis, which changes as
-//! a leaning drone aligns with the deck. That comes more slowly than a deck does, so the excess is what exceeds the mean of the
+//! a tilted drone aligns with the deck. That comes more slowly than a deck does, so the excess is what exceeds the mean of the
 //! last [`AIR_TIME_S`] in the air.
 //!
 //! No thrust is cut on one witness alone. An impact or an excess counts near the deck by rangefinder and forecast; resting at
@@ -163,7 +163,7 @@ const READINGS: usize = 32;
 const MEDIAN: usize = 5;
 /// Time constant of the sustained excess, s: three samples of odometry.
 const EXCESS_TIME_S: f64 = 0.03;
-/// What the air carries is the mean over this time, s: a lean of 20 deg is taken off in 0.4 s.
+/// What the air carries is the mean over this time, s: a tilt of 20 deg is levelled in 0.4 s.
 const AIR_TIME_S: f64 = 0.3;
 /// Air carries no more, m/s²: drag of 4 m/s² along rotors that turned by 30 deg.
 const MAX_AIR_MPS2: f64 = 2.0;

@@ -1,5 +1,5 @@
 //! Where the vessel is by its beacon, or by what was known of it last: place and velocity of each horizontal axis by a Kalman
-//! filter, with the beacon's slow error beside it, which the camera measures once it sees the deck.
+//! filter, with the beacon's slow error in addition, which the camera measures once it detects the deck.
 //!
 //! ```text
 //! x = (q, v),  q' = v,  v' = w          the place as the beacon has it, and its velocity
@@ -40,7 +40,7 @@ const REPLACED_AFTER_S: f64 = 3.0;
 /// One that goes on is replaced by one that errs by this share of its error, half of the variance: velocity and offset of the
 /// track are lost with it, and two that err alike do not take turns.
 const MORE_EXACT: f64 = 0.7;
-/// A vessel of which nothing is received or seen any more is where its last velocity brings it for so long, s: of one that lies
+/// A vessel of which nothing is received or detected any more is where its last velocity brings it for so long, s: of one that lies
 /// still more than a search reaches is possible by then.
 const LAST_KNOWN_S: f64 = 300.0;
 /// Below this speed a course is no heading, m/s.
@@ -202,7 +202,7 @@ impl BeaconTrack {
             self.offset = Some((now, seen - at));
         }
     }
-    /// The autopilot's estimate has jumped: what was seen has moved with the drone, the beacon's place with the datum.
+    /// The autopilot's estimate has jumped: what was detected has moved with the drone, the beacon's place with the datum.
     pub(super) fn shift(&mut self, jump: &Jump) {
         if let Some((_, offset)) = &mut self.offset {
             *offset += jump.moved.xy() - jump.datum.xy();
@@ -357,8 +357,8 @@ mod tests {
         );
         for (speed, t) in [(0.0_f64, 0.0_f64), (0.0, 60.0), (2.0, 10.0), (2.0, 60.0)] {
             let walk = 0.02 + 0.1 * speed;
-            let grown = walk * (t.powi(3) / 3.0_f64).sqrt();
-            let expected = grown.hypot(0.1 * t).hypot(2.0_f64.sqrt()).hypot(1.0 / 3.0);
+            let propagated = walk * (t.powi(3) / 3.0_f64).sqrt();
+            let expected = propagated.hypot(0.1 * t).hypot(2.0_f64.sqrt()).hypot(1.0 / 3.0);
             let sd_m = at(speed, t).unwrap().sd_m;
             assert!((sd_m - expected).abs() < 0.01, "{speed} {t}: {sd_m} {expected}");
         }

@@ -491,7 +491,7 @@ fn apply(s: &mut State, o: &Observation, gate: f64, common: f64) -> u32 {
             }
         };
         let outlier = group.iter().any(|&i| {
-            // A figure that is none is one, too.
+            // An invalid value is an outlier, too.
             let beyond = |row, v, r| !(s[i].normalised_innovation(row, v, r) <= gate);
             o.value[i].is_some_and(|(v, r)| beyond(row(i), near(&s[i], i, v), r))
                 || o.rate[i].is_some_and(|(v, r)| beyond(MeasurementRow::Rate, v, r))

@@ -242,7 +242,7 @@ impl Horizon {
             a[i] += modes.acceleration[i];
         }
         let bent = mean[0][RATE].hypot(mean[1][RATE]) > STEERAGE_MPS;
-        // Of a vessel without way the mean rate of turn is no turn of hers.
+        // Of a vessel without way the mean rate of turn is not a turn of the vessel.
         let turn = if bent { mean[5][RATE] } else { 0.0 };
         let heel = TILT.map(|i| mean[i][MEAN]);
         r[TILT[0]] -= turn * heel[1];

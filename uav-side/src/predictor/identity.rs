@@ -10,13 +10,13 @@
 //!     + sum over tilt about north, about east and height of  n/2 ln((s1 + s2)² / (4 s1 s2)),  negative where s1 > s2
 //! ```
 //!
-//! The last are the ratios for normal figures of unknown variances `s`, of which the own deck's is the smaller one: they grow with the
+//! The last are the ratios for normal values of unknown variances `s`, of which the own deck's is the smaller one: they grow with the
 //! independent samples `n` only where the decks move apart, however much both err, and not by chance. A variance is that about
 //! the mean.
 //!
 //! `apart` is its distance from where radio or beacon places the vessel; `yaw`, `tilt` and `height` are what the camera sees less
 //! what the radio reports of the same time, the latter about its low-pass: the drone's own height
-//! drifts. From the height of an approach the height tells more than the tilt, which is seen to ten degrees there. Boats that lie side by side head alike, and still rock apart:
+//! drifts. From the height of an approach the height distinguishes more than the tilt, which is measured to ten degrees there. Boats that lie side by side head alike, and still rock apart:
 //! a wave reaches one before the other. What the camera's mount adds is the same for both, and in the mean. Until then none
 //! is followed, and the reason is given.
 
@@ -53,11 +53,11 @@ const MEMORY_S: f64 = 30.0;
 /// Without the radio a deck that was alone for so long is the one that is followed, s.
 const FOLLOWED_S: f64 = 2.0;
 /// A mean square in units of the stated variance is no smaller than this: by chance, or stated too large.
-const LEAST_VARIANCE: f64 = 0.05;
+const MIN_VARIANCE: f64 = 0.05;
 /// Samples of the tilt are taken so far apart, s: errors of successive images are not independent. So many of each deck are
 /// compared at least: half a wave.
 const SAMPLE_S: f64 = 0.2;
-/// Errors of the same sign last for so long, s, as do tags seen from one side and half a wave: so far apart two samples count as
+/// Errors of the same sign last for so long, s, as do tags viewed from one side and half a wave: so far apart two samples count as
 /// two.
 const INDEPENDENT_S: f64 = 3.0;
 /// No motion may speak so much against the deck that the others speak for, as a logarithm: they are of one hull.
@@ -120,7 +120,7 @@ impl Residual {
     fn over(&self, other: &Residual) -> f64 {
         let yaw = |r: &Residual| (r.mean.z / YAW_SD_RAD).powi(2);
         let n = self.n.min(other.n) * SAMPLE_S / INDEPENDENT_S;
-        let variance = |r: &Residual, i: usize| (r.squares[i] / r.n.max(1.0)).max(LEAST_VARIANCE);
+        let variance = |r: &Residual, i: usize| (r.squares[i] / r.n.max(1.0)).max(MIN_VARIANCE);
         let motion: [f64; 3] = core::array::from_fn(|i| {
             let (own, others) = (variance(self, i), variance(other, i));
             let ratio = (own + others).powi(2) / (4.0 * own * others);
@@ -146,7 +146,7 @@ struct Deck {
     apart_sd: Option<f64>,
     /// While others are in sight.
     residual: Residual,
-    /// The height as seen less the radio's, low-pass, while others are in sight, and of how many samples.
+    /// The height as measured less the radio's, low-pass, while others are detected, and of how many samples.
     level: Option<(f64, f64)>,
     /// Always, of the newest block of samples.
     block: Residual,
@@ -167,8 +167,8 @@ impl Deck {
             };
         }
     }
-    /// Takes a sample of tilt and height, m, to what tells it from others in sight.
-    fn tell_apart(
+    /// Takes a sample of tilt and height, m, to what distinguishes it from others detected.
+    fn distinguish(
         &mut self,
         at: Time<DroneClock>,
         r: Vector3<f64>,
@@ -314,7 +314,7 @@ impl Decks {
         }
         Some(k)
     }
-    /// Tilt and height of a deck that was seen against the radio's of the same time.
+    /// Tilt and height of a deck that was detected against the radio's of the same time.
     fn compare(&mut self, k: usize, o: &Observation) {
         let [
             ..,
@@ -344,7 +344,7 @@ impl Decks {
         let variances = [vn, ve].map(|v| v + 2.0 * TILT_SD_RAD.powi(2));
         if several && due(&deck.residual) {
             let height = (down - report.w, vd + HEAVE_SD_M * HEAVE_SD_M);
-            deck.tell_apart(o.at, r, variances, height);
+            deck.distinguish(o.at, r, variances, height);
         }
         if due(&deck.block) {
             deck.judge(o.at, r, variances);
@@ -453,10 +453,10 @@ mod tests {
     }
     /// The verdict on each of two decks after `seconds`, 3 m from each other; with or without the radio.
     fn side_by_side(seconds: f64, radio: bool, later_s: f64) -> ([Verdict; 2], Decks) {
-        seen_to(0.02, seconds, radio, later_s)
+        with_tilt_sd(0.02, seconds, radio, later_s)
     }
-    /// The same where a tag's tilt is seen to so much, rad.
-    fn seen_to(tilt_sd: f64, seconds: f64, radio: bool, later_s: f64) -> ([Verdict; 2], Decks) {
+    /// The same verdicts where a tag's tilt has this standard deviation, rad.
+    fn with_tilt_sd(tilt_sd: f64, seconds: f64, radio: bool, later_s: f64) -> ([Verdict; 2], Decks) {
         let mut decks = Decks::default();
         let mut verdicts = [Verdict::Own; 2];
         for k in 0..(seconds * 30.0) as u32 {
@@ -501,11 +501,14 @@ mod tests {
         assert_eq!(decks.undecided(Time::from_secs(30.0)), 2);
     }
 
-    /// From 15 m a tag's tilt is seen to ten degrees: the height tells them apart.
+    /// From 15 m a tag's tilt is measured to ten degrees: the height distinguishes them.
     #[test]
     fn own_deck_by_its_heave() {
-        assert_eq!(seen_to(0.17, 360.0, true, 0.4).0, [Verdict::Own, Verdict::Other]);
-        assert_eq!(seen_to(0.17, 30.0, true, 0.0).0, [Verdict::Several(2); 2]);
+        assert_eq!(
+            with_tilt_sd(0.17, 360.0, true, 0.4).0,
+            [Verdict::Own, Verdict::Other]
+        );
+        assert_eq!(with_tilt_sd(0.17, 30.0, true, 0.0).0, [Verdict::Several(2); 2]);
     }
 
     /// One deck alone that rocks by 7 deg as the radio reports, or half a period later.

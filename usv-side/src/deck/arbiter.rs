@@ -64,7 +64,7 @@ const MIN_ALTERNATIONS: u32 = 2;
 /// crew has time to look.
 const LOW_BATTERY: f64 = 0.3;
 
-/// The crew's word that a drone may take off.
+/// The crew's clearance that a drone may take off.
 #[derive(Clone, Copy, Debug)]
 struct Clearance {
     drone: u32,
@@ -173,13 +173,13 @@ fn wants_steady(status: &DroneStatus) -> bool {
     waits || moves
 }
 
-/// Between these two states of a drone its take-off ended: whoever goes to it then meets no second one by the word for the first.
+/// Between these two states of a drone its take-off ended: whoever goes to it then meets no second one by the clearance for the first.
 /// One whose countdown is stopped by a check goes on.
 fn ends_take_off(before: State, now: State) -> bool {
     before.is_take_off() && !now.is_take_off() || stops_take_off(before, now)
 }
-/// Between these two states of a drone its take-off was stopped on the deck: somebody may walk up to it, and a word that stands
-/// is to be given anew.
+/// Between these two states of a drone its take-off was stopped on the deck: the crew may walk up to it, and a standing clearance
+/// is to be given again.
 fn stops_take_off(before: State, now: State) -> bool {
     let counted = matches!(before, State::Countdown | State::SpinUp) && !now.is_take_off();
     counted || now == State::StandDown && before != now
@@ -196,7 +196,7 @@ pub struct ArbiterIn {
     pub inputs: DeckInputs,
     /// Where the handshake about the helm stands.
     pub helm: HelmStatus,
-    /// By its end the vessel turns back to the course of her own autopilot.
+    /// By its end the vessel turns back to the course of its own autopilot.
     pub turns_back: bool,
     /// At the first step, that of the former start.
     pub checkpoint: Option<DeckCheckpoint>,
@@ -558,7 +558,7 @@ impl DeckArbiter {
         assigned.map(|d| d.header.drone)
     }
 
-    /// The crew's word for one drone; it takes the place of its former one.
+    /// The crew's clearance for one drone; it replaces its former one.
     fn clear_for(&mut self, clearance: Clearance) {
         self.cleared.retain(|c| c.drone != clearance.drone);
         if self.cleared.len() < MAX_DRONES {
@@ -576,7 +576,7 @@ impl DeckArbiter {
         let clears = self.cleared.iter().find(|c| Some(c.drone) == named);
         let clears = clears.map(|c| c.drone);
         if let Some(left) = self.leaves.filter(|left| Some(*left) != clears) {
-            // It has left: a word that does not stand was for one take-off.
+            // It has left: a clearance that does not stand was for one take-off.
             self.cleared.retain(|c| c.drone != left || c.until.is_none());
         }
         self.leaves = clears;

@@ -526,7 +526,7 @@ mod tests {
         }
     }
 
-    /// A drone that climbs out goes on to a hold in any case: whether it was stopped, its state does not tell.
+    /// A drone that climbs out goes on to a hold in any case: whether it was stopped, its state does not show.
     #[test]
     fn hold_while_the_drone_climbs_out() {
         let mut relay = OperatorRelay::new(1, 9);

@@ -22,7 +22,7 @@ pub(super) struct StatedCourse {
     pub(super) switch: Option<Reading>,
     /// Where the handshake about the helm stands.
     pub(super) helm: HelmStatus,
-    /// She turns back to the course of her own autopilot.
+    /// It turns back to the course of its own autopilot.
     pub(super) turns_back: bool,
     ordered: Ordered,
 }

@@ -54,7 +54,7 @@ impl Autopilot {
             Autopilot::Nmea(link) => link.send(now, command),
         }
     }
-    /// It takes the mode within this, or denies it: by itself, or by the hand of a skipper who has just said yes.
+    /// It takes the mode within this, or denies it: by itself, or by the hand of a skipper who has just agreed.
     pub(super) fn engages_within(&self) -> Span {
         match self {
             Autopilot::None | Autopilot::Mavlink(_) => Span::from_millis(6000),

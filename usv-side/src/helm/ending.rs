@@ -1,6 +1,6 @@
 //! How a helm ends: back to the former course and to the former mode, or to the mode at once.
 //!
-//! The mode that is given back is the one that a person wants: that of before, or a newer one that he, or a failsafe, has set
+//! The mode that is given back is the one that the skipper wants: that of before, or a newer one that he, or a failsafe, has set
 //! while a request of ours may still have been on its way.
 
 use alight_shared::msg::{HelmEnd, MAX_HELM_TURN_S};
@@ -15,24 +15,24 @@ const GIVE_BACK: Span = Span::from_millis(10_000);
 /// A request of a mode is taken within this, and the next report shows it: a report that is older by less may be of before.
 const LATENCY: Span = Span::from_millis(2000);
 /// What a former start left is given back where that was no longer ago, s: a process that crashed is started again within
-/// seconds, and of a boat that has lain for longer nobody knows who set her mode.
+/// seconds, and of a boat that has lain for longer it is unknown who set its mode.
 const LEFT_S: f64 = 60.0;
-/// A boat that is given back shows whether she turns within this, as after any command ([`super::response`]).
+/// A boat that is given back shows whether it turns within this, as after any command ([`super::response`]).
 const SHOWS: Span = Span::from_millis(6000);
-/// From then on she is at rest once she turns more slowly, rad/s (1.5 deg/s), and after this at the latest.
+/// From then on it is at rest once it turns more slowly, rad/s (1.5 deg/s), and after this at the latest.
 const AT_REST_RADPS: f64 = 0.026;
-const SETTLES: Span = Span::from_millis(60_000);
+const AT_REST_WITHIN: Span = Span::from_millis(60_000);
 
 /// How the giving back of a mode stands.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum GivingBack {
     GoesOn,
-    /// Given back, or never taken, or a person has chosen another meanwhile.
+    /// Given back, or never taken, or the skipper has chosen another meanwhile.
     Done,
     Failed,
 }
 
-/// What is given back where the autopilot reports this: a mode that is not ours is the newest that somebody wants.
+/// What is given back where the autopilot reports this: a mode that is not ours is the newest that the skipper wants.
 fn newest(former: HelmCheckpoint, r: &ReadBack) -> HelmCheckpoint {
     HelmCheckpoint {
         mode: r.mode.filter(|_| r.present && !r.is_ours).or(former.mode),
@@ -41,7 +41,7 @@ fn newest(former: HelmCheckpoint, r: &ReadBack) -> HelmCheckpoint {
 }
 
 impl HelmNode {
-    /// What a former start left, where a boat is steered: an old mode is a person's affair.
+    /// What a former start left, where a boat is steered: an old mode is the skipper's affair.
     pub(super) fn found(now: Time<VesselClock>, former: HelmCheckpoint) -> Phase {
         let is_new = (0.0..=LEFT_S).contains(&(now - former.at).secs());
         Phase::Withdrawn {
@@ -53,7 +53,7 @@ impl HelmNode {
             former: is_new.then_some(former),
         }
     }
-    /// Withdrawn; what was before is given back unless nothing was commanded yet, or a person has chosen a mode and no request
+    /// Withdrawn; what was before is given back unless nothing was commanded yet, or the skipper has chosen a mode and no request
     /// of ours can be on its way.
     pub(super) fn withdraw(v: &View<'_>, why: HelmEnd, s: &Steering) -> Phase {
         let commanded = s.engaged || v.now - s.since > LEAD;
@@ -65,7 +65,7 @@ impl HelmNode {
         }
     }
     /// What was before is given back once; a landing that goes on is not asked for again, nor is any while the boat may be in
-    /// the mode that she was to leave.
+    /// the mode that it was to leave.
     pub(super) fn withdrawn(
         &self,
         v: &View<'_>,
@@ -90,8 +90,8 @@ impl HelmNode {
     /// its report shows another mode for good only once it is later by [`LATENCY`].
     fn giving_back(v: &View<'_>, since: Time<VesselClock>, former: &HelmCheckpoint) -> GivingBack {
         let r = &v.read_back;
-        let settled = r.reported.is_some_and(|at| at - since > LATENCY);
-        if former.mode.is_none() || settled && r.present && !r.is_ours {
+        let latest = r.reported.is_some_and(|at| at - since > LATENCY);
+        if former.mode.is_none() || latest && r.present && !r.is_ours {
             GivingBack::Done
         } else if v.now - since > GIVE_BACK {
             GivingBack::Failed
@@ -100,8 +100,8 @@ impl HelmNode {
         }
     }
 
-    /// Back to the former course, as fast as before, or as now where that is beyond the limits. Given back as she goes is a
-    /// boat that never was ours, one that would not answer her rudder because she was slower than the lowest speed, and one
+    /// Back to the former course, as fast as before, or as now where that is beyond the limits. Given back as it goes is a
+    /// boat that never was ours, one that would not answer its rudder because it was slower than the lowest speed, and one
     /// whose way back leads through a keep-out sector or into one.
     pub(super) fn return_to_former(&self, v: &View<'_>, mut s: Steering) -> Phase {
         let Some(motion) = v.motion else {
@@ -166,8 +166,8 @@ impl HelmNode {
         }
     }
 
-    /// When she was steered last, while she may yet turn to the course of her own autopilot.
-    pub(super) fn settles(&self, v: &View<'_>) -> Option<Time<VesselClock>> {
+    /// When it was steered last, while it may yet turn to the course of its own autopilot.
+    pub(super) fn coming_to_rest(&self, v: &View<'_>) -> Option<Time<VesselClock>> {
         let steered = match &self.phase {
             Phase::Idle | Phase::Asked { .. } => false,
             Phase::Steering(s) => s.engaged,
@@ -177,9 +177,9 @@ impl HelmNode {
         if steered {
             return Some(v.now);
         }
-        let since = self.settling?;
+        let since = self.coming_to_rest?;
         let turns = v.motion.is_none_or(|m| m.rate_radps.abs() > AT_REST_RADPS);
         let given = v.now - since;
-        (given <= SHOWS || turns && given <= SETTLES).then_some(since)
+        (given <= SHOWS || turns && given <= AT_REST_WITHIN).then_some(since)
     }
 }

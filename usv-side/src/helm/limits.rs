@@ -11,7 +11,7 @@ const STEP_RAD: f64 = core::f64::consts::PI / 180.0;
 const WORTH_RAD: f64 = 0.175;
 const WORTH_MPS: f64 = 0.5;
 /// Where there are keep-out sectors, no larger turn, rad (150 deg): an autopilot may take a half turn by the other way, whose
-/// sectors nobody has looked at.
+/// sectors were not checked.
 const SURE_TURN_RAD: f64 = 2.62;
 
 impl HelmConfig {

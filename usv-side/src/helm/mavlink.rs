@@ -124,7 +124,7 @@ impl MavlinkHelm {
             }
         }
     }
-    /// An acknowledgement names us (MAVLink 2), or nobody (MAVLink 1): on a link with a router others get theirs, too.
+    /// An acknowledgement names us (MAVLink 2), or no one (MAVLink 1): on a link with a router others get theirs, too.
     fn is_for_us(&self, acknowledgement: &Fields<'_>) -> bool {
         let (system, component) = (acknowledgement.u8(8), acknowledgement.u8(9));
         system == 0 || Some(system) == self.systems.own() && [0, COMPANION].contains(&component)

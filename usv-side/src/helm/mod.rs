@@ -4,12 +4,12 @@
 //! A handshake of drone, skipper and boat ([`HelmState`]): `Idle` -> `Asked` (a drone comes for the deck, and another course
 //! is worth it) -> `Agreed` (he said yes: she turns) -> `Steady` (she is on the course) -> `Done` (the landing is over: she
 //! goes back) -> `Idle`. Anything else ends in `Withdrawn` until that landing is over: a refusal, no answer, a hand on the
-//! helm ([`response`]), another mode of the boat's autopilot, a lost link, a boat that does not settle. Without an answer a
+//! helm ([`response`]), another mode of the boat's autopilot, a lost link, a boat that does not become steady. Without an answer a
 //! drone lands as it does on a boat that is not steered.
 //!
-//! A question is about one course: where the limits permit it no more from where she is, it ends, and another is asked. A yes
+//! A question is about one course: where the limits permit it no more from where the boat is, it ends, and another is asked. A yes
 //! names the course that it answers. A descent is never turned under: one that begins before the boat's autopilot has taken
-//! the helm ends it, and one that begins before she is steady, or on her way back, makes the present course the one that is
+//! the helm ends it, and one that begins before the boat is steady, or on its way back, makes the present course the one that is
 //! kept.
 
 mod autopilot;
@@ -39,9 +39,9 @@ use crate::demand::Demand;
 
 /// The skipper is asked for so long.
 const ANSWER: Span = Span::from_millis(60_000);
-/// The lamp is out for so long before each question, and a switch answers none that is newer: a person needs it to see that
+/// The lamp is out for so long before each question, and a switch answers none that is newer: the skipper needs it to recognise that
 /// this question is another.
-const SEEN: Span = Span::from_millis(3000);
+const RECOGNISED: Span = Span::from_millis(3000);
 /// No command is given for so long after his yes: three statuses of a drone that may just have begun its descent.
 const LEAD: Span = Span::from_millis(1500);
 /// A landing is over when no drone has asked for the deck for so long: one that breaks off comes again.
@@ -116,7 +116,7 @@ pub struct HelmOut {
 /// What was before the vessel was steered; it outlives the process.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HelmCheckpoint {
-    /// She was steered then.
+    /// It was steered then.
     pub at: Time<VesselClock>,
     /// Custom mode of the boat's autopilot, where it reports one.
     pub mode: Option<u32>,
@@ -172,8 +172,8 @@ pub struct HelmNode {
     switch: ConsentSwitch,
     /// Time of the checkpoint.
     kept_at: Option<Time<VesselClock>>,
-    /// When she was steered last, until she has come to rest on the course of her own autopilot.
-    settling: Option<Time<VesselClock>>,
+    /// When it was steered last, until it has come to rest on the course of its own autopilot.
+    coming_to_rest: Option<Time<VesselClock>>,
 }
 
 /// What a step looks at.
@@ -198,7 +198,7 @@ impl HelmNode {
             stands: None,
             switch: ConsentSwitch::default(),
             kept_at: None,
-            settling: None,
+            coming_to_rest: None,
         }
     }
     /// MAVLink frames are signed with this key.
@@ -209,7 +209,7 @@ impl HelmNode {
     pub fn is_silent(&self, now: Time<VesselClock>) -> bool {
         self.config.output != HelmOutput::None && !self.autopilot.read_back(now).present
     }
-    /// The boat's autopilot is in the mode in which it takes set-points, ours or somebody else's.
+    /// The boat's autopilot is in the mode in which it takes set-points, ours or another system's.
     pub fn is_steered(&self, now: Time<VesselClock>) -> bool {
         self.autopilot.read_back(now).is_steered()
     }
@@ -229,14 +229,14 @@ impl HelmNode {
     /// The skipper is asked, and has had the time to see it.
     pub fn asks_by_lamp(&self, now: Time<VesselClock>) -> bool {
         match &self.phase {
-            Phase::Asked { since, .. } => now - *since > SEEN,
+            Phase::Asked { since, .. } => now - *since > RECOGNISED,
             Phase::Idle | Phase::Steering(_) | Phase::Returning { .. } | Phase::Withdrawn { .. } => false,
         }
     }
-    /// She is given back, or was a moment ago, and turns to the course of her own autopilot.
+    /// It is given back, or was a moment ago, and turns to the course of its own autopilot.
     pub fn turns_back(&self) -> bool {
         match &self.phase {
-            Phase::Idle | Phase::Asked { .. } | Phase::Withdrawn { .. } => self.settling.is_some(),
+            Phase::Idle | Phase::Asked { .. } | Phase::Withdrawn { .. } => self.coming_to_rest.is_some(),
             Phase::Steering(_) | Phase::Returning { .. } => false,
         }
     }
@@ -262,16 +262,16 @@ impl HelmNode {
         self.stands = stands.then(|| self.stands.unwrap_or(now));
     }
     /// The skipper's newest answer, by order or by his switch; of two a no. A yes to another course than the one that is
-    /// asked is none, nor is that of a switch to a question that he cannot have seen.
+    /// asked is not one, nor is that of a switch to a question that he cannot have recognised.
     fn answer(&mut self, now: Time<VesselClock>, input: &HelmIn) -> Option<bool> {
-        let (asked, seen) = (self.status().asked(), self.asks_by_lamp(now));
+        let (asked, shown) = (self.status().asked(), self.asks_by_lamp(now));
         let counts = |answer: &HelmAnswer| match answer {
             HelmAnswer::Yes(course) => (asked == Some(*course)).then_some(true),
             HelmAnswer::No => Some(false),
         };
         let ordered = input.answers.iter().rev().find_map(counts);
         let switched = self.switch.answer(now, input.consent);
-        let switched = switched.filter(|yes| seen || !yes);
+        let switched = switched.filter(|yes| shown || !yes);
         ordered.into_iter().chain(switched).reduce(|a, b| a && b)
     }
 
@@ -374,7 +374,7 @@ impl HelmNode {
         let (r, demand) = (&v.read_back, v.input.demand);
         let late = steered > self.autopilot.engages_within();
         let too_long = demand == Demand::Comes && steered > MAX_STEERING;
-        // Before it is ours, too, a person or a failsafe may set another.
+        // Before it is ours, too, the skipper or a failsafe may set another.
         let changed = !r.is_ours && (s.engaged || r.mode.is_some() && r.mode != s.former.mode);
         [
             (v.input.ends, HelmEnd::Restarted),
@@ -424,7 +424,7 @@ impl HelmNode {
             self.keep(v.now, &mut s, &motion);
         }
         let late = (v.now - s.since).secs() > f64::from(MAX_HELM_TURN_S);
-        s.steady |= s.engaged && (s.response.is_steady(v.now) || late && s.response.is_settled());
+        s.steady |= s.engaged && (s.response.is_steady(v.now) || late && s.response.is_steady_on_average());
         match s.engaged && late && !s.steady {
             true => Self::withdraw(v, HelmEnd::NotSettled, &s),
             false => Phase::Steering(s),
@@ -514,7 +514,7 @@ impl Node for HelmNode {
             input,
         };
         self.phase = self.next(&view);
-        self.settling = self.settles(&view);
+        self.coming_to_rest = self.coming_to_rest(&view);
         self.kept_at = self.kept_at.filter(|at| now - *at < REFRESH).or(Some(now));
         let command = self.command(now);
         HelmOut {

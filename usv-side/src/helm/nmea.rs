@@ -33,7 +33,7 @@ enum Steers {
     Hand,
     /// Our sentences, in track or heading control.
     Sentences,
-    /// Itself, as its skipper has set it, or nobody.
+    /// Itself, as its skipper has set it, or none.
     Itself,
 }
 

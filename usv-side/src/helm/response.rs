@@ -25,7 +25,7 @@ const LASTS_S: f64 = 2.5;
 /// Steady: heading (rad, 6 deg), speed (m/s) and rate of turn (rad/s, 1.5 deg/s) are within these for so long, s.
 const STEADY: [f64; 3] = [0.105, 0.6, 0.026];
 const STEADY_S: f64 = 2.0;
-/// A boat that yaws and surges in waves is never so for two seconds: on the course she is by the average of a few waves, s.
+/// A boat that yaws and surges in waves is never so for two seconds: it is on the course by the average of a few waves, s.
 const FEW_WAVES_S: f64 = 10.0;
 
 /// A command that a boat follows.
@@ -116,7 +116,7 @@ impl Response {
         self.steady.is_some_and(|since| (now - since).secs() >= STEADY_S)
     }
     /// By the average of a few waves it is on the course.
-    pub(super) fn is_settled(&self) -> bool {
+    pub(super) fn is_steady_on_average(&self) -> bool {
         self.mean
             .iter()
             .zip(STEADY)
@@ -166,7 +166,7 @@ mod tests {
             likelihood: None,
             slope_sd: None,
         };
-        // Steady, and settled, after a minute, where it moves so (yaw in waves: amplitude, rad) about so many deg.
+        // Steady, and steady on average, after a minute, where it moves so (yaw in waves: amplitude, rad) about so many deg.
         let judged = |deg: f64, yaw_rad: f64| {
             let at = |t: f64| BoatMotion {
                 heading_rad: deg.to_radians() + yaw_rad * (1.3 * t).sin(),
@@ -178,7 +178,7 @@ mod tests {
             times.for_each(|t| response.observe(Time::EPOCH + Span::from_secs(t), &at(t)));
             let now = Time::EPOCH + Span::from_secs(60.0);
             assert!(!response.is_violated(now));
-            (response.is_steady(now), response.is_settled())
+            (response.is_steady(now), response.is_steady_on_average())
         };
         assert_eq!(judged(1.0, 0.0), (true, true));
         assert_eq!(judged(1.0, 0.14), (false, true), "it yaws about the course");

@@ -340,7 +340,7 @@ fn yes_to_another_question() {
     assert_ne!(b.asked(), read);
     assert_eq!(b.step_answered(vec![HelmAnswer::Yes(read)]).state, Asked);
     assert_eq!(b.step_with(vec![true]).state, HelmState::Agreed);
-    // He cannot have seen by the lamp that this question is another.
+    // He cannot have recognised by the lamp that this question is another.
     let mut b = Bench::new();
     b.run(2.0);
     assert!(!b.node.asks_by_lamp(b.now()));

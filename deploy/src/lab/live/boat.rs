@@ -41,7 +41,7 @@ pub struct BoatLink {
 }
 
 impl BoatLink {
-    /// It sends to where the vessel's helm listens; nobody may yet.
+    /// It sends to where the vessel's helm listens, which may not have started yet.
     pub fn open(helm: &str) -> Result<BoatLink, CliError> {
         Ok(BoatLink {
             socket: dial(helm).doing(format_args!("sending the boat's MAVLink to {helm}"))?,
@@ -57,7 +57,7 @@ impl BoatLink {
         physics.steer_to(self.autopilot.steers_to(t));
         let sent = self.autopilot.sent(t);
         if !sent.is_empty() {
-            let _unheard = self.socket.send(&sent);
+            let _undelivered = self.socket.send(&sent);
         }
     }
 }
@@ -89,7 +89,7 @@ mod tests {
         assert_eq!((own.output, at), (HelmOutput::None, None));
     }
 
-    /// The vessel's helm hears the boat's autopilot over the loopback, and no vessel is steered by it before a consent.
+    /// The vessel's helm receives the boat's autopilot over the loopback, and no vessel is steered by it before a consent.
     #[test]
     fn boats_autopilot_on_the_link_of_the_helm() {
         let vessel = UdpSocket::bind("127.0.0.1:0").unwrap();

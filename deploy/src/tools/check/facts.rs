@@ -132,7 +132,7 @@ pub struct AutopilotReport {
     pub origin: Option<Datum>,
     /// Height of the sea above the ellipsoid by its receiver, m.
     pub geoid_m: Option<f64>,
-    /// Its system and another vehicle's, whose autopilot is heard while none is configured.
+    /// Its system and another vehicle's, whose autopilot is received while none is configured.
     pub several: Option<[u8; 2]>,
 }
 

@@ -18,14 +18,14 @@ const LISTEN: Duration = Duration::from_millis(3200);
 /// Time between two looks at the link.
 const ROUND: Duration = Duration::from_millis(20);
 
-/// What is known of the boat's autopilot; None where no helm is configured. Beside a process that runs, as that reports it:
+/// What is known of the boat's autopilot; None where no helm is configured. Next to a process that runs, as that reports it:
 /// its link is not another reader's.
-pub fn of(v: &VesselComputer, seen: Option<&Snapshot>) -> Option<HelmCheck> {
+pub fn of(v: &VesselComputer, snapshot: Option<&Snapshot>) -> Option<HelmCheck> {
     let helm = &v.vessel.helm;
-    let report = match (helm.output, seen) {
+    let report = match (helm.output, snapshot) {
         (HelmOutput::None, _) => return None,
-        (_, Some(seen)) => {
-            let status = (*seen.vessel)?;
+        (_, Some(snapshot)) => {
+            let status = (*snapshot.vessel)?;
             status
                 .deck
                 .helm_error
@@ -77,7 +77,7 @@ pub fn judge(found: &HelmCheck) -> Finding {
         Err(why) => TOPIC.warning(why.as_str(), REMEDY),
         Ok(HelmReport::SteeredAlready) => TOPIC.warning(
             format!(
-                "{at}: the boat's autopilot is in GUIDED or OFFBOARD already: somebody else steers by it"
+                "{at}: the boat's autopilot is in GUIDED or OFFBOARD already: another computer steers by it"
             ),
             "set the mode that it is to be given back to; until then the skipper is not asked (docs/helm.md)",
         ),
@@ -147,8 +147,9 @@ mod tests {
                 let mut autopilot = BoatAutopilot::default();
                 autopilot.mode = mode;
                 for k in 0..1000 {
-                    // Nobody may listen yet.
-                    let _unheard = boat.send_to(&autopilot.sent(Time::from_secs(0.05 * f64::from(k))), free);
+                    // The link may not be open yet.
+                    let _undelivered =
+                        boat.send_to(&autopilot.sent(Time::from_secs(0.05 * f64::from(k))), free);
                     if ends.recv_timeout(Duration::from_millis(10)) != Err(RecvTimeoutError::Timeout) {
                         break;
                     }
@@ -164,15 +165,15 @@ mod tests {
     #[test]
     fn helm_check_beside_a_running_vessel() {
         let v = computer(HelmOutput::Mavlink, "serial:///dev/ttyUSB1:57600");
-        let mut seen = Snapshot::default();
-        assert_eq!(of(&v, Some(&seen)), None, "nothing is reported yet");
-        seen.vessel = VesselStatus::default().into();
-        assert_eq!(of(&v, Some(&seen)).unwrap().report, Ok(HelmReport::Held));
+        let mut snapshot = Snapshot::default();
+        assert_eq!(of(&v, Some(&snapshot)), None, "nothing is reported yet");
+        snapshot.vessel = VesselStatus::default().into();
+        assert_eq!(of(&v, Some(&snapshot)).unwrap().report, Ok(HelmReport::Held));
         let mut status = VesselStatus::default();
         status.deck.helm_error = Some("no heartbeat of a boat's autopilot comes".into());
-        seen.vessel = status.into();
+        snapshot.vessel = status.into();
         assert!(
-            judge(&of(&v, Some(&seen)).unwrap())
+            judge(&of(&v, Some(&snapshot)).unwrap())
                 .found
                 .contains("no heartbeat")
         );

@@ -323,10 +323,10 @@ fn signing(check: &SigningCheck) -> Option<Finding> {
     }
 }
 
-/// Nothing says which of two autopilots is the drone's own.
+/// Which of two autopilots is the drone's own is not configured.
 fn several_autopilots([first, other]: [u8; 2]) -> Finding {
     Topic("autopilot").stopping(
-        format!("autopilots of two vehicles, {first} and {other}, are heard: nothing is begun"),
+        format!("autopilots of two vehicles, {first} and {other}, are received: nothing is begun"),
         "set autopilot.vehicle to the number of this drone's own (PX4 MAV_SYS_ID, ArduPilot SYSID_THISMAV)",
     )
 }

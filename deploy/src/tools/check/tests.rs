@@ -149,7 +149,7 @@ fn reported(name: &str, value: f64) -> Option<Option<AutopilotReport>> {
         several: None,
     }))
 }
-/// Two vehicles' are heard.
+/// Two vehicles' are received.
 fn several() -> Option<Option<AutopilotReport>> {
     let all = reported("none", 0.0)??;
     Some(Some(AutopilotReport {

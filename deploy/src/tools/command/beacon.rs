@@ -43,7 +43,7 @@ fn place(words: &[String]) -> Result<[f64; 2], CliError> {
     }
 }
 
-/// Velocity, north and east, m/s: nobody knows where a vessel goes whose course is not stated.
+/// Velocity, north and east, m/s: unknown for a vessel that moves and whose course is not stated.
 fn velocity(speed: Option<f64>, course: Option<f64>) -> Result<[f64; 2], CliError> {
     let speed_mps = speed.unwrap_or_default();
     if speed_mps != 0.0 && course.is_none() {
@@ -158,7 +158,7 @@ mod tests {
         assert_eq!(followed(&DeckForecast::default(), given), None);
     }
 
-    /// What cannot be, or could only be guessed, is refused: the most exact beacon replaces all others.
+    /// What cannot be, or could only be guessed, is rejected: the most exact beacon replaces all others.
     #[test]
     fn beacons_that_are_refused() {
         let given = |options: &str| {

@@ -1,4 +1,4 @@
-//! `alight command station`: a place beside the vessel for a while.
+//! `alight command station`: a place next to the vessel for a while.
 
 use alight_shared::msg::{MAX_STATION_HEIGHT_M, MAX_STATION_M, MAX_STATION_MIN, Station};
 use clap::Args;
@@ -71,15 +71,15 @@ mod tests {
         command: CommandArgs,
     }
 
-    fn read(words: &str) -> Option<CommandArgs> {
-        let line = Line::try_parse_from(format!("command {words}").split(' '));
+    fn read(arguments: &str) -> Option<CommandArgs> {
+        let line = Line::try_parse_from(format!("command {arguments}").split(' '));
         line.ok().map(|line| line.command)
     }
 
     #[test]
     fn station_as_ordered() {
-        let all = |words| {
-            let s = read(words).and_then(|args| ordered(&args).ok())?;
+        let all = |arguments| {
+            let s = read(arguments).and_then(|args| ordered(&args).ok())?;
             Some((s.height_m, s.ahead_m, s.right_m, s.for_min))
         };
         assert_eq!(all("station"), Some((15, 0, 20, 10)));

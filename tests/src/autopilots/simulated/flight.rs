@@ -252,7 +252,7 @@ impl Flight {
             self.received = None;
         }
         if mode == own_mission(self.firmware()) && mode != self.mode && self.own.is_complete() {
-            self.own.begin_anew();
+            self.own.begin_again();
         }
         self.chosen = mode;
         self.enter(mode, estimate);
@@ -268,7 +268,7 @@ impl Flight {
         self.armed = armed;
         if !armed {
             if self.firmware() == Firmware::ArduCopter {
-                self.own.begin_anew();
+                self.own.begin_again();
             }
             self.landed = LandedState::OnGround;
             self.rate_loop.reset();

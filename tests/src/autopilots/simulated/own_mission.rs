@@ -1,7 +1,7 @@
 //! The firmware's own mission (PX4 Mission, ArduCopter AUTO): places that it flies to in their order.
 //!
 //! PX4 goes to its Hold after the last one and reports the mission as complete until it is started again; ArduCopter stays in
-//! AUTO, hovers there, and begins anew after a disarm.
+//! AUTO, hovers there, and begins again after a disarm.
 
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::own_mission::COMPLETE;
@@ -32,7 +32,7 @@ impl OwnFlight {
     pub(super) fn is_empty(&self) -> bool {
         self.items.is_empty()
     }
-    pub(super) fn begin_anew(&mut self) {
+    pub(super) fn begin_again(&mut self) {
         self.next = 0;
     }
     pub(super) fn is_complete(&self) -> bool {

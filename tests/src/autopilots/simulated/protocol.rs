@@ -336,7 +336,7 @@ impl SimulatedAutopilot {
                 if self.flight.own.is_empty() {
                     return CommandResult::Denied;
                 }
-                self.flight.own.begin_anew();
+                self.flight.own.begin_again();
                 self.choose(own_mission(self.firmware()));
                 CommandResult::Accepted
             }

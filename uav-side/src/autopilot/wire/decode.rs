@@ -252,7 +252,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
     })
 }
 
-/// A vessel as the autopilot's AIS receiver has heard it; speed and course where both are valid.
+/// A vessel as the autopilot's AIS receiver received it; speed and course where both are valid.
 fn ais(d: &m::AIS_VESSEL_DATA) -> AisReport {
     let valid = m::AisFlags::AIS_FLAGS_VALID_COG | m::AisFlags::AIS_FLAGS_VALID_VELOCITY;
     let (sin, cos) = (f64::from(d.COG) * 0.01).to_radians().sin_cos();

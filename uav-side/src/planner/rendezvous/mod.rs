@@ -74,7 +74,7 @@ struct Way {
     wind: Vector2<f64>,
     /// What is met is not the deck but a plane this far above it along its normal, m.
     lifted_m: f64,
-    /// So much lower than their middle is the lowest of the feet of a drone that leans against the wind, m.
+    /// So much lower than their middle is the lowest of the feet of a drone that tilts against the wind, m.
     lowered_m: f64,
 }
 

@@ -62,7 +62,7 @@ impl Predictor {
             ..DeckForecast::default()
         })
     }
-    /// What the beacon says now, or where the vessel went that is received no more: what is known better.
+    /// What the beacon reports now, or where the vessel went that is received no more: what is known better.
     pub(super) fn known_by_beacon(&self, now: Time<DroneClock>) -> Option<Known> {
         let drone = self.track.newest()?;
         let last = self.last_known.as_ref().filter(|_| !self.is_received(now));

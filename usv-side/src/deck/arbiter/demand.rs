@@ -9,7 +9,7 @@ use crate::demand::Demand;
 impl DeckArbiter {
     /// The most that a drone wants of the helm: the deck's owner, or one that comes where nobody has the deck. One on its way
     /// down wants it for as long as a descent lasts, silent or not, and so does an owner that falls silent above the deck,
-    /// where it may begin one unheard.
+    /// where it may begin one without being received.
     pub fn demand(&self, now: Time<VesselClock>) -> Demand {
         let lasts = |d: &Drone| (now - d.received).secs() <= self.config.status_timeout_s;
         let owns = |d: &Drone| self.owner == Some(d.header.drone);

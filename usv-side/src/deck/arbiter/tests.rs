@@ -776,7 +776,7 @@ fn promise_of_a_steady_course_and_a_turn() {
     assert_eq!(stated(&rig), Course::Turning);
     rig.order(DeckOrder::Steady(0));
     assert_eq!(stated(&rig), Course::Unknown);
-    // Given back by her helm, whatever was promised.
+    // Given back by its helm, whatever was promised.
     rig.order(DeckOrder::Steady(60));
     let input = ArbiterIn {
         turns_back: true,
@@ -784,7 +784,7 @@ fn promise_of_a_steady_course_and_a_turn() {
     };
     rig.arbiter.step(Time::from_secs(rig.t_s), &input);
     assert_eq!(stated(&rig), Course::Turning);
-    assert!(!rig.arbiter.is_turning(Time::from_secs(rig.t_s)), "by no person");
+    assert!(!rig.arbiter.is_turning(Time::from_secs(rig.t_s)), "by no order");
 }
 
 #[test]

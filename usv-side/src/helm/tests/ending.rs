@@ -66,7 +66,7 @@ fn former_mode_that_is_not_taken_back() {
     b.demand = Demand::Nothing;
     b.run(12.0);
     assert_eq!(b.run(60.0).why, HelmEnd::NotGivenBack);
-    // Nobody is asked for a boat in that mode, who ever steers her.
+    // The skipper is not asked for a boat in that mode, whoever steers it.
     b.demand = Demand::Comes;
     assert_eq!(b.run(20.0).why, HelmEnd::NotGivenBack);
     b.demand = Demand::Nothing;
@@ -78,7 +78,7 @@ fn former_mode_that_is_not_taken_back() {
     assert_eq!(b.run(5.0).state, Idle);
     b.mode = AUTO;
     assert_eq!(b.run(1.0).state, Asked);
-    // After a refusal, too.
+    // After a no, too.
     let mut b = Bench::new();
     b.agreed(8.0);
     b.denies = true;
@@ -88,7 +88,7 @@ fn former_mode_that_is_not_taken_back() {
 
 #[test]
 fn way_back_from_a_course() {
-    // Slower before than the boat is steered, and faster than the limits: as fast as she may, or not at all.
+    // Slower before than the boat is steered, and faster than the limits: as fast as it may, or not at all.
     for (former_mps, back_mps) in [(1.0, None), (3.0, Some(3.0)), (6.0, Some(5.0))] {
         let mut b = Bench::new();
         b.own[1] = former_mps;
@@ -126,7 +126,7 @@ fn way_back_into_a_keep_out_sector() {
     assert_eq!(
         (b.mode, b.set_point),
         (AUTO, None),
-        "her autopilot is given her at once"
+        "its autopilot is given back at once"
     );
 }
 
@@ -138,11 +138,11 @@ fn turn_back_to_the_autopilots_own_course() {
         b.agreed(25.0);
         assert!(!b.node.turns_back());
         b.step_with(vec![false]);
-        assert!(b.node.turns_back(), "the drones are told at once");
+        assert!(b.node.turns_back(), "the drones are informed at once");
         b.run(5.0);
         assert!(b.node.turns_back());
         b.run(15.0);
-        assert_eq!(b.node.turns_back(), rate_radps > 0.0, "until she turns no more");
+        assert_eq!(b.node.turns_back(), rate_radps > 0.0, "until it turns no more");
         b.run(60.0);
         assert!(!b.node.turns_back());
     }
@@ -201,7 +201,11 @@ fn old_checkpoint_of_a_helm() {
     };
     assert_eq!(b.node.step(b.now(), &input).status.why, HelmEnd::NotGivenBack);
     b.demand = Demand::Nothing;
-    assert_eq!(b.run(20.0).why, HelmEnd::NotGivenBack, "a person sets the mode");
+    assert_eq!(
+        b.run(20.0).why,
+        HelmEnd::NotGivenBack,
+        "the skipper sets the mode"
+    );
     assert_eq!((b.mode, b.node.checkpoint()), (GUIDED, None));
     b.mode = AUTO;
     assert_eq!(b.run(1.0).state, Idle);

@@ -2,11 +2,14 @@
 
 use super::*;
 
-/// The word of the crew that a drone may take off: for the drone that stands there, for a while, until the deck is closed.
+/// The clearance of the crew that a drone may take off: for the drone that stands there, for a while, until the deck is closed.
 #[test]
 fn clearance_for_a_take_off() {
     let mut rig = Rig::new();
-    assert!(!rig.order(DeckOrder::TakeOff(1)).take_off, "nobody stands there");
+    assert!(
+        !rig.order(DeckOrder::TakeOff(1)).take_off,
+        "no drone stands there"
+    );
     assert_eq!(rig.run(&[(1, State::Landed)], 2.0), 1);
     let cleared = |rig: &Rig| rig.arbiter.take_off;
     assert!(cleared(&rig), "given before it was known there");
@@ -28,10 +31,10 @@ fn clearance_for_a_take_off() {
     assert!(!cleared(&rig));
     assert_eq!(rig.run(&[(1, State::ClimbOut), (2, State::Approach)], 8.0), 1);
     rig.run(&[(1, State::Landed)], 2.0);
-    assert!(!cleared(&rig), "the word was for one take-off");
+    assert!(!cleared(&rig), "the clearance was for one take-off");
 }
 
-/// A take-off that is stopped on the deck, or is not begun in time, leaves no word for another.
+/// A take-off that is stopped on the deck, or is not begun in time, leaves no clearance for another.
 #[test]
 fn clearance_after_a_stopped_take_off() {
     let cleared = |before, after| {
@@ -109,7 +112,7 @@ fn demand_of_the_helm_by_states() {
 #[test]
 fn demand_of_the_helm_in_silence_and_after_a_descent() {
     let wants = |rig: &Rig| rig.arbiter.demand(Time::from_secs(rig.t_s));
-    // Above the deck it may begin a descent unheard.
+    // Above the deck it may begin a descent without being received.
     let mut rig = Rig::after(&[(State::Approach, 5.0), (State::TrackingStable, 2.0)]);
     rig.run(&[], 1.5);
     assert_eq!(wants(&rig), Demand::Comes);
@@ -131,7 +134,7 @@ fn demand_of_the_helm_in_silence_and_after_a_descent() {
 #[test]
 fn demand_of_the_helm_by_the_decks_owner() {
     let wants = |rig: &Rig| rig.arbiter.demand(Time::from_secs(rig.t_s));
-    // One that waits for a deck on which another stands wants nothing of the helm, so that she goes back.
+    // One that waits for a deck on which another stands wants nothing of the helm, so that the vessel goes back.
     let mut rig = Rig::with_a_landed_drone();
     rig.run(&[(1, State::Landed), (2, State::TrackingStable)], 2.0);
     assert_eq!(wants(&rig), Demand::Stands);
@@ -141,7 +144,7 @@ fn demand_of_the_helm_by_the_decks_owner() {
     assert_eq!((rig.arbiter.owner(), wants(&rig)), (Some(1), Demand::Comes));
     rig.run(&[(2, State::Approach)], 5.0);
     assert_eq!((rig.arbiter.owner(), wants(&rig)), (Some(1), Demand::Nothing));
-    // One that comes while nobody has the deck yet.
+    // One that comes while none has the deck yet.
     let mut rig = Rig::of(
         &DeckConfig {
             startup_hold_s: 60.0,
@@ -153,7 +156,7 @@ fn demand_of_the_helm_by_the_decks_owner() {
     assert_eq!((rig.arbiter.owner(), wants(&rig)), (None, Demand::Comes));
 }
 
-/// Words that stand for two drones, each for its take-offs, until the deck is closed; and who waits for the deck.
+/// Clearances that stand for two drones, each for its take-offs, until the deck is closed; and who waits for the deck.
 #[test]
 fn standing_clearance_of_two_drones() {
     let mut rig = Rig::new();
@@ -174,7 +177,7 @@ fn standing_clearance_of_two_drones() {
         assert_eq!(owner, comes);
         assert!(
             !rig.arbiter.is_wanted(Time::from_secs(rig.t_s)),
-            "nobody stands there"
+            "no drone stands there"
         );
     }
     rig.run(&[(2, State::Landed), (1, State::Hold)], 2.0);
