@@ -53,10 +53,10 @@ impl LocalCommand {
         match self.kind {
             None => true,
             Some(CommandKind::Abort) => echoed(m.abort),
-            Some(CommandKind::Hold) => echoed(m.hold),
-            Some(
-                k @ (CommandKind::Land | CommandKind::TakeOff | CommandKind::Ready | CommandKind::Station(_)),
-            ) => m.header.at >= self.header.at && k.is_met(m.state, m.waiting.code),
+            Some(CommandKind::Hold | CommandKind::Ready | CommandKind::Station(_)) => echoed(m.order),
+            Some(k @ (CommandKind::Land | CommandKind::TakeOff)) => {
+                m.header.at >= self.header.at && k.is_met(m.state, m.waiting.code)
+            }
         }
     }
     /// Whether nothing more is waited for.

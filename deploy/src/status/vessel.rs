@@ -290,7 +290,7 @@ pub fn state(s: &Situation, status: &VesselStatus) -> Option<StateView> {
         does: d.status.state.does(),
         since_s: 0.0,
         entered: d.status.entered.to_string(),
-        waiting: d.status.waiting.to_string(),
+        waiting: d.status.waits(),
         stages: go::stages(d.status.state),
         stale: !s.reports(ProcessKind::Vessel) || d.age_s > LOST_CONTACT_S,
     })

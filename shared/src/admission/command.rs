@@ -55,7 +55,7 @@ pub fn keep<C: Clock>(commands: &mut Vec<OperatorCommand<C>>, command: &Operator
 pub struct CommandAdmission<C: Clock> {
     newest: Option<OperatorCommand<C>>,
     abort: Option<Header<C>>,
-    hold: Option<[u32; 2]>,
+    order: Option<[u32; 2]>,
     rejected: Rejections,
 }
 
@@ -66,7 +66,7 @@ impl<C: Clock> CommandAdmission<C> {
             newest,
             abort,
             // Its sender repeats one that is not answered yet.
-            hold: None,
+            order: None,
             rejected: Rejections::default(),
         }
     }
@@ -79,9 +79,9 @@ impl<C: Clock> CommandAdmission<C> {
     pub fn abort(&self) -> Option<Header<C>> {
         self.abort
     }
-    /// Boot and sequence of the newest hold that was accepted, or of its newest repetition.
-    pub fn hold(&self) -> Option<[u32; 2]> {
-        self.hold
+    /// Boot and sequence of the newest other command that was accepted, or of its newest repetition.
+    pub fn order(&self) -> Option<[u32; 2]> {
+        self.order
     }
     /// Commands that do not count, by reason.
     pub fn rejected(&self) -> &Rejections {
@@ -142,10 +142,10 @@ impl<C: Clock> CommandAdmission<C> {
         }
         Ok(())
     }
-    /// A hold is answered as it came.
+    /// It is answered as it came; an abort has an answer of its own, which nothing after it hides.
     fn answer(&mut self, command: &OperatorCommand<C>) {
-        if command.kind == CommandKind::Hold {
-            self.hold = Some([command.header.boot, command.header.sequence]);
+        if command.kind != CommandKind::Abort {
+            self.order = Some([command.header.boot, command.header.sequence]);
         }
     }
     /// Whether it was accepted already; an abort's repetition becomes the one that is answered.
@@ -259,9 +259,9 @@ mod tests {
         let mut admission = CommandAdmission::default();
         let mut answered = |now_s, given| {
             admission.first_of(Time::from_secs(now_s), &[command(given)]);
-            admission.hold()
+            admission.order()
         };
-        assert_eq!(answered(10.0, (9, 1, 10.0, Land)), None);
+        assert_eq!(answered(10.0, (9, 1, 10.0, Land)), Some([9, 1]));
         assert_eq!(answered(11.0, (9, 2, 11.0, Hold)), Some([9, 2]));
         assert_eq!(answered(11.5, (9, 3, 11.0, Hold)), Some([9, 3]), "repeated");
         assert_eq!(answered(12.0, (7, 1, 10.5, Hold)), Some([9, 3]), "too late");

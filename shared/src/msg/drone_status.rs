@@ -21,17 +21,22 @@ impl DroneStatus {
             state: mission.state,
             entered: mission.entered,
             waiting: mission.waiting,
+            rejected: mission.rejected,
             attempts: mission.attempts,
             battery: autopilot.and_then(|a| a.battery),
             landed: autopilot.map_or(LandedState::Unknown, |a| a.landed),
             deck_distance_m,
             abort: mission.abort,
-            hold: mission.hold,
+            order: mission.order,
             armed: autopilot.is_some_and(|a| a.armed),
             still_armed_s: None,
             mission_age_s: (header.at - mission.header.at).secs().max(0.0) as f32,
             wind: mission.wind.map(|w| w.map(|v| v as f32)),
         }
+    }
+    /// What the mission waits for, as text; a moment after an order that is not carried out, why.
+    pub fn waits(&self) -> String {
+        self.rejected.unwrap_or(self.waiting).to_string()
     }
     /// Whether it tells the mission's state as it was when this was sent. A status with an older one says where the
     /// drone is, and no more of what it does than silence.

@@ -302,6 +302,8 @@ pub struct MissionState {
     pub entered: Reason,
     /// Why the next state is not entered yet.
     pub waiting: Reason,
+    /// Why an order that was given a moment ago is not carried out: for people, while `waiting` goes on.
+    pub rejected: Option<Reason>,
     /// Descents begun so far.
     pub attempts: u32,
     /// Height of the drone's centre of mass above the deck's mean that the state asks for, m.
@@ -344,8 +346,8 @@ pub struct MissionState {
     pub sorties: [u32; 2],
     /// Boot and sequence of the newest abort that it has received ...
     pub abort: Option<[u32; 2]>,
-    /// ... and of the newest hold.
-    pub hold: Option<[u32; 2]>,
+    /// ... and of the newest other order, whether it is carried out or rejected.
+    pub order: Option<[u32; 2]>,
 }
 
 impl MissionState {
@@ -514,7 +516,8 @@ pub enum CommandProgress {
     /// Repeated to the drone, which has not shown that it has taken it: an abort for as long as that takes.
     #[default]
     Pending,
-    /// A status of the drone that came after it shows it; of an abort and a hold their own echo.
+    /// A status of the drone that came after it shows it: of a landing and a take-off their states, of all others their own
+    /// echo.
     Taken,
     /// The drone did not take it in time.
     GivenUp,
@@ -556,11 +559,14 @@ impl CommandKind {
     }
     /// Whether a mission that stands so, and waits for this, has done what was commanded.
     pub fn is_met(self, state: State, waiting: ReasonCode) -> bool {
-        let asked = !matches!(waiting, ReasonCode::NotCommanded | ReasonCode::Operator);
+        let asked = !matches!(
+            waiting,
+            ReasonCode::NotCommanded | ReasonCode::Operator | ReasonCode::OnStation
+        );
         match self {
             // A mission that was commanded and waits for something else has received it.
             CommandKind::Land => match state {
-                State::Idle | State::Hold => asked && !waiting.is_of_station(),
+                State::Idle | State::Hold => asked,
                 State::GaveUp
                 | State::Preparing
                 | State::Countdown
@@ -616,6 +622,8 @@ pub struct DroneStatus {
     pub entered: Reason,
     /// Why the next state is not entered yet.
     pub waiting: Reason,
+    /// Why an order that was given a moment ago is not carried out: for people, while `waiting` goes on.
+    pub rejected: Option<Reason>,
     /// Descents begun so far.
     pub attempts: u32,
     /// Remaining battery, 0 to 1; None when the autopilot does not report it.
@@ -626,8 +634,8 @@ pub struct DroneStatus {
     pub deck_distance_m: Option<f32>,
     /// Boot and sequence of the newest abort that the mission has received ...
     pub abort: Option<[u32; 2]>,
-    /// ... and of the newest hold.
-    pub hold: Option<[u32; 2]>,
+    /// ... and of the newest other order, whether it is carried out or rejected.
+    pub order: Option<[u32; 2]>,
     /// The motors are armed, by the autopilot's newest report.
     pub armed: bool,
     /// On the deck and armed for longer than the disarm there takes: since the landing, or since the take-off was stopped, s.

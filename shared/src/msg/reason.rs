@@ -274,18 +274,6 @@ impl ReasonCode {
                 | ReasonCode::TakeOffBattery
         )
     }
-    /// Reports of a station that it is kept, or why not.
-    pub const fn is_of_station(self) -> bool {
-        matches!(
-            self,
-            ReasonCode::OnStation
-                | ReasonCode::StationOver
-                | ReasonCode::StationTooLow
-                | ReasonCode::StationTooNear
-                | ReasonCode::StationTaken
-                | ReasonCode::StationNotNow
-        )
-    }
 }
 
 /// A reason with the figure that decided and its limit.

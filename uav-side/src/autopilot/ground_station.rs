@@ -38,6 +38,8 @@ pub(super) struct GroundReports {
     entered: Option<(State, DroneTime)>,
     /// What the mission waits for, since when, and whether that was reported.
     waiting: Option<(ReasonCode, DroneTime, bool)>,
+    /// Why the newest order is not carried out, while the mission states it.
+    rejected: Option<ReasonCode>,
     values: Periodic<DroneClock>,
 }
 
@@ -105,6 +107,15 @@ impl GroundReports {
             return Some(Message::Text {
                 severity: severity_of(m),
                 text: fit(&m.state.because(&m.entered)),
+            });
+        }
+        let rejected = m.rejected.map(|why| why.code);
+        if core::mem::replace(&mut self.rejected, rejected) != rejected
+            && let Some(why) = m.rejected
+        {
+            return Some(Message::Text {
+                severity: severity::WARNING,
+                text: fit(&why.to_string()),
             });
         }
         let code = m.waiting.code;

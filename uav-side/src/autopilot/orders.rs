@@ -48,8 +48,8 @@ impl Order {
         let own = Some([h.boot, h.sequence]);
         let taken = |m: &MissionState| match kind {
             CommandKind::Abort => m.abort == own,
-            CommandKind::Hold => m.hold == own,
-            CommandKind::Land | CommandKind::TakeOff | CommandKind::Ready | CommandKind::Station(_) => {
+            CommandKind::Hold | CommandKind::Ready | CommandKind::Station(_) => m.order == own,
+            CommandKind::Land | CommandKind::TakeOff => {
                 m.header.at > h.at && kind.is_met(m.state, m.waiting.code)
             }
         };

@@ -691,6 +691,7 @@ impl Mission {
             since: self.since,
             entered: self.entered,
             waiting,
+            rejected: self.progress.rejected.and_then(|order| order.shown(now)),
             attempts: self.progress.attempts,
             height_m: place.height_m,
             descent_mps: self.permitted_descent(s),
@@ -720,7 +721,7 @@ impl Mission {
             turns_in_s: s.turns_in_s,
             sorties: self.progress.cycles.count(c),
             abort: self.commands.abort().map(|h| [h.boot, h.sequence]),
-            hold: self.commands.hold(),
+            order: self.commands.order(),
         }
     }
 }

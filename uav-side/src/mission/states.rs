@@ -123,7 +123,9 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
         // In unattended cycles no pilot is there to give the mode.
         let recalled = progress.cycles.on && s.own_mission == OwnMission::Flies && old_data(s).is_none();
         let recalled = recalled.then(|| ReasonCode::OrderedBack.into());
-        let why = turns_back.or(recalled).or(s.rejection).or(missing);
+        // The pilot who holds the switch on abort has it taken by nothing: once ours it would hover there, and not land.
+        let held = s.rejection.filter(|why| why.code == ReasonCode::SwitchAborts);
+        let why = held.or(turns_back).or(recalled).or(s.rejection).or(missing);
         return idle.stay(why.unwrap_or(NotFlying.into()));
     }
     if let Some(why) = s.rejection {

@@ -1,8 +1,8 @@
 //! Stations next to the vessel: which orders are taken, and what ends them.
 
 use alight_shared::msg::ReasonCode::{
-    BatteryDeck, BatteryLow, Commanded, ForecastStale, NoVessel, NotCommanded, NotFlying, OnStation,
-    Operator, StationNotNow, StationOver, StationTaken, StationTooLow, StationTooNear, TurnsBack,
+    BatteryDeck, BatteryLow, Commanded, ForecastStale, NoVessel, NotFlying, OnStation, Operator,
+    StationNotNow, StationOver, StationTaken, StationTooLow, StationTooNear, TurnsBack,
 };
 use alight_shared::msg::{AutopilotMode, Station};
 use nalgebra::Vector3;
@@ -135,6 +135,12 @@ fn station_refused_with_its_reason() {
         assert!(d.phase.station().is_none(), "{phase:?}, {why:?}");
         let rejected = d.progress.rejected.and_then(|order| order.shown(s.now));
         assert_eq!(rejected.map(|r| r.code), Some(why), "{phase:?}");
+        // The link arms, and ends a mission of the autopilot's, by what is waited for: that is as without the order.
+        let without = decide(phase, Progress::default(), None, &s, &shared);
+        assert_eq!(
+            (d.phase.state(), d.waiting),
+            (without.phase.state(), without.waiting)
+        );
     }
 }
 
@@ -143,10 +149,16 @@ fn refusal_is_shown_and_forgotten() {
     let low = CommandKind::Station(Station { height_m: 5, ..ABEAM });
     let hold = holding(HoldCause::Operator, &flying(|_| ()), &config());
     let d = decide(hold, Progress::default(), Some(low), &flying(|_| ()), &config());
-    assert_eq!((d.phase.station(), d.waiting.code), (None, StationTooLow));
-    assert!(!CommandKind::Land.is_met(State::Hold, d.waiting.code));
+    let shown = |d: &Decision, s: &Situation| d.progress.rejected.and_then(|order| order.shown(s.now));
+    assert_eq!(d.phase.station(), None);
+    assert_eq!(
+        shown(&d, &flying(|_| ())).map(|why| why.code),
+        Some(StationTooLow)
+    );
+    // What it waits for is what others go by.
+    assert_eq!(d.waiting, step(&hold, &flying(|_| ())).waiting);
     let later = flying(|s| s.now += Span::from_secs(16.0));
-    assert_eq!(step(&d, &later).waiting.code, NotCommanded);
+    assert_eq!(shown(&step(&d, &later), &later), None);
     let again = commanded(&d, CommandKind::Hold, &flying(|_| ()));
     assert_eq!(again.progress.rejected, None);
 }

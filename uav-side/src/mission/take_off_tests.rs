@@ -528,6 +528,7 @@ fn end_of_a_sortie_by_the_battery() {
         waits(|s| s.rejection = Some(NotCleared.into())),
         ReasonCode::TurnsBack
     );
+    assert_eq!(waits(|s| s.rejection = Some(SwitchAborts.into())), SwitchAborts);
     assert_eq!(waits(|s| s.forecast_age_s = 40.0), ForecastStale);
     let mut later = others;
     later.now = at(300.0);

@@ -68,13 +68,10 @@ pub fn decide(
         progress.cycles.follow(before.state(), phase.state(), why);
     }
     let completes = progress.stopped && phase.state().phase() == Phase::Landing;
-    let rejected = (progress.rejected)
-        .and_then(|order| order.shown(s.now))
-        .filter(|_| waiting.code != ReasonCode::HandsOver);
     let waiting = if completes {
         ReasonCode::CompletesLanding.into()
     } else {
-        rejected.unwrap_or(waiting)
+        waiting
     };
     Decision {
         phase,

@@ -221,17 +221,15 @@ impl OperatorRelay {
     /// Whether a status shows that its drone has taken a command.
     fn is_met(&self, c: &Relayed, status: &DroneStatus) -> bool {
         let command = &c.given.command;
-        // What stops is answered by its own echo: a state shows what was before it as well.
+        // By its own echo, where a state shows what was before it as well.
         let echoed = |echo: Option<[u32; 2]>| echo.is_some_and(|[b, k]| b == self.boot && k >= c.first);
         // A status that was under way when the command was given shows nothing.
         let repeated = c.next > command.header.at;
         let taken = || repeated && command.kind.is_met(status.state, status.waiting.code);
         let met = match command.kind {
             CommandKind::Abort => echoed(status.abort),
-            CommandKind::Hold => echoed(status.hold),
-            CommandKind::Land | CommandKind::TakeOff | CommandKind::Ready | CommandKind::Station(_) => {
-                taken()
-            }
+            CommandKind::Hold | CommandKind::Ready | CommandKind::Station(_) => echoed(status.order),
+            CommandKind::Land | CommandKind::TakeOff => taken(),
         };
         status.header.drone == c.drone() && met
     }
@@ -542,7 +540,7 @@ mod tests {
         );
         assert_eq!(step(&mut relay, 1.6, None, Some(climbs)).1, [CommandKind::Hold]);
         let echoed = DroneStatus {
-            hold: Some([9, 2]),
+            order: Some([9, 2]),
             ..climbs
         };
         assert!(step(&mut relay, 2.2, None, Some(echoed)).1.is_empty());

@@ -160,7 +160,7 @@ impl Ashore {
                 let state = status.state.because(&status.entered);
                 let mut lines = vec![
                     format!("drone {number}: {state}"),
-                    format!("waiting: {}", status.waiting),
+                    format!("waiting: {}", status.waits()),
                     format!("battery {}", Charge(status.battery)),
                 ];
                 let finding = drone(status);
