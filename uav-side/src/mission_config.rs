@@ -47,7 +47,8 @@ config! {
         pub vision_fresh_s: f64 = 0.5, in 0.0..=120.0;
         /// Tracking ends after this long without a detection, s.
         pub vision_lost_s: f64 = 5.0, in 0.0..=120.0;
-        /// Without vision, a radio silence of this length leads to Hold, s.
+        /// Without vision, a radio silence of this length leads to Hold, or to a search where the vessel went (`least_vessel`), and
+        /// ends a station, s.
         pub radio_lost_s: f64 = 5.0, in 0.0..=120.0;
         /// Stably above the deck: relative horizontal speed, m/s.
         pub steady_speed_mps: f64 = 1.2, in 0.01..=10.0;

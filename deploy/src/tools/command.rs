@@ -45,7 +45,7 @@ pub enum Order {
     Abort,
     /// Hold where you are.
     Hold,
-    /// Take off from the deck, climb and hold (drone.mission.takeoff).
+    /// Take off from the deck, climb and hold (drone.mission.takeoff); with sorties_max unattended cycles.
     Takeoff,
     /// Unattended cycles: ready for the next sortie.
     Ready,
@@ -115,7 +115,8 @@ pub struct CommandArgs {
     /// and longitude, deg
     #[arg(value_name = "WORDS", num_args = 0..=2, allow_negative_numbers = true)]
     pub words: Vec<String>,
-    /// With `deck takeoff`: for each take-off of that drone until the deck is closed, not for two minutes
+    /// With `deck takeoff`: for each take-off of that drone until the deck is closed or one is stopped there,
+    /// not for two minutes
     #[arg(long)]
     pub standing: bool,
     /// With `steady` and `deck-at`: for so long, s [default: 60, 300]; with `steady` 0: nothing is stated any more; with

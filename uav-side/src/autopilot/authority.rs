@@ -3,7 +3,7 @@
 //!
 //! The rules, as this state machine keeps them:
 //! - A mode is chosen in three cases: a diversion (battery), which gives the drone away; a take-off that an operator has ordered
-//!   and the crew has cleared; and, once in a flight, the end of the autopilot's own mission where a sortie has to turn back.
+//!   and the crew has cleared; and, once in a flight for each reason, the end of the autopilot's own mission where a sortie comes back.
 //! - One heartbeat in another mode ends our set-points. It takes two in our mode to begin, so that a
 //!   heartbeat that was late on the way gives no permission.
 //! - Once somebody else commands (a person, a failsafe, a geofence), only a mode that changes back gives

@@ -109,8 +109,8 @@ config! {
         pub send_home: bool = false;
         /// Alight may arm a drone that stands on the ground in the mode that a person gave.
         pub may_arm: bool = false;
-        /// Channel of the remote control whose switch commands, by its change: low aborts, the middle does nothing, high
-        /// lands; 0: none. The receiver's failsafe must leave it in the middle, or send nothing.
+        /// Channel of the remote control whose switch commands, by its change: low aborts, and held there rejects every
+        /// order to begin; the middle does nothing, high lands; 0: none. The receiver's failsafe must leave it in the middle, or send nothing.
         pub rc_switch: u8 = 0, in 0.0..=18.0;
         /// The forced disarm on the deck.
         pub disarm: DisarmConfig;
