@@ -15,7 +15,7 @@ use super::{BoatMotion, Goal};
 /// takes) and speed (m/s: surge about a mean likewise).
 const STRAIGHT: [f64; 2] = [0.26, 1.2];
 /// A command shows after so long, s: mode, rudder or engine, and the estimator's mean.
-const LAG_S: f64 = 6.0;
+pub(super) const LAG_S: f64 = 6.0;
 /// The slowest boat turns and changes its speed so fast, rad/s (3 deg/s) and m/s².
 const SLOWEST: [f64; 2] = [0.052, 0.08];
 /// A boat is expected to turn and to change its speed so fast, rad/s (6 deg/s) and m/s²; and to need so long beside it, s.
