@@ -5,6 +5,7 @@
 
 use std::collections::VecDeque;
 
+use alight_shared::geodesy::KNOT_MPS;
 use nmea_kit::ais::{AisMessage, AisParser, PositionReport};
 use nmea_kit::parse_frame;
 
@@ -14,8 +15,6 @@ use super::place_report::{AisReport, PlaceReport};
 const MAX_LINE: usize = 256;
 /// Reports that wait to be taken: more than a receiver receives in a second.
 const MAX_REPORTS: usize = 32;
-/// m/s per knot.
-const KNOT_MPS: f64 = 1852.0 / 3600.0;
 
 /// Decodes a receiver's bytes.
 #[derive(Default)]
