@@ -259,21 +259,6 @@ pub enum ReasonCode {
 }
 
 impl ReasonCode {
-    /// What speaks against a take-off passes without the crew: the sea, the vessel's course, the radio.
-    pub const fn passes(self) -> bool {
-        matches!(
-            self,
-            ReasonCode::TakeOffTilted
-                | ReasonCode::TakeOffHit
-                | ReasonCode::Infeasible
-                | ReasonCode::TooSteep
-                | ReasonCode::VesselTurns
-                | ReasonCode::HelmTurns
-                | ReasonCode::NoVessel
-                | ReasonCode::ForecastStale
-                | ReasonCode::TakeOffBattery
-        )
-    }
     /// Reports of a station that it is kept, or why not.
     pub const fn is_of_station(self) -> bool {
         matches!(
