@@ -17,6 +17,9 @@ const E2: f64 = F * (2.0 - F);
 /// Iterations of a latitude: each gains a factor of 1 / `E2` = 150, so that these reach the last bit.
 const ITERATIONS: usize = 8;
 
+/// A knot, m/s: a nautical mile in an hour.
+pub const KNOT_MPS: f64 = 1852.0 / 3600.0;
+
 /// WGS-84 position of the origin of a local frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]

@@ -14,6 +14,7 @@ pub mod geodesy;
 pub mod geoid;
 pub mod geometry;
 pub mod landing;
+pub mod lines;
 #[cfg(feature = "mavlink")]
 pub mod mavlink;
 pub mod motion_model;

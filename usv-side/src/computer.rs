@@ -15,7 +15,7 @@ mod event;
 pub use event::VesselEvent;
 
 use crate::VesselNodeConfig;
-use crate::advice::{Advice, CourseOutlook};
+use crate::advice::{Advice, CourseOutlook, HEADING_STEP_RAD};
 use crate::deck::{
     ArbiterIn, DeckArbiter, DeckCheckpoint, DeckConfig, DeckInputs, DroneMonitor, GivenCommand, OperatorIn,
     OperatorRelay,
@@ -26,8 +26,6 @@ use crate::node::{IMU, VesselIn, VesselNode, VesselOut};
 
 /// Advice counts for so long: it comes with each wave model, the slowest of which are a third of this apart.
 const ADVICE_FRESH: Span = Span::from_millis(30_000);
-/// Advice holds for a vessel that heads within this of the course that it compares with, rad: one step of its headings.
-const HERE_RAD: f64 = 0.262;
 
 /// What arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -260,7 +258,8 @@ impl VesselComputer {
             };
             let permitted = |c: &CourseOutlook| self.helm.permits(&goal(c), motion);
             let advice = self.node.advisor().advice_within(permitted);
-            let stands = |a: &Advice| a.is_change() && turned(&a.here, motion) <= HERE_RAD;
+            // It holds within one step of its headings of the course that it compares with.
+            let stands = |a: &Advice| a.is_change() && turned(&a.here, motion) <= HEADING_STEP_RAD;
             self.advice = advice.filter(stands).map(|a| (now, goal(&a.best)));
         }
     }

@@ -1,6 +1,7 @@
 //! Wind, waves and advised heading relative to the vessel's bow, as far as they are known.
 
 use alight_shared::frames::wrap_angle;
+use alight_shared::geodesy::KNOT_MPS;
 use alight_shared::msg::{CourseAdvice, VesselStatus, Wind};
 use serde::Serialize;
 
@@ -9,8 +10,6 @@ use super::situation::Situation;
 
 /// A slower vessel has no course over ground, m/s.
 const STILL_MPS: f64 = 0.3;
-/// A knot, m/s.
-const KNOT_MPS: f64 = 1852.0 / 3600.0;
 /// What a wind is called that is too light for a direction.
 const CALM: &str = "calm";
 /// A direction this close to the bow or the stern is named after it, deg.

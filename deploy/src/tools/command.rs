@@ -162,7 +162,8 @@ pub struct CommandArgs {
 
 /// Commands, waits for the mission's answer and shows it.
 pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
-    if args.standing && args.order != Order::Deck {
+    let clears = args.order == Order::Deck && args.words == ["takeoff"];
+    if args.standing && !clears {
         return Err(CliError(
             "--standing belongs to alight command deck takeoff --drone N".into(),
         ));
@@ -322,11 +323,6 @@ fn stated(order: DeckOrder, helm: &HelmStatus) -> String {
 
 /// Whether drones may descend.
 fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
-    if args.standing && word != CrewOrder::Takeoff {
-        return Err(CliError(
-            "--standing belongs to alight command deck takeoff --drone N".into(),
-        ));
-    }
     let order = match (word, args.drone) {
         (CrewOrder::Closed, None) => DeckOrder::Closed,
         (CrewOrder::Open, None) => DeckOrder::Open,

@@ -258,24 +258,6 @@ pub enum ReasonCode {
     StationNotNow,
 }
 
-impl ReasonCode {
-    /// What speaks against a take-off passes without the crew: the sea, the vessel's course, the radio.
-    pub const fn passes(self) -> bool {
-        matches!(
-            self,
-            ReasonCode::TakeOffTilted
-                | ReasonCode::TakeOffHit
-                | ReasonCode::Infeasible
-                | ReasonCode::TooSteep
-                | ReasonCode::VesselTurns
-                | ReasonCode::HelmTurns
-                | ReasonCode::NoVessel
-                | ReasonCode::ForecastStale
-                | ReasonCode::TakeOffBattery
-        )
-    }
-}
-
 /// A reason with the figure that decided and its limit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]

@@ -1,6 +1,7 @@
 //! The mode and the arming of a take-off, its denial, and the disarm of one that was stopped.
 
 use alight_shared::msg::{AutopilotMode, DroneState, ReasonCode, SetPoint, SetPointKind, State};
+use alight_sim::autopilots::simulated::own_mission_mode;
 use alight_uav::autopilot::message::{Address, Heartbeat, Message, command};
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 
@@ -175,10 +176,7 @@ fn stand_down_in_the_air() {
 #[test]
 fn mission_chosen_again_after_the_turn_back() {
     for firmware in BOTH {
-        let own_mission = match firmware {
-            Firmware::Px4 => px4_mode(4, 4),
-            Firmware::ArduCopter => 3,
-        };
+        let own_mission = own_mission_mode(firmware);
         let mut p = LinkRig::commanding(firmware, 15.0, &config());
         assert!(p.linked.autopilot.choose(own_mission), "{firmware:?}");
         p.run(5.0);

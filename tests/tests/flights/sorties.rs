@@ -11,11 +11,8 @@ use nalgebra::Vector3;
 use super::BOTH;
 use super::takeoff::{armed, on_deck, ordered, rests_on_deck, until};
 
-/// The autopilot of drone 0 has a mission of three places, so far away from where it is (m) and 20 m higher.
-fn upload(rig: &mut Rig, far_m: f64) {
-    upload_to(rig, 0, far_m);
-}
-fn upload_to(rig: &mut Rig, k: usize, far_m: f64) {
+/// The autopilot of drone `k` has a mission of three places, so far away from where it is (m) and 20 m higher.
+fn upload(rig: &mut Rig, k: usize, far_m: f64) {
     if let Some(linked) = rig.world.linked(k) {
         let here = linked.autopilot.position();
         let places = [[-0.5, 0.0], [-1.0, 0.3], [-1.0, -0.1]];
@@ -35,7 +32,7 @@ fn on_its_mission(firmware: Firmware, seed: u64, far_m: f64) -> Rig {
     let mut rig = ordered(&scenario, &nodes, seed);
     let (up, _) = until(&mut rig, 60.0, State::Hold);
     assert!(up, "{firmware:?}: {:?}", rig.visited(0));
-    upload(&mut rig, far_m);
+    upload(&mut rig, 0, far_m);
     choose(&mut rig, own_mission_mode(firmware));
     assert!(rig.until(10.0, |r| r.state(0) == State::Idle));
     rig
@@ -86,10 +83,7 @@ fn own_mission_ended_by_a_person() {
 }
 
 /// A charger aboard, which the drone has while it stands disarmed.
-fn charge(rig: &mut Rig, to: f64) {
-    charge_one(rig, 0, to);
-}
-fn charge_one(rig: &mut Rig, k: usize, to: f64) {
+fn charge(rig: &mut Rig, k: usize, to: f64) {
     if let Some(linked) = rig.world.linked(k)
         && !linked.autopilot.armed()
     {
@@ -100,7 +94,7 @@ fn charge_one(rig: &mut Rig, k: usize, to: f64) {
 fn attended_by_a_charger(rig: &mut Rig, limit_s: f64, done: impl Fn(&Rig) -> bool) -> bool {
     let mut ended = false;
     rig.each(limit_s, |rig| {
-        charge(rig, 1.0);
+        charge(rig, 0, 1.0);
         ended = done(rig);
         ended
     });
@@ -114,7 +108,7 @@ fn unattended_cycles() {
         let (scenario, mut nodes) = on_deck(0.4, firmware);
         nodes.drone.mission.sorties_max = 2;
         let mut rig = Rig::new(&scenario, &nodes, 64).unwrap();
-        upload(&mut rig, 50.0);
+        upload(&mut rig, 0, 50.0);
         rig.world.deck_order(DeckOrder::TakeOffStanding(1));
         rig.run(1.0);
         rig.world.command(CommandKind::TakeOff);
@@ -145,7 +139,7 @@ fn unattended_cycles() {
             rig.mission(0).waiting
         );
         attended_by_a_charger(&mut rig, 60.0, |_| false);
-        assert!(rig.state(0) == State::Landed && rests_on_deck(&rig) && !armed(&rig));
+        assert!(rig.state(0) == State::Landed && rests_on_deck(&rig) && !armed(&rig, 0));
     }
 }
 
@@ -155,7 +149,7 @@ fn next_sortie_waits_for_people() {
     let (scenario, mut nodes) = on_deck(0.3, Firmware::Px4);
     nodes.drone.mission.sorties_max = 5;
     let mut rig = Rig::new(&scenario, &nodes, 65).unwrap();
-    upload(&mut rig, 30.0);
+    upload(&mut rig, 0, 30.0);
     if let Some(linked) = rig.world.linked(0) {
         linked.autopilot.battery = 0.8;
     }
@@ -173,7 +167,7 @@ fn next_sortie_waits_for_people() {
     let up = rig.until(60.0, |r| r.mission(0).sorties == [2, 5]);
     assert!(up, "{:?}, {}", rig.visited(0), rig.mission(0).waiting);
     let (landed, _) = until(&mut rig, 300.0, State::Landed);
-    assert!(landed && rig.until(10.0, |r| !armed(r)));
+    assert!(landed && rig.until(10.0, |r| !armed(r, 0)));
     rig.world.command(CommandKind::Abort);
     rig.run(3.0);
     let m = rig.mission(0);
@@ -218,7 +212,7 @@ fn called_out_of_range(firmware: Firmware, seed: u64, silent_s: f64) -> Rig {
     scenario.vessel.speed_mps = 2.0;
     let mut rig = ordered(&scenario, &nodes, seed);
     assert!(until(&mut rig, 60.0, State::Hold).0, "{:?}", rig.visited(0));
-    upload(&mut rig, 300.0);
+    upload(&mut rig, 0, 300.0);
     choose(&mut rig, own_mission_mode(firmware));
     assert!(rig.until(60.0, |r| r.world.physics().deck_distance_m(0) > 180.0));
     radio_out(&mut rig, silent_s);
@@ -291,10 +285,10 @@ fn two_drones_that_take_turns_on_one_deck() {
     let mut rig = Rig::new(&scenario, &nodes, 69).unwrap();
     (1..=2).for_each(|drone| rig.world.deck_order(DeckOrder::TakeOffStanding(drone)));
     rig.world.command_to(0, CommandKind::Land);
-    assert!(rig.until(150.0, |r| r.state(0) == State::Landed && !is_armed(r, 0)));
+    assert!(rig.until(150.0, |r| r.state(0) == State::Landed && !armed(r, 0)));
     rig.run(2.0);
     // Each on the side of the place at which it waits: nothing keeps two missions of autopilots apart.
-    (0..2).for_each(|k| upload_to(&mut rig, k, if k == 0 { -120.0 } else { 120.0 }));
+    (0..2).for_each(|k| upload(&mut rig, k, if k == 0 { -120.0 } else { 120.0 }));
     // The first goes; the second, which was in the air, comes and stays.
     rig.world.command_to(0, CommandKind::TakeOff);
     let up = rig.until(60.0, |r| r.mission(0).sorties == [1, 4]);
@@ -308,7 +302,7 @@ fn two_drones_that_take_turns_on_one_deck() {
         m.sorties
     );
     rig.world.command_to(1, CommandKind::Land);
-    assert!(rig.until(200.0, |r| r.state(1) == State::Landed && !is_armed(r, 1)));
+    assert!(rig.until(200.0, |r| r.state(1) == State::Landed && !armed(r, 1)));
     rig.run(2.0);
     rig.world.command_to(1, CommandKind::TakeOff);
     // Apart while Alight flies both: in its own mission each goes where that leads.
@@ -316,7 +310,7 @@ fn two_drones_that_take_turns_on_one_deck() {
     let mut before = [rig.state(0), rig.state(1)];
     rig.each(900.0, |rig| {
         for k in 0..2 {
-            charge_one(rig, k, 0.6);
+            charge(rig, k, 0.6);
             landings[k] += u32::from(rig.state(k) == State::Landed && before[k] != State::Landed);
             before[k] = rig.state(k);
         }
@@ -334,10 +328,6 @@ fn two_drones_that_take_turns_on_one_deck() {
     );
     assert!(landings.iter().all(|n| *n >= 2), "{landings:?}: {context}");
     assert!(nearest_m > 15.0, "{nearest_m} m apart");
-}
-fn is_armed(rig: &Rig, k: usize) -> bool {
-    let drone = rig.world.drones().get(k).and_then(|d| d.autopilot());
-    drone.is_some_and(|a| a.armed())
 }
 /// Of the two drones.
 fn apart_m(rig: &Rig) -> f64 {

@@ -1,11 +1,12 @@
 //! Take-offs from the deck in the simulated world.
 
 use alight_shared::msg::{CommandKind, DeckOrder, ReasonCode, State};
+use alight_sim::autopilots::simulated::own_mission_mode;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::physics::sea::SeaConfig;
 use alight_sim::physics::vessel::Course;
-use alight_uav::autopilot::modes::{Firmware, px4_mode};
+use alight_uav::autopilot::modes::Firmware;
 use nalgebra::Vector3;
 
 use super::BOTH;
@@ -112,22 +113,23 @@ fn take_off_without_clearance_or_after_its_end() {
     assert_eq!(rig.state(0), State::Preparing);
     assert_eq!(rig.mission(0).waiting.code, ReasonCode::NotCleared);
     rig.world.deck_order(DeckOrder::TakeOff(1));
-    let spins = rig.until(20.0, |r| armed(r) && r.is_due(State::SpinUp, 3.5));
+    let spins = rig.until(20.0, |r| armed(r, 0) && r.is_due(State::SpinUp, 3.5));
     assert!(spins, "{:?}, {}", rig.visited(0), rig.mission(0).waiting);
     rig.world.deck_order(DeckOrder::Closed);
     assert!(
-        rig.until(5.0, |r| r.state(0) == State::Idle && !armed(r)),
+        rig.until(5.0, |r| r.state(0) == State::Idle && !armed(r, 0)),
         "{:?}",
         rig.visited(0)
     );
     assert!(rig.visited(0).contains(&State::StandDown), "{:?}", rig.visited(0));
     assert!(!rig.visited(0).contains(&State::TakeOff));
     rig.run(5.0);
-    assert!(rests_on_deck(&rig) && !armed(&rig));
+    assert!(rests_on_deck(&rig) && !armed(&rig, 0));
 }
 
-pub(super) fn armed(rig: &Rig) -> bool {
-    rig.world.drones()[0].autopilot().is_some_and(|a| a.armed())
+pub(super) fn armed(rig: &Rig, k: usize) -> bool {
+    let drone = rig.world.drones().get(k).and_then(|d| d.autopilot());
+    drone.is_some_and(|a| a.armed())
 }
 /// Four feet are on the deck.
 pub(super) fn rests_on_deck(rig: &Rig) -> bool {
@@ -143,7 +145,7 @@ fn take_off_that_is_off_as_shipped() {
     rig.run(8.0);
     assert_eq!(rig.visited(0), [State::Idle]);
     assert_eq!(rig.mission(0).entered.code, ReasonCode::TakeOffOff);
-    assert!(!armed(&rig));
+    assert!(!armed(&rig, 0));
 }
 
 #[test]
@@ -153,7 +155,7 @@ fn take_off_aborted_in_the_countdown_and_armed() {
         let mut rig = ordered(&scenario, &nodes, 52);
         let mut aborted = false;
         rig.each(30.0, |rig| {
-            if !aborted && (rig.is_due(state, after_s) || state == State::SpinUp && armed(rig)) {
+            if !aborted && (rig.is_due(state, after_s) || state == State::SpinUp && armed(rig, 0)) {
                 rig.world.command(CommandKind::Abort);
                 aborted = true;
             }
@@ -161,7 +163,7 @@ fn take_off_aborted_in_the_countdown_and_armed() {
         });
         assert!(aborted, "{state:?}: {:?}", rig.visited(0));
         assert_eq!(rig.state(0), State::Idle, "{state:?}: {:?}", rig.visited(0));
-        assert!(!rig.visited(0).contains(&State::TakeOff) && !armed(&rig) && rests_on_deck(&rig));
+        assert!(!rig.visited(0).contains(&State::TakeOff) && !armed(&rig, 0) && rests_on_deck(&rig));
     }
 }
 
@@ -188,7 +190,7 @@ fn autopilots_that_do_not_arm() {
             ReasonCode::ArmingRejected,
             "{firmware:?}"
         );
-        assert!(!armed(&rig) && rests_on_deck(&rig));
+        assert!(!armed(&rig, 0) && rests_on_deck(&rig));
     }
 }
 
@@ -223,7 +225,7 @@ fn feet_that_are_held() {
         );
         assert!(tilt < 40.0, "{firmware:?}, {feet:?}: {tilt} deg");
         rig.run(3.0);
-        assert!(rests_on_deck(&rig) && !armed(&rig), "{firmware:?}, {feet:?}");
+        assert!(rests_on_deck(&rig) && !armed(&rig, 0), "{firmware:?}, {feet:?}");
     }
 }
 
@@ -272,7 +274,7 @@ fn cycles(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, count: u32) -> Cy
         }
         let (landed, met) = until(&mut rig, 300.0, State::Landed);
         all.add(&met);
-        let rests = rig.until(10.0, |r| !armed(r));
+        let rests = rig.until(10.0, |r| !armed(r, 0));
         rig.run(3.0);
         if !(up && landed && rests && rests_on_deck(&rig)) {
             let (visited, mission) = (rig.visited(0), rig.mission(0));
@@ -343,11 +345,7 @@ fn sortie_ended_by_the_battery() {
         let (up, _) = until(&mut rig, 60.0, State::Hold);
         assert!(up, "{firmware:?}: {:?}", rig.visited(0));
         if let Some(linked) = rig.world.linked(0) {
-            let own_mission = match firmware {
-                Firmware::Px4 => px4_mode(4, 4),
-                Firmware::ArduCopter => 3,
-            };
-            assert!(linked.autopilot.choose(own_mission));
+            assert!(linked.autopilot.choose(own_mission_mode(firmware)));
             let away = linked.autopilot.position() + Vector3::new(-150.0, 0.0, 0.0);
             linked.autopilot.hold_at(away);
         }

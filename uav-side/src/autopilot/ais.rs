@@ -5,6 +5,8 @@
 
 use std::collections::VecDeque;
 
+use alight_shared::geodesy::KNOT_MPS;
+use alight_shared::lines::{Cut, LineBuffer};
 use nmea_kit::ais::{AisMessage, AisParser, PositionReport};
 use nmea_kit::parse_frame;
 
@@ -14,29 +16,30 @@ use super::place_report::{AisReport, PlaceReport};
 const MAX_LINE: usize = 256;
 /// Reports that wait to be taken: more than a receiver receives in a second.
 const MAX_REPORTS: usize = 32;
-/// m/s per knot.
-const KNOT_MPS: f64 = 1852.0 / 3600.0;
 
 /// Decodes a receiver's bytes.
-#[derive(Default)]
 pub struct AisDecoder {
-    line: Vec<u8>,
-    /// The line is longer than a sentence: nothing of it counts.
-    overlong: bool,
+    lines: LineBuffer,
     parser: AisParser,
     reports: VecDeque<AisReport>,
+}
+
+impl Default for AisDecoder {
+    fn default() -> Self {
+        AisDecoder {
+            lines: LineBuffer::new(MAX_LINE),
+            parser: AisParser::default(),
+            reports: VecDeque::default(),
+        }
+    }
 }
 
 impl AisDecoder {
     /// Takes bytes as they come; of more reports than are taken the newest wait.
     pub fn push(&mut self, bytes: &[u8]) {
-        for &byte in bytes {
-            if matches!(byte, b'\r' | b'\n') {
-                self.end_of_line();
-            } else if self.line.len() < MAX_LINE {
-                self.line.push(byte);
-            } else {
-                self.overlong = true;
+        for byte in bytes {
+            if let Some(Cut::Line(line)) = self.lines.push(*byte) {
+                self.take(&line);
             }
         }
     }
@@ -44,12 +47,8 @@ impl AisDecoder {
     pub fn next_report(&mut self) -> Option<AisReport> {
         self.reports.pop_front()
     }
-    fn end_of_line(&mut self) {
-        let line = core::mem::take(&mut self.line);
-        if core::mem::take(&mut self.overlong) {
-            return;
-        }
-        if let Some(report) = self.sentence(&line) {
+    fn take(&mut self, line: &[u8]) {
+        if let Some(report) = self.sentence(line) {
             if self.reports.len() == MAX_REPORTS {
                 self.reports.pop_front();
             }
@@ -163,7 +162,7 @@ mod tests {
         fn arbitrary_bytes_of_an_ais_receiver(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
             let mut decoder = AisDecoder::default();
             decoder.push(&bytes);
-            prop_assert!(decoder.line.len() <= MAX_LINE && decoder.reports.len() <= MAX_REPORTS);
+            prop_assert!(decoder.reports.len() <= MAX_REPORTS);
         }
     }
 }

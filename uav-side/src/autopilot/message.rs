@@ -200,6 +200,10 @@ impl CommandLong {
             parameters,
         }
     }
+    /// The command that chooses the mode with this main and sub number of the firmware.
+    pub fn mode(to: Address, [main, sub]: [f64; 2]) -> CommandLong {
+        CommandLong::new(to, command::SET_MODE, [f64::from(CUSTOM_MODE), main, sub])
+    }
 }
 
 /// A position set-point: all of position, velocity, acceleration, yaw and yaw rate are to be used.

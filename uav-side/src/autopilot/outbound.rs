@@ -11,9 +11,7 @@ use nalgebra::Vector3;
 
 use super::config::{DisarmConfig, Diversion};
 use super::disarm::{self, ContactEvidence, DisarmDecision};
-use super::message::{
-    Address, AttitudeTarget, CUSTOM_MODE, CommandLong, Message, PositionTarget, command, severity,
-};
+use super::message::{Address, AttitudeTarget, CommandLong, Message, PositionTarget, command, severity};
 use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, STILL_ARMED, thrust};
 use crate::contingency::GOES_ON_WITHOUT_MISSION_S;
@@ -472,7 +470,7 @@ impl AutopilotLink {
         {
             return;
         }
-        let Some([main, sub]) = peer.firmware.diversion(to) else {
+        let Some(mode) = peer.firmware.diversion(to) else {
             return;
         };
         if !repeated {
@@ -483,12 +481,8 @@ impl AutopilotLink {
                 format!("battery at {charge:.0} %: the autopilot is commanded to {order}"),
             );
         }
-        let mode = [f64::from(CUSTOM_MODE), main, sub];
-        out.messages.push(Message::Command(CommandLong::new(
-            peer.address,
-            command::SET_MODE,
-            mode,
-        )));
+        let command = CommandLong::mode(peer.address, mode);
+        out.messages.push(Message::Command(command));
         self.diversions += 1;
         self.timers.command.restart(now, COMMAND_PAUSE);
         self.authority.divert(now, to);

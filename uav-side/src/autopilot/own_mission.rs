@@ -19,7 +19,7 @@
 use alight_shared::msg::{AutopilotMode, OwnMission, ReasonCode, State};
 use alight_shared::time::Span;
 
-use super::message::{CUSTOM_MODE, CommandLong, Message, command, id, severity};
+use super::message::{CommandLong, Message, command, id, severity};
 use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, DroneTime};
 
@@ -164,9 +164,7 @@ impl AutopilotLink {
             return;
         }
         end.sent += 1;
-        let [main, sub] = peer.firmware.offboard();
-        let mode = [f64::from(CUSTOM_MODE), main, sub];
-        let command = CommandLong::new(peer.address, command::SET_MODE, mode);
+        let command = CommandLong::mode(peer.address, peer.firmware.offboard());
         out.messages.push(Message::Command(command));
         out.alarm(severity::WARNING, text.into());
         self.timers.command.restart(now, PAUSE);

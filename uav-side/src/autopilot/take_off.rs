@@ -14,7 +14,7 @@ use alight_shared::msg::{AutopilotMode, State};
 use alight_shared::time::Span;
 use nalgebra::Vector3;
 
-use super::message::{CUSTOM_MODE, CommandLong, CommandResult, Message, command, severity};
+use super::message::{CommandLong, CommandResult, Message, command, severity};
 use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, ControlAuthority, DroneTime};
 
@@ -132,9 +132,7 @@ impl AutopilotLink {
             let may = authority.may_offer() && !d.was_ours && streamed && d.modes < MODE_TRIES;
             if may && d.is_due(now, PAUSE) {
                 d.modes += 1;
-                let [main, sub] = peer.firmware.offboard();
-                let mode = [f64::from(CUSTOM_MODE), main, sub];
-                let command = CommandLong::new(peer.address, command::SET_MODE, mode);
+                let command = CommandLong::mode(peer.address, peer.firmware.offboard());
                 out.messages.push(Message::Command(command));
             }
             return;

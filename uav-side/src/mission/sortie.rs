@@ -85,9 +85,9 @@ fn seeks(vessel: &LastVessel, drone: &DroneState, now: DroneTime) -> Seeks {
 }
 
 /// The same with the margin of a vessel that is not received, and its velocity.
-fn towards(vessel: &LastVessel, drone: &DroneState, now: DroneTime) -> (Vector2<f64>, Vector2<f64>) {
+fn towards(vessel: &LastVessel, seeks: &Seeks) -> (Vector2<f64>, Vector2<f64>) {
     let velocity = Vector2::from(vessel.velocity);
-    let Seeks { offset, silent_s } = seeks(vessel, drone, now);
+    let Seeks { offset, silent_s } = *seeks;
     let away = offset.try_normalize(1e-3).unwrap_or(Vector2::x());
     (offset + away * margin_m(velocity.norm(), silent_s), velocity)
 }
@@ -187,10 +187,10 @@ impl Mission {
         }
         s.seeks = (self.last_vessel.as_ref().zip(drone)).map(|(last, drone)| seeks(last, drone, now));
         let known = self.progress.sortie.then(|| self.battery.energy(c)).flatten();
-        let (Some(energy), Some(drone), Some(last)) = (known, drone, &self.last_vessel) else {
+        let (Some(energy), Some(seeks), Some(last)) = (known, &s.seeks, &self.last_vessel) else {
             return;
         };
-        let (offset, velocity) = towards(last, drone, now);
+        let (offset, velocity) = towards(last, seeks);
         let wind = self.wind.true_wind().filter(|(_, sd)| *sd < WIND_SD_MPS);
         let way = Way {
             offset,
@@ -258,7 +258,7 @@ mod tests {
             ..drone
         };
         for (silent_s, margin) in [(0.0, 0.0..0.1), (60.0, 100.0..140.0), (600.0, 2500.0..2600.0)] {
-            let (offset, velocity) = towards(&last, &jumped, Time::from_secs(silent_s));
+            let (offset, velocity) = towards(&last, &seeks(&last, &jumped, Time::from_secs(silent_s)));
             let more_m = offset.x - (1000.0 + 2.0 * silent_s);
             assert!(margin.contains(&(more_m + 0.01)), "{more_m} m after {silent_s} s");
             assert!(offset.y.abs() < 0.01 && (velocity - Vector2::new(2.0, 0.0)).norm() < 1e-9);

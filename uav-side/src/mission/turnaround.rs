@@ -2,7 +2,10 @@
 //! autopilot's own mission.
 
 use alight_shared::msg::Reason;
-use alight_shared::msg::ReasonCode::{HandOverRefused, HandsOver, NotReady, SortieBegins, SortiesDone};
+use alight_shared::msg::ReasonCode::{
+    self, ForecastStale, HandOverRefused, HandsOver, HelmTurns, Infeasible, NoVessel, NotReady, SortieBegins,
+    SortiesDone, TakeOffBattery, TakeOffHit, TakeOffTilted, TooSteep, VesselTurns,
+};
 
 use super::limits::ORDER_WAITS_S;
 use super::phase::{HoldCause, MissionPhase, Progress, Transition, holding, lasting};
@@ -49,13 +52,29 @@ pub(super) fn stands(
     MissionPhase::Preparing.enter(Reason::new(SortieBegins, begun + 1.0, most))
 }
 
+/// What speaks against a take-off passes without the crew: the sea, the vessel's course, the radio.
+const fn passes(why: ReasonCode) -> bool {
+    matches!(
+        why,
+        TakeOffTilted
+            | TakeOffHit
+            | Infeasible
+            | TooSteep
+            | VesselTurns
+            | HelmTurns
+            | NoVessel
+            | ForecastStale
+            | TakeOffBattery
+    )
+}
+
 /// A drone that stands on the deck and is not cleared any more, or is not fit for a sortie; `why`: what speaks against it now.
 /// What passes by itself is waited for.
 pub(super) fn unprepared(progress: &mut Progress, s: &Situation, why: Reason) -> Transition {
     if s.not_cleared.is_some() {
         return MissionPhase::STANDS.enter(why);
     }
-    if why.code.passes() {
+    if passes(why.code) {
         progress.started = s.now;
     }
     let waited_s = (s.now - progress.started).secs();

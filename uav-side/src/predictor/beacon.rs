@@ -165,6 +165,11 @@ impl BeaconTrack {
         let [n, e] = self.axes_at(t).map(|a| a.p[(0, 0)]);
         n.max(e).sqrt().hypot(self.newest.place_sd_m)
     }
+    /// Standard deviation of a message's place at `t`, m: what it states, and what the vessel may have gone otherwise since.
+    fn message_sd_m(m: &DeckBeacon, t: Time<DroneClock>) -> f64 {
+        let variance = |t| BeaconTrack::new(m).sd_m(t).powi(2);
+        (m.place_sd_m.powi(2) + (variance(t) - variance(m.header.at))).sqrt()
+    }
     /// Takes a message, checked, to the track: that of another source where the one that is followed has ended, is clearly less
     /// exact, or is silent and no more exact. Whether it counts.
     pub(super) fn receive(track: &mut Option<BeaconTrack>, now: Time<DroneClock>, m: &DeckBeacon) -> bool {
@@ -176,9 +181,10 @@ impl BeaconTrack {
         };
         if known.newest.source != m.source || m.source == BeaconSource::Operator {
             let silent = (now - known.newest.header.at).secs() > REPLACED_AFTER_S;
+            let sd_m = BeaconTrack::message_sd_m(m, now);
             let counts = m.source == known.newest.source
-                || m.place_sd_m <= MORE_EXACT * known.newest.place_sd_m
-                || silent && m.place_sd_m <= known.sd_m(now);
+                || sd_m <= MORE_EXACT * known.newest.place_sd_m
+                || silent && sd_m <= known.sd_m(now);
             if counts {
                 *track = Some(BeaconTrack::new(m));
             }
@@ -410,7 +416,20 @@ mod tests {
         let (mut track, now) = (followed(20), Time::from_secs(23.5));
         let alike = message(BeaconSource::FollowTarget, 23.5, 40.0, 5.0);
         assert!(BeaconTrack::receive(&mut track, now, &alike), "silent for 3.5 s");
-        // An old one is none.
+        // One that is old errs by more than it states.
+        let now = Time::from_secs(200.0);
+        for (at_s, counts) in [(20.0, false), (200.0, true)] {
+            let mut track = None;
+            let named = message(BeaconSource::Operator, 200.0, 400.0, 12.0);
+            assert!(BeaconTrack::receive(&mut track, now, &named));
+            let ais = DeckBeacon {
+                lasts_s: 200.0,
+                ..message(BeaconSource::Ais, at_s, 40.0, 8.0)
+            };
+            let taken = BeaconTrack::receive(&mut track, now, &ais);
+            assert_eq!(taken, counts, "AIS of {at_s} s");
+        }
+        // One that has ended is none.
         let mut none = None;
         let old = message(BeaconSource::GlobalPosition, 0.0, 0.0, 5.0);
         assert!(!BeaconTrack::receive(&mut none, now, &old) && none.is_none());

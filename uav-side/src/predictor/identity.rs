@@ -391,8 +391,8 @@ impl Decks {
             }
             self.rivals_of(*k).all(|other| deck.is_clear_of(other))
         };
-        let counts = self.decks.iter().enumerate().filter(|(_, d)| d.counts());
-        counts.filter(clear).map(|(k, _)| k).next()
+        let mut counts = self.decks.iter().enumerate().filter(|(_, d)| d.counts());
+        counts.find(clear).map(|(k, _)| k)
     }
     /// Forgets what was not seen for long.
     fn forget(&mut self, now: Time<DroneClock>) {

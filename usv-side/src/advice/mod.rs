@@ -38,6 +38,8 @@ use waves::{Sea, Spectrum};
 pub const PERIOD_S: f64 = 5.0;
 /// Headings that are compared, 15 deg apart.
 const HEADINGS: u32 = 24;
+/// They lie so far apart, rad.
+pub const HEADING_STEP_RAD: f64 = TAU / HEADINGS as f64;
 /// Speeds that are compared, m/s apart, from the slowest at which a boat steers.
 const SPEED_STEP_MPS: f64 = 2.0;
 /// Speeds at most: the present one and the slower ones.
@@ -403,7 +405,7 @@ fn courses(heading: f64, speed_mps: f64) -> Vec<[f64; 2]> {
         .map(|k| SPEED_STEP_MPS * k as f64)
         .filter(|s| *s < speed_mps);
     let speeds = core::iter::once(speed_mps).chain(slower);
-    let round = (0..HEADINGS).map(|k| wrap_angle(heading + TAU * f64::from(k) / f64::from(HEADINGS)));
+    let round = (0..HEADINGS).map(|k| wrap_angle(heading + HEADING_STEP_RAD * f64::from(k)));
     speeds
         .flat_map(|speed| round.clone().map(move |heading| [heading, speed]))
         .collect()

@@ -7,6 +7,7 @@ use alight_shared::msg::{HelmEnd, MAX_HELM_TURN_S};
 use alight_shared::time::{Span, Time, VesselClock};
 
 use super::command::ReadBack;
+use super::response::LAG_S;
 use super::{Goal, HelmCheckpoint, HelmNode, LEAD, Phase, Steering, View};
 use crate::demand::Demand;
 
@@ -17,9 +18,8 @@ const LATENCY: Span = Span::from_millis(2000);
 /// What a former start left is given back where that was no longer ago, s: a process that crashed is started again within
 /// seconds, and of a boat that has lain for longer it is unknown who set its mode.
 const LEFT_S: f64 = 60.0;
-/// A boat that is given back shows whether it turns within this, as after any command ([`super::response`]).
-const SHOWS: Span = Span::from_millis(6000);
-/// From then on it is at rest once it turns more slowly, rad/s (1.5 deg/s), and after this at the latest.
+/// A boat that is given back shows whether it turns as soon as after any command ([`LAG_S`]). From then on it is at rest once
+/// it turns more slowly, rad/s (1.5 deg/s), and after this at the latest.
 const AT_REST_RADPS: f64 = 0.026;
 const AT_REST_WITHIN: Span = Span::from_millis(60_000);
 
@@ -180,6 +180,6 @@ impl HelmNode {
         let since = self.coming_to_rest?;
         let turns = v.motion.is_none_or(|m| m.rate_radps.abs() > AT_REST_RADPS);
         let given = v.now - since;
-        (given <= SHOWS || turns && given <= AT_REST_WITHIN).then_some(since)
+        (given.secs() <= LAG_S || turns && given <= AT_REST_WITHIN).then_some(since)
     }
 }

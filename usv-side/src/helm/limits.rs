@@ -3,7 +3,7 @@
 use alight_shared::frames::wrap_angle;
 
 use super::config::HelmConfig;
-use super::{BoatMotion, Goal};
+use super::{BoatMotion, COURSE_ERROR_RAD, Goal};
 
 /// Headings are looked at in steps of so much, rad: 1 deg.
 const STEP_RAD: f64 = core::f64::consts::PI / 180.0;
@@ -32,18 +32,14 @@ impl HelmConfig {
         let worth = turn.abs() > WORTH_RAD || (speed_mps - now.speed_mps).abs() > WORTH_MPS;
         (worth && !self.keeps_out(goal.heading_rad)).then_some(goal)
     }
-    /// The skipper permits this course as it is, from the motion `now`; a speed outside its range counts as the nearest in it
-    /// where that makes no difference.
-    pub fn permits(&self, course: &Goal, now: &BoatMotion) -> bool {
-        self.permits_within(course, now, 0.0)
-    }
-    /// The same, where the heading now is off by up to `error_rad` from that which the change counts from.
-    pub(super) fn permits_within(&self, course: &Goal, now: &BoatMotion, error_rad: f64) -> bool {
+    /// The skipper permits this course as it is, from the motion `now`, whose heading is off by the error of a course from that
+    /// which the change counts from; a speed outside its range counts as the nearest in it where that makes no difference.
+    pub(super) fn permits(&self, course: &Goal, now: &BoatMotion) -> bool {
         let turn = wrap_angle(course.heading_rad - now.heading_rad);
         let [low, high] = self.speed_mps;
         let speed_off = (course.speed_mps - course.speed_mps.clamp(low, high)).abs();
         let reached = self.unobstructed(now.heading_rad, turn);
-        turn.abs() <= self.largest_turn() + error_rad
+        turn.abs() <= self.largest_turn() + COURSE_ERROR_RAD
             && speed_off <= WORTH_MPS
             && (reached - turn).abs() < 0.5 * STEP_RAD
             && !self.keeps_out(course.heading_rad)
@@ -139,8 +135,9 @@ mod tests {
             ..HelmConfig::default()
         };
         let permits = |deg: f64, speed_mps: f64| c.permits(&goal(deg, speed_mps), &motion(0.0, 5.2));
+        // Within 60 deg and the error of a course, 5 deg.
         assert!(permits(-60.0, 2.0) && permits(15.0, 5.2));
-        assert!(!permits(-61.0, 3.0), "too far");
+        assert!(permits(-65.0, 3.0) && !permits(-65.1, 3.0), "too far");
         assert!(!permits(-30.0, 1.2), "too slow");
         assert!(
             !permits(30.0, 3.0) && !permits(45.0, 3.0),

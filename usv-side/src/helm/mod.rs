@@ -223,8 +223,7 @@ impl HelmNode {
     /// Skipper and autopilot permit this course, from the motion `now`.
     pub fn permits(&self, course: &Goal, now: &BoatMotion) -> bool {
         let keeps_speed = (course.speed_mps - now.speed_mps).abs() < 0.5;
-        (self.autopilot.steers_speed() || keeps_speed)
-            && self.config.permits_within(course, now, COURSE_ERROR_RAD)
+        (self.autopilot.steers_speed() || keeps_speed) && self.config.permits(course, now)
     }
     /// The skipper is asked, and has had the time to see it.
     pub fn asks_by_lamp(&self, now: Time<VesselClock>) -> bool {
@@ -317,8 +316,7 @@ impl HelmNode {
     /// goes as when he was asked.
     fn still_permits(&self, goal: &Goal, now: &BoatMotion) -> bool {
         let keeps_speed = (goal.speed_mps - now.speed_mps).abs() < SPEED_ERROR_MPS;
-        (self.autopilot.steers_speed() || keeps_speed)
-            && self.config.permits_within(goal, now, COURSE_ERROR_RAD)
+        (self.autopilot.steers_speed() || keeps_speed) && self.config.permits(goal, now)
     }
 
     fn asked(&self, v: &View<'_>, since: Time<VesselClock>, goal: Goal) -> Phase {

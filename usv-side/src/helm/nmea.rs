@@ -5,6 +5,7 @@
 //! once the sentences end. Where it sends HTD its override and steering mode are read back: it follows in track control (APB)
 //! and in heading control (HSC) only.
 
+use alight_shared::lines::{Cut, LineBuffer};
 use alight_shared::time::{Span, Time, VesselClock};
 
 use super::command::{Command, ReadBack};
@@ -17,10 +18,10 @@ const MAX_SENTENCE: usize = 120;
 const FRESH: Span = Span::from_millis(5000);
 
 /// The link to it.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct NmeaHelm {
     open: bool,
-    line: Vec<u8>,
+    lines: LineBuffer,
     due: Option<Time<VesselClock>>,
     /// Its newest HTD, and who steers by it.
     htd: Option<(Time<VesselClock>, Steers)>,
@@ -37,19 +38,25 @@ enum Steers {
     Itself,
 }
 
+impl Default for NmeaHelm {
+    fn default() -> Self {
+        NmeaHelm {
+            open: false,
+            lines: LineBuffer::new(MAX_SENTENCE),
+            due: None,
+            htd: None,
+        }
+    }
+}
+
 impl NmeaHelm {
     /// Takes what came at `now`; None: the link is not open.
     pub(super) fn receive(&mut self, now: Time<VesselClock>, bytes: Option<&[u8]>) {
         self.open = bytes.is_some();
         for byte in bytes.unwrap_or_default() {
-            match byte {
-                b'\n' | b'\r' => {
-                    let line = core::mem::take(&mut self.line);
-                    let steers = core::str::from_utf8(&line).ok().and_then(steers);
-                    self.htd = steers.map(|steers| (now, steers)).or(self.htd);
-                }
-                _ if self.line.len() < MAX_SENTENCE => self.line.push(*byte),
-                _ => self.line.clear(),
+            if let Some(Cut::Line(line)) = self.lines.push(*byte) {
+                let steers = core::str::from_utf8(&line).ok().and_then(steers);
+                self.htd = steers.map(|steers| (now, steers)).or(self.htd);
             }
         }
     }
@@ -156,6 +163,12 @@ mod tests {
         assert_eq!(reports(&htd("V", "S"), 0), other);
         assert_eq!(reports(&htd("V", "R"), 0), other);
         assert_eq!(reports(&htd("A", "T"), 0), hand);
+        // The end of a line that is too long is no sentence, though it reads as one.
+        let overlong = "x".repeat(MAX_SENTENCE + 1);
+        helm.receive(Time::EPOCH, Some(overlong.as_bytes()));
+        let line = format!("${}*{:02X}\r\n", htd("V", "T"), checksum(&htd("V", "T")));
+        helm.receive(Time::EPOCH, Some(line.as_bytes()));
+        assert!(helm.read_back(Time::EPOCH).by_hand, "overlong");
         let old = helm.read_back(Time::from_secs(9.0));
         assert!(!old.by_hand && old.is_ours, "it may report nothing any more");
     }

@@ -4,6 +4,7 @@
 //! meanwhile, down to what a boat is off on a straight course. What lies beyond it for longer than a measurement errs is not
 //! the boat's response: somebody steers, or it does not follow.
 
+use alight_shared::estimation::low_pass_gain;
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::MAX_HELM_TURN_S;
 use alight_shared::time::{Time, VesselClock};
@@ -14,7 +15,7 @@ use super::{BoatMotion, Goal};
 /// takes) and speed (m/s: surge about a mean likewise).
 const STRAIGHT: [f64; 2] = [0.26, 1.2];
 /// A command shows after so long, s: mode, rudder or engine, and the estimator's mean.
-const LAG_S: f64 = 6.0;
+pub(super) const LAG_S: f64 = 6.0;
 /// The slowest boat turns and changes its speed so fast, rad/s (3 deg/s) and m/s².
 const SLOWEST: [f64; 2] = [0.052, 0.08];
 /// A boat is expected to turn and to change its speed so fast, rad/s (6 deg/s) and m/s²; and to need so long beside it, s.
@@ -100,7 +101,7 @@ impl Response {
         self.beyond = beyond.then(|| self.beyond.unwrap_or(now));
         let steady = off[0] <= STEADY[0] && off[1] <= STEADY[1] && motion.rate_radps.abs() <= STEADY[2];
         self.steady = steady.then(|| self.steady.unwrap_or(now));
-        let part = 1.0 - (-(now - self.observed).secs() / FEW_WAVES_S).exp();
+        let part = low_pass_gain((now - self.observed).secs(), FEW_WAVES_S);
         let errors = self.errors(motion);
         for (mean, error) in self.mean.iter_mut().zip(errors) {
             *mean += part * (error - *mean);

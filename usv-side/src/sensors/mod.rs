@@ -8,7 +8,6 @@ mod bus;
 mod clock;
 mod config;
 mod heights;
-mod lines;
 mod mav;
 mod n2k;
 mod nmea;

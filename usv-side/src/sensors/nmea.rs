@@ -12,6 +12,7 @@ mod attribution;
 pub(super) mod sentences;
 
 use alight_shared::geodesy::Datum;
+use alight_shared::lines::{Cut, LineBuffer};
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, NOT_MEASURED_SD};
 use alight_shared::time::{Time, VesselClock};
 use nmea_kit::nmea::NmeaSentence;
@@ -19,7 +20,6 @@ use nmea_kit::{NmeaFrame, parse_frame};
 
 use super::clock::{DAY_NS, Rollover, time_of_day_ns};
 use super::heights::Heights;
-use super::lines::{Cut, LineBuffer};
 use super::{Decoded, Decoder, Measurement, Mounting, Remark, SourceMeasurement};
 use account::{Account, Why};
 use attribution::Attribution;

@@ -5,11 +5,11 @@
 mod line;
 mod pgn;
 
+use alight_shared::lines::LineBuffer;
 use alight_shared::time::{Time, VesselClock};
 
 use super::bus::Bus;
 use super::clock::{DAY_NS, Rollover};
-use super::lines::LineBuffer;
 use super::nmea::account::{Account, Why};
 use super::{Decoded, Decoder, Measurement, Mounting, Remark, SourceMeasurement};
 use line::{Line, MAX_MESSAGE, Stamp};

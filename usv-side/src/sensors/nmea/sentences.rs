@@ -1,6 +1,6 @@
 //! What each kind of sentence says.
 
-use alight_shared::geodesy::Datum;
+use alight_shared::geodesy::{Datum, KNOT_MPS};
 use alight_shared::msg::NOT_MEASURED_SD;
 use nmea_kit::NmeaFrame;
 use nmea_kit::nmea::sentences::{Gga, Gll, Gns, Hdg, Pashr, Prdid, Rmc, Rot, Vtg, Xdr};
@@ -8,7 +8,6 @@ use nmea_kit::nmea::sentences::{Gga, Gll, Gns, Hdg, Pashr, Prdid, Rmc, Rot, Vtg,
 use super::account::Why;
 use super::{MAX_SPARE, NmeaDecoder, Position, SourceMeasurement, Untimed};
 
-const KNOT_MPS: f64 = 1852.0 / 3600.0;
 /// Below it a velocity needs no course, m/s.
 pub(in crate::sensors) const STILL_MPS: f64 = 0.3;
 /// Standard deviation of a velocity in tenths of a knot, m/s (ours).

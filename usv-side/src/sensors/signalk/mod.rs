@@ -8,11 +8,11 @@
 mod delta;
 mod lag;
 
+use alight_shared::lines::LineBuffer;
 use alight_shared::time::{Time, VesselClock};
 
 use super::bus::{Bus, Content, PAIR_NS, is_near};
 use super::clock::utc_ns;
-use super::lines::LineBuffer;
 use super::nmea::account::{Account, Why};
 use super::{Decoded, Decoder, Measurement, Mounting, Remark, SourceMeasurement};
 use crate::node::KINDS;

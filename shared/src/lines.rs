@@ -2,7 +2,7 @@
 
 /// The end of a line.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Cut {
+pub enum Cut {
     /// A line that is not empty, without its end.
     Line(Vec<u8>),
     /// One that was longer than a line may be; it is dropped.
@@ -24,7 +24,7 @@ impl Cut {
 
 /// The line that is not complete yet.
 #[derive(Clone, Debug)]
-pub(super) struct LineBuffer {
+pub struct LineBuffer {
     line: Vec<u8>,
     /// It is too long: the rest of it is dropped.
     overlong: bool,
@@ -33,7 +33,7 @@ pub(super) struct LineBuffer {
 
 impl LineBuffer {
     /// Of lines of at most `max` bytes.
-    pub(super) fn new(max: usize) -> Self {
+    pub fn new(max: usize) -> Self {
         LineBuffer {
             line: Vec::new(),
             overlong: false,
@@ -41,7 +41,7 @@ impl LineBuffer {
         }
     }
     /// Takes a byte; the line that it ends.
-    pub(super) fn push(&mut self, byte: u8) -> Option<Cut> {
+    pub fn push(&mut self, byte: u8) -> Option<Cut> {
         match byte {
             b'\n' | b'\r' => return self.end(),
             _ if self.line.len() >= self.max => self.overlong = true,
@@ -50,7 +50,7 @@ impl LineBuffer {
         None
     }
     /// Ends the line, if there is one.
-    pub(super) fn end(&mut self) -> Option<Cut> {
+    pub fn end(&mut self) -> Option<Cut> {
         let (line, overlong) = (
             core::mem::take(&mut self.line),
             core::mem::take(&mut self.overlong),
@@ -61,18 +61,18 @@ impl LineBuffer {
         }
     }
     /// The lines that these bytes end; overlong ones are counted.
-    pub(super) fn whole(&mut self, bytes: &[u8], overlong: &mut u64) -> Vec<Vec<u8>> {
+    pub fn whole(&mut self, bytes: &[u8], overlong: &mut u64) -> Vec<Vec<u8>> {
         bytes
             .iter()
             .filter_map(|byte| self.push(*byte)?.line(overlong))
             .collect()
     }
     /// The last line, which has no end; an overlong one is counted.
-    pub(super) fn last(&mut self, overlong: &mut u64) -> Option<Vec<u8>> {
+    pub fn last(&mut self, overlong: &mut u64) -> Option<Vec<u8>> {
         self.end()?.line(overlong)
     }
     /// Drops what there is of the line; its beginning.
-    pub(super) fn restart(&mut self) -> Vec<u8> {
+    pub fn restart(&mut self) -> Vec<u8> {
         self.overlong = false;
         core::mem::take(&mut self.line)
     }
@@ -81,6 +81,7 @@ impl LineBuffer {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     #[test]
     fn lines_of_bounded_length() {
@@ -93,5 +94,18 @@ mod tests {
         let line = |text: &[u8]| Cut::Line(text.to_vec());
         assert_eq!(cuts, [line(b"ab"), Cut::Overlong, line(b"abcd"), line(b"rest")]);
         assert_eq!(lines.end(), None);
+    }
+
+    proptest! {
+        #[test]
+        fn arbitrary_bytes_in_lines(bytes in prop::collection::vec(any::<u8>(), 0..600), max in 1..300_usize) {
+            let mut lines = LineBuffer::new(max);
+            for byte in bytes {
+                if let Some(Cut::Line(line)) = lines.push(byte) {
+                    prop_assert!((1..=max).contains(&line.len()));
+                }
+                prop_assert!(lines.line.len() <= max);
+            }
+        }
     }
 }
