@@ -156,7 +156,7 @@ fn refusal_is_shown_and_forgotten() {
         Some(StationTooLow)
     );
     // What it waits for is what others go by.
-    assert_eq!(d.waiting, step(&hold, &flying(|_| ())).waiting);
+    assert_eq!(d.waiting, step(hold, &flying(|_| ())).waiting);
     let later = flying(|s| s.now += Span::from_secs(16.0));
     assert_eq!(shown(&step(&d, &later), &later), None);
     let again = commanded(&d, CommandKind::Hold, &flying(|_| ()));
