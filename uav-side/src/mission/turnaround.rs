@@ -84,7 +84,8 @@ pub(super) fn unprepared(progress: &mut Progress, s: &Situation, why: Reason) ->
     MissionPhase::Preparing.stay(why)
 }
 
-/// In the hold after the climb out, which `progress` began with: to the autopilot's own mission, or back to the deck where it does not begin that.
+/// In the hold after the climb out, since `progress.started`: to the autopilot's own mission, or back to the deck where it does
+/// not begin that.
 pub(super) fn hands_over(
     hold: MissionPhase,
     progress: &mut Progress,
