@@ -294,6 +294,16 @@ impl From<ReasonCode> for Reason {
 /// Nearer to its station a drone keeps it, m: what it is off in wind and waves.
 const NEAR_STATION_M: f64 = 5.0;
 
+/// What a drone does about its station, which lies at ` place` where that is named.
+pub(super) fn on_station(waiting: &Reason, place: &str) -> String {
+    let (left_min, off_m) = ((waiting.value / 60.0).ceil(), waiting.limit);
+    if off_m <= NEAR_STATION_M {
+        format!("keeps its station{place}, {left_min:.0} min left")
+    } else {
+        format!("{off_m:.0} m from its station{place}, {left_min:.0} min left")
+    }
+}
+
 /// A take-off that is not likely enough, for people.
 fn likely_take_off(f: &mut fmt::Formatter<'_>, p: f64, needed: f64, costs: &str) -> fmt::Result {
     let (p, needed) = ((p * 100.0).floor(), (needed * 100.0).ceil());
@@ -393,12 +403,7 @@ impl fmt::Display for Reason {
                 "no radio for {l:.0} s: flies to where the vessel should be, {v:.0} m"
             ),
             ReasonCode::HandsOver => write!(f, "hands over to the autopilot's own mission"),
-            ReasonCode::OnStation if l <= NEAR_STATION_M => {
-                write!(f, "keeps its station, {:.0} min left", (v / 60.0).ceil())
-            }
-            ReasonCode::OnStation => {
-                write!(f, "{l:.0} m from its station, {:.0} min left", (v / 60.0).ceil())
-            }
+            ReasonCode::OnStation => f.write_str(&on_station(self, "")),
             ReasonCode::StationOver => write!(f, "the time on the station is over"),
             ReasonCode::StationTooLow => {
                 write!(

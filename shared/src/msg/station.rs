@@ -5,6 +5,7 @@ use core::fmt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::reason::on_station;
 use super::{MissionState, ReasonCode};
 use crate::time::{DroneClock, Time};
 
@@ -62,13 +63,11 @@ impl fmt::Display for Station {
 impl MissionState {
     /// What it waits for, as text; of a station also where it is.
     pub fn waits(&self) -> String {
-        let waiting = self.waiting.to_string();
-        let kept = self
-            .station
-            .filter(|_| self.waiting.code == ReasonCode::OnStation);
-        match (kept, waiting.split_once(',')) {
-            (Some(kept), Some((does, left))) => format!("{does} {},{left}", kept.station),
-            (_, _) => waiting,
+        match self.station {
+            Some(kept) if self.waiting.code == ReasonCode::OnStation => {
+                on_station(&self.waiting, &format!(" {}", kept.station))
+            }
+            Some(_) | None => self.waiting.to_string(),
         }
     }
 }

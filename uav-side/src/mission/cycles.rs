@@ -32,8 +32,6 @@ pub struct Cycles {
     pub(super) charged: Option<Time<DroneClock>>,
     /// Take-offs that found no moment since the drone stands there.
     pub(super) tries: u32,
-    /// Is handed to the autopilot's own mission since.
-    pub(super) handing: Option<Time<DroneClock>>,
 }
 
 impl Cycles {
@@ -55,7 +53,7 @@ impl Cycles {
     /// They end, where they go on.
     pub(super) fn end(&mut self, why: Reason) {
         if self.on {
-            (self.on, self.ended, self.handing) = (false, Some(why), None);
+            (self.on, self.ended) = (false, Some(why));
         }
     }
     /// The drone has left the deck.
@@ -74,9 +72,6 @@ impl Cycles {
         self.tries = self.tries.saturating_add(u32::from(stops && !ends));
         if ends || stops && (why.code != NoMoment || self.tries > MOMENTS) {
             self.end(why);
-        }
-        if after != State::Hold {
-            self.handing = None;
         }
     }
 }

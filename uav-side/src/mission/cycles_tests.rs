@@ -147,10 +147,7 @@ fn endings_of_unattended_cycles() {
         armed,
     };
     let handed = Progress {
-        cycles: Cycles {
-            handing: Some(at(1.0)),
-            ..cycling().cycles
-        },
+        started: at(1.0),
         ..on_sortie
     };
     let leaves = MissionPhase::TakeOff {
@@ -214,6 +211,27 @@ fn endings_of_unattended_cycles() {
         assert_eq!(d.entered.unwrap().code, NoMoment);
         assert_eq!(d.progress.cycles.on, tries <= 3);
         progress = d.progress;
+    }
+}
+
+#[test]
+fn mission_begun_anew_while_it_hands_over() {
+    let m = MissionCheckpoint {
+        state: MissionState {
+            state: State::Hold,
+            sorties: [1, 3],
+            ..MissionState::default()
+        },
+        started: at(1.0),
+        sortie: true,
+        cycling: true,
+        ..MissionCheckpoint::default()
+    };
+    for (now_s, expected) in [(3.0, HandsOver), (10.0, HandOverRefused)] {
+        let s = with(|s| s.now = at(now_s));
+        let (phase, _) = checkpoint::restored(&m, true, &s, &permits());
+        let d = step(phase, checkpoint::progress(&m), None, &s);
+        assert_eq!(d.entered.unwrap_or(d.waiting).code, expected);
     }
 }
 

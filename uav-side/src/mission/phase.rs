@@ -270,7 +270,7 @@ pub struct Progress {
     pub landing: bool,
     /// Descents begun since the command.
     pub attempts: u32,
-    /// When the landing was begun.
+    /// When the landing, the take-off or the hold in which that ends was begun.
     pub started: DroneTime,
     /// The charge at which the operator asked for a landing below the battery's reserve: the deck is the first place then,
     /// within wider limits, until the landing ends.

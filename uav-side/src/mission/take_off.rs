@@ -369,7 +369,9 @@ pub(super) fn climb_out(
     let ends = ends.or_else(|| exceeds(TooLong, (s.now - since).secs(), CLIMB_OUT_S));
     match ends.filter(|_| !lapsed) {
         Some(why) => {
-            progress.cycles.handing = Some(s.now);
+            if !progress.landing {
+                progress.started = s.now;
+            }
             holding(HoldCause::Operator, s, c).enter(why)
         }
         None => MissionPhase::ClimbOut {

@@ -84,15 +84,18 @@ pub(super) fn unprepared(progress: &mut Progress, s: &Situation, why: Reason) ->
     MissionPhase::Preparing.stay(why)
 }
 
-/// In the hold after the climb out: to the autopilot's own mission, or back to the deck where it does not begin that.
+/// In the hold after the climb out, since `progress.started`: to the autopilot's own mission, or back to the deck where it does
+/// not begin that.
 pub(super) fn hands_over(
     hold: MissionPhase,
     progress: &mut Progress,
     s: &Situation,
     c: &MissionConfig,
 ) -> Option<Transition> {
-    let since = progress.cycles.handing.filter(|_| progress.cycles.on)?;
-    let lasted_s = (s.now - since).secs();
+    if !progress.cycles.on {
+        return None;
+    }
+    let lasted_s = (s.now - progress.started).secs();
     if lasted_s <= HAND_OVER_S || s.flight != ControlState::Ours {
         return Some(hold.stay(Reason::new(HandsOver, lasted_s, HAND_OVER_S)));
     }
