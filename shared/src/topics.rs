@@ -389,7 +389,7 @@ mod tests {
     }
 
     /// What is a number and has no unit: counts, numbers of computers, shares, probabilities, ratios.
-    const WITHOUT_UNIT: [&str; 19] = [
+    const WITHOUT_UNIT: [&str; 20] = [
         "boot",
         "sequence",
         "vessel",
@@ -405,6 +405,7 @@ mod tests {
         "battery",
         "abort",
         "hold",
+        "order",
         "operator",
         "value",
         "limit",
