@@ -43,19 +43,21 @@ impl LocalCommand {
             }
         })
     }
-    /// Whether this state shows that the mission has taken it: a state from before the command is no answer, and to what stops
-    /// only the echo of one of its repetitions is.
-    pub fn is_met(&self, m: &MissionState) -> bool {
+    /// Whether this state shows that the mission has taken it, or that it rejects it; None: it shows neither. A state from
+    /// before the command is no answer, and to what stops only the echo of one of its repetitions is.
+    pub fn taken(&self, m: &MissionState) -> Option<bool> {
         let sent = 1..=self.header.sequence;
         let echoed = |echo: Option<[u32; 2]>| {
             echo.is_some_and(|[boot, k]| boot == self.header.boot && sent.contains(&k))
         };
         match self.kind {
-            None => true,
-            Some(CommandKind::Abort) => echoed(m.abort),
-            Some(CommandKind::Hold | CommandKind::Ready | CommandKind::Station(_)) => echoed(m.order),
+            None => Some(true),
+            Some(CommandKind::Abort) => echoed(m.abort).then_some(true),
+            Some(CommandKind::Hold | CommandKind::Ready | CommandKind::Station(_)) => {
+                echoed(m.order).then_some(m.rejected.is_none())
+            }
             Some(k @ (CommandKind::Land | CommandKind::TakeOff)) => {
-                m.header.at >= self.header.at && k.is_met(m.state, m.waiting.code)
+                (m.header.at >= self.header.at && k.is_met(m.state, m.waiting.code)).then_some(true)
             }
         }
     }
@@ -80,7 +82,7 @@ pub fn answer(drone: u32, mission: &MissionState, taken: bool) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::State;
+    use alight_shared::msg::{Reason, ReasonCode, State, Station};
 
     #[test]
     fn local_abort_repetition_and_receipt() {
@@ -112,9 +114,32 @@ mod tests {
             Some([boot, 5]),
             Some([boot.wrapping_add(1), 1]),
         ] {
-            assert!(!abort.is_met(&published(State::GaveUp, echo)), "{echo:?}");
+            assert!(abort.taken(&published(State::GaveUp, echo)).is_none(), "{echo:?}");
         }
-        assert!(abort.is_met(&published(State::ClimbOut, Some([boot, 4]))));
+        assert_eq!(
+            abort.taken(&published(State::ClimbOut, Some([boot, 4]))),
+            Some(true)
+        );
         assert!(!abort.is_over(12_000_000_000) && abort.is_over(12_000_000_001));
+    }
+
+    #[test]
+    fn local_order_that_the_mission_rejects() {
+        let mut station = LocalCommand::new(
+            &DroneComputer::default(),
+            Some(CommandKind::Station(Station::USUAL)),
+            10_000_000_000,
+        );
+        let sent = station.due(10_000_000_000).unwrap();
+        let shows = |rejected| MissionState {
+            order: Some([sent.header.boot, sent.header.sequence]),
+            rejected,
+            ..MissionState::default()
+        };
+        assert_eq!(station.taken(&MissionState::default()), None);
+        assert_eq!(station.taken(&shows(None)), Some(true));
+        let why: Reason = ReasonCode::StationNotNow.into();
+        assert_eq!(station.taken(&shows(Some(why))), Some(false));
+        assert_eq!(answer(1, &shows(Some(why)), false)[1], format!("waiting: {why}"));
     }
 }

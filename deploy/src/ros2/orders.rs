@@ -92,10 +92,11 @@ impl<C: Caller> Orders<C> {
     /// What is to be sent to it now.
     pub fn poll(&mut self, drone: u32, mission: Option<&MissionState>, now_ns: i64) -> Option<Command> {
         let under_way = self.under_way.as_mut()?;
-        let taken = mission.is_some_and(|m| under_way.command.is_met(m));
-        if !taken && !under_way.command.is_over(now_ns) {
+        let taken = mission.and_then(|m| under_way.command.taken(m));
+        if taken.is_none() && !under_way.command.is_over(now_ns) {
             return under_way.command.due(now_ns);
         }
+        let taken = taken == Some(true);
         let text = mission.map_or_else(
             || format!("no mission answers on the computer of drone {drone}"),
             |m| answer(drone, m, taken).join("; "),

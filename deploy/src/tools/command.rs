@@ -416,7 +416,7 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
     while !command.is_over(steady_ns()) {
         let now: Time<DroneClock> = computer.clock.now();
         newest = missions.newest(now.nanos()).or(newest);
-        if newest.is_some_and(|m| command.is_met(&m)) {
+        if newest.is_some_and(|m| command.taken(&m).is_some()) {
             break;
         }
         commands.send_any(command.due(steady_ns()).as_ref());
@@ -429,7 +429,7 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
             "no mission answers under the name {name}: alight status --instance {name} shows what runs"
         )));
     };
-    let taken = command.is_met(&mission);
+    let taken = command.taken(&mission) == Some(true);
     if args.json {
         terminal::line(json!({ "taken": taken, "number": own, "mission": mission }));
     } else {

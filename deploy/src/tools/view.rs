@@ -244,7 +244,7 @@ impl Ports {
         }
         let (command, _) = self.abort.as_mut()?;
         self.commands.send_any(command.due(steady_ns()).as_ref());
-        let taken = mission.filter(|m| command.is_met(m));
+        let taken = mission.filter(|m| command.taken(m) == Some(true));
         let answer = match taken {
             Some(m) => Ok(format!("abort taken: {}", m.state.name())),
             None if command.is_over(steady_ns()) => Err(

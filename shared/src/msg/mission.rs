@@ -519,7 +519,7 @@ pub enum CommandProgress {
     /// A status of the drone that came after it shows it: of a landing and a take-off their states, of all others their own
     /// echo.
     Taken,
-    /// The drone did not take it in time.
+    /// The drone rejects it, or did not take it in time.
     GivenUp,
     /// Not passed on: an abort that the operator may not know of was pending, or given just before.
     Forbidden,

@@ -397,6 +397,15 @@ impl fmt::Display for Reason {
                 100.0 * v
             ),
             ReasonCode::SortieBegins => write!(f, "ready: sortie {v:.0} of {l:.0}"),
+            ReasonCode::SortiesDone if l == 0.0 => {
+                write!(f, "no unattended cycles (drone.mission.sorties_max = 0)")
+            }
+            ReasonCode::SortiesDone if v < l => {
+                write!(
+                    f,
+                    "no cycles go on, {v:.0} of {l:.0} sorties begun: order a take-off"
+                )
+            }
             ReasonCode::SortiesDone => write!(f, "all sorties are done: {v:.0} (limit {l:.0})"),
             ReasonCode::SeeksVessel => write!(
                 f,

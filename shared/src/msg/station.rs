@@ -24,18 +24,31 @@ pub struct Station {
     pub ahead_m: i8,
     /// To starboard of it, m; negative: to port.
     pub right_m: i8,
-    /// Above the deck's mean level, m.
+    /// Above the deck's mean level, m; 0 in an order: at the height of the approach.
     pub height_m: u8,
     /// From the order on, min.
     pub for_min: u8,
 }
 
 impl Station {
+    /// Where nothing else is asked for: clear of what belongs to the deck's owner, at the height of the approach.
+    pub const USUAL: Station = Station {
+        ahead_m: 0,
+        right_m: 20,
+        height_m: 0,
+        for_min: 10,
+    };
     /// Within the bounds of every vessel.
     pub fn is_sane(&self) -> bool {
         self.distance_m() <= f64::from(MAX_STATION_M)
-            && (1..=MAX_STATION_HEIGHT_M).contains(&self.height_m)
+            && self.height_m <= MAX_STATION_HEIGHT_M
             && (1..=MAX_STATION_MIN).contains(&self.for_min)
+    }
+    /// With the height of the approach, whole metres up, where the order has none.
+    pub fn of_approach(self, height_m: f64) -> Station {
+        let whole = height_m.ceil().min(f64::from(MAX_STATION_HEIGHT_M)) as u8;
+        let height_m = if self.height_m == 0 { whole } else { self.height_m };
+        Station { height_m, ..self }
     }
     /// Horizontal distance from the deck's centre, m.
     pub fn distance_m(&self) -> f64 {
@@ -61,8 +74,11 @@ impl fmt::Display for Station {
 }
 
 impl MissionState {
-    /// What it waits for, as text; of a station also where it is.
+    /// What it waits for, as text, of a station also where it is; a moment after an order that is not carried out, why.
     pub fn waits(&self) -> String {
+        if let Some(rejected) = self.rejected {
+            return rejected.to_string();
+        }
         match self.station {
             Some(kept) if self.waiting.code == ReasonCode::OnStation => {
                 on_station(&self.waiting, &format!(" {}", kept.station))
@@ -119,6 +135,22 @@ mod tests {
         assert_eq!(state(1.0).waits(), near);
         let far = "40 m from its station 15 m up, 20 m to starboard, 12 min left";
         assert_eq!(state(40.0).waits(), far);
+        let why = Reason::new(ReasonCode::OrderExpired, 40.0, 30.0);
+        let rejected = MissionState {
+            rejected: Some(why),
+            ..state(1.0)
+        };
+        assert_eq!(rejected.waits(), why.to_string());
+    }
+
+    #[test]
+    fn height_of_a_station() {
+        let height_m = |approach_m| Station::USUAL.of_approach(approach_m).height_m;
+        assert_eq!(
+            [2.0, 15.0, 15.2, 200.0].map(height_m),
+            [2, 15, 16, MAX_STATION_HEIGHT_M]
+        );
+        assert_eq!(ABEAM.of_approach(30.0), ABEAM);
     }
 
     #[test]
@@ -134,11 +166,11 @@ mod tests {
                 height_m: 51,
                 ..ABEAM
             },
-            Station { height_m: 0, ..ABEAM },
             Station { for_min: 31, ..ABEAM },
             Station { for_min: 0, ..ABEAM },
         ] {
             assert!(!changed.is_sane(), "{changed:?}");
         }
+        assert!(Station::USUAL.is_sane());
     }
 }

@@ -139,9 +139,10 @@ fn message() -> impl Strategy<Value = Message> {
         (0..2_u8).prop_map(|component| Message::ParameterList {
             to: Address::new(1, 191 * component),
         }),
-        commands().prop_map(|command| Message::CommandInt {
+        (commands(), any::<[f32; 4]>()).prop_map(|(command, first)| Message::CommandInt {
             to: Address::new(1, 191),
             command,
+            first: first.map(f64::from),
         }),
         (0..8_u8, "\\PC{0,60}").prop_map(|(severity, text)| Message::Text { severity, text }),
         any::<u16>().prop_map(|flags| Message::EstimatorStatus { flags }),

@@ -275,7 +275,14 @@ fn order_by_command_int() {
         p.waits_for_flight = true;
         let to = Address::new(VEHICLE, 191);
         let command = command::USER_1;
-        p.inject(STATION, &Message::CommandInt { to, command });
+        p.inject(
+            STATION,
+            &Message::CommandInt {
+                to,
+                command,
+                first: [0.0; 4],
+            },
+        );
         p.run(1.0);
         let results = [CommandResult::InProgress, CommandResult::Accepted];
         assert_eq!(p.answers, results.map(|r| (command, r)), "{firmware:?}");
@@ -285,7 +292,14 @@ fn order_by_command_int() {
         p.orders.clear();
         for component in [0, 154] {
             let to = Address::new(VEHICLE, component);
-            p.inject(STATION, &Message::CommandInt { to, command });
+            p.inject(
+                STATION,
+                &Message::CommandInt {
+                    to,
+                    command,
+                    first: [0.0; 4],
+                },
+            );
         }
         p.run(1.0);
         assert_eq!((p.answers.len(), p.orders.len()), (2, 0));
@@ -298,7 +312,14 @@ fn abort_given_again_after_its_answer() {
         let mut p = LinkRig::new(firmware, 5.0, &config());
         p.run(3.0);
         let (to, command) = (Address::new(VEHICLE, 191), command::USER_2);
-        p.inject(STATION, &Message::CommandInt { to, command });
+        p.inject(
+            STATION,
+            &Message::CommandInt {
+                to,
+                command,
+                first: [0.0; 4],
+            },
+        );
         p.run(0.2);
         let first = p.orders.first().expect("an order").header;
         p.abort = Some([first.boot, first.sequence]);
@@ -308,7 +329,14 @@ fn abort_given_again_after_its_answer() {
         // Somebody else orders a landing, of which no station is informed.
         p.run(5.0);
         p.orders.clear();
-        p.inject(STATION, &Message::CommandInt { to, command });
+        p.inject(
+            STATION,
+            &Message::CommandInt {
+                to,
+                command,
+                first: [0.0; 4],
+            },
+        );
         p.run(0.2);
         let again = p.orders.first().expect("an order");
         assert_eq!(again.kind, CommandKind::Abort, "{firmware:?}");
@@ -561,7 +589,8 @@ fn message_values_over_the_wire() {
         order(command::USER_3),
         Message::CommandInt {
             to: Address::new(VEHICLE, 191),
-            command: command::USER_2,
+            command: command::USER_4,
+            first: [25.0, -30.0, 10.0, 20.0],
         },
         Message::CommandAck {
             command: command::USER_2,

@@ -12,7 +12,7 @@ use super::message::{
 use super::modes::Firmware;
 use super::orders::named;
 use super::peer::Peer;
-use super::station::{Answer, Received, Repetition};
+use super::station::{Answer, Asked, Received, Repetition};
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output, drone_state, thrust};
 
 /// No sea is further from the ellipsoid, m (EGM2008: -107 to 86).
@@ -263,14 +263,24 @@ impl AutopilotLink {
         if let Message::Command(c) = &frame.message
             && c.to == own
         {
-            let asked = (c.command, Repetition::counted(c.confirmation));
-            self.command_by_station(now, frame.from, asked, out);
+            let [height, ahead, right, minutes, ..] = c.parameters;
+            let asked = Asked {
+                number: c.command,
+                first: [height, ahead, right, minutes],
+                repetition: Repetition::counted(c.confirmation),
+            };
+            self.command_by_station(now, frame.from, &asked, out);
             return true;
         }
-        if let Message::CommandInt { to, command } = &frame.message
+        if let Message::CommandInt { to, command, first } = &frame.message
             && *to == own
         {
-            self.command_by_station(now, frame.from, (*command, Repetition::Perhaps), out);
+            let asked = Asked {
+                number: *command,
+                first: *first,
+                repetition: Repetition::Perhaps,
+            };
+            self.command_by_station(now, frame.from, &asked, out);
             return true;
         }
         // A station asks for the list of all components at once.
@@ -296,14 +306,8 @@ impl AutopilotLink {
     }
 
     /// A command to us: an order to the mission, or none of ours.
-    fn command_by_station(
-        &mut self,
-        now: DroneTime,
-        from: Address,
-        asked: (u16, Repetition),
-        out: &mut AutopilotOut,
-    ) {
-        let command = asked.0;
+    fn command_by_station(&mut self, now: DroneTime, from: Address, asked: &Asked, out: &mut AutopilotOut) {
+        let command = asked.number;
         let answer = |result| Message::CommandAck {
             command,
             result,
@@ -313,7 +317,7 @@ impl AutopilotLink {
             Received::Answered(result) => out.messages.push(answer(result)),
             Received::Order(kind) => {
                 let header = self.header(Output::Command, now);
-                let replaced = self.station.give(command, from, header);
+                let replaced = self.station.give((command, kind), from, header);
                 if kind == CommandKind::Abort {
                     self.station.stopped(now);
                 }

@@ -138,6 +138,8 @@ pub mod command {
     pub const USER_2: u16 = 31011;
     /// `MAV_CMD_USER_3`: of ours, hold.
     pub const USER_3: u16 = 31012;
+    /// `MAV_CMD_USER_4`: of ours, a station: height, m; ahead and to starboard of the deck's centre, m; for how long, min.
+    pub const USER_4: u16 = 31013;
     /// Second parameter of `ARM_DISARM`: the autopilot obeys in the air too.
     pub const FORCE: f64 = 21196.0;
 }
@@ -505,12 +507,14 @@ pub enum Message {
     Ais(AisReport),
     /// `COMMAND_LONG`.
     Command(CommandLong),
-    /// `COMMAND_INT`, without its parameters: no order has any.
+    /// `COMMAND_INT`.
     CommandInt {
         /// Receiver.
         to: Address,
         /// Which.
         command: u16,
+        /// Its first four parameters; no order of ours has a place on earth.
+        first: [f64; 4],
     },
     /// `COMMAND_ACK`.
     CommandAck {

@@ -24,7 +24,7 @@ pub(super) struct Order {
 pub(super) enum Progress {
     /// The mission has taken it.
     Taken,
-    /// It has not, in 5 s.
+    /// It rejects it, or has not taken it in 5 s.
     GivenUp,
     /// It is under way; what is to be published now.
     UnderWay(Option<Command>),
@@ -47,18 +47,19 @@ impl Order {
         let (h, kind) = (self.command.header, self.command.kind);
         let own = Some([h.boot, h.sequence]);
         let taken = |m: &MissionState| match kind {
-            CommandKind::Abort => m.abort == own,
-            CommandKind::Hold | CommandKind::Ready | CommandKind::Station(_) => m.order == own,
+            CommandKind::Abort => (m.abort == own).then_some(true),
+            CommandKind::Hold | CommandKind::Ready | CommandKind::Station(_) => {
+                (m.order == own).then_some(m.rejected.is_none())
+            }
             CommandKind::Land | CommandKind::TakeOff => {
-                m.header.at > h.at && kind.is_met(m.state, m.waiting.code)
+                (m.header.at > h.at && kind.is_met(m.state, m.waiting.code)).then_some(true)
             }
         };
-        if mission.is_some_and(taken) {
-            Progress::Taken
-        } else if self.sending.is_over(now) {
-            Progress::GivenUp
-        } else {
-            Progress::UnderWay(self.sending.is_due(now).then_some(self.command))
+        match mission.and_then(taken) {
+            Some(true) => Progress::Taken,
+            Some(false) => Progress::GivenUp,
+            None if self.sending.is_over(now) => Progress::GivenUp,
+            None => Progress::UnderWay(self.sending.is_due(now).then_some(self.command)),
         }
     }
 }

@@ -1,9 +1,10 @@
 //! Orders of a ground station: `COMMAND_LONG` or `COMMAND_INT` to the companion, answered by `COMMAND_ACK` to whoever gave it.
 //!
 //! `MAV_CMD_USER_1` and `MAV_CMD_NAV_LAND` land, `MAV_CMD_USER_2` aborts, `MAV_CMD_USER_3` holds, `MAV_CMD_NAV_TAKEOFF` takes
-//! off where the mission permits that, all whatever their parameters. An order is answered with
+//! off where the mission permits that, all whatever their parameters; `MAV_CMD_USER_4` keeps the station that its parameters name,
+//! and is DENIED where they name none. An order is answered with
 //! IN_PROGRESS at once and each second, with ACCEPTED when the mission has taken it, and with TEMPORARILY_REJECTED, or FAILED
-//! where no mission reports, when it has not in 5 s. It is admitted by the mission as any other. An order to land or to hold
+//! where no mission reports, when it rejects it or has not taken it in 5 s. It is admitted by the mission as any other. An order to land or to hold
 //! that a station repeats (its confirmation counts; a `COMMAND_INT`, which has none, may be a repetition), or gives within a
 //! second of it, is rejected after an abort or after a person took the drone over: whoever gave it cannot have seen that. One
 //! whose confirmation counts is answered as it was before; an abort is ordered again each time, for somebody else may have
@@ -12,22 +13,61 @@
 
 use alight_shared::admission::Periodic;
 use alight_shared::admission::command::UNAWARE_OF_ABORT;
-use alight_shared::msg::{Command, CommandKind, Header, MissionState};
+use alight_shared::msg::{Command, CommandKind, Header, MissionState, Station};
 use alight_shared::time::{DroneClock, Span};
 
 use super::DroneTime;
 use super::message::{Address, CommandResult, Message, command};
 use super::orders::{Order, Progress, named};
 
-/// What a number orders.
-const fn ordered(number: u16) -> Option<CommandKind> {
-    match number {
-        command::USER_1 | command::NAV_LAND => Some(CommandKind::Land),
-        command::NAV_TAKEOFF => Some(CommandKind::TakeOff),
-        command::USER_2 => Some(CommandKind::Abort),
-        command::USER_3 => Some(CommandKind::Hold),
-        _ => None,
+/// A command as a station gives it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Asked {
+    /// Which.
+    pub(super) number: u16,
+    /// Its first four parameters.
+    pub(super) first: [f64; 4],
+    pub(super) repetition: Repetition,
+}
+
+impl Asked {
+    /// What it orders; else the answer.
+    fn ordered(&self) -> Result<CommandKind, CommandResult> {
+        match self.number {
+            command::USER_1 | command::NAV_LAND => Ok(CommandKind::Land),
+            command::NAV_TAKEOFF => Ok(CommandKind::TakeOff),
+            command::USER_2 => Ok(CommandKind::Abort),
+            command::USER_3 => Ok(CommandKind::Hold),
+            command::USER_4 => station(self.first)
+                .map(CommandKind::Station)
+                .ok_or(CommandResult::Denied),
+            _ => Err(CommandResult::Unsupported),
+        }
     }
+}
+
+/// The station of these parameters: height, m; ahead and to starboard, m; min. What is not a number is the usual, and a
+/// height and a time of 0 are; None outside a station's bounds.
+fn station([height_m, ahead_m, right_m, for_min]: [f64; 4]) -> Option<Station> {
+    let usual = Station::USUAL;
+    let whole = |value: f64, usual: i8| {
+        let value = if value.is_nan() {
+            f64::from(usual)
+        } else {
+            value.round()
+        };
+        let fits = (f64::from(i8::MIN)..=f64::from(i8::MAX)).contains(&value);
+        fits.then_some(value as i8)
+    };
+    let positive = |value: f64| u8::try_from(whole(value, 0)?).ok();
+    let for_min = positive(for_min)?;
+    let station = Station {
+        ahead_m: whole(ahead_m, usual.ahead_m)?,
+        right_m: whole(right_m, if ahead_m.is_nan() { usual.right_m } else { 0 })?,
+        height_m: positive(height_m)?,
+        for_min: if for_min == 0 { usual.for_min } else { for_min },
+    };
+    station.is_sane().then_some(station)
 }
 
 /// A station repeats an order for no longer than this.
@@ -94,18 +134,21 @@ impl StationOrders {
     pub(super) fn stopped(&mut self, now: DroneTime) {
         self.stopped = Some(now);
     }
-    /// A command with this number to the companion. `barred`: the remote control's switch aborts or stands there.
+    /// A command to the companion. `barred`: the remote control's switch aborts or stands there.
     pub(super) fn received(
         &mut self,
         now: DroneTime,
         from: Address,
-        (number, repetition): (u16, Repetition),
+        asked: &Asked,
         barred: bool,
     ) -> Received {
-        let Some(kind) = ordered(number) else {
-            return Received::Answered(CommandResult::Unsupported);
+        let (number, repetition) = (asked.number, asked.repetition);
+        let kind = match asked.ordered() {
+            Ok(kind) => kind,
+            Err(answer) => return Received::Answered(answer),
         };
-        if let Some(same) = self.given.as_mut().filter(|g| g.number == number) {
+        let is_same = |g: &&mut Given| g.number == number && g.order.kind() == kind;
+        if let Some(same) = self.given.as_mut().filter(is_same) {
             if !same.stations.contains(&from) && same.stations.len() < MAX_STATIONS {
                 same.stations.push(from);
             }
@@ -125,7 +168,7 @@ impl StationOrders {
         if stopped || barred || self.aborts() {
             return Received::Answered(CommandResult::TemporarilyRejected);
         }
-        let same = |a: &Answer| a.number == number && a.stations.contains(&from);
+        let same = |a: &Answer| a.number == number && a.kind == kind && a.stations.contains(&from);
         match &self.decided {
             Some((answer, at)) if repetition == Repetition::Yes && same(answer) && recent(*at, REPEATED) => {
                 Received::Answered(answer.result)
@@ -134,8 +177,13 @@ impl StationOrders {
         }
     }
     /// Begins a new order; the answer to the one that it takes the place of.
-    pub(super) fn give(&mut self, number: u16, from: Address, header: Header<DroneClock>) -> Option<Answer> {
-        let order = Order::new(header, ordered(number)?);
+    pub(super) fn give(
+        &mut self,
+        (number, kind): (u16, CommandKind),
+        from: Address,
+        header: Header<DroneClock>,
+    ) -> Option<Answer> {
+        let order = Order::new(header, kind);
         let mut answers = Periodic::default();
         answers.restart(header.at, ANSWERED);
         let before = self.given.replace(Given {
@@ -178,6 +226,7 @@ impl Given {
     fn answer(&self, result: CommandResult) -> Answer {
         Answer {
             number: self.number,
+            kind: self.order.kind(),
             result,
             stations: self.stations.clone(),
             text: None,
@@ -186,7 +235,10 @@ impl Given {
     fn rejected(&self, mission: Option<&MissionState>) -> Answer {
         let (_, order) = named(self.order.kind());
         let (result, why) = match mission {
-            Some(m) => (CommandResult::TemporarilyRejected, m.state.because(&m.waiting)),
+            Some(m) => {
+                let why = m.rejected.unwrap_or(m.waiting);
+                (CommandResult::TemporarilyRejected, m.state.because(&why))
+            }
             None => (CommandResult::Failed, "no mission reports".into()),
         };
         Answer {
@@ -200,6 +252,7 @@ impl Given {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Answer {
     number: u16,
+    kind: CommandKind,
     result: CommandResult,
     /// Who waits for it.
     stations: Vec<Address>,
@@ -230,9 +283,17 @@ mod tests {
     const STATION: Address = Address::new(255, 190);
     const REJECTED: Received = Received::Answered(CommandResult::TemporarilyRejected);
     /// A command that is given for the first time.
-    fn new(command: u16) -> (u16, Repetition) {
-        (command, Repetition::No)
+    fn new(command: u16) -> Asked {
+        asked(command, Repetition::No)
     }
+    fn asked(number: u16, repetition: Repetition) -> Asked {
+        Asked {
+            number,
+            first: [0.0; 4],
+            repetition,
+        }
+    }
+    const LAND: (u16, CommandKind) = (command::USER_1, CommandKind::Land);
     fn tracking(s: f64) -> MissionState {
         MissionState {
             header: Header::new(0, 1, 5, 1, at(s)),
@@ -244,7 +305,7 @@ mod tests {
     #[test]
     fn station_orders_and_repetitions() {
         let mut orders = StationOrders::default();
-        let answered = |orders: &mut StationOrders, s, c| orders.received(at(s), STATION, new(c), false);
+        let answered = |orders: &mut StationOrders, s, c| orders.received(at(s), STATION, &new(c), false);
         let (land, abort) = (command::USER_1, command::USER_2);
         assert_eq!(
             answered(&mut orders, 9.9, command::SET_MODE),
@@ -255,7 +316,7 @@ mod tests {
             Received::Order(CommandKind::Land)
         );
         assert_eq!(
-            orders.give(land, STATION, Header::new(0, 1, 7, 1, at(10.0))),
+            orders.give(LAND, STATION, Header::new(0, 1, 7, 1, at(10.0))),
             None
         );
         assert_eq!(
@@ -267,7 +328,11 @@ mod tests {
             answered(&mut orders, 10.1, abort),
             Received::Order(CommandKind::Abort)
         );
-        let replaced = orders.give(abort, STATION, Header::new(0, 1, 7, 2, at(10.1)));
+        let replaced = orders.give(
+            (abort, CommandKind::Abort),
+            STATION,
+            Header::new(0, 1, 7, 2, at(10.1)),
+        );
         assert_eq!(
             replaced.map(|a| (a.number, a.result)),
             Some((land, CommandResult::Other))
@@ -281,7 +346,7 @@ mod tests {
         let mut orders = StationOrders::default();
         orders.stopped(at(10.0));
         let lands = |orders: &mut StationOrders, s, repetition| {
-            orders.received(at(s), STATION, (command::USER_1, repetition), false)
+            orders.received(at(s), STATION, &asked(command::USER_1, repetition), false)
         };
         let ordered = Received::Order(CommandKind::Land);
         let first = Repetition::No;
@@ -297,11 +362,11 @@ mod tests {
             );
         }
         assert_eq!(
-            orders.received(at(30.0), STATION, new(command::USER_1), true),
+            orders.received(at(30.0), STATION, &new(command::USER_1), true),
             REJECTED
         );
         assert_eq!(
-            orders.received(at(10.1), STATION, new(command::USER_2), true),
+            orders.received(at(10.1), STATION, &new(command::USER_2), true),
             Received::Order(CommandKind::Abort)
         );
     }
@@ -310,11 +375,11 @@ mod tests {
     fn station_order_whose_answer_was_lost() {
         let mut orders = StationOrders::default();
         let again = |orders: &mut StationOrders, s, from, repetition| {
-            orders.received(at(s), from, (command::USER_1, repetition), false)
+            orders.received(at(s), from, &asked(command::USER_1, repetition), false)
         };
         let ordered = Received::Order(CommandKind::Land);
         // Whose answer was lost is answered again, and orders nothing.
-        orders.give(command::USER_1, STATION, Header::new(0, 1, 7, 1, at(30.0)));
+        orders.give(LAND, STATION, Header::new(0, 1, 7, 1, at(30.0)));
         assert!(orders.poll(at(31.0), Some(&tracking(31.0))).1.is_some());
         assert_eq!(
             again(&mut orders, 33.0, STATION, Repetition::Yes),
@@ -337,7 +402,7 @@ mod tests {
     #[test]
     fn station_order_refused_and_given_again() {
         let mut orders = StationOrders::default();
-        orders.give(command::USER_1, STATION, Header::new(0, 1, 7, 1, at(10.0)));
+        orders.give(LAND, STATION, Header::new(0, 1, 7, 1, at(10.0)));
         let (_, answer) = orders.poll(at(16.0), None);
         assert_eq!(answer.map(|a| a.result), Some(CommandResult::Failed));
         for (repetition, expected) in [
@@ -345,7 +410,7 @@ mod tests {
             (Repetition::No, Received::Order(CommandKind::Land)),
             (Repetition::Perhaps, Received::Order(CommandKind::Land)),
         ] {
-            let received = orders.received(at(17.0), STATION, (command::USER_1, repetition), false);
+            let received = orders.received(at(17.0), STATION, &asked(command::USER_1, repetition), false);
             assert_eq!(received, expected, "{repetition:?}");
         }
     }
@@ -354,7 +419,7 @@ mod tests {
     fn station_abort_after_a_landing_from_elsewhere() {
         let mut orders = StationOrders::default();
         let header = Header::new(0, 1, 7, 1, at(10.0));
-        orders.give(command::USER_2, STATION, header);
+        orders.give((command::USER_2, CommandKind::Abort), STATION, header);
         let mission = MissionState {
             abort: Some([header.boot, header.sequence]),
             ..tracking(10.1)
@@ -363,7 +428,7 @@ mod tests {
         assert_eq!(answer.map(|a| a.result), Some(CommandResult::Accepted));
         // Somebody else orders a landing meanwhile: no station is informed of it.
         for repetition in [Repetition::No, Repetition::Yes, Repetition::Perhaps] {
-            let received = orders.received(at(20.0), STATION, (command::USER_2, repetition), false);
+            let received = orders.received(at(20.0), STATION, &asked(command::USER_2, repetition), false);
             assert_eq!(received, Received::Order(CommandKind::Abort), "{repetition:?}");
         }
     }
@@ -371,10 +436,10 @@ mod tests {
     #[test]
     fn station_order_answered_to_all_who_gave_it() {
         let mut orders = StationOrders::default();
-        orders.give(command::USER_1, STATION, Header::new(0, 1, 7, 1, at(10.0)));
+        orders.give(LAND, STATION, Header::new(0, 1, 7, 1, at(10.0)));
         let others: Vec<Address> = (1..9).map(|k| Address::new(k, 190)).collect();
         for other in [&STATION].into_iter().chain(&others) {
-            let answered = orders.received(at(10.1), *other, new(command::USER_1), false);
+            let answered = orders.received(at(10.1), *other, &new(command::USER_1), false);
             assert_eq!(answered, Received::Answered(CommandResult::InProgress));
         }
         let (_, answer) = orders.poll(at(20.0), None);
@@ -397,7 +462,7 @@ mod tests {
         };
         let result = |mission: Option<&MissionState>| {
             let mut orders = StationOrders::default();
-            orders.give(command::USER_1, STATION, Header::new(0, 1, 7, 1, at(10.0)));
+            orders.give(LAND, STATION, Header::new(0, 1, 7, 1, at(10.0)));
             let (mut published, mut answers) = (0, Vec::new());
             for k in 0..600 {
                 let (command, a) = orders.poll(at(10.0 + 0.01 * f64::from(k)), mission);
@@ -425,5 +490,84 @@ mod tests {
                 "a landing was not taken: no mission reports".into()
             )
         );
+    }
+
+    #[test]
+    fn station_of_a_command() {
+        let ordered = |first| {
+            let number = command::USER_4;
+            Asked {
+                number,
+                first,
+                ..new(number)
+            }
+            .ordered()
+        };
+        let kept = |height_m, ahead_m, right_m, for_min| {
+            Ok(CommandKind::Station(Station {
+                ahead_m,
+                right_m,
+                height_m,
+                for_min,
+            }))
+        };
+        let none = f64::NAN;
+        assert_eq!(ordered([none; 4]), Ok(CommandKind::Station(Station::USUAL)));
+        assert_eq!(ordered([0.0; 4]), kept(0, 0, 0, 10));
+        assert_eq!(ordered([25.0, -30.2, none, 20.0]), kept(25, -30, 0, 20));
+        assert_eq!(ordered([none, none, -40.0, none]), kept(0, 0, -40, 10));
+        for wrong in [
+            [-1.0, 0.0, 20.0, 10.0],
+            [51.0, 0.0, 20.0, 10.0],
+            [20.0, 50.0, 50.0, 10.0],
+            [20.0, 0.0, 1e9, 10.0],
+            [20.0, 0.0, f64::INFINITY, 10.0],
+            [20.0, 0.0, 20.0, 31.0],
+            [20.0, 0.0, 20.0, -1.0],
+        ] {
+            assert_eq!(ordered(wrong), Err(CommandResult::Denied), "{wrong:?}");
+        }
+    }
+
+    #[test]
+    fn station_in_place_of_another() {
+        let mut orders = StationOrders::default();
+        let right = |m| Asked {
+            first: [0.0, 0.0, m, 0.0],
+            ..new(command::USER_4)
+        };
+        let Received::Order(first) = orders.received(at(10.0), STATION, &right(20.0), false) else {
+            panic!("no order");
+        };
+        orders.give(
+            (command::USER_4, first),
+            STATION,
+            Header::new(0, 1, 7, 1, at(10.0)),
+        );
+        let again = orders.received(at(10.1), STATION, &right(20.0), false);
+        assert_eq!(again, Received::Answered(CommandResult::InProgress));
+        let other = orders.received(at(10.2), STATION, &right(30.0), false);
+        assert!(
+            matches!(other, Received::Order(kind) if kind != first),
+            "{other:?}"
+        );
+    }
+
+    /// The mission acknowledges what it does not carry out, too.
+    #[test]
+    fn station_order_that_the_mission_rejects() {
+        let mut orders = StationOrders::default();
+        let header = Header::new(0, 1, 7, 1, at(10.0));
+        let kind = CommandKind::Station(Station::USUAL);
+        orders.give((command::USER_4, kind), STATION, header);
+        let mission = MissionState {
+            order: Some([header.boot, header.sequence]),
+            rejected: Some(ReasonCode::StationNotNow.into()),
+            ..tracking(10.1)
+        };
+        let (_, answer) = orders.poll(at(10.1), Some(&mission));
+        let answer = answer.unwrap();
+        assert_eq!(answer.result, CommandResult::TemporarilyRejected);
+        assert!(answer.text.unwrap().starts_with("a station was not taken: "));
     }
 }

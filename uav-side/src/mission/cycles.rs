@@ -8,10 +8,11 @@
 //!
 //! Here is what is remembered of them; `turnaround` has what the states do about it.
 
-use alight_shared::msg::ReasonCode::{ArmedAgain, Disarmed, HardContact, NoMoment};
+use alight_shared::msg::ReasonCode::{ArmedAgain, Disarmed, HardContact, NoMoment, NotOnDeck, SortiesDone};
 use alight_shared::msg::{Reason, State};
 use alight_shared::time::{DroneClock, Time};
 
+use super::situation::{ControlState, Situation};
 use crate::mission_config::MissionConfig;
 
 /// Take-offs that find no moment are begun again so often.
@@ -49,6 +50,14 @@ impl Cycles {
     /// Sorties begun, and how many there are to be; the latter 0 where no cycles go on.
     pub(super) fn count(&self, c: &MissionConfig) -> [u32; 2] {
         [self.sorties, if self.on { c.sorties_max } else { 0 }]
+    }
+    /// Why an order that the drone is ready is rejected.
+    pub(super) fn rejects_ready(&self, s: &Situation, c: &MissionConfig) -> Option<Reason> {
+        let none = || Reason::new(SortiesDone, self.sorties.into(), c.sorties_max.into());
+        if !self.on {
+            return Some(none());
+        }
+        (s.flight != ControlState::Disarmed).then(|| NotOnDeck.into())
     }
     /// They end, where they go on.
     pub(super) fn end(&mut self, why: Reason) {

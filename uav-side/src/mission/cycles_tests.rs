@@ -96,6 +96,10 @@ fn next_sortie_by_charge_or_by_word() {
         &standing(|_| {}),
     );
     assert_eq!(d.phase, landed());
+    assert_eq!(d.progress.rejected.map(|order| order.why.code), Some(SortiesDone));
+    let armed = standing(|s| s.flight = ControlState::OnGround);
+    let d = step(landed(), cycling(), Some(CommandKind::Ready), &armed);
+    assert!(d.progress.rejected.is_some() && !d.progress.cycles.ready, "{d:?}");
 }
 
 #[test]

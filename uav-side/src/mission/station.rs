@@ -88,6 +88,7 @@ pub(super) fn commanded(
     s: &Situation,
     c: &MissionConfig,
 ) -> Option<Transition> {
+    let station = station.of_approach(c.approach_height_m);
     if let Some(why) = rejected(phase, &station, progress, s, c) {
         progress.rejected = Some(RejectedOrder { at: s.now, why });
         return None;

@@ -55,6 +55,8 @@ fn station_is_taken_in_the_air() {
         let d = commanded(phase, ORDER, &flying(|_| ()));
         let kept = d.phase.station().unwrap();
         assert_eq!(kept.station, ABEAM, "{phase:?}");
+        let usual = commanded(phase, CommandKind::Station(Station::USUAL), &flying(|_| ()));
+        assert_eq!(usual.phase.station().map(|kept| kept.station), Some(ABEAM));
         assert_eq!((kept.until - flying(|_| ()).now).secs(), 600.0);
         assert!(!d.progress.landing && !d.progress.stopped, "{phase:?}");
         assert!(ORDER.is_met(State::Hold, step(&d, &flying(|_| ())).waiting.code));
@@ -156,7 +158,8 @@ fn refusal_is_shown_and_forgotten() {
         Some(StationTooLow)
     );
     // What it waits for is what others go by.
-    assert_eq!(d.waiting, step(hold, &flying(|_| ())).waiting);
+    let without = decide(hold, Progress::default(), None, &flying(|_| ()), &config());
+    assert_eq!(d.waiting, without.waiting);
     let later = flying(|s| s.now += Span::from_secs(16.0));
     assert_eq!(shown(&step(&d, &later), &later), None);
     let again = commanded(&d, CommandKind::Hold, &flying(|_| ()));

@@ -8,7 +8,9 @@ use alight_shared::msg::{BatteryPlace, CommandKind, OwnMission, Phase, Reason, R
 
 use super::checkpoint::ends_softer;
 use super::limits::{LOST_OUTSIDE_M, RESUME_DISTANCE_M};
-use super::phase::{HoldCause, MissionPhase, Progress, Transition, gave_up, holding, old_data};
+use super::phase::{
+    HoldCause, MissionPhase, Progress, RejectedOrder, Transition, gave_up, holding, old_data,
+};
 use super::situation::{ControlState, Deck, Reservation, Situation};
 use super::states;
 use super::station;
@@ -390,7 +392,9 @@ fn commanded(
         CommandKind::TakeOff => take_off::commanded(phase, progress, s, c),
         CommandKind::Station(station) => station::commanded(phase, progress, station, s, c),
         CommandKind::Ready => {
-            progress.cycles.ready |= progress.cycles.on && s.flight == ControlState::Disarmed;
+            let why = progress.cycles.rejects_ready(s, c);
+            progress.cycles.ready |= why.is_none();
+            progress.rejected = why.map(|why| RejectedOrder { at: s.now, why });
             None
         }
     }

@@ -218,20 +218,25 @@ impl OperatorRelay {
         receipts
     }
 
-    /// Whether a status shows that its drone has taken a command.
-    fn is_met(&self, c: &Relayed, status: &DroneStatus) -> bool {
+    /// What a status shows that became of a command; None: nothing.
+    fn shown(&self, c: &Relayed, status: &DroneStatus) -> Option<CommandProgress> {
         let command = &c.given.command;
         // By its own echo, where a state shows what was before it as well.
         let echoed = |echo: Option<[u32; 2]>| echo.is_some_and(|[b, k]| b == self.boot && k >= c.first);
         // A status that was under way when the command was given shows nothing.
         let repeated = c.next > command.header.at;
         let taken = || repeated && command.kind.is_met(status.state, status.waiting.code);
-        let met = match command.kind {
-            CommandKind::Abort => echoed(status.abort),
-            CommandKind::Hold | CommandKind::Ready | CommandKind::Station(_) => echoed(status.order),
-            CommandKind::Land | CommandKind::TakeOff => taken(),
+        let (met, rejected) = match command.kind {
+            CommandKind::Abort => (echoed(status.abort), None),
+            CommandKind::Hold | CommandKind::Ready | CommandKind::Station(_) => {
+                (echoed(status.order), status.rejected)
+            }
+            CommandKind::Land | CommandKind::TakeOff => (taken(), None),
         };
-        status.header.drone == c.drone() && met
+        (status.header.drone == c.drone() && met).then_some(match rejected {
+            Some(_) => CommandProgress::GivenUp,
+            None => CommandProgress::Taken,
+        })
     }
 }
 
@@ -259,8 +264,9 @@ impl Node for OperatorRelay {
             };
             let command = c.given.command;
             let given_up = command.kind != CommandKind::Abort && now - command.header.at > TIMEOUT;
-            if input.statuses.iter().any(|s| self.is_met(&c, s)) {
-                c.close(CommandProgress::Taken);
+            let shown = input.statuses.iter().find_map(|s| self.shown(&c, s));
+            if let Some(shown) = shown {
+                c.close(shown);
             } else if given_up {
                 c.close(CommandProgress::GivenUp);
             }
@@ -421,6 +427,16 @@ mod tests {
             [(5, 5, Pending)]
         );
         assert_eq!(receipts(&mut relay, 17.0, hold, None), [(5, 4, Unknown)]);
+        // What the drone acknowledges and rejects is not repeated.
+        let mut relay = OperatorRelay::new(1, 9);
+        let ready = of(1, CommandKind::Ready);
+        assert_eq!(receipts(&mut relay, 1.0, ready, None), [(5, 1, Pending)]);
+        let rejected = DroneStatus {
+            order: Some([relay.boot, relay.sequence]),
+            rejected: Some(ReasonCode::SortiesDone.into()),
+            ..status(State::Landed, ReasonCode::NotReady)
+        };
+        assert_eq!(receipts(&mut relay, 1.5, None, Some(rejected)), [(5, 1, GivenUp)]);
     }
 
     #[test]

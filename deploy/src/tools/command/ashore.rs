@@ -190,7 +190,9 @@ impl Ashore {
                 "the vessel has the command, and the drone has not taken it:\nthe vessel gives it up 10 s after \
                  it came"
             }
-            Some(CommandProgress::GivenUp) => "the drone did not take the command, and the vessel gave it up",
+            Some(CommandProgress::GivenUp) => {
+                "the drone did not take the command, and the vessel does not repeat it"
+            }
             Some(CommandProgress::Forbidden) => {
                 "the vessel did not pass it on: an abort is pending or has just\nbeen given; look, then command again"
             }

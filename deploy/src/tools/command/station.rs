@@ -6,17 +6,10 @@ use clap::Args;
 use super::{CommandArgs, Order};
 use crate::exit::CliError;
 
-/// Without `--for`, min.
-const FOR_MIN: u8 = 10;
-/// Without `--height`, m: the height of the approach as shipped.
-const HEIGHT_M: u8 = 15;
-/// Without `--ahead` and `--right`, m to starboard: clear of what belongs to the deck's owner.
-const RIGHT_M: i8 = 20;
-
 /// Where a station is.
 #[derive(Args, Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StationArgs {
-    /// With `station`: above the deck's mean level, m, at least the height of the approach [default: 15]
+    /// With `station`: above the deck's mean level, m [default: the height of the approach, its least]
     #[arg(long, value_name = "M", value_parser = clap::value_parser!(u8).range(1..=i64::from(MAX_STATION_HEIGHT_M)))]
     pub height: Option<u8>,
     /// With `station`: ahead of the deck's centre, m, negative astern
@@ -35,12 +28,15 @@ fn metres() -> clap::builder::RangedI64ValueParser<i8> {
 /// The station that is ordered.
 pub(super) fn ordered(args: &CommandArgs) -> Result<Station, CliError> {
     let given = &args.station;
-    let for_min = args.for_s.map_or(Some(FOR_MIN), |min| u8::try_from(min).ok());
+    let usual = Station::USUAL;
+    let right_m = if given.ahead.is_some() { 0 } else { usual.right_m };
     let station = Station {
-        ahead_m: given.ahead.unwrap_or_default(),
-        right_m: (given.right).unwrap_or(if given.ahead.is_some() { 0 } else { RIGHT_M }),
-        height_m: given.height.unwrap_or(HEIGHT_M),
-        for_min: for_min.unwrap_or_default(),
+        ahead_m: given.ahead.unwrap_or(usual.ahead_m),
+        right_m: given.right.unwrap_or(right_m),
+        height_m: given.height.unwrap_or(usual.height_m),
+        for_min: args
+            .for_s
+            .map_or(usual.for_min, |min| u8::try_from(min).unwrap_or_default()),
     };
     if station.is_sane() {
         return Ok(station);
@@ -82,8 +78,8 @@ mod tests {
             let s = read(arguments).and_then(|args| ordered(&args).ok())?;
             Some((s.height_m, s.ahead_m, s.right_m, s.for_min))
         };
-        assert_eq!(all("station"), Some((15, 0, 20, 10)));
-        assert_eq!(all("station --ahead -30 --for 5"), Some((15, -30, 0, 5)));
+        assert_eq!(all("station"), Some((0, 0, 20, 10)));
+        assert_eq!(all("station --ahead -30 --for 5"), Some((0, -30, 0, 5)));
         assert_eq!(all("station --height 25 --right -40"), Some((25, 0, -40, 10)));
         for wrong in [
             "station --right 61",

@@ -145,6 +145,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
         M::COMMAND_INT(d) => Message::CommandInt {
             to: Address::new(d.target_system, d.target_component),
             command: d.command as u16,
+            first: wide([d.param1, d.param2, d.param3, d.param4]),
         },
         M::COMMAND_ACK(d) => Message::CommandAck {
             command: d.command as u16,

@@ -161,10 +161,11 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             ] = narrow(c.parameters);
             M::COMMAND_LONG(d)
         }
-        Message::CommandInt { to, command } => {
+        Message::CommandInt { to, command, first } => {
             let mut d = m::COMMAND_INT_DATA::DEFAULT;
             (d.target_system, d.target_component) = (to.system, to.component);
             d.command = m::MavCmd::from_u16(*command)?;
+            [d.param1, d.param2, d.param3, d.param4] = narrow(*first);
             M::COMMAND_INT(d)
         }
         Message::Position(p) => {
