@@ -17,7 +17,9 @@ use nalgebra::Vector2;
 
 use super::normal::{below, inside, norm};
 use super::odds::Odds;
-use super::wind::{WindPush, beyond_aligned, wind_during_alignment};
+use super::wind::{
+    ALONG_PER_GUST_S, PLACE_PER_GUST_S2, TILT_PER_GUST, WindPush, beyond_aligned, wind_during_alignment,
+};
 use super::{MAX_MPS, MAX_TILT_RAD};
 use crate::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 
@@ -37,11 +39,6 @@ const PLACE_SD_M: f64 = 0.03;
 const ALIGNMENT_S: f64 = 0.1;
 /// Between the decision and the contact the deck's uncertainty changes, with the groups of the waves, to this much.
 const CHANGES: f64 = 1.3;
-/// What a gust of 1 m/s² leaves, by landings begun at random moments in 8 to 14 m/s of wind: of speed along the deck,
-/// m/s; of tilt, in parts of the thrust that holds it; of place, m.
-const ALONG_PER_GUST_S: f64 = 0.15;
-const TILT_PER_GUST: f64 = 0.25;
-const PLACE_PER_GUST_S2: f64 = 0.15;
 /// What is left of the bank at the contact, a part of what was planned, and by how much a turn of `w_s / g` is unfinished then, a
 /// part of it, standard deviation of one axis: 48 landings begun at random moments in 12 m/s (push of 2 to 4.4 m/s²), by the
 /// maximum likelihood of their angles.

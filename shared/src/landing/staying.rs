@@ -16,19 +16,23 @@
 //! - later no forecast reaches. Waves like those of the last two minutes move it to and fro: by `(d(b) - d(-b)) / 2` in the
 //!   mean of a window, with the variance `((d(b) + d(-b)) / 4)²`.
 //!
-//! In a strong wind a drone does not come to rest where it meets the deck: it is blown along as it aligns, and blown on while its
-//! rotors still carry a part of it, to the speed `v = t_a w + t_p (w + g s - p mu g)+` along the wind; then friction stops it within
+//! In a strong wind a drone does not come to rest where it meets the deck. With the wind's mean acceleration in flight `m` and a
+//! gust `u`, which is normal, it meets it by `k_p u` further along the wind, at the speed `k_v u`, and is blown on while its rotors
+//! still carry a part of it, by `w = m + u`, to `v = k_v u + t_p (w + g s - p mu g)`; then friction stops it:
 //!
-//! `d = v² / (2 g (mu - |b| - s))`, at most `v t_w`.
+//! `x = k_p u + t_p (k_v u + v) / 2 + v² / (2 (g (mu - s) - c w))`, the last at most `v t_w`.
 //!
-//! All is averaged over the friction (Gauss and Hermite, three nodes).
+//! So it is to meet the deck by the mean of `x` upwind of the centre, at most half way to the edge: it then rests about the
+//! centre.
+//!
+//! All is averaged over the friction (Gauss and Hermite, three nodes) and the gusts.
 
 use core::f64::consts::TAU;
 
 use nalgebra::Vector2;
 
-use super::normal::{below, norm};
-use super::wind::{WindPush, beyond_aligned};
+use super::normal::{below, larger, norm};
+use super::wind::{ALONG_PER_GUST_S, PLACE_PER_GUST_S2, WindPush, beyond_aligned};
 use crate::estimation::moments;
 use crate::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use crate::msg::{DeckForecast, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, SLOPE_WINDOW_S};
@@ -60,13 +64,14 @@ const JUST_NOW_S: f64 = 4.0;
 const UNKNOWN_SD: f64 = 0.08;
 /// The spread that any slope has: the measured ones' step, and the deck's roughness.
 const LEAST_SD: f64 = 0.02;
-/// At the contact a drone goes along the deck at the speed that the wind's acceleration in flight gives in so long, s.
-const BLOWN_S: f64 = 0.1;
-/// Its thrust is taken off within this time, s, and meanwhile the deck carries this part of its weight.
-const PRESS_S: f64 = 0.25;
-const PRESSED: f64 = 0.55;
-/// Speed of the contact squared, over its mean squared: landings in 9 to 12 m/s of wind.
-const SPEED_SQUARE: f64 = 1.25;
+/// From the contact on its rotors still carry it for so long, s, and meanwhile the deck carries this part of its weight.
+const PRESS_S: f64 = 0.2;
+const PRESSED: f64 = 0.65;
+/// How far a slide is off, a part of it.
+const SLIDE_SD: f64 = 0.4;
+/// Gusts that are averaged over: so many to either side of the mean, so far apart in standard deviations.
+const GUSTS: i32 = 6;
+const GUST_STEP: f64 = 0.5;
 /// A slope that the friction does not overcome passes within this time, s: half of a wave.
 const SLIDES_S: f64 = 1.0;
 /// Time for which a landed drone has to stay without a hand that holds it, s.
@@ -77,11 +82,16 @@ const STAY_S: f64 = 60.0;
 pub struct Staying {
     /// How likely it stays.
     pub probability: f64,
+    /// Where it is to meet the deck to come to rest about its centre, from that, NED, m.
+    pub meets: Vector2<f64>,
 }
 
 impl Default for Staying {
     fn default() -> Self {
-        Staying { probability: 1.0 }
+        Staying {
+            probability: 1.0,
+            meets: Vector2::zeros(),
+        }
     }
 }
 
@@ -143,14 +153,20 @@ pub fn needed_hold_n(
 impl Staying {
     /// Probability by the slopes, predicted and measured, and the wind; 0 of figures that are no numbers.
     pub fn of(slopes: &Slopes, stand: &Stand) -> Staying {
+        let upwind_m = slopes.blown(stand.friction).min(0.5 * stand.edge_m);
         let given = |(sds, weight): (f64, f64)| {
             let friction = stand.friction * (1.0 + FRICTION_SD * sds);
-            weight * slopes.stays(friction, stand.edge_m)
+            weight * slopes.stays(friction, stand.edge_m, upwind_m)
         };
         let probability: f64 = NODES.into_iter().map(given).sum();
-        Staying {
-            probability: if probability.is_finite() { probability } else { 0.0 },
+        let meets = slopes.downwind() * -upwind_m;
+        if !probability.is_finite() || meets.iter().any(|m| !m.is_finite()) {
+            return Staying {
+                probability: 0.0,
+                ..Staying::default()
+            };
         }
+        Staying { probability, meets }
     }
 }
 
@@ -216,8 +232,8 @@ pub struct Slopes {
     /// Of the wind.
     push: Vector2<f64>,
     gust: f64,
-    /// The wind's acceleration in flight, m/s²; 0 of one with which an aligned drone is wholly blown along.
-    in_flight_mps2: f64,
+    /// The wind in flight; none of one with which an aligned drone is wholly blown along.
+    in_flight: WindPush,
     /// Of trim and heel.
     trim: f64,
     /// Of the wind, trim and heel.
@@ -262,7 +278,7 @@ impl Slopes {
             trim: mean.norm(),
             bias,
             push,
-            in_flight_mps2: in_flight(wind),
+            in_flight: strong(wind),
         }
     }
     /// In a sea of which no single wave is predicted: the steepest slope of each window of [`SLOPE_WINDOW_S`], the newest
@@ -277,19 +293,23 @@ impl Slopes {
             bias: mean - push,
             gust: wind.gust_sd * STANDING / GRAVITY,
             push,
-            in_flight_mps2: in_flight(wind),
+            in_flight: strong(wind),
         }
     }
-    /// That it stays within the edge: of the waves until it is at rest, and of those of the minute after.
-    fn stays(&self, friction: f64, edge_m: f64) -> f64 {
+    /// That it stays within the edge: of the waves until it is at rest, and of those of the minute after, when it meets the deck
+    /// so far upwind.
+    fn stays(&self, friction: f64, edge_m: f64, upwind_m: f64) -> f64 {
         let (first, of_first) = self.until_rest(friction);
         let (after, of_after) = self.after(friction);
         let along = self.bias.try_normalize(0.0).unwrap_or_default();
-        let slides = self.slides_at_contact(friction);
-        let moved = (first + along * (after + slides)).norm();
-        // It may be none, or twice as far.
-        let sd = norm(&[of_first, of_after, slides, LEAST_SD]);
-        let within = below((edge_m - moved) / sd) - below((-edge_m - moved) / sd);
+        let waves = first + along * after;
+        let blown = |gust_sds: f64| {
+            let [met, slid] = self.blown_in(gust_sds * self.in_flight.gust_sd, friction);
+            let moved = (waves + self.downwind() * (met + slid - upwind_m)).norm();
+            let sd = norm(&[of_first, of_after, SLIDE_SD * slid, LEAST_SD]);
+            below((edge_m - moved) / sd) - below((-edge_m - moved) / sd)
+        };
+        let within = over_gusts(blown);
         let again = self.holds_as_just_now(friction);
         // One that is no number stays none.
         if again < within { again } else { within }
@@ -315,11 +335,22 @@ impl Slopes {
         }
         (moved, variance.sqrt())
     }
-    /// How far the wind moves it from where it meets the deck, m.
-    fn slides_at_contact(&self, friction: f64) -> f64 {
-        let wind = self.in_flight_mps2;
-        if wind == 0.0 {
-            return 0.0;
+    /// Where a strong wind blows to.
+    fn downwind(&self) -> Vector2<f64> {
+        self.in_flight.mean.try_normalize(0.0).unwrap_or_default()
+    }
+    /// How far along it a drone that the plan leads to the centre comes to rest, in the mean, m.
+    fn blown(&self, friction: f64) -> f64 {
+        over_gusts(|sds| {
+            let blown = self.blown_in(sds * self.in_flight.gust_sd, friction);
+            blown.iter().sum()
+        })
+    }
+    /// How far in a gust of `gust` (m/s²) along the wind: to where it meets the deck, and from there on, m.
+    fn blown_in(&self, gust: f64, friction: f64) -> [f64; 2] {
+        let mean = self.in_flight.mean.norm();
+        if mean == 0.0 {
+            return [0.0; 2];
         }
         let near = (TIME_TO_REST_S / WAVE_S / 2.0) as usize;
         let slope = match self.predicted.get(..near).unwrap_or(&self.predicted) {
@@ -327,10 +358,16 @@ impl Slopes {
             [] => moments(&self.measured).0,
             waves => waves.iter().map(|(slope, ..)| slope).sum::<f64>() / waves.len() as f64,
         };
-        let pressed = (wind + GRAVITY * (slope - PRESSED * friction)).max(0.0);
-        let speed = BLOWN_S * wind + PRESS_S * pressed;
-        let braked = GRAVITY * (friction - self.push.norm() - slope).max(0.0);
-        (0.5 * SPEED_SQUARE * speed * speed / braked).min(SLIDES_S * speed)
+        let wind = mean + gust;
+        let met_mps = ALONG_PER_GUST_S * gust;
+        let pushed = wind + GRAVITY * (slope - PRESSED * friction);
+        let speed = larger(met_mps + PRESS_S * pushed, 0.0);
+        let braked = larger(GRAVITY * (friction - slope) - STANDING * wind, 0.0);
+        let pressed = 0.5 * PRESS_S * (larger(met_mps, 0.0) + speed);
+        let slid = (0.5 * speed * speed / braked).min(SLIDES_S * speed);
+        // Nothing slides: not a number where nothing brakes, either.
+        let slid = if speed == 0.0 { 0.0 } else { pressed + slid };
+        [PLACE_PER_GUST_S2 * gust, slid]
     }
     /// By how much a wave of this slope, which is known to `sd`, moves the drone, and how far that is off, m.
     fn wave(&self, friction: f64, slope: f64, push: f64, sd: f64) -> (f64, f64) {
@@ -370,13 +407,25 @@ impl Slopes {
     }
 }
 
-/// The acceleration of a strong wind in flight, m/s²; 0 of another.
-fn in_flight(wind: &WindPush) -> f64 {
+/// A strong wind; none of another.
+fn strong(wind: &WindPush) -> WindPush {
     if beyond_aligned(&wind.mean) > 0.0 {
-        wind.mean.norm()
+        *wind
     } else {
-        0.0
+        WindPush::default()
     }
+}
+
+/// The mean of what follows from a normal figure, which is given in standard deviations.
+fn over_gusts(of: impl Fn(f64) -> f64) -> f64 {
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for k in -GUSTS..=GUSTS {
+        let sds = GUST_STEP * f64::from(k);
+        let weight = (-0.5 * sds * sds).exp();
+        sum += weight * of(sds);
+        weights += weight;
+    }
+    sum / weights
 }
 
 /// Standard deviation of the tilt so far ahead, rad; that of a prediction some seconds ahead without a forecast of it.
@@ -421,18 +470,42 @@ mod tests {
         assert!(steeper.clone().zip(steeper.skip(1)).all(|(a, b)| a >= b - 1e-9));
         // A wind that adds to it.
         assert!(p(0.08, 3.0) < p(0.08, 0.0));
-        // On a level deck a strong one moves a drone where it meets the deck, and far on a slippery one.
-        let slides = |wind: f64, friction: f64| {
-            let wind = WindPush {
-                mean: Vector2::new(0.0, wind),
-                gust_sd: 0.0,
-            };
-            Slopes::in_sea(peaks(0.03), Vector2::zeros(), &wind).slides_at_contact(friction)
+    }
+
+    /// On a level deck a strong wind moves a drone on where it meets the deck, and far on a slippery one and in gusts.
+    #[test]
+    fn slide_in_a_strong_wind() {
+        let slopes = |wind: f64, gust_sd: f64| {
+            let mean = Vector2::new(0.0, wind);
+            Slopes::in_sea(peaks(0.03), Vector2::zeros(), &WindPush { mean, gust_sd })
         };
-        assert_eq!(slides(1.0, 0.4), 0.0);
-        assert!((0.01..0.1).contains(&slides(2.0, 0.4)), "{}", slides(2.0, 0.4));
-        assert!(slides(4.0, 0.4) > 2.0 * slides(3.0, 0.4));
-        assert!(slides(3.0, 0.25) > 2.0 * slides(3.0, 0.4));
+        let blown = |wind: f64, gust_sd: f64, friction: f64| slopes(wind, gust_sd).blown(friction);
+        assert_eq!(blown(1.0, 0.3, 0.4), 0.0);
+        assert!(
+            (0.02..0.1).contains(&blown(3.5, 0.0, 0.4)),
+            "{}",
+            blown(3.5, 0.0, 0.4)
+        );
+        assert!(blown(4.0, 0.0, 0.4) > 1.5 * blown(3.5, 0.0, 0.4));
+        assert!(blown(3.0, 0.0, 0.2) > 2.0 * blown(3.0, 0.0, 0.4));
+        // As far in the mean as 12 m/s moves one, and upwind of the centre by that.
+        let gusty = slopes(3.8, 1.1);
+        assert!((0.1..0.3).contains(&gusty.blown(0.4)), "{}", gusty.blown(0.4));
+        let stand = Stand {
+            friction: 0.4,
+            edge_m: 0.65,
+        };
+        let of = Staying::of(&gusty, &stand);
+        assert!(
+            (of.meets - Vector2::new(0.0, -gusty.blown(0.4))).norm() < 1e-9,
+            "{of:?}"
+        );
+        assert!(gusty.stays(0.4, 0.65, of.meets.norm()) > gusty.stays(0.4, 0.65, 0.0));
+        let narrow = Stand { edge_m: 0.2, ..stand };
+        assert!((Staying::of(&gusty, &narrow).meets.norm() - 0.1).abs() < 1e-9);
+        let [none, far] = [f64::NAN, f64::INFINITY].map(|w| Staying::of(&slopes(w, 1.0), &stand));
+        assert_eq!([none.probability, far.probability], [0.0; 2]);
+        assert_eq!([none.meets, far.meets], [Vector2::zeros(); 2]);
     }
 
     #[test]

@@ -338,6 +338,8 @@ pub struct MissionState {
     pub likelihood: Option<f64>,
     /// The true wind apart from the drone's own way, towards north and east, m/s; None until it is known to 3 m/s.
     pub wind: Option<[f64; 2]>,
+    /// Where the feet are to meet the deck, from its centre, NED, m: upwind in a strong wind, which moves the drone on.
+    pub meets: [f64; 2],
     /// Where it lands, once the battery is below the reserve.
     pub low_battery: Option<BatteryPlace>,
     /// On a sortie from the deck: time until the drone has to turn back to the vessel, s; None: on none, or not known.
@@ -726,6 +728,7 @@ message!(MissionState, DroneClock, |m| {
     m.likelihood.is_none_or(|p| FRACTION.contains(&p)) => "likelihood",
     m.turns_in_s.is_none_or(|s| s >= 0.0) => "turns_in_s",
     m.wind.is_none_or(|w| within(&w, MAX_SPEED_MPS)) => "wind",
+    within(&m.meets, MAX_POSITION_M) => "meets",
     (0.0..=1e3).contains(&m.height_m) && (0.0..=10.0).contains(&m.descent_mps) => "height_m or descent_mps",
 });
 message!(SettingsOrder, DroneClock, |m| {

@@ -115,7 +115,10 @@ fn abort_with_a_climb_into_the_deck() {
         }
         // Where the landed drone would slide overboard, only a harmful contact is worse than to climb.
         let slides = |contact_mps| Situation {
-            staying: Staying { probability: 0.8 },
+            staying: Staying {
+                probability: 0.8,
+                ..Staying::default()
+            },
             ..low(contact_mps)
         };
         goes(&commanded(COMMITTED, command, &slides(0.8)), climbs, Operator);

@@ -717,6 +717,7 @@ impl Mission {
                 .true_wind()
                 .filter(|(_, sd)| *sd < WIND_SD_MPS)
                 .map(|(wind, _)| wind.into()),
+            meets: s.staying.meets.into(),
             low_battery: self.progress.low_battery,
             turns_in_s: s.turns_in_s,
             sorties: self.progress.cycles.count(c),

@@ -22,7 +22,7 @@ use alight_shared::landing::{
 };
 use alight_shared::msg::{AttitudeResponse, DeckForecast, DeckStage};
 use alight_shared::time::{DroneClock, Span, Time};
-use nalgebra::Vector3;
+use nalgebra::{Rotation2, Vector3};
 
 use super::situation::Deck;
 use super::wind::WindMonitor;
@@ -96,6 +96,7 @@ impl Outlook<'_> {
         let blown = wind_during_alignment(&wind.mean);
         let apart = Vector3::from(contact.acceleration).xy() - aligned_acceleration(contact) - blown;
         let [roll, pitch, _] = reacted.euler_sd;
+        let meets = Rotation2::new(-self.deck.heading_rad) * self.staying.meets;
         let contact = Contact {
             speed_mps: self.contact_mps(),
             turn_mps: self.deck.turn_mps,
@@ -103,7 +104,7 @@ impl Outlook<'_> {
             unforeseen_mps: [(0.5 * (ax * ax + ay * ay)).sqrt(), az],
             parted_mps: alignment_mps(apart.norm()),
             tilt_sd_rad: (0.5 * (roll.powi(2) + pitch.powi(2))).sqrt(),
-            offset_m: self.deck.feet * left,
+            offset_m: self.deck.feet * left + meets,
             place_sd_m: reacted.position_sd[0].hypot(reacted.position_sd[1]) * FRAC_1_SQRT_2,
             blind_s: BLIND_S + self.deck.vision_age_s.min(self.deck.radio_age_s),
             wind,

@@ -128,8 +128,9 @@ const SUSPECT_S: f64 = 0.03;
 const IMPACT_MPS2: f64 = 6.0;
 /// So long at the feet's range while a descent is commanded makes contact suspected, s.
 const RESTING_S: f64 = 0.3;
-/// Thrust on suspicion, as a fraction of hover.
-const PRESS_OF_HOVER: f64 = 0.6;
+/// Thrust on suspicion, as a fraction of hover: the more the feet carry the less a wind moves them, and the harder is a second
+/// contact when it bounces.
+const PRESS_OF_HOVER: f64 = 0.4;
 /// Thrust at the end of the ramp, as a fraction of hover.
 /// Source: Low enough to unload on a deck that falls at 3.8 m/s².
 const PRESS_END_OF_HOVER: f64 = 0.3;
@@ -146,7 +147,7 @@ const GIVE_UP_S: f64 = 0.6;
 /// With the thrust cut and an excess below this, m/s², nothing carries the drone ...
 const FALLS_EXCESS_MPS2: f64 = 1.0;
 /// ... and after this long it is in the air, s: longer than between two touches of a soft bounce. It has become faster by
-/// 0.8 m/s, which from [`CLEARANCE_VETO_M`] it brakes again.
+/// 0.9 m/s, which from [`CLEARANCE_VETO_M`] it brakes again.
 const FALLS_S: f64 = 0.15;
 /// The excess has to last this long without the autopilot's report of its thrust, on a drone that stays on the deck, s: its
 /// command reaches the rotors within a fifth of that.

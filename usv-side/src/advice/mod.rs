@@ -344,6 +344,7 @@ impl Advisor {
         let [of_heave, of_tilt] = now.unforeseen;
         let one_axis = core::f64::consts::FRAC_1_SQRT_2;
         let blown = wind_during_alignment(&wind.mean).norm();
+        let staying = Staying::of(&Slopes::in_sea(steepest, list, &wind), &stand);
         let contact = Contact {
             speed_mps: CONTACT_MPS,
             turn_mps: 0.0,
@@ -354,11 +355,11 @@ impl Advisor {
             ],
             parted_mps: alignment_mps((GRAVITY * course.slope_sd).hypot(blown)),
             tilt_sd_rad: of_tilt * one_axis * course.tilt_rad(),
-            offset_m: Vector2::zeros(),
+            offset_m: turn.inverse() * staying.meets,
             place_sd_m: PLACE_SD_M,
             blind_s: BLIND_S,
             wind,
-            stays: Staying::of(&Slopes::in_sea(steepest, list, &wind), &stand).probability,
+            stays: staying.probability,
         };
         // Of a motion that is no number nothing is likely.
         if powers.iter().all(|p| p.is_finite()) {

@@ -76,6 +76,8 @@ struct Way {
     lifted_m: f64,
     /// So much lower than their middle is the lowest of the feet of a drone that tilts against the wind, m.
     lowered_m: f64,
+    /// Where the feet are to meet the deck, from its centre, NED, m.
+    meets: Vector2<f64>,
 }
 
 impl Way {
@@ -209,6 +211,11 @@ impl Rendezvous {
             wind,
             lifted_m,
             lowered_m: self.half_span * beyond_aligned(&push) / GRAVITY,
+            meets: if lifted_m > 0.0 {
+                Vector2::zeros()
+            } else {
+                mission.meets.into()
+            },
         };
         let stages = problem.reference.iter_mut().zip(&mut problem.weight);
         for (k, ((r, q), deck)) in stages.zip(reference.deck.iter().skip(1)).enumerate() {
@@ -301,7 +308,7 @@ impl Rendezvous {
             (n.xy() / (-n.z).max(0.3), 1.0)
         };
         for i in 0..2 {
-            r[i] = deck.position[i] + self.feet * n[i];
+            r[i] = deck.position[i] + way.meets[i] + self.feet * n[i];
             r[6 + i] = deck.velocity[i] + turn[i];
         }
         r[9] = gain * spin.x;
