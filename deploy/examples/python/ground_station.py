@@ -16,7 +16,9 @@ import time
 from pymavlink import mavutil
 
 COMPANION = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
-ORDERS = {"land": 31010, "abort": 31011, "hold": 31012, "takeoff": 22}  # MAV_CMD_USER_1 to 3, MAV_CMD_NAV_TAKEOFF
+# MAV_CMD_USER_1 to 4 and MAV_CMD_NAV_TAKEOFF
+ORDERS = {"land": 31010, "abort": 31011, "hold": 31012, "station": 31013, "takeoff": 22}
+USUAL = [float("nan")] * 4  # place and time of a station; no other order has parameters
 
 
 def switch(text):
@@ -50,7 +52,8 @@ def main():
     arguments.add_argument("url", help="as pymavlink names it: udpin:0.0.0.0:14550, /dev/ttyUSB0")
     arguments.add_argument("--for", dest="seconds", type=float, default=120.0, help="ends after so many seconds")
     arguments.add_argument("--switch", type=switch, help="positions of the remote control's switch, by time")
-    arguments.add_argument("--order", type=orders, default=[], help="land, abort and hold, by time: \"abort@30\"")
+    order = "land, abort, hold, station and takeoff, by time: \"abort@30\""
+    arguments.add_argument("--order", type=orders, default=[], help=order)
     arguments.add_argument("--set", type=settings, default=[], help="parameters of the companion: \"ALIGHT_MODE=1@5\"")
     options = arguments.parse_args()
 
@@ -69,7 +72,7 @@ def main():
         while options.order and options.order[0][0] <= elapsed and system is not None:
             _, name, number = options.order.pop(0)
             print(f"{elapsed:6.1f}  COMMAND_LONG {number}: {name}", flush=True)
-            link.mav.command_long_send(system, COMPANION, number, 0, 0, 0, 0, 0, 0, 0, 0)
+            link.mav.command_long_send(system, COMPANION, number, 0, *USUAL, 0, 0, 0)
         if not listed and system is not None:
             listed = True
             link.mav.param_request_list_send(system, COMPANION)

@@ -138,7 +138,8 @@ impl<C: Clock> CommandAdmission<C> {
         self.newest = Some(OperatorCommand { header, ..*command });
         self.answer(command);
         if abort {
-            self.abort = Some(header);
+            // What it stops is not answered any more.
+            (self.abort, self.order) = (Some(header), None);
         }
         Ok(())
     }

@@ -20,8 +20,9 @@
 //! gust `u`, which is normal, it meets it by `k_p u` further along the wind, at the speed `k_v u`, and is blown on while its rotors
 //! still carry a part of it, by `w = m + u`, to `v = k_v u + t_p (w + g s - p mu g)`; then friction stops it:
 //!
-//! `x = k_p u + t_p (k_v u + v) / 2 + v² / (2 (g (mu - s) - c w))`, the last at most `v t_w`.
+//! `x = k_p u + t_p (k_v u + v) / 2 + v² / (2 (g (mu - s) - c w))`, the last at most `v t_w`,
 //!
+//! with no speed less than none, and without a slide where `v` is none.
 //! So it is to meet the deck by the mean of `x` upwind of the centre, at most half way to the edge: it then rests about the
 //! centre.
 //!
@@ -302,9 +303,10 @@ impl Slopes {
         let (first, of_first) = self.until_rest(friction);
         let (after, of_after) = self.after(friction);
         let along = self.bias.try_normalize(0.0).unwrap_or_default();
-        let waves = first + along * after;
+        // Slopes are what holds a drone: it goes the other way.
+        let waves = -(first + along * after);
         let blown = |gust_sds: f64| {
-            let [met, slid] = self.blown_in(gust_sds * self.in_flight.gust_sd, friction);
+            let [met, slid] = self.blown_in(gust_sds * self.in_flight.gust_sd, 1.0, friction);
             let moved = (waves + self.downwind() * (met + slid - upwind_m)).norm();
             let sd = norm(&[of_first, of_after, SLIDE_SD * slid, LEAST_SD]);
             below((edge_m - moved) / sd) - below((-edge_m - moved) / sd)
@@ -339,15 +341,18 @@ impl Slopes {
     fn downwind(&self) -> Vector2<f64> {
         self.in_flight.mean.try_normalize(0.0).unwrap_or_default()
     }
-    /// How far along it a drone that the plan leads to the centre comes to rest, in the mean, m.
+    /// How far along it a drone that the plan leads to the centre comes to rest, in the mean of gusts and of waves to either
+    /// side, m.
     fn blown(&self, friction: f64) -> f64 {
-        over_gusts(|sds| {
-            let blown = self.blown_in(sds * self.in_flight.gust_sd, friction);
-            blown.iter().sum()
-        })
+        let to = |side: f64, sds: f64| {
+            let blown = self.blown_in(sds * self.in_flight.gust_sd, side, friction);
+            blown.iter().sum::<f64>()
+        };
+        over_gusts(|sds| 0.5 * (to(1.0, sds) + to(-1.0, sds)))
     }
-    /// How far in a gust of `gust` (m/s²) along the wind: to where it meets the deck, and from there on, m.
-    fn blown_in(&self, gust: f64, friction: f64) -> [f64; 2] {
+    /// How far in a gust of `gust` (m/s²) along the wind: to where it meets the deck, and from there on, m; the waves slope to
+    /// leeward (`side` 1) or to windward (-1).
+    fn blown_in(&self, gust: f64, side: f64, friction: f64) -> [f64; 2] {
         let mean = self.in_flight.mean.norm();
         if mean == 0.0 {
             return [0.0; 2];
@@ -358,6 +363,8 @@ impl Slopes {
             [] => moments(&self.measured).0,
             waves => waves.iter().map(|(slope, ..)| slope).sum::<f64>() / waves.len() as f64,
         };
+        // Trim and heel to leeward.
+        let slope = side * slope - (self.bias + self.push).dot(&self.downwind());
         let wind = mean + gust;
         let met_mps = ALONG_PER_GUST_S * gust;
         let pushed = wind + GRAVITY * (slope - PRESSED * friction);
@@ -470,6 +477,26 @@ mod tests {
         assert!(steeper.clone().zip(steeper.skip(1)).all(|(a, b)| a >= b - 1e-9));
         // A wind that adds to it.
         assert!(p(0.08, 3.0) < p(0.08, 0.0));
+    }
+
+    /// What waves and wind move it by in the end adds to the slide, and a list to leeward makes that longer.
+    #[test]
+    fn slide_and_drift_to_leeward() {
+        let wind = WindPush {
+            mean: Vector2::new(3.0, 0.0),
+            gust_sd: 0.8,
+        };
+        let slopes = |list: f64| Slopes::in_sea(peaks(0.05), Vector2::new(list, 0.0), &wind);
+        let drifts = slopes(0.0);
+        assert!(drifts.after(0.4).0 + drifts.until_rest(0.4).0.norm() > 0.1);
+        let [windward, centre, leeward] = [0.2, 0.0, -0.2].map(|aim| drifts.stays(0.4, 0.65, aim));
+        assert!(
+            windward > centre && centre > leeward,
+            "{windward} {centre} {leeward}"
+        );
+        // The deck holds a drone to windward that lists to leeward.
+        assert!(slopes(-0.05).blown(0.4) > slopes(0.0).blown(0.4) + 0.02);
+        assert!(slopes(0.05).blown(0.4) < slopes(0.0).blown(0.4));
     }
 
     /// On a level deck a strong wind moves a drone on where it meets the deck, and far on a slippery one and in gusts.

@@ -728,7 +728,7 @@ message!(MissionState, DroneClock, |m| {
     m.likelihood.is_none_or(|p| FRACTION.contains(&p)) => "likelihood",
     m.turns_in_s.is_none_or(|s| s >= 0.0) => "turns_in_s",
     m.wind.is_none_or(|w| within(&w, MAX_SPEED_MPS)) => "wind",
-    within(&m.meets, MAX_POSITION_M) => "meets",
+    within(&m.meets, 10.0) => "meets",
     (0.0..=1e3).contains(&m.height_m) && (0.0..=10.0).contains(&m.descent_mps) => "height_m or descent_mps",
 });
 message!(SettingsOrder, DroneClock, |m| {

@@ -267,6 +267,11 @@ fn orders_of_a_ground_station() {
     }
 }
 
+fn by_int(to: Address, command: u16) -> Message {
+    let first = [0.0; 4];
+    Message::CommandInt { to, command, first }
+}
+
 #[test]
 fn order_by_command_int() {
     for firmware in BOTH {
@@ -275,14 +280,7 @@ fn order_by_command_int() {
         p.waits_for_flight = true;
         let to = Address::new(VEHICLE, 191);
         let command = command::USER_1;
-        p.inject(
-            STATION,
-            &Message::CommandInt {
-                to,
-                command,
-                first: [0.0; 4],
-            },
-        );
+        p.inject(STATION, &by_int(to, command));
         p.run(1.0);
         let results = [CommandResult::InProgress, CommandResult::Accepted];
         assert_eq!(p.answers, results.map(|r| (command, r)), "{firmware:?}");
@@ -292,14 +290,7 @@ fn order_by_command_int() {
         p.orders.clear();
         for component in [0, 154] {
             let to = Address::new(VEHICLE, component);
-            p.inject(
-                STATION,
-                &Message::CommandInt {
-                    to,
-                    command,
-                    first: [0.0; 4],
-                },
-            );
+            p.inject(STATION, &by_int(to, command));
         }
         p.run(1.0);
         assert_eq!((p.answers.len(), p.orders.len()), (2, 0));
@@ -312,14 +303,7 @@ fn abort_given_again_after_its_answer() {
         let mut p = LinkRig::new(firmware, 5.0, &config());
         p.run(3.0);
         let (to, command) = (Address::new(VEHICLE, 191), command::USER_2);
-        p.inject(
-            STATION,
-            &Message::CommandInt {
-                to,
-                command,
-                first: [0.0; 4],
-            },
-        );
+        p.inject(STATION, &by_int(to, command));
         p.run(0.2);
         let first = p.orders.first().expect("an order").header;
         p.abort = Some([first.boot, first.sequence]);
@@ -329,14 +313,7 @@ fn abort_given_again_after_its_answer() {
         // Somebody else orders a landing, of which no station is informed.
         p.run(5.0);
         p.orders.clear();
-        p.inject(
-            STATION,
-            &Message::CommandInt {
-                to,
-                command,
-                first: [0.0; 4],
-            },
-        );
+        p.inject(STATION, &by_int(to, command));
         p.run(0.2);
         let again = p.orders.first().expect("an order");
         assert_eq!(again.kind, CommandKind::Abort, "{firmware:?}");

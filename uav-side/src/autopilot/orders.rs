@@ -42,6 +42,10 @@ impl Order {
     pub(super) fn kind(&self) -> CommandKind {
         self.command.kind
     }
+    /// Whether it is the newest that this state acknowledges.
+    pub(super) fn is_acknowledged(&self, m: &MissionState) -> bool {
+        m.order == Some([self.command.header.boot, self.command.header.sequence])
+    }
     /// By the mission's newest state.
     pub(super) fn poll(&mut self, now: DroneTime, mission: Option<&MissionState>) -> Progress {
         let (h, kind) = (self.command.header, self.command.kind);
@@ -49,7 +53,7 @@ impl Order {
         let taken = |m: &MissionState| match kind {
             CommandKind::Abort => (m.abort == own).then_some(true),
             CommandKind::Hold | CommandKind::Ready | CommandKind::Station(_) => {
-                (m.order == own).then_some(m.rejected.is_none())
+                self.is_acknowledged(m).then_some(m.rejected.is_none())
             }
             CommandKind::Land | CommandKind::TakeOff => {
                 (m.header.at > h.at && kind.is_met(m.state, m.waiting.code)).then_some(true)

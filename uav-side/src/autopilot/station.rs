@@ -59,11 +59,16 @@ fn station([height_m, ahead_m, right_m, for_min]: [f64; 4]) -> Option<Station> {
         let fits = (f64::from(i8::MIN)..=f64::from(i8::MAX)).contains(&value);
         fits.then_some(value as i8)
     };
-    let positive = |value: f64| u8::try_from(whole(value, 0)?).ok();
+    // Nearly nothing is not the usual.
+    let positive = |value: f64| {
+        let whole = u8::try_from(whole(value, 0)?).ok()?;
+        (whole > 0 || value == 0.0 || value.is_nan()).then_some(whole)
+    };
+    let elsewhere = !ahead_m.is_nan() && ahead_m != 0.0;
     let for_min = positive(for_min)?;
     let station = Station {
         ahead_m: whole(ahead_m, usual.ahead_m)?,
-        right_m: whole(right_m, if ahead_m.is_nan() { usual.right_m } else { 0 })?,
+        right_m: whole(right_m, if elsewhere { 0 } else { usual.right_m })?,
         height_m: positive(height_m)?,
         for_min: if for_min == 0 { usual.for_min } else { for_min },
     };
@@ -236,7 +241,8 @@ impl Given {
         let (_, order) = named(self.order.kind());
         let (result, why) = match mission {
             Some(m) => {
-                let why = m.rejected.unwrap_or(m.waiting);
+                let own = m.rejected.filter(|_| self.order.is_acknowledged(m));
+                let why = own.unwrap_or(m.waiting);
                 (CommandResult::TemporarilyRejected, m.state.because(&why))
             }
             None => (CommandResult::Failed, "no mission reports".into()),
@@ -516,12 +522,15 @@ mod tests {
         assert_eq!(ordered([0.0; 4]), kept(0, 0, 0, 10));
         assert_eq!(ordered([25.0, -30.2, none, 20.0]), kept(25, -30, 0, 20));
         assert_eq!(ordered([none, none, -40.0, none]), kept(0, 0, -40, 10));
+        assert_eq!(ordered([25.0, 0.0, none, 10.0]), kept(25, 0, 20, 10));
         for wrong in [
             [-1.0, 0.0, 20.0, 10.0],
             [51.0, 0.0, 20.0, 10.0],
             [20.0, 50.0, 50.0, 10.0],
             [20.0, 0.0, 1e9, 10.0],
             [20.0, 0.0, f64::INFINITY, 10.0],
+            [0.4, 0.0, 20.0, 10.0],
+            [20.0, 0.0, 20.0, 0.4],
             [20.0, 0.0, 20.0, 31.0],
             [20.0, 0.0, 20.0, -1.0],
         ] {

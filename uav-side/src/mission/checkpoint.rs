@@ -10,7 +10,9 @@ use alight_shared::topics;
 
 use super::cycles::Cycles;
 use super::limits::{AWAY_M, CLIMB_S, HEAVE_M, LOST_OUTSIDE_M, RESUME_DISTANCE_M, STEADY_HEIGHT_M};
-use super::phase::{DroneTime, HoldCause, MissionPhase, Progress, climbing_out, gave_up, holding};
+use super::phase::{
+    DroneTime, HoldCause, MissionPhase, Progress, RejectedOrder, climbing_out, gave_up, holding,
+};
 use super::situation::{ControlState, Deck, Situation};
 use super::take_off::standing_down;
 use crate::lift_off::LEFT_M;
@@ -196,7 +198,10 @@ pub(super) fn progress(m: &MissionCheckpoint) -> Progress {
             ready: m.ready,
             ..Cycles::default()
         },
-        rejected: None,
+        rejected: m.state.rejected.map(|why| RejectedOrder {
+            at: m.state.header.at,
+            why,
+        }),
     }
 }
 

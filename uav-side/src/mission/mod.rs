@@ -169,6 +169,8 @@ pub struct Mission {
     battery: BatteryMonitor,
     /// The vessel when its deck was known last.
     last_vessel: Option<LastVessel>,
+    /// Where the feet are to meet the deck, from its centre, NED, m: decided before the descent.
+    meets: [f64; 2],
     /// Since its take-off began.
     rise: Rise,
     /// Flies over the deck at its speed: the wind now is the wind on the deck.
@@ -549,6 +551,7 @@ impl Mission {
             self.progress = checkpoint::progress(m);
             self.was_away = m.was_away;
             self.last_vessel = m.last_vessel;
+            self.meets = m.state.meets;
             self.previous = m.state.previous;
             self.since = m.state.since;
             self.entered = m.state.entered;
@@ -682,6 +685,10 @@ impl Mission {
         // A landing that has begun is broken off where the height is in doubt.
         let lands = state.phase() == Phase::Landing;
         let lowest_m = (s.lowest_z.filter(|_| !lands)).map_or(f64::NEG_INFINITY, |z| -z);
+        // Decided before the descent: the plan does not move over low above the deck.
+        if !lands {
+            self.meets = s.staying.meets.into();
+        }
         self.sequence = self.sequence.wrapping_add(1);
         let vessel = self.forecast.get().map_or(0, |f| f.header.vessel);
         MissionState {
@@ -717,7 +724,7 @@ impl Mission {
                 .true_wind()
                 .filter(|(_, sd)| *sd < WIND_SD_MPS)
                 .map(|(wind, _)| wind.into()),
-            meets: s.staying.meets.into(),
+            meets: self.meets,
             low_battery: self.progress.low_battery,
             turns_in_s: s.turns_in_s,
             sorties: self.progress.cycles.count(c),

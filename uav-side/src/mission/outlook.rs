@@ -104,7 +104,7 @@ impl Outlook<'_> {
             unforeseen_mps: [(0.5 * (ax * ax + ay * ay)).sqrt(), az],
             parted_mps: alignment_mps(apart.norm()),
             tilt_sd_rad: (0.5 * (roll.powi(2) + pitch.powi(2))).sqrt(),
-            offset_m: self.deck.feet * left + meets,
+            offset_m: meets + (self.deck.feet - meets) * left,
             place_sd_m: reacted.position_sd[0].hypot(reacted.position_sd[1]) * FRAC_1_SQRT_2,
             blind_s: BLIND_S + self.deck.vision_age_s.min(self.deck.radio_age_s),
             wind,

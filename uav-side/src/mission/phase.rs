@@ -249,7 +249,7 @@ impl MissionPhase {
 /// Why an order was rejected is shown for so long, s: until the vessel has given the order up, and a report after that.
 const SHOWN_S: f64 = 15.0;
 
-/// An order for a station that was rejected.
+/// An order that was rejected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RejectedOrder {
     pub(super) at: DroneTime,
@@ -292,7 +292,7 @@ pub struct Progress {
     pub sortie: bool,
     /// Sorties one after the other.
     pub cycles: Cycles,
-    /// The order for a station that was rejected last.
+    /// The order that was rejected last.
     pub rejected: Option<RejectedOrder>,
 }
 

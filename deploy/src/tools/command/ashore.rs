@@ -34,6 +34,8 @@ const MAX_POLLS_CONTACT: u32 = 60;
 /// Once the vessel is received each of its drones has reported within so many looks, 1.5 s: three periods of their
 /// statuses.
 const POLLS_ALL_REPORT: u32 = 30;
+/// A status with the reason of a rejected order may come so many looks after its receipt: 2 s, at 2 Hz of statuses.
+const POLLS_REASON: u32 = 40;
 /// A command that shows no effect is repeated after this long.
 const REPEAT: Span = Span::from_millis(500);
 
@@ -55,6 +57,8 @@ struct Ashore {
     contact: bool,
     /// What the vessel reports of this order.
     receipt: Option<CommandProgress>,
+    /// Looks until that.
+    receipt_looks: u32,
     /// Number of the drone, once it is known: named, or the only one that the vessel knows.
     number: Option<u32>,
     /// Drones that the vessel receives.
@@ -75,6 +79,9 @@ impl Ashore {
             && Some(r.header.drone) == self.number
             && r.header.vessel == h.vessel;
         if r.header.version == MESSAGE_VERSION && own {
+            if self.receipt != Some(r.progress) {
+                self.receipt_looks = self.looks;
+            }
             self.receipt = Some(r.progress);
         }
     }
@@ -141,13 +148,24 @@ impl Ashore {
         match self.receipt {
             None => self.asks_only && self.drone().is_some(),
             Some(CommandProgress::Pending) => false,
+            Some(CommandProgress::GivenUp) => {
+                self.has_reason() || self.looks >= self.receipt_looks + POLLS_REASON
+            }
             Some(
                 CommandProgress::Taken
-                | CommandProgress::GivenUp
                 | CommandProgress::Forbidden
                 | CommandProgress::Replaced
                 | CommandProgress::Unknown,
             ) => true,
+        }
+    }
+    /// The drone's newest status tells why it does not carry the order out.
+    fn has_reason(&self) -> bool {
+        match self.order.kind {
+            CommandKind::Hold | CommandKind::Ready | CommandKind::Station(_) => {
+                self.drone().is_some_and(|status| status.rejected.is_some())
+            }
+            CommandKind::Land | CommandKind::TakeOff | CommandKind::Abort => true,
         }
     }
     fn is_taken(&self) -> bool {
@@ -243,6 +261,7 @@ pub fn run(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliE
         asks_only: kind.is_none(),
         contact: false,
         receipt: None,
+        receipt_looks: 0,
         number: args.drone,
         drones: BTreeMap::new(),
         reserved: BTreeSet::new(),
@@ -328,6 +347,7 @@ mod tests {
             asks_only: false,
             contact: false,
             receipt: None,
+            receipt_looks: 0,
             number: Some(3),
             drones: BTreeMap::new(),
             reserved: BTreeSet::new(),
@@ -444,6 +464,29 @@ mod tests {
             why.contains("--drone 2   silent") && why.contains("--drone 3   Tracking"),
             "{why}"
         );
+    }
+
+    /// The receipt may come before the status that has the reason.
+    #[test]
+    fn reason_of_a_rejected_order() {
+        let rejected = || {
+            let mut terminal = ordered(CommandKind::Ready);
+            terminal.contact = true;
+            terminal.receive_receipt(&receipt([5, 1], 3, CommandProgress::GivenUp));
+            terminal
+        };
+        let mut terminal = rejected();
+        let status = |why: Option<ReasonCode>| DroneStatus {
+            header: Header::new(1, 3, 7, 1, Time::EPOCH),
+            rejected: why.map(Reason::plain),
+            ..DroneStatus::default()
+        };
+        terminal.receive_status(status(None));
+        assert!(!terminal.is_answered());
+        terminal.receive_status(status(Some(ReasonCode::NotOnDeck)));
+        assert!(terminal.is_answered() && !terminal.is_taken());
+        let mut silent = rejected();
+        assert!((0..POLLS_REASON).all(|_| silent.choose().is_ok()) && silent.is_answered());
     }
 
     #[test]
