@@ -105,7 +105,8 @@ On the vessel: sudo -u alight alight command deck closed\n  \
 sudo -u alight alight command deck open --drone 2   (which is not above it)\n  \
 sudo -u alight alight command steady --for 60\n  \
 sudo -u alight alight command helm yes            (the computer may steer what it asks)\n\
-Exit codes: 0 the mission or the vessel took it, 1 it did not in time, 2 bad input or no mission answers."
+Exit codes: 0 the mission or the vessel took it, 1 it rejects it or did not take it in time, 2 bad input or no
+mission answers."
 )]
 pub struct CommandArgs {
     /// What to command

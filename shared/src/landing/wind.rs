@@ -16,12 +16,11 @@ const ALIGNED_MPS2: f64 = 1.2;
 /// ... and at 8 m/s (1.8 m/s²) it is divided: so much of what is beyond; for the rest the drone keeps its tilt.
 const ALIGNED_FRACTION: f64 = 0.6;
 
-/// What a gust of 1 m/s² leaves at the contact, by landings begun at random moments in 8 to 14 m/s of wind: of speed along the
-/// deck, m/s; of tilt, in parts of the thrust that holds it; of place, m.
+/// Speed along the deck at the contact, m/s, of a gust of 1 m/s²: landings begun at random moments in 8 to 14 m/s of wind.
 pub const ALONG_PER_GUST_S: f64 = 0.15;
-/// Of tilt.
+/// Tilt at the contact, a part of the bank that holds against the gust; the same landings.
 pub const TILT_PER_GUST: f64 = 0.25;
-/// Of place.
+/// Place of the contact, m, of a gust of 1 m/s²; the same landings.
 pub const PLACE_PER_GUST_S2: f64 = 0.15;
 
 /// What the wind over the deck does to a drone that follows the vessel.

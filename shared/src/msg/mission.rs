@@ -720,7 +720,7 @@ message!(DroneStatus, DroneClock, |m| {
 message!(MissionState, DroneClock, |m| {
     within(&m.hold_position, MAX_POSITION_M) && within([&m.hold_yaw], 50.0) => "hold_position",
     within(m.waiting_offset.iter().flatten(), MAX_POSITION_M) => "waiting_offset",
-    m.station.is_none_or(|kept| kept.station.is_sane()) => "station",
+    m.station.is_none_or(|kept| kept.station.is_sane() && kept.station.height_m > 0) => "station",
     m.settings.is_sane() => "settings",
     m.lowest_clearance_m.is_none_or(|c| (0.0..=1e3).contains(&c)) => "lowest_clearance_m",
     (0.0..=10.0).contains(&m.commit_clearance_m) => "commit_clearance_m",

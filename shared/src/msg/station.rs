@@ -38,6 +38,17 @@ impl Station {
         height_m: 0,
         for_min: 10,
     };
+    /// What an order names, and the usual for the rest; next to a distance ahead that is 0 m to starboard.
+    pub fn named([ahead_m, right_m]: [Option<i8>; 2], height_m: Option<u8>, for_min: Option<u8>) -> Station {
+        let usual = Station::USUAL;
+        let abeam_m = if ahead_m.is_some() { 0 } else { usual.right_m };
+        Station {
+            ahead_m: ahead_m.unwrap_or(usual.ahead_m),
+            right_m: right_m.unwrap_or(abeam_m),
+            height_m: height_m.unwrap_or(usual.height_m),
+            for_min: for_min.unwrap_or(usual.for_min),
+        }
+    }
     /// Within the bounds of every vessel.
     pub fn is_sane(&self) -> bool {
         self.distance_m() <= f64::from(MAX_STATION_M)

@@ -4,8 +4,8 @@
 //! off where the mission permits that, all whatever their parameters; `MAV_CMD_USER_4` keeps the station that its parameters name,
 //! and is DENIED where they name none. An order is answered with
 //! IN_PROGRESS at once and each second, with ACCEPTED when the mission has taken it, and with TEMPORARILY_REJECTED, or FAILED
-//! where no mission reports, when it rejects it or has not taken it in 5 s. It is admitted by the mission as any other. An order to land or to hold
-//! that a station repeats (its confirmation counts; a `COMMAND_INT`, which has none, may be a repetition), or gives within a
+//! where no mission reports, when it rejects it or has not taken it in 5 s. It is admitted by the mission as any other. An order
+//! other than an abort that a station repeats (its confirmation counts; a `COMMAND_INT`, which has none, may be a repetition), or gives within a
 //! second of it, is rejected after an abort or after a person took the drone over: whoever gave it cannot have seen that. One
 //! whose confirmation counts is answered as it was before; an abort is ordered again each time, for somebody else may have
 //! ordered a landing since. Whoever reaches the autopilot's link may fly the drone without us, too: `signing_key` keeps others
@@ -38,41 +38,36 @@ impl Asked {
             command::NAV_TAKEOFF => Ok(CommandKind::TakeOff),
             command::USER_2 => Ok(CommandKind::Abort),
             command::USER_3 => Ok(CommandKind::Hold),
-            command::USER_4 => station(self.first)
-                .map(CommandKind::Station)
-                .ok_or(CommandResult::Denied),
+            command::USER_4 => station(self.first).map(CommandKind::Station),
             _ => Err(CommandResult::Unsupported),
         }
     }
 }
 
 /// The station of these parameters: height, m; ahead and to starboard, m; min. What is not a number is the usual, and a
-/// height and a time of 0 are; None outside a station's bounds.
-fn station([height_m, ahead_m, right_m, for_min]: [f64; 4]) -> Option<Station> {
-    let usual = Station::USUAL;
-    let whole = |value: f64, usual: i8| {
-        let value = if value.is_nan() {
-            f64::from(usual)
-        } else {
-            value.round()
-        };
-        let fits = (f64::from(i8::MIN)..=f64::from(i8::MAX)).contains(&value);
-        fits.then_some(value as i8)
+/// height, a distance ahead and a time of 0 are, too; DENIED outside a station's bounds.
+fn station(first: [f64; 4]) -> Result<Station, CommandResult> {
+    let [height_m, ahead_m, right_m, for_min] = first.map(|v| Some(v).filter(|v| !v.is_nan()));
+    let unless_0 = |value: Option<f64>| value.filter(|v| *v != 0.0);
+    let whole = |value: f64| {
+        let whole = value.round();
+        let fits = (f64::from(i8::MIN)..=f64::from(i8::MAX)).contains(&whole);
+        fits.then_some(whole as i8).ok_or(CommandResult::Denied)
     };
     // Nearly nothing is not the usual.
-    let positive = |value: f64| {
-        let whole = u8::try_from(whole(value, 0)?).ok()?;
-        (whole > 0 || value == 0.0 || value.is_nan()).then_some(whole)
+    let positive = |value: f64| match whole(value)? {
+        most @ 1.. => Ok(most.unsigned_abs()),
+        i8::MIN..=0 => Err(CommandResult::Denied),
     };
-    let elsewhere = !ahead_m.is_nan() && ahead_m != 0.0;
-    let for_min = positive(for_min)?;
-    let station = Station {
-        ahead_m: whole(ahead_m, usual.ahead_m)?,
-        right_m: whole(right_m, if elsewhere { 0 } else { usual.right_m })?,
-        height_m: positive(height_m)?,
-        for_min: if for_min == 0 { usual.for_min } else { for_min },
-    };
-    station.is_sane().then_some(station)
+    let station = Station::named(
+        [
+            unless_0(ahead_m).map(whole).transpose()?,
+            right_m.map(whole).transpose()?,
+        ],
+        unless_0(height_m).map(positive).transpose()?,
+        unless_0(for_min).map(positive).transpose()?,
+    );
+    station.is_sane().then_some(station).ok_or(CommandResult::Denied)
 }
 
 /// A station repeats an order for no longer than this.

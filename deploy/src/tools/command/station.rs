@@ -28,16 +28,8 @@ fn metres() -> clap::builder::RangedI64ValueParser<i8> {
 /// The station that is ordered.
 pub(super) fn ordered(args: &CommandArgs) -> Result<Station, CliError> {
     let given = &args.station;
-    let usual = Station::USUAL;
-    let right_m = if given.ahead.is_some() { 0 } else { usual.right_m };
-    let station = Station {
-        ahead_m: given.ahead.unwrap_or(usual.ahead_m),
-        right_m: given.right.unwrap_or(right_m),
-        height_m: given.height.unwrap_or(usual.height_m),
-        for_min: args
-            .for_s
-            .map_or(usual.for_min, |min| u8::try_from(min).unwrap_or_default()),
-    };
+    let for_min = args.for_s.map(|min| u8::try_from(min).unwrap_or_default());
+    let station = Station::named([given.ahead, given.right], given.height, for_min);
     if station.is_sane() {
         return Ok(station);
     }
